@@ -1,0 +1,29 @@
+# vtff: every target sets up what it needs; nothing is done twice.
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+ENVIRONMENT := . .venv/vtff_environment.sh
+PYTEST_ARGUMENTS ?=
+SYSTEM ?= config/system/reference_software.yaml
+
+.PHONY: help setup demo test bench lint clean
+
+help:  ## Show the targets
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 14
+
+setup:  ## Make .venv with ROS 2 Jazzy from PyPI and build the workspace
+	@tools/setup.sh
+
+demo: setup  ## Fly the reference formation, print the result beside the paper's, write plots
+	@.venv/bin/vtff run $(SYSTEM)
+
+test: setup  ## Run all tests
+	@$(ENVIRONMENT) && python -m pytest $(PYTEST_ARGUMENTS)
+
+bench: setup  ## Run the benchmarks, one after the other (idle machine, please)
+	@$(ENVIRONMENT) && python benchmarks/run_all.py
+
+lint: setup  ## Check format, style and types
+	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
+
+clean:  ## Remove everything that set-up and the build made
+	rm -rf .venv build install log

@@ -1,0 +1,36 @@
+"""Build description of vtff_bringup."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+package_name = "vtff_bringup"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+        ("share/" + package_name + "/launch", glob("launch/*.launch.py")),
+        *(
+            # The config folder is the workspace's own; installed, it lies beside the launch files.
+            ("share/" + package_name + "/" + folder, glob(folder + "/*.yaml"))
+            for folder in ("config/system", "config/scenario", "config/params")
+        ),
+    ],
+    package_data={package_name: ["py.typed"]},
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="vtff developers",
+    maintainer_email="maintainers@vtff.example",
+    description="System files, runner, recorder, reports and the vtff command.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "vtff = vtff_bringup.cli:main",
+            "bag_recorder = vtff_bringup.bag_recorder_node:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""System files, runner, recorder, reports and the vtff command."""

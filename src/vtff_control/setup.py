@@ -1,0 +1,28 @@
+"""Build description of vtff_control."""
+
+from setuptools import find_packages, setup
+
+package_name = "vtff_control"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    package_data={package_name: ["py.typed"]},
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="vtff developers",
+    maintainer_email="maintainers@vtff.example",
+    description="Formation controller and thrusters.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "sdre_controller = vtff_control.sdre_controller_node:main",
+            "thruster_model = vtff_control.thruster_model_node:main",
+        ],
+    },
+)

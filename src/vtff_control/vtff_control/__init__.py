@@ -1,0 +1,1 @@
+"""Formation controller and thrusters."""

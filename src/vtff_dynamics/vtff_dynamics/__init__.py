@@ -1,0 +1,1 @@
+"""Time scales, frames, orbit propagation and relative motion (library, no ROS)."""

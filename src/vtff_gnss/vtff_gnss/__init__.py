@@ -1,0 +1,1 @@
+"""GNSS signals, ephemerides and receiver log codec (library, no ROS)."""

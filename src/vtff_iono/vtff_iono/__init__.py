@@ -1,0 +1,1 @@
+"""Ionosphere processing: total electron content, scintillation, electron density."""

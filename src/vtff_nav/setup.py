@@ -1,0 +1,27 @@
+"""Build description of vtff_nav."""
+
+from setuptools import find_packages, setup
+
+package_name = "vtff_nav"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    package_data={package_name: ["py.typed"]},
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="vtff developers",
+    maintainer_email="maintainers@vtff.example",
+    description="Receiver driver and relative navigation.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "receiver_driver = vtff_nav.receiver_driver_node:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""What every vtff node shares: parameters, QoS, diagnostics, lockstep, main loop."""

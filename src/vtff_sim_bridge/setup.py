@@ -1,0 +1,28 @@
+"""Build description of vtff_sim_bridge."""
+
+from setuptools import find_packages, setup
+
+package_name = "vtff_sim_bridge"
+
+setup(
+    name=package_name,
+    version="0.1.0",
+    packages=find_packages(exclude=["test"]),
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
+        ("share/" + package_name, ["package.xml"]),
+    ],
+    package_data={package_name: ["py.typed"]},
+    install_requires=["setuptools"],
+    zip_safe=True,
+    maintainer="vtff developers",
+    maintainer_email="maintainers@vtff.example",
+    description="Bridge to Spirent SimGEN over SimREMOTE, and an emulator of it.",
+    license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",
+            "simgen_emulator = vtff_sim_bridge.simgen_emulator:main",
+        ],
+    },
+)

@@ -1,0 +1,1 @@
+"""Bridge to Spirent SimGEN over SimREMOTE, and an emulator of it."""

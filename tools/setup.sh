@@ -1,0 +1,156 @@
+#!/usr/bin/env bash
+# Set up vtff: .venv with ROS 2 Jazzy from PyPI wheels, colcon build, environment file.
+# Safe to call again: work that is done is not repeated. VTFF_PYTHON chooses the interpreter.
+set -euo pipefail
+
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+cd "$root"
+venv="$root/.venv"
+log="$root/log/setup.log"
+needed_disk_kib=2500000
+
+stop() {
+  printf 'setup: %s\n' "$1" >&2
+  exit 1
+}
+
+# An apt ROS that is sourced in this shell would mix with the wheels.
+unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH LD_LIBRARY_PATH
+unset ROS_DISTRO ROS_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# CI and cron may lack HOME; pip and colcon want one, and neither keeps anything of ours there.
+export HOME="${HOME:-$root/log}"
+export PIP_DISABLE_PIP_VERSION_CHECK=1
+
+# Works for any interpreter: prints OK or why not.
+python_check='
+import sys
+if not (3, 10) <= sys.version_info[:2] <= (3, 13): sys.exit("is Python %d.%d" % sys.version_info[:2])
+if sys.maxsize < 2**32: sys.exit("is a 32-bit Python")
+try:
+    import venv, ensurepip
+except ImportError: sys.exit("lacks the venv module (Debian, Ubuntu: apt install python3-venv)")
+'
+
+check_machine() {
+  [ "$(uname -s)-$(uname -m)" = Linux-x86_64 ] ||
+    stop "the ROS 2 wheels need x86-64 Linux; this is $(uname -s) $(uname -m). On ROS 2 Jazzy from apt use colcon build (README)."
+  local glibc
+  glibc=$(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d' ' -f2)
+  if [ -z "$glibc" ] || [ "$(printf '%s\n2.35\n' "$glibc" | sort -V | head -n 1)" != 2.35 ]; then
+    stop "glibc 2.35 or newer is needed (Ubuntu 22.04, Debian 12); found ${glibc:-none}."
+  fi
+  local compiler
+  for compiler in cc c++; do
+    command -v "$compiler" >/dev/null ||
+      stop "no C/C++ compiler ('$compiler' not found); Debian, Ubuntu: apt install build-essential"
+  done
+}
+
+check_disk() {
+  local free_kib
+  free_kib=$(df -Pk "$root" | awk 'NR == 2 {print $4}')
+  [ "$free_kib" -ge "$needed_disk_kib" ] ||
+    stop "not enough disk: $((free_kib / 1024)) MiB free, $((needed_disk_kib / 1024)) MiB needed in $root"
+}
+
+choose_python() {
+  local candidate reason
+  if [ -n "${VTFF_PYTHON:-}" ]; then
+    reason=$("$VTFF_PYTHON" -c "$python_check" 2>&1) ||
+      stop "VTFF_PYTHON=$VTFF_PYTHON ${reason:-does not run}; Python 3.10 to 3.13 is needed"
+    echo "$VTFF_PYTHON"
+    return
+  fi
+  # A version manager's shim may exist and fail, so each candidate is run.
+  for candidate in python3 python3.12 python3.11 python3.13 python3.10; do
+    if "$candidate" -c "$python_check" >/dev/null 2>&1; then
+      echo "$candidate"
+      return
+    fi
+  done
+  reason=$(python3 -c "$python_check" 2>&1) || true
+  stop "Python 3.10 to 3.13 is needed; python3 ${reason:-was not found}. Name another with VTFF_PYTHON=..."
+}
+
+# Run a step with its output in the log; on failure say in one line what and where.
+step() {
+  local what=$1
+  shift
+  printf 'setup: %s ...\n' "$what"
+  "$@" >>"$log" 2>&1 || failed "$what"
+}
+
+failed() {
+  local hint=""
+  if tail -n 60 "$log" | grep -qiE 'No space left on device'; then
+    hint="the disk is full"
+  elif tail -n 60 "$log" | grep -qiE 'NewConnectionError|Failed to establish|Name or service not known|Temporary failure in name resolution|Network is unreachable|ConnectTimeout|ProxyError|No matching distribution'; then
+    hint="packages could not be downloaded: no network, or the index lacks them"
+  fi
+  stop "$1 failed${hint:+: $hint}; details: ${log#"$root"/}"
+}
+
+fingerprint() { # of the files named on standard input
+  xargs -r -d '\n' sha256sum | sha256sum | cut -d' ' -f1
+}
+
+packages_fingerprint() {
+  { ls requirements/*.txt tools/patch_wheels.py; } | fingerprint
+}
+
+# What a rebuild depends on. Python modules are linked into the build, so a change in them
+# needs none.
+workspace_fingerprint() {
+  {
+    find src -type f \( -name package.xml -o -name 'setup.*' -o -name CMakeLists.txt -o -name '*.msg' \
+      -o -name '*.srv' -o -name '*.action' \)
+    ls tools/setup.sh tools/write_environment.py
+  } | LC_ALL=C sort | fingerprint
+  # Folders and files that are only linked: their names count, not their content.
+  find src config -type f \( -path 'config/*' -o -path '*/launch/*' -o -name __init__.py \) | LC_ALL=C sort | sha256sum
+  echo "$root"
+}
+
+install_packages() {
+  check_disk
+  local python
+  python=$(choose_python)
+  rm -rf "$venv" build install
+  step "making .venv with $("$python" --version)" "$python" -m venv "$venv"
+  step "installing ROS 2 Jazzy and the libraries (one to three minutes)" \
+    "$venv/bin/python" -m pip install -c requirements/lock.txt \
+    -r requirements/runtime.txt -r requirements/build.txt -r requirements/test.txt
+  step "correcting the wheels' CMake files" "$venv/bin/python" tools/patch_wheels.py
+  packages_fingerprint >"$venv/.vtff_packages"
+}
+
+build_workspace() {
+  check_disk
+  step "building the workspace (about one minute)" env \
+    AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" PATH="$venv/bin:$PATH" \
+    "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+
+  step "writing the environment" "$venv/bin/python" tools/write_environment.py
+  install_command
+  workspace_fingerprint >install/.vtff_workspace
+}
+
+install_command() {
+  cat >"$venv/bin/vtff" <<COMMAND
+#!/usr/bin/env bash
+# The vtff command with the environment of this workspace; written by tools/setup.sh.
+. "$venv/vtff_environment.sh"
+exec "$venv/bin/python" -m vtff_bringup.cli "\$@"
+COMMAND
+  chmod +x "$venv/bin/vtff"
+}
+
+mkdir -p "$root/log"
+: >"$log"
+if [ "$(cat "$venv/.vtff_packages" 2>/dev/null)" != "$(packages_fingerprint)" ]; then
+  check_machine
+  install_packages
+fi
+if [ "$(cat install/.vtff_workspace 2>/dev/null)" != "$(workspace_fingerprint)" ] || [ ! -x "$venv/bin/vtff" ]; then
+  check_machine
+  build_workspace
+fi
