@@ -1,0 +1,46 @@
+"""One diagnostic_msgs/DiagnosticStatus, built in one call."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+__all__ = ["ERROR", "OK", "STALE", "WARN", "DiagnosticStatus", "status"]
+
+OK = DiagnosticStatus.OK
+WARN = DiagnosticStatus.WARN
+ERROR = DiagnosticStatus.ERROR
+STALE = DiagnosticStatus.STALE
+
+
+def status(
+    name: str,
+    level: bytes,
+    message: str,
+    values: Mapping[str, Any] | None = None,
+    hardware_id: str = "",
+) -> DiagnosticStatus:
+    """Build a status.
+
+    Parameters
+    ----------
+    name
+        What is reported on, ``<node>: <subject>`` as REP-107 asks.
+    level
+        `OK`, `WARN`, `ERROR` or `STALE`.
+    message
+        One line that an operator understands.
+    values
+        Numbers and texts shown beside it.
+    hardware_id
+        Serial number or port of the device, empty for software.
+    """
+    return DiagnosticStatus(
+        name=name,
+        level=level,
+        message=message,
+        hardware_id=hardware_id,
+        values=[KeyValue(key=key, value=str(value)) for key, value in (values or {}).items()],
+    )

@@ -1,0 +1,138 @@
+"""The main loop of a node process, and of several nodes composed in one process."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+from collections.abc import Callable, Sequence
+from types import FrameType
+from typing import Any
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.executors import ExternalShutdownException
+from rclpy.signals import SignalHandlerOptions
+
+from vtff_node.node import VtffNode
+from vtff_node.parameters import ParameterError
+
+#: Longest wait of the executor. Finite, because the wheels' EventsExecutor never returns
+#: from an infinite one; short, because it also bounds the reaction to a signal.
+SPIN_TIMEOUT = 0.1
+
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
+
+NodeFactory = Callable[..., VtffNode]
+
+
+def make_executor() -> Any:
+    """Return an EventsExecutor, or a SingleThreadedExecutor where rclpy has none."""
+    try:
+        from rclpy.experimental import EventsExecutor
+    except ImportError:
+        from rclpy.executors import SingleThreadedExecutor
+
+        return SingleThreadedExecutor()
+    return EventsExecutor()
+
+
+class StopRequest:
+    """Set by SIGINT or SIGTERM; publishers stay valid until the nodes are closed."""
+
+    def __init__(self) -> None:
+        self._event = threading.Event()
+
+    def install(self) -> None:
+        """Install the handlers; only the main thread of a process may."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._handle)
+
+    def _handle(self, number: int, frame: FrameType | None) -> None:
+        self._event.set()
+
+    @property
+    def requested(self) -> bool:
+        """Whether a signal has asked for the end."""
+        return self._event.is_set()
+
+
+def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
+    """Run nodes in one executor until one of them finishes or a signal arrives.
+
+    Returns
+    -------
+    int
+        The largest exit code of the nodes.
+    """
+    executor = make_executor()
+    for node in nodes:
+        executor.add_node(node)
+    try:
+        while not stop.requested and not any(node.finished for node in nodes):
+            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+    except (KeyboardInterrupt, ExternalShutdownException):
+        pass
+    finally:
+        for node in nodes:
+            node.close()
+        executor.shutdown()
+    return max((node.exit_code for node in nodes), default=0)
+
+
+def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[str]) -> int:
+    """Initialise ROS, make the nodes, spin them and clean up.
+
+    Parameters
+    ----------
+    factories
+        Each makes one node.
+    arguments
+        Command line including ``--ros-args`` parts.
+
+    Returns
+    -------
+    int
+        Exit code: 0 done, 1 a node failed, 2 a parameter is wrong.
+    """
+    stop = StopRequest()
+    stop.install()
+    nodes: list[VtffNode] = []
+    try:
+        rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+        for factory in factories:
+            nodes.append(factory())
+        return spin(nodes, stop)
+    except (ParameterError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_USAGE
+    finally:
+        for node in nodes:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def run_node(node_class: NodeFactory) -> None:
+    """Be the ``main`` of a node executable: run one node and exit with its code."""
+    if any(argument in ("-h", "--help") for argument in sys.argv[1:]):
+        print(help_text(node_class))
+        sys.exit(0)
+    sys.exit(run_nodes([node_class], sys.argv))
+
+
+def help_text(node_class: Any) -> str:
+    """Return the help of a node executable: what it does and its parameters."""
+    import dataclasses
+    import inspect
+
+    from vtff_node import parameters
+
+    lines = [inspect.cleandoc(node_class.__doc__ or ""), ""]
+    table = node_class.Parameters
+    if table is not None:
+        lines.append("Parameters (--ros-args -p name:=value):")
+        for field in dataclasses.fields(table):
+            default = "required" if field.metadata["required"] else parameters.default_of(field)
+            lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")
+    return "\n".join(lines)

@@ -1,0 +1,198 @@
+"""Base class of every vtff node: parameters, counted publishers, diagnostics, lockstep."""
+
+from __future__ import annotations
+
+import json
+import os
+import pathlib
+import time
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.subscription import Subscription
+from vtff_msgs.msg import StepDone
+
+from vtff_node import diagnostics, parameters, qos
+from vtff_node.stamps import to_nanoseconds, to_stamp
+
+#: Folder of the current run, set by `vtff run`; nodes leave their message counts there.
+RUN_DIRECTORY_VARIABLE = "VTFF_RUN_DIRECTORY"
+#: File descriptor for progress lines (JSON), set by `vtff run`.
+PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
+
+PROGRESS_INTERVAL = 0.2  # s of wall time between progress lines
+ACKNOWLEDGE_TIMEOUT = 3.0  # s a closing node waits for readers of its last messages
+
+
+class CountingPublisher(Publisher):
+    """A publisher that knows how many messages it has sent."""
+
+    published = 0
+
+    def publish(self, msg: Any) -> None:
+        """Publish a message or serialised bytes and count it."""
+        self.published += 1
+        super().publish(msg)
+
+
+class VtffNode(Node):
+    """A thin ROS node.
+
+    A subclass names its parameter table in `Parameters`, creates publishers with
+    `publisher` and subscriptions with `subscribe`, acknowledges each step with
+    `acknowledge_step` and describes its health in `health`.
+    """
+
+    Parameters: ClassVar[type | None] = None
+
+    def __init__(self, name: str, **node_arguments: Any) -> None:
+        super().__init__(name, **node_arguments)
+        self.declare_parameter("lockstep", False)
+        self.lockstep: bool = bool(self.get_parameter("lockstep").value)
+        self.parameters: Any = (
+            parameters.declare(self, self.Parameters) if self.Parameters is not None else None
+        )
+        parameters.refuse_unknown(self)
+        #: Newest scenario time this node has seen, ns since 1970; 0 before the first message.
+        self.scenario_nanoseconds = 0
+        self.finished = False
+        self.exit_code = 0
+        self._counted: list[CountingPublisher] = []
+        self._progress_next = 0.0
+        self._progress_descriptor = _progress_descriptor()
+        self._qualified_name = self.get_fully_qualified_name()
+        self._step_done = StepDone(node=self._qualified_name)
+        self._step_publisher = (
+            self.publisher(StepDone, "/sim/step_done") if self.lockstep else None
+        )
+        self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
+        self.create_timer(1.0, self.publish_diagnostics, clock=self.steady_clock)
+
+    def publisher(
+        self, message_type: type, topic: str, profile: QoSProfile = qos.PUBLISH
+    ) -> CountingPublisher:
+        """Create a publisher that counts; the counts are compared with the bag after a run."""
+        publisher = self.create_publisher(
+            message_type, topic, profile, publisher_class=CountingPublisher
+        )
+        assert isinstance(publisher, CountingPublisher)
+        self._counted.append(publisher)
+        return publisher
+
+    def subscribe(
+        self,
+        message_type: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        *,
+        latched: bool = False,
+    ) -> Subscription:
+        """Create a subscription with the profile of the pacing in force.
+
+        Parameters
+        ----------
+        message_type, topic, callback
+            As for ``create_subscription``.
+        latched
+            The values hold until replaced (ephemerides, status): get the old ones too.
+        """
+        return self.create_subscription(
+            message_type, topic, callback, qos.subscribe(self.lockstep or latched)
+        )
+
+    def acknowledge_step(self, stamp: Any, started: float) -> None:
+        """Tell the step source that this node has done all it does for a step.
+
+        Parameters
+        ----------
+        stamp : builtin_interfaces.msg.Time
+            Stamp of the step.
+        started
+            ``time.perf_counter()`` when the work on the step began.
+        """
+        self.scenario_nanoseconds = to_nanoseconds(stamp)
+        if self._step_publisher is not None:
+            self._step_done.header.stamp = stamp
+            self._step_done.compute_time = time.perf_counter() - started
+            self._step_publisher.publish(self._step_done)
+
+    def health(self) -> list[DiagnosticStatus]:
+        """Return the node's diagnostic states; subclasses replace this."""
+        return [diagnostics.status(f"{self.get_name()}: running", diagnostics.OK, "running")]
+
+    def publish_diagnostics(self) -> None:
+        """Publish `health` on /diagnostics; called once a second of wall time."""
+        report = DiagnosticArray(status=self.health())
+        report.header.stamp = to_stamp(self.scenario_nanoseconds)
+        self._diagnostics_publisher.publish(report)
+
+    def report_progress(self, done: float, total: float, **shown: Any) -> None:
+        """Write a progress line for `vtff run`, at most a few times a second.
+
+        Parameters
+        ----------
+        done, total
+            Seconds of scenario time, or bytes of a file.
+        shown
+            Further numbers for the progress bar.
+        """
+        if self._progress_descriptor is None:
+            return
+        now = time.monotonic()
+        if now < self._progress_next and done < total:
+            return
+        self._progress_next = now + PROGRESS_INTERVAL
+        line = json.dumps({"node": self._qualified_name, "done": done, "total": total, **shown})
+        try:
+            os.write(self._progress_descriptor, line.encode() + b"\n")
+        except BlockingIOError:
+            return  # the pipe is full: the next line says the same
+        except OSError:
+            self._progress_descriptor = None  # the runner has gone
+
+    def finish(self, exit_code: int = 0) -> None:
+        """End this node's process (or its part of a composed run) after the current callback."""
+        self.finished = True
+        self.exit_code = max(self.exit_code, exit_code)
+
+    def on_stop(self) -> None:
+        """Put hardware into a safe state; called once before the node is destroyed."""
+
+    def close(self) -> None:
+        """Stop, wait until readers have the last messages, and leave the message counts."""
+        self.on_stop()
+        deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
+        for publisher in self._counted:
+            remaining = max(0.0, deadline - time.monotonic())
+            publisher.wait_for_all_acked(Duration(seconds=remaining))
+        self._write_counts()
+
+    def _write_counts(self) -> None:
+        directory = os.environ.get(RUN_DIRECTORY_VARIABLE)
+        if not directory:
+            return
+        counts: dict[str, int] = {}
+        for publisher in self._counted:
+            topic = publisher.topic_name
+            counts[topic] = counts.get(topic, 0) + publisher.published
+        record = {
+            "node": self._qualified_name,
+            "exit_code": self.exit_code,
+            "published": counts,
+        }
+        folder = pathlib.Path(directory) / "nodes"
+        folder.mkdir(parents=True, exist_ok=True)
+        name = self._qualified_name.strip("/").replace("/", "__")
+        (folder / f"{name}.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+
+
+def _progress_descriptor() -> int | None:
+    text = os.environ.get(PROGRESS_VARIABLE, "")
+    return int(text) if text.isdigit() else None

@@ -1,0 +1,217 @@
+"""Node parameters as one table: a frozen dataclass whose fields carry their documentation.
+
+A node lists its parameters once::
+
+    @dataclass(frozen=True)
+    class ThrusterModelParameters:
+        cap: float = parameter(1.4, "largest acceleration on each axis", unit="m/s^2", minimum=0.0)
+
+`declare` turns the table into ROS parameters with description, unit and range, and
+returns the dataclass filled with the values in force. This module imports ROS only
+inside `declare`, so that a table can be read without it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+from collections.abc import Sequence
+from typing import Any, TypeVar
+
+TableT = TypeVar("TableT")
+
+#: Stands for "no default": the parameter has to be given.
+REQUIRED: Any = object()
+
+
+class ParameterError(ValueError):
+    """A parameter is missing or has an impossible value; the text names it."""
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = "",
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: Sequence[str] = (),
+) -> Any:
+    """Describe one parameter of a table.
+
+    Parameters
+    ----------
+    default
+        Value when the user gives none, or `REQUIRED`.
+    description
+        One line for ``ros2 param describe`` and the documentation.
+    unit
+        Unit of the value, empty for none.
+    minimum, maximum
+        Closed range of a number; ``None`` leaves that side open.
+    choices
+        The allowed values of a string.
+    """
+    metadata = {
+        "description": description,
+        "unit": unit,
+        "minimum": minimum,
+        "maximum": maximum,
+        "choices": tuple(choices),
+        "required": default is REQUIRED,
+    }
+    if default is REQUIRED:
+        return dataclasses.field(default=None, metadata=metadata)
+    if isinstance(default, list):
+        return dataclasses.field(default_factory=lambda: list(default), metadata=metadata)
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def describe(field: dataclasses.Field[Any]) -> str:
+    """One line of documentation of a table field, with unit and choices."""
+    text = str(field.metadata["description"])
+    if field.metadata["unit"]:
+        text += f" [{field.metadata['unit']}]"
+    if field.metadata["choices"]:
+        text += " (" + " | ".join(field.metadata["choices"]) + ")"
+    return text
+
+
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """Return the default of a table field; ``None`` where it is required."""
+    if field.default_factory is not dataclasses.MISSING:
+        return field.default_factory()
+    return field.default
+
+
+def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
+    """Check a value against the field's choices and range.
+
+    Raises
+    ------
+    ParameterError
+        Naming the parameter, the value and what would be allowed.
+    """
+    choices = field.metadata["choices"]
+    if choices and value not in choices:
+        raise ParameterError(f"parameter '{name}' is '{value}'; choose one of: {', '.join(choices)}")
+    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    for item in value if isinstance(value, (list, tuple)) else (value,):
+        if isinstance(item, bool) or not isinstance(item, (int, float)):
+            continue
+        if item != item or (minimum is not None and item < minimum):
+            raise ParameterError(f"parameter '{name}' is {item}; it must be at least {minimum}")
+        if maximum is not None and item > maximum:
+            raise ParameterError(f"parameter '{name}' is {item}; it must be at most {maximum}")
+
+
+def declare(node: Any, table: type[TableT]) -> TableT:
+    """Declare every field of a table on a node and return the values in force.
+
+    Parameters
+    ----------
+    node : rclpy.node.Node
+        The node that owns the parameters; they are read-only after the start.
+    table
+        Frozen dataclass made with `parameter`.
+
+    Raises
+    ------
+    ParameterError
+        If a required parameter is missing, has the wrong type or lies outside its range.
+    """
+    from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+
+    values: dict[str, Any] = {}
+    for field in dataclasses.fields(table):  # type: ignore[arg-type]
+        try:
+            value = _declare_one(node, field)
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            raise ParameterError(f"parameter '{field.name}': {error}") from error
+        if value is None:
+            if field.metadata["required"]:
+                raise ParameterError(
+                    f"parameter '{field.name}' is required: {describe(field)}; "
+                    f"give it with --ros-args -p {field.name}:=..."
+                )
+            value = default_of(field)
+        check(field.name, field, value)
+        values[field.name] = value
+    try:
+        return table(**values)
+    except ParameterError:
+        raise
+    except ValueError as error:
+        raise ParameterError(str(error)) from error
+
+
+def refuse_unknown(node: Any) -> None:
+    """Refuse parameter values given for names that the node does not have.
+
+    ROS ignores them silently, so that a misspelt parameter would go unnoticed.
+
+    Raises
+    ------
+    ParameterError
+        Naming the unknown parameter and the nearest known ones.
+    """
+    known = {name for name in node._parameters if not name.startswith("qos_overrides")}
+    for name in sorted(set(node._parameter_overrides) - set(node._parameters)):
+        if name.startswith("qos_overrides"):
+            continue
+        near = difflib.get_close_matches(name, known, n=3) or sorted(known)
+        raise ParameterError(
+            f"node '{node.get_name()}' has no parameter '{name}'; did you mean: {', '.join(near)}?"
+        )
+
+
+def _declare_one(node: Any, field: dataclasses.Field[Any]) -> Any:
+    from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+    from rclpy.parameter import Parameter
+
+    types = {
+        "bool": Parameter.Type.BOOL,
+        "int": Parameter.Type.INTEGER,
+        "float": Parameter.Type.DOUBLE,
+        "str": Parameter.Type.STRING,
+        "list[float]": Parameter.Type.DOUBLE_ARRAY,
+        "list[int]": Parameter.Type.INTEGER_ARRAY,
+        "list[str]": Parameter.Type.STRING_ARRAY,
+    }
+    kind = types[str(field.type)]  # tables postpone annotations: the type is its text
+    # Dynamic typing lets a user write 1 for 1.0; the value is converted below.
+    numbers = kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
+    descriptor = ParameterDescriptor(
+        description=describe(field), read_only=True, dynamic_typing=numbers
+    )
+    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    if minimum is not None and maximum is not None:
+        if kind is Parameter.Type.DOUBLE:
+            descriptor.floating_point_range = [
+                FloatingPointRange(from_value=float(minimum), to_value=float(maximum))
+            ]
+        elif kind is Parameter.Type.INTEGER:
+            descriptor.integer_range = [
+                IntegerRange(from_value=int(minimum), to_value=int(maximum), step=1)
+            ]
+    default = default_of(field)
+    if numbers and default is None:
+        declared = node.declare_parameter(field.name, None, descriptor)
+    elif default is None or default == []:
+        # rclpy cannot tell the type of an empty list; declaring by type leaves it unset.
+        declared = node.declare_parameter(field.name, kind, descriptor)
+    else:
+        declared = node.declare_parameter(field.name, default, descriptor)
+    value = declared.value
+    if value is None or not numbers:
+        return list(value) if kind.name.endswith("_ARRAY") and value is not None else value
+    return _as_numbers(field.name, value, kind is Parameter.Type.DOUBLE_ARRAY)
+
+
+def _as_numbers(name: str, value: Any, many: bool) -> Any:
+    items = list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else [value]
+    usable = all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items)
+    if not usable or (not many and len(items) != 1):
+        wanted = "a list of numbers" if many else "a number"
+        raise ParameterError(f"parameter '{name}' is {value!r}; it must be {wanted}")
+    return [float(item) for item in items] if many else float(items[0])
