@@ -18,6 +18,7 @@ BUILD_MACHINE_PYTHON = r"/opt/python/cp3\d+-cp3\d+"
 
 
 def main() -> None:
+    """Rewrite the CMake files of this environment."""
     share = pathlib.Path(sys.prefix) / "share"
     numpy_include = re.compile(
         BUILD_MACHINE_PYTHON + r"/lib/python3\.\d+/site-packages/numpy/_?core/include"

@@ -36,6 +36,7 @@ def sourced_environment(root: pathlib.Path, prefix: pathlib.Path) -> dict[str, s
 
 
 def main() -> None:
+    """Write the file into this environment."""
     root = pathlib.Path(__file__).resolve().parents[1]
     prefix = pathlib.Path(sys.prefix)
     environment = sourced_environment(root, prefix)
@@ -43,11 +44,13 @@ def main() -> None:
     libraries = [environment.get("LD_LIBRARY_PATH", "").strip(":"), str(prefix / "lib")]
     libraries += [str(path) for path in wheel_libraries]
     environment["LD_LIBRARY_PATH"] = ":".join(filter(None, libraries))
+    profiles = root / "config/dds/fastdds.xml"
     lines = ["# Written by tools/write_environment.py; do not edit."]
     lines += [f"export {name}={shlex.quote(environment[name])}" for name in VARIABLES]
     lines += [
         "export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1",
         f'export PATH={shlex.quote(str(prefix / "bin"))}:"$PATH"',
+        f"export FASTRTPS_DEFAULT_PROFILES_FILE={shlex.quote(str(profiles))}",
         # A run must not meet the graphs of other users of the same network.
         "export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}",
     ]

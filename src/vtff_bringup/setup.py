@@ -15,9 +15,9 @@ setup(
         ("share/" + package_name, ["package.xml"]),
         ("share/" + package_name + "/launch", glob("launch/*.launch.py")),
         *(
-            # The config folder is the workspace's own; installed, it lies beside the launch files.
-            ("share/" + package_name + "/" + folder, glob(folder + "/*.yaml"))
-            for folder in ("config/system", "config/scenario", "config/params")
+            # "config" links to the workspace's folder of that name.
+            ("share/" + package_name + "/" + folder, glob(folder + "/*.*"))
+            for folder in ("config/system", "config/scenario", "config/params", "config/dds")
         ),
     ],
     package_data={package_name: ["py.typed"]},

@@ -6,6 +6,7 @@ import random
 
 from hypothesis import given
 from hypothesis import strategies as st
+
 from vtff_node.lockstep import StepCoordinator
 
 SECOND = 1_000_000_000

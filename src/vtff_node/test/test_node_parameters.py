@@ -8,6 +8,7 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from rclpy.node import Node  # noqa: E402
+
 from vtff_node import parameters  # noqa: E402
 from vtff_node.parameters import REQUIRED, ParameterError, parameter  # noqa: E402
 
@@ -36,8 +37,12 @@ def declared(context, *given):
     for text in given:
         arguments += ["-p", text]
     node = Node(
-        "table", context=context, cli_args=arguments, use_global_arguments=False,
-        enable_rosout=False, start_parameter_services=False,
+        "table",
+        context=context,
+        cli_args=arguments,
+        use_global_arguments=False,
+        enable_rosout=False,
+        start_parameter_services=False,
     )
     try:
         values = parameters.declare(node, Table)

@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from hypothesis import given  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
+
 from vtff_node.stamps import to_nanoseconds, to_stamp  # noqa: E402
 
 

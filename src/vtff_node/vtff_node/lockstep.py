@@ -82,6 +82,4 @@ class StepCoordinator:
     def _forget_old_steps(self) -> None:
         if len(self._steps) > 4096:
             oldest = min(self._acknowledged.values(), default=self._step)
-            self._steps = {
-                stamp: step for stamp, step in self._steps.items() if step >= oldest
-            }
+            self._steps = {stamp: step for stamp, step in self._steps.items() if step >= oldest}

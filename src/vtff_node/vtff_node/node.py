@@ -16,8 +16,8 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
-from vtff_msgs.msg import StepDone
 
+from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
@@ -68,9 +68,7 @@ class VtffNode(Node):
         self._progress_descriptor = _progress_descriptor()
         self._qualified_name = self.get_fully_qualified_name()
         self._step_done = StepDone(node=self._qualified_name)
-        self._step_publisher = (
-            self.publisher(StepDone, "/sim/step_done") if self.lockstep else None
-        )
+        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if self.lockstep else None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
         self.create_timer(1.0, self.publish_diagnostics, clock=self.steady_clock)

@@ -94,7 +94,9 @@ def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
     """
     choices = field.metadata["choices"]
     if choices and value not in choices:
-        raise ParameterError(f"parameter '{name}' is '{value}'; choose one of: {', '.join(choices)}")
+        raise ParameterError(
+            f"parameter '{name}' is '{value}'; choose one of: {', '.join(choices)}"
+        )
     minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
     for item in value if isinstance(value, (list, tuple)) else (value,):
         if isinstance(item, bool) or not isinstance(item, (int, float)):

@@ -22,6 +22,7 @@ PUBLISH = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 
+
 def subscribe(with_history: bool) -> QoSProfile:
     """Profile of a data subscription.
 

@@ -1,0 +1,160 @@
+"""Messages a second that bag_recorder takes in: 20 topics of 1 kB, lockstep flow control.
+
+Run in the environment of the workspace::
+
+    python benchmarks/bench_recorder.py [steps]
+
+One process publishes /clock and 19 topics per step and waits where the recorder's
+acknowledgements fall 50 steps behind; the recorder runs in a second process. Beside the
+rate through DDS it prints the rate of the bag writer alone and of reading the bag back.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+START = 1_458_521_983
+TOPICS = 20
+PAYLOAD = 1000  # B
+MAXIMUM_LAG = 50  # steps
+
+
+def publish(steps: int) -> float:
+    """Publish all steps and return the messages a second."""
+    import rclpy
+    from rclpy.serialization import serialize_message
+    from rosgraph_msgs.msg import Clock
+
+    from vtff_msgs.msg import ReceiverLog, StepDone
+    from vtff_node.main import make_executor
+    from vtff_node.qos import PUBLISH, subscribe
+
+    rclpy.init()
+    node = rclpy.create_node("bench_source")
+    clock = node.create_publisher(Clock, "/clock", PUBLISH)
+    publishers = [
+        node.create_publisher(ReceiverLog, f"/bench/topic_{number}", PUBLISH)
+        for number in range(TOPICS - 1)
+    ]
+    newest = [-1]
+    node.create_subscription(
+        StepDone,
+        "/sim/step_done",
+        lambda message: newest.__setitem__(0, message.header.stamp.sec - START),
+        subscribe(True),
+    )
+    executor = make_executor()
+    executor.add_node(node)
+    log = ReceiverLog()
+    random_bytes = os.urandom(PAYLOAD // 2)  # half of a real log does not compress
+
+    def step(number: int) -> None:
+        message = Clock()
+        message.clock.sec = START + number
+        clock.publish(message)
+        log.header.stamp = message.clock
+        log.data = random_bytes + bytes(PAYLOAD - len(random_bytes))
+        serialized = serialize_message(log)
+        for publisher in publishers:
+            publisher.publish(serialized)
+
+    step(0)
+    while newest[0] < 0:
+        executor.spin_once(timeout_sec=1.0)
+    begun = time.perf_counter()
+    for number in range(1, steps):
+        step(number)
+        executor.spin_once(timeout_sec=0.0)
+        while newest[0] < number - MAXIMUM_LAG:
+            executor.spin_once(timeout_sec=1.0)
+    last = 10 * ((steps - 1) // 10)
+    while newest[0] < last:
+        executor.spin_once(timeout_sec=1.0)
+    elapsed = time.perf_counter() - begun
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    return steps * TOPICS / elapsed
+
+
+def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int]:
+    """Record a publishing process; return messages a second and messages in the bag."""
+    from vtff_bringup.bag.reader import BagReader
+
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    command = [sys.executable, "-m", "vtff_bringup.bag_recorder_node", "--ros-args"]
+    for setting in (f"output:={bag}", "lockstep:=true", f"compression:={compression}"):
+        command += ["-p", setting]
+    command += ["-p", "wait_for_nodes:=['/bench_source']"]
+    recorder = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
+    try:
+        output = subprocess.run(
+            [sys.executable, __file__, "publish", str(steps)],
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        recorder.send_signal(signal.SIGINT)
+        recorder.wait(timeout=30)
+    finally:
+        recorder.kill()
+    counts = BagReader(bag).topics
+    recorded = sum(
+        topic.message_count
+        for name, topic in counts.items()
+        if name == "/clock" or name.startswith("/bench/")
+    )
+    return float(output), recorded
+
+
+def writer_alone(bag: Path, count: int, compression: str) -> float:
+    """Return messages a second of `BagWriter` without ROS."""
+    from vtff_bringup.bag.writer import BagWriter
+
+    payload = b"\x00\x01\x00\x00" + os.urandom(PAYLOAD // 2) + bytes(PAYLOAD // 2 - 4)
+    begun = time.perf_counter()
+    with BagWriter(bag, compression=compression) as writer:
+        numbers = [
+            writer.add_topic(f"/topic_{number}", "std_msgs/msg/String", definition="string data\n")
+            for number in range(TOPICS)
+        ]
+        for index in range(count):
+            writer.write(numbers[index % TOPICS], payload, START * 10**9 + index)
+    return count / (time.perf_counter() - begun)
+
+
+def reading(bag: Path) -> float:
+    """Return messages a second of `BagReader.raw_messages`."""
+    from vtff_bringup.bag.reader import BagReader
+
+    begun = time.perf_counter()
+    count = sum(1 for _ in BagReader(bag).raw_messages())
+    return count / (time.perf_counter() - begun)
+
+
+def main() -> None:
+    """Print the table."""
+    if sys.argv[1:2] == ["publish"]:
+        print(publish(int(sys.argv[2])))
+        return
+    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
+    print(f"{TOPICS} topics, {PAYLOAD} B payload, {steps} steps, {os.cpu_count()} CPUs")
+    print(f"{'compression':12} {'recorder':>12} {'lost':>6} {'writer alone':>14} {'reader':>12}")
+    for compression in ("zstd", "lz4", "none"):
+        with tempfile.TemporaryDirectory() as folder:
+            rate, recorded = through_dds(Path(folder) / "bag", steps, compression)
+            alone = writer_alone(Path(folder) / "alone", steps * TOPICS, compression)
+            read = reading(Path(folder) / "bag")
+        lost = steps * TOPICS - recorded
+        print(f"{compression:12} {rate:10.0f}/s {lost:6d} {alone:12.0f}/s {read:10.0f}/s")
+
+
+if __name__ == "__main__":
+    main()

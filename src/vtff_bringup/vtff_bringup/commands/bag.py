@@ -1,0 +1,47 @@
+"""`vtff bag`: what is in a bag, and what can be saved of a damaged one."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import Annotated, Optional
+
+import typer
+
+from vtff_bringup.bag.errors import BagError
+from vtff_bringup.bag.info import describe_bag
+from vtff_bringup.bag.recover import recover
+
+app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help=True)
+
+EXIT_FAILURE = 1
+
+
+@app.command("info", no_args_is_help=True)
+def info_command(
+    path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+) -> None:
+    """Show topics, types, counts, times and the state of a bag."""
+    try:
+        typer.echo(describe_bag(path))
+    except BagError as error:
+        _stop(error)
+
+
+@app.command("recover", no_args_is_help=True)
+def recover_command(
+    path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="Folder to write; default: <bag>_recovered beside it."),
+    ] = None,
+) -> None:
+    """Copy everything that is intact into a new, complete bag; the original is not touched."""
+    try:
+        typer.echo(str(recover(path, out)))
+    except BagError as error:
+        _stop(error)
+
+
+def _stop(error: BagError) -> None:
+    typer.echo(f"error: {error}", err=True)
+    raise typer.Exit(EXIT_FAILURE)

@@ -1,0 +1,72 @@
+"""Where the executables of the workspace are, found as `ros2 run` finds them."""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import os
+import pathlib
+from typing import Any
+
+
+class ExecutableNotFoundError(LookupError):
+    """A package or its executable is not installed; the text says what to do."""
+
+
+def executable_path(package: str, executable: str) -> pathlib.Path:
+    """Return ``<prefix>/lib/<package>/<executable>`` of the ament prefix that has it.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If no prefix in ``AMENT_PREFIX_PATH`` holds the package or the executable.
+    """
+    path = _prefix(package) / "lib" / package / executable
+    if not path.is_file():
+        raise ExecutableNotFoundError(f"package '{package}' has no executable '{executable}'")
+    return path
+
+
+def share_file(package: str, name: str) -> pathlib.Path:
+    """Return ``<prefix>/share/<package>/<name>``.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If the package or the file is not installed.
+    """
+    path = _prefix(package) / "share" / package / name
+    if not path.is_file():
+        raise ExecutableNotFoundError(f"package '{package}' has no file '{name}'")
+    return path
+
+
+def _prefix(package: str) -> pathlib.Path:
+    marker = pathlib.Path("share/ament_index/resource_index/packages") / package
+    for text in os.environ.get("AMENT_PREFIX_PATH", "").split(":"):
+        if text and (pathlib.Path(text) / marker).is_file():
+            return pathlib.Path(text)
+    raise ExecutableNotFoundError(
+        f"package '{package}' is not in AMENT_PREFIX_PATH; run 'make setup' or source the workspace"
+    )
+
+
+def node_class(package: str, executable: str) -> Any:
+    """Return the node class behind an executable, for composing several in one process.
+
+    Every node module names its class ``NODE_CLASS``.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If the package has no such console script or the module no ``NODE_CLASS``.
+    """
+    scripts = importlib.metadata.distribution(package).entry_points.select(
+        group="console_scripts", name=executable
+    )
+    for script in scripts:
+        module = importlib.import_module(script.module)
+        if hasattr(module, "NODE_CLASS"):
+            return module.NODE_CLASS
+        raise ExecutableNotFoundError(f"{script.module} names no NODE_CLASS: it cannot be composed")
+    raise ExecutableNotFoundError(f"package '{package}' has no executable '{executable}'")

@@ -1,0 +1,124 @@
+"""Numbers that Peng and others print for the runs that this project repeats.
+
+The paper is that of the Virginia Tech Formation Flying Testbed (VTFFTB) and its use for ionospheric
+remote sensing; table A1 also prints results of Park and others. Every number is as printed and
+stands under the key of the summary that it compares with (docs/summary.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class PaperColumn:
+    """Results of one run that the paper prints.
+
+    Attributes
+    ----------
+    title
+        Heading of the column.
+    source
+        Where in the paper.
+    hardware_in_the_loop
+        True: GNSS receivers and filter fed the controller. False: the truth did.
+    values
+        Printed number by key of the summary.
+    """
+
+    title: str
+    source: str
+    hardware_in_the_loop: bool
+    values: Mapping[str, float]
+
+
+_REFERENCE_SOFTWARE = PaperColumn(
+    title="paper\nsoftware",
+    source="appendix A.1",
+    hardware_in_the_loop=False,
+    values={
+        "delta_v_total_radial_m_per_s": 2.43,
+        "delta_v_total_in_track_m_per_s": 75.48,
+        "delta_v_total_cross_track_m_per_s": 1.07e-5,
+        "minimum_in_track_m": 38.17,
+        "minimum_in_track_time_s": 56.0,
+        "settling_time_in_track_s": 124.0,
+        "keeping_start_time_s": 125.0,
+    },
+)
+
+_REFERENCE_HIL = PaperColumn(
+    title="paper\nHIL",
+    source="appendix A.2 and table A1",
+    hardware_in_the_loop=True,
+    values={
+        "delta_v_total_radial_m_per_s": 5.63,
+        "delta_v_total_in_track_m_per_s": 76.88,
+        "delta_v_total_cross_track_m_per_s": 1.12,
+        "delta_v_acquisition_in_track_m_per_s": 75.45,
+        "delta_v_keeping_in_track_m_per_s": 1.44,
+        "minimum_in_track_m": 38.17,
+        "minimum_in_track_time_s": 56.0,
+        "settling_time_in_track_s": 124.0,
+        "keeping_start_time_s": 125.0,
+        "keeping_radial_maximum_m": 0.98,
+        "keeping_radial_minimum_m": -7.16,
+        "keeping_radial_mean_m": -0.040,
+        "keeping_radial_rms_m": 0.49,
+        "keeping_in_track_maximum_m": 102.82,
+        "keeping_in_track_minimum_m": 99.27,
+        "keeping_in_track_mean_m": 100.0094,
+        "keeping_in_track_rms_m": 0.19,
+        "keeping_cross_track_maximum_m": 2.62,
+        "keeping_cross_track_minimum_m": -0.28,
+        "keeping_cross_track_mean_m": 0.015,
+        "keeping_cross_track_rms_m": 0.18,
+    },
+)
+
+_REFERENCE_PARK = PaperColumn(
+    title="Park et al.\nHIL",
+    source="table A1",
+    hardware_in_the_loop=True,
+    values={
+        "keeping_radial_maximum_m": 1.13,
+        "keeping_radial_minimum_m": -1.62,
+        "keeping_radial_mean_m": 0.0,
+        "keeping_radial_rms_m": 0.17,
+        "keeping_in_track_maximum_m": 100.81,
+        "keeping_in_track_minimum_m": 99.58,
+        "keeping_in_track_mean_m": 100.19,
+        "keeping_in_track_rms_m": 0.091,
+        "keeping_cross_track_maximum_m": 0.39,
+        "keeping_cross_track_minimum_m": -0.50,
+        "keeping_cross_track_mean_m": 0.0,
+        "keeping_cross_track_rms_m": 0.070,
+    },
+)
+
+_REMOTE_SENSING_HIL = PaperColumn(
+    title="paper\nHIL",
+    source="section 4.1",
+    hardware_in_the_loop=True,
+    values={
+        "delta_v_total_radial_m_per_s": 27.95,
+        "delta_v_total_in_track_m_per_s": 6.95,
+        "delta_v_total_cross_track_m_per_s": 0.61,
+        "settling_time_radial_s": 98.0,
+        "settling_time_in_track_s": 57.0,
+    },
+)
+
+_COLUMNS = {
+    "reference": (_REFERENCE_SOFTWARE, _REFERENCE_HIL, _REFERENCE_PARK),
+    "remote_sensing": (_REMOTE_SENSING_HIL,),
+}
+
+PAPER_DURATION = 3600.0
+"""Length of the paper's runs in s, to which its totals belong."""
+
+
+def paper_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
+    """Return the paper's results for a scenario by its name; empty for any other."""
+    return _COLUMNS.get(scenario or "", ())

@@ -1,0 +1,78 @@
+"""Where and with what a run was made: version, commit, machine."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import os
+import pathlib
+import platform
+import subprocess
+from typing import Any
+
+GIT_TIMEOUT = 5.0  # s
+PACKAGE = "vtff_bringup"
+
+
+def describe_environment() -> dict[str, Any]:
+    """Return version, git commit and machine under the keys of docs/summary.md.
+
+    Returns
+    -------
+    dict
+        None for what cannot be told on this machine.
+    """
+    commit, modified = _git_state()
+    return {
+        "vtff_version": _version(),
+        "git_commit": commit,
+        "git_modified": modified,
+        "machine_cpu_model": _cpu_model(),
+        "machine_cpu_cores": os.cpu_count(),
+        "machine_python": platform.python_version(),
+        "machine_platform": platform.platform(),
+    }
+
+
+def _version() -> str | None:
+    try:
+        return importlib.metadata.version(PACKAGE)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def _cpu_model() -> str | None:
+    try:
+        lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or None
+    names = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(names, None) or platform.processor() or None
+
+
+def _git_state() -> tuple[str | None, bool | None]:
+    """Return commit and whether files differ from it; None outside a checkout of vtff."""
+    folder = pathlib.Path(__file__).resolve().parent
+    top = _git(folder, "rev-parse", "--show-toplevel")
+    # An installed package may lie inside some other project's repository.
+    if top is None or not (pathlib.Path(top) / "src" / PACKAGE).is_dir():
+        return None, None
+    commit = _git(folder, "rev-parse", "--verify", "HEAD")
+    if commit is None:
+        return None, None
+    changes = _git(pathlib.Path(top), "status", "--porcelain")
+    return commit, None if changes is None else bool(changes)
+
+
+def _git(folder: pathlib.Path, *arguments: str) -> str | None:
+    try:
+        answer = subprocess.run(
+            ["git", *arguments],
+            cwd=folder,
+            capture_output=True,
+            text=True,
+            timeout=GIT_TIMEOUT,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip()

@@ -1,0 +1,172 @@
+"""What a run recorded, as arrays. Times are ns since 1970 in the scale of the ROS header stamps."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+FloatArray = npt.NDArray[np.float64]
+TimeArray = npt.NDArray[np.int64]
+
+AXES = ("radial", "in_track", "cross_track")
+"""Names of the RTN axes R, T, N in keys, in the order of the array columns."""
+
+
+@dataclass(frozen=True, eq=False)
+class RelativeStateHistory:
+    """Relative states of one deputy from one source.
+
+    Attributes
+    ----------
+    time
+        Time of validity in ns since 1970, shape (n,).
+    position_rtn
+        Position relative to the chief in m, shape (n, 3).
+    velocity_rtn
+        Rotating-frame velocity relative to the chief in m/s, shape (n, 3).
+    """
+
+    time: TimeArray
+    position_rtn: FloatArray
+    velocity_rtn: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class AccelerationHistory:
+    """Commanded or applied accelerations of one deputy.
+
+    Attributes
+    ----------
+    time
+        Start of each application in ns since 1970, shape (n,).
+    acceleration_rtn
+        m/s2, shape (n, 3).
+    """
+
+    time: TimeArray
+    acceleration_rtn: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class DeputyHistory:
+    """Everything about one deputy; None where the bag has nothing.
+
+    Attributes
+    ----------
+    name
+        Name of the spacecraft.
+    truth
+        True relative state.
+    estimate
+        Relative state from navigation.
+    command
+        Thrust as commanded.
+    applied
+        Thrust as applied; each acceleration acts for one step from its time on.
+    target
+        Targets published during the run, each in force from its time on.
+    """
+
+    name: str
+    truth: RelativeStateHistory | None = None
+    estimate: RelativeStateHistory | None = None
+    command: AccelerationHistory | None = None
+    applied: AccelerationHistory | None = None
+    target: RelativeStateHistory | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class ReceiverHistory:
+    """What one GNSS receiver observed, as columns over all epochs.
+
+    Attributes
+    ----------
+    name
+        Spacecraft, the namespace of the receiver's topics.
+    epoch_time
+        ns since 1970, shape (n,).
+    observations_per_epoch
+        Shape (n,); the columns below have their sum as length.
+    system, prn, band, attribute, flags
+        As in ``vtff_msgs/GnssObservations``.
+    cn0_dbhz
+        Carrier to noise density.
+    fix_time
+        Position solutions in ns since 1970, shape (m,).
+    fix_status
+        ``vtff_msgs/GnssFix.STATUS_*``, shape (m,).
+    ephemeris_system, ephemeris_prn
+        One entry per ephemeris message.
+    """
+
+    name: str
+    epoch_time: TimeArray
+    observations_per_epoch: npt.NDArray[np.int64]
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    band: npt.NDArray[np.uint8]
+    attribute: npt.NDArray[np.uint8]
+    flags: npt.NDArray[np.uint16]
+    cn0_dbhz: npt.NDArray[np.float32]
+    fix_time: TimeArray
+    fix_status: npt.NDArray[np.uint8]
+    ephemeris_system: npt.NDArray[np.uint8]
+    ephemeris_prn: npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class SimulatorReport:
+    """The last /sim/status of a run.
+
+    Attributes
+    ----------
+    scenario
+        Name of the scenario.
+    pacing
+        ``lockstep`` or ``realtime``.
+    complete
+        Whether the run came to its planned end.
+    time_into_run
+        Scenario time since the start in s.
+    late_commands
+        Thrust messages that missed their step.
+    real_time_factor
+        Scenario seconds per wall second.
+    """
+
+    scenario: str
+    pacing: str
+    complete: bool
+    time_into_run: float
+    late_commands: int
+    real_time_factor: float
+
+
+@dataclass(frozen=True, eq=False)
+class RunHistory:
+    """A run as recorded.
+
+    Attributes
+    ----------
+    start_time, end_time
+        First and last time in the bag, ns since 1970.
+    message_counts
+        Messages by topic.
+    deputies, receivers
+        By name, in alphabetical order.
+    simulator
+        None where no simulator took part.
+    notes
+        One line for each thing that could not be read.
+    """
+
+    start_time: int
+    end_time: int
+    message_counts: dict[str, int]
+    deputies: dict[str, DeputyHistory] = dataclasses.field(default_factory=dict)
+    receivers: dict[str, ReceiverHistory] = dataclasses.field(default_factory=dict)
+    simulator: SimulatorReport | None = None
+    notes: tuple[str, ...] = ()

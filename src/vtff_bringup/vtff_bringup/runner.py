@@ -1,0 +1,271 @@
+"""Run a system: start its processes, follow them, end them, and check what was recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import pathlib
+import selectors
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
+from typing import Any
+
+import yaml
+
+from vtff_bringup.executables import executable_path, share_file
+from vtff_bringup.processes import ManagedProcess
+from vtff_bringup.system import NodeDescription, SystemDescription
+from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
+
+POLL_INTERVAL = 0.05  # s
+EXIT_INTERRUPTED = 130  # as a shell reports SIGINT
+
+
+@dataclasses.dataclass(frozen=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes
+    ----------
+    exit_code
+        0 complete, 1 a process failed, 130 interrupted by the user.
+    reason
+        One line for the user; empty when complete.
+    wall_time
+        Seconds from the first process to the end of the last.
+    progress
+        Last progress report of the node that ends the run.
+    """
+
+    exit_code: int
+    reason: str
+    wall_time: float
+    progress: dict[str, Any]
+
+
+class Runner:
+    """Runs one system once.
+
+    Parameters
+    ----------
+    system
+        The resolved system file.
+    run_directory
+        Folder for bag, logs, counts and parameters; created.
+    composed
+        All nodes that allow it in one process and one executor.
+    on_progress
+        Called with each progress report.
+    on_line
+        Called with ``(process name, line, noteworthy)`` for what the processes print.
+    """
+
+    def __init__(
+        self,
+        system: SystemDescription,
+        run_directory: pathlib.Path,
+        *,
+        composed: bool = False,
+        on_progress: Callable[[dict[str, Any]], None] | None = None,
+        on_line: Callable[[str, str, bool], None] | None = None,
+    ) -> None:
+        self._system = system
+        self._directory = run_directory
+        self._composed = composed
+        self._on_progress = on_progress
+        self._on_line = on_line
+        self._interrupted = False
+        self._progress: dict[str, Any] = {}
+        # In the order in which they have to be ended.
+        self._nodes: list[tuple[ManagedProcess, bool]] = []
+        self._recorders: list[ManagedProcess] = []
+        self._helpers: list[ManagedProcess] = []
+
+    def run(self) -> RunResult:
+        """Run to the end, to a failure or to Ctrl-C; every process is ended in any case."""
+        self._directory.mkdir(parents=True, exist_ok=True)
+        started = time.monotonic()
+        reason, exit_code = "", 0
+        with self._signals(), _domain() as environment, _pipe() as (progress_read, progress_write):
+            environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
+            environment[PROGRESS_VARIABLE] = str(progress_write)
+            try:
+                self._start(environment, progress_write)
+                reason = self._follow(progress_read)
+            finally:
+                failures = self._end_all()
+                self._drain_progress(progress_read)
+        reason = reason or (failures[0] if failures else "")
+        if self._interrupted:
+            exit_code, reason = EXIT_INTERRUPTED, "interrupted"
+        elif reason:
+            exit_code = 1
+        return RunResult(exit_code, reason, time.monotonic() - started, self._progress)
+
+    def _start(self, environment: dict[str, str], progress_descriptor: int) -> None:
+        def start(name: str, command: Sequence[str]) -> ManagedProcess:
+            return ManagedProcess(
+                name,
+                command,
+                self._directory / "logs" / f"{name}.log",
+                environment,
+                (progress_descriptor,),
+                self._on_line,
+            )
+
+        for process in self._system.processes:
+            path = executable_path(process.package, process.executable)
+            self._helpers.append(start(process.name, [str(path), *process.arguments]))
+        composed = []
+        for node in self._system.nodes:
+            arguments = node.ros_arguments(self._write_parameters(node))
+            if self._composed and not node.own_process:
+                entry = {"package": node.package, "executable": node.executable}
+                composed.append({**entry, "ros_arguments": arguments})
+                continue
+            path = executable_path(node.package, node.executable)
+            name = node.qualified_name.strip("/").replace("/", "__")
+            managed = start(name, [str(path), *arguments])
+            if node.own_process:
+                self._recorders.append(managed)
+            else:
+                self._nodes.append((managed, node.ends_run))
+        if composed:
+            file = self._directory / "composed.json"
+            file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
+            command = [sys.executable, "-m", "vtff_bringup.composed", str(file)]
+            self._nodes.append((start("composed", command), True))
+
+    def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
+        name = node.qualified_name.strip("/").replace("/", "__")
+        path = self._directory / "parameters" / f"{name}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # ROS cannot read the type of an empty list; leaving it out means the default.
+        values = {key: value for key, value in node.all_parameters().items() if value != []}
+        content = {node.qualified_name: {"ros__parameters": values}}
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return path
+
+    def _follow(self, progress_read: int) -> str:
+        """Wait for the end; return why the run failed, or an empty text."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(progress_read, selectors.EVENT_READ)
+            while not self._interrupted:
+                if selector.select(POLL_INTERVAL):
+                    self._read_progress(progress_read)
+                for process in [*self._helpers, *self._recorders]:
+                    if process.exit_code is not None:
+                        return _failure(process, "ended before the run did")
+                for process, ends_run in self._nodes:
+                    if process.exit_code is None:
+                        continue
+                    if process.exit_code != 0:
+                        return _failure(process, "failed")
+                    if ends_run:
+                        return ""
+        return ""
+
+    def _end_all(self) -> list[str]:
+        failures = []
+        nodes = [process for process, _ in self._nodes]
+        for process in [*nodes, *self._recorders, *self._helpers]:
+            code = process.end()
+            if code not in (0, -signal.SIGINT):
+                failures.append(_failure(process, "did not end in order"))
+        return failures
+
+    def _read_progress(self, descriptor: int) -> None:
+        for line in os.read(descriptor, 65536).decode().splitlines():
+            # A line may be cut where the pipe's buffer ends; the next one replaces it.
+            with contextlib.suppress(json.JSONDecodeError):
+                self._progress = json.loads(line)
+                if self._on_progress is not None:
+                    self._on_progress(self._progress)
+
+    def _drain_progress(self, descriptor: int) -> None:
+        os.set_blocking(descriptor, False)
+        with contextlib.suppress(BlockingIOError):
+            self._read_progress(descriptor)
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            self._interrupted = True
+
+        previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+
+def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[str]:
+    """Compare what the nodes say they published with what the bag holds.
+
+    Parameters
+    ----------
+    run_directory
+        Folder of the run with ``nodes/*.json``.
+    recorded
+        Messages in the bag by topic.
+
+    Returns
+    -------
+    list of str
+        One line per topic that differs; empty when everything was recorded.
+    """
+    published: dict[str, int] = {}
+    for path in sorted((run_directory / "nodes").glob("*.json")):
+        for topic, count in json.loads(path.read_text(encoding="utf-8"))["published"].items():
+            published[topic] = published.get(topic, 0) + count
+    return [
+        f"{topic}: published {count}, recorded {recorded.get(topic, 0)}"
+        for topic, count in sorted(published.items())
+        if count != recorded.get(topic, 0)
+    ]
+
+
+def _failure(process: ManagedProcess, what: str) -> str:
+    code = process.exit_code
+    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+    text = f"{process.name} {what} ({how}); log: {process.log_path}"
+    tail = process.tail()
+    return f"{text}\n{tail}" if tail else text
+
+
+@contextlib.contextmanager
+def _domain() -> Iterator[dict[str, str]]:
+    """Yield the environment of the children, with a DDS domain no other run uses."""
+    environment = dict(os.environ)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.setdefault("PYTHONUNBUFFERED", "1")
+    profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
+    environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+    # One BLAS thread a process: the matrices are small and the cores few.
+    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
+    environment.setdefault("OMP_NUM_THREADS", "1")
+    if "ROS_DOMAIN_ID" in environment:
+        yield environment
+        return
+    from domain_coordinator import domain_id
+
+    with domain_id() as free_domain:
+        environment["ROS_DOMAIN_ID"] = str(free_domain)
+        yield environment
+
+
+@contextlib.contextmanager
+def _pipe() -> Iterator[tuple[int, int]]:
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    try:
+        yield read, write
+    finally:
+        os.close(read)
+        os.close(write)

@@ -1,0 +1,1 @@
+"""Parameter studies on the in-process closed loop."""

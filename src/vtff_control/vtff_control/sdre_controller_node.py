@@ -1,0 +1,168 @@
+"""Node `sdre_controller`: relative state in, thrust command out."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+import numpy as np
+from geometry_msgs.msg import AccelStamped
+from vtff_msgs.msg import RelativeState
+from vtff_node import diagnostics
+from vtff_node.main import run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import parameter
+from vtff_node.stamps import to_nanoseconds
+
+from vtff_control.sdre import DESIGNS, ControlResult, SdreController, SdreDesign
+
+REFUSED = ControlResult(np.zeros(3), False, False)
+
+
+@dataclass(frozen=True)
+class SdreControllerParameters:
+    """Parameters of `sdre_controller`."""
+
+    deputy: str = parameter("deputy", "name of the spacecraft to control")
+    design: str = parameter("paper", "control design", choices=DESIGNS)
+    feedforward: bool = parameter(
+        False, "add the acceleration that holds the target in the eccentric, nonlinear frame"
+    )
+    acceleration_cap: float = parameter(
+        1.0, "largest command on each axis", unit="m/s^2", minimum=0.0
+    )
+    position_weight: float = parameter(
+        0.0, "weight of the position error, 0 = default of the design", unit="1/m^2", minimum=0.0
+    )
+    velocity_weight: float = parameter(
+        0.0, "weight of the velocity error, 0 = default of the design", unit="s^2/m^2", minimum=0.0
+    )
+    control_weight: float = parameter(
+        0.0, "weight of the command, 0 = default of the design", unit="s^4/m^2", minimum=0.0
+    )
+    sample_time: float = parameter(1.0, "interval between states", unit="s", minimum=0.001)
+    delay_steps: int = parameter(
+        1, "samples between a state and the start of its thrust", minimum=0, maximum=100
+    )
+    target_position_rtn: list[float] = parameter(
+        [0.0, 100.0, 0.0], "wanted position until /formation/target says otherwise", unit="m"
+    )
+    target_velocity_rtn: list[float] = parameter(
+        [0.0, 0.0, 0.0], "wanted velocity in the rotating frame", unit="m/s"
+    )
+    maximum_age: float = parameter(
+        10.0, "oldest last measurement of a state that is still acted on", unit="s", minimum=0.0
+    )
+
+    def __post_init__(self) -> None:
+        """Check the lengths of the target vectors."""
+        for name in ("target_position_rtn", "target_velocity_rtn"):
+            if len(getattr(self, name)) != 3:
+                raise ValueError(f"parameter '{name}' needs three numbers (R, T, N)")
+
+
+class SdreControllerNode(VtffNode):
+    """Formation controller (SDRE): one command for every relative state.
+
+    Subscribes to formation/relative_state and formation/target (vtff_msgs/RelativeState);
+    publishes <deputy>/control/thrust_command (geometry_msgs/AccelStamped, m/s^2 in chief/rtn,
+    stamped with the time of the state it answers). A state that is repeated, out of order, not
+    finite or marked unusable gives zero thrust and a diagnostic.
+    """
+
+    Parameters = SdreControllerParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("sdre_controller", **node_arguments)
+        given: SdreControllerParameters = self.parameters
+        self._controller = SdreController(
+            SdreDesign(
+                design=given.design,
+                acceleration_cap=given.acceleration_cap,
+                feedforward=given.feedforward,
+                position_weight=given.position_weight or None,
+                velocity_weight=given.velocity_weight or None,
+                control_weight=given.control_weight or None,
+                sample_time=given.sample_time,
+                delay_steps=given.delay_steps,
+            )
+        )
+        self._target = np.array([*given.target_position_rtn, *given.target_velocity_rtn])
+        self._result = REFUSED
+        self._reason = "no relative state yet"
+        self._out_of_order = 0
+        self._refused = 0
+        self._last_stamp = -1
+        self._command = AccelStamped()
+        self._command.header.frame_id = "chief/rtn"
+        self._publisher = self.publisher(AccelStamped, f"{given.deputy}/control/thrust_command")
+        self.subscribe(RelativeState, "formation/relative_state", self._on_relative_state)
+        self.subscribe(RelativeState, "formation/target", self._on_target)
+
+    def _on_target(self, message: RelativeState) -> None:
+        target = np.concatenate((message.position, message.velocity))
+        if message.child_frame_id not in ("", self.parameters.deputy):
+            return
+        if np.all(np.isfinite(target)):
+            self._target = target
+        else:
+            self.get_logger().warning("ignored a target that is not finite")
+
+    def _on_relative_state(self, message: RelativeState) -> None:
+        started = time.perf_counter()
+        if message.child_frame_id != self.parameters.deputy:
+            return
+        stamp = to_nanoseconds(message.header.stamp)
+        if stamp <= self._last_stamp:
+            self._out_of_order += 1
+            return
+        self._last_stamp = stamp
+        self._result, self._reason = self._control(message, stamp)
+        self._refused += not self._result.valid
+        linear = self._command.accel.linear
+        linear.x, linear.y, linear.z = self._result.acceleration_rtn.tolist()
+        self._command.header.stamp = message.header.stamp
+        self._publisher.publish(self._command)
+        self.acknowledge_step(message.header.stamp, started)
+
+    def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
+        if message.solution == RelativeState.SOLUTION_NONE:
+            self._controller.reset()
+            return REFUSED, "navigation has no solution"
+        if not message.age <= self.parameters.maximum_age:
+            self._controller.reset()
+            return REFUSED, f"last measurement is {message.age:.1f} s old"
+        result = self._controller.control(
+            np.concatenate((message.position, message.velocity)),
+            np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf)),
+            self._target,
+            stamp,
+        )
+        return result, result.reason
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report whether commands are valid, and why not."""
+        valid = self._result.valid
+        return [
+            diagnostics.status(
+                "sdre_controller: command",
+                diagnostics.OK if valid else diagnostics.WARN,
+                "controlling" if valid else f"zero thrust: {self._reason}",
+                {
+                    "design": self.parameters.design,
+                    "saturated": self._result.saturated,
+                    "states refused": self._refused,
+                    "states out of order": self._out_of_order,
+                    "gain solutions": self._controller.gain_solutions,
+                },
+                hardware_id=self.parameters.deputy,
+            )
+        ]
+
+
+NODE_CLASS = SdreControllerNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(SdreControllerNode)

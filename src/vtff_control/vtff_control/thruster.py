@@ -1,0 +1,132 @@
+"""A thruster without a bus: delay, cap and quantum of a commanded acceleration.
+
+The thruster is the one place where the control loop's delay is applied (paper 3.5 and figure 2:
+the command computed from the state at second k acts from k+1 to k+2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+
+
+@dataclass(frozen=True)
+class AppliedThrust:
+    """Acceleration that a thruster gives over one step.
+
+    Attributes
+    ----------
+    start_stamp
+        Start of the step in which it acts, in nanoseconds of the scale of the command's stamp.
+    acceleration_rtn
+        Acceleration in m/s2 in the chief's RTN axes at the start of that step, shape (3,).
+    saturated
+        True if the cap limited an axis.
+    reason
+        Why a command was refused, one line; empty if it was not. A refused command gives zero.
+    """
+
+    start_stamp: int
+    acceleration_rtn: FloatArray
+    saturated: bool
+    reason: str = ""
+
+
+class Thruster:
+    """Per-axis thruster with a delay of whole steps.
+
+    A command is limited to the cap, rounded to the nearest multiple of the quantum (a tie goes to
+    the even multiple), and limited again to the largest multiple that does not exceed the cap: a
+    thruster never gives more than its cap. Without a quantum the first step is the only one.
+
+    Parameters
+    ----------
+    acceleration_cap
+        Largest acceleration in m/s2, for all axes or for each of R, T, N.
+    quantum
+        Smallest change of the acceleration in m/s2; 0 means continuous.
+    delay_steps
+        Whole steps between the stamp of a command and its start.
+    step
+        Length of a step in s.
+
+    Raises
+    ------
+    ValueError
+        If a value is out of its range; the message names the parameter.
+    """
+
+    def __init__(
+        self,
+        acceleration_cap: float | Sequence[float] = 1.0,
+        quantum: float = 0.0,
+        delay_steps: int = 1,
+        step: float = 1.0,
+    ) -> None:
+        caps = np.asarray(acceleration_cap, dtype=float)
+        if caps.shape not in ((), (3,)) or not np.all(caps > 0.0):
+            raise ValueError(
+                f"acceleration_cap: one or three positive numbers (m/s2) expected, "
+                f"got {acceleration_cap!r}"
+            )
+        if not (np.isfinite(quantum) and quantum >= 0.0):
+            raise ValueError(f"quantum: 0 or more (m/s2) expected, got {quantum!r}")
+        if isinstance(delay_steps, bool) or not isinstance(delay_steps, int) or delay_steps < 0:
+            raise ValueError(
+                f"delay_steps: a whole number of 0 or more expected, got {delay_steps!r}"
+            )
+        if not (np.isfinite(step) and step > 0.0):
+            raise ValueError(f"step: positive seconds expected, got {step!r}")
+        self.acceleration_cap = np.array(np.broadcast_to(caps, (3,)))
+        self.quantum = float(quantum)
+        self.delay_steps = delay_steps
+        self.step = float(step)
+        self._delay = delay_steps * round(step * 1e9)
+        self._limit = self.acceleration_cap
+        if self.quantum > 0.0:
+            # 1.4 / 0.1 is 13.999...: the slack keeps a cap that is a multiple of the quantum.
+            self._limit = np.floor(self.acceleration_cap / quantum * (1.0 + 1e-12)) * quantum
+
+    def command(self, stamp: int, acceleration_rtn: npt.ArrayLike) -> AppliedThrust:
+        """Schedule a command.
+
+        Parameters
+        ----------
+        stamp
+            Stamp of the command in nanoseconds: the time of the state it was computed from.
+        acceleration_rtn
+            Wanted acceleration in m/s2, shape (3,).
+
+        Returns
+        -------
+        AppliedThrust
+            What acts over the one step that starts at ``start_stamp``. A command that is not
+            three finite numbers gives zero and a reason; this method does not raise on it.
+        """
+        start_stamp = stamp + self._delay
+        wanted, reason = _usable_acceleration(acceleration_rtn)
+        limited = np.minimum(np.maximum(wanted, -self.acceleration_cap), self.acceleration_cap)
+        saturated = bool((limited != wanted).any())
+        if self.quantum > 0.0:
+            limited = np.rint(limited / self.quantum) * self.quantum
+            limited = np.clip(limited, -self._limit, self._limit)
+        # Adding zero turns a negative zero into a positive one: equal thrust, equal bytes.
+        return AppliedThrust(start_stamp, limited + 0.0, saturated, reason)
+
+
+def _usable_acceleration(values: npt.ArrayLike) -> tuple[FloatArray, str]:
+    """Return three finite numbers and no reason, or zeros and the reason."""
+    try:
+        acceleration = np.asarray(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        return np.zeros(3), "thrust command: not numeric"
+    if acceleration.shape != (3,):
+        return np.zeros(3), f"thrust command: shape (3,) expected, got {acceleration.shape}"
+    if not np.isfinite(acceleration).all():
+        return np.zeros(3), "thrust command: not finite"
+    return acceleration, ""

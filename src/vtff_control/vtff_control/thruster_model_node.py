@@ -1,0 +1,103 @@
+"""Node `thruster_model`: a thruster without a bus, with delay, cap and quantum."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+
+from geometry_msgs.msg import AccelStamped
+from vtff_node import diagnostics
+from vtff_node.main import run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import parameter
+from vtff_node.stamps import to_nanoseconds, to_stamp
+
+from vtff_control.thruster import Thruster
+
+
+@dataclass(frozen=True)
+class ThrusterModelParameters:
+    """Parameters of `thruster_model`."""
+
+    acceleration_cap: float = parameter(
+        1.0, "largest acceleration on each axis", unit="m/s^2", minimum=0.0
+    )
+    quantum: float = parameter(
+        0.0, "smallest change of the acceleration, 0 = continuous", unit="m/s^2", minimum=0.0
+    )
+    delay_steps: int = parameter(
+        1, "whole steps between a command's stamp and its start", minimum=0, maximum=100
+    )
+    step: float = parameter(1.0, "length of a step", unit="s", minimum=0.001)
+
+
+class ThrusterModelNode(VtffNode):
+    """Thruster of one spacecraft, run in its namespace.
+
+    Subscribes to control/thrust_command and publishes propulsion/thrust_applied (both
+    geometry_msgs/AccelStamped, m/s^2 in chief/rtn). The stamp of thrust_applied is the time at
+    which the thrust starts; it acts for one step. Without a command there is no thrust.
+    """
+
+    Parameters = ThrusterModelParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("thruster", **node_arguments)
+        given: ThrusterModelParameters = self.parameters
+        self._thruster = Thruster(
+            given.acceleration_cap, given.quantum, given.delay_steps, given.step
+        )
+        self._applied = AccelStamped()
+        self._commands = 0
+        self._saturated = 0
+        self._refused = 0
+        self._out_of_order = 0
+        self._last_stamp = -1
+        self._reason = ""
+        self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
+        self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
+
+    def _on_command(self, message: AccelStamped) -> None:
+        started = time.perf_counter()
+        stamp = to_nanoseconds(message.header.stamp)
+        if stamp <= self._last_stamp:
+            self._out_of_order += 1
+            return
+        self._last_stamp = stamp
+        wanted = message.accel.linear
+        thrust = self._thruster.command(stamp, (wanted.x, wanted.y, wanted.z))
+        self._commands += 1
+        self._saturated += thrust.saturated
+        self._refused += bool(thrust.reason)
+        self._reason = thrust.reason
+        linear = self._applied.accel.linear
+        linear.x, linear.y, linear.z = thrust.acceleration_rtn.tolist()
+        self._applied.header.frame_id = message.header.frame_id
+        self._applied.header.stamp = to_stamp(thrust.start_stamp)
+        self._publisher.publish(self._applied)
+        self.acknowledge_step(message.header.stamp, started)
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report commands, saturation and refusals."""
+        return [
+            diagnostics.status(
+                f"{self.get_name()}: thrust",
+                diagnostics.WARN if self._reason else diagnostics.OK,
+                self._reason or ("thrusting" if self._commands else "no command yet"),
+                {
+                    "commands": self._commands,
+                    "saturated": self._saturated,
+                    "refused": self._refused,
+                    "out of order": self._out_of_order,
+                },
+                hardware_id=self.get_namespace().strip("/"),
+            )
+        ]
+
+
+NODE_CLASS = ThrusterModelNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(ThrusterModelNode)

@@ -1,0 +1,95 @@
+"""Between the columns and dataclasses of vtff_gnss and the messages of vtff_msgs."""
+
+from __future__ import annotations
+
+import array
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from vtff_dynamics.timescales import GpsTime
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.fix import Fix
+from vtff_gnss.novatel import RawLog
+from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
+from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog
+from vtff_node.stamps import to_nanoseconds, to_stamp
+
+#: Fields of an ephemeris that the message has under the same name.
+_EPHEMERIS_FIELDS = tuple(
+    field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
+)
+
+_FIX_FIELDS = tuple(
+    field.name
+    for field in dataclasses.fields(Fix)
+    if field.name in GnssFix.get_fields_and_field_types()
+)
+
+
+def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObservations:
+    """Return the message of one receiver epoch; columns are copied without a loop."""
+    message = GnssObservations(
+        gps_week=epoch.gps_week,
+        gps_time_of_week=epoch.gps_time_of_week,
+        time_status=epoch.time_status,
+        receiver_status=epoch.receiver_status,
+    )
+    message.header.stamp = to_stamp(epoch.time.to_unix_nanoseconds())
+    message.header.frame_id = frame_id
+    for name, column in epoch.columns().items():
+        setattr(message, name, array.array(column.dtype.char, column.tobytes()))
+    return message
+
+
+def observations_from_message(message: GnssObservations, log_name: str = "") -> ObservationEpoch:
+    """Return the columns of a message as numpy arrays that own their values."""
+    columns: dict[str, Any] = {
+        name: np.array(getattr(message, name), dtype=kind)
+        for name, kind in OBSERVATION_COLUMNS.items()
+    }
+    return ObservationEpoch(
+        time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
+        time_status=message.time_status,
+        receiver_status=message.receiver_status,
+        log_name=log_name,
+        **columns,
+    )
+
+
+def ephemeris_to_message(ephemeris: BroadcastEphemeris) -> GnssEphemeris:
+    """Return the message of a broadcast ephemeris."""
+    message = GnssEphemeris(**{name: getattr(ephemeris, name) for name in _EPHEMERIS_FIELDS})
+    message.header.stamp = to_stamp(ephemeris.time.to_unix_nanoseconds())
+    message.header.frame_id = "earth"
+    return message
+
+
+def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
+    """Return the ephemeris of a message."""
+    return BroadcastEphemeris(
+        time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
+        **{name: getattr(message, name) for name in _EPHEMERIS_FIELDS},
+    )
+
+
+def fix_to_message(fix: Fix) -> GnssFix:
+    """Return the message of a receiver's own solution."""
+    message = GnssFix(
+        gps_week=fix.gps_week,
+        gps_time_of_week=fix.gps_time_of_week,
+        **{name: getattr(fix, name) for name in _FIX_FIELDS},
+    )
+    message.header.stamp = to_stamp(fix.time.to_unix_nanoseconds())
+    message.header.frame_id = "earth"
+    return message
+
+
+def raw_log_to_message(log: RawLog, frame_id: str) -> ReceiverLog:
+    """Return the message of a log as received; a log without time gets a zero stamp."""
+    message = ReceiverLog(name=log.name, log_id=log.log_id, data=array.array("B", log.content))
+    if log.time is not None:
+        message.header.stamp = to_stamp(log.time.to_unix_nanoseconds())
+    message.header.frame_id = frame_id
+    return message

@@ -1,0 +1,398 @@
+"""Node `simgen_bridge`: moves the spacecraft, drives SimGEN, and paces the run."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import pathlib
+import time
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import AccelStamped
+from rosgraph_msgs.msg import Clock
+from vtff_dynamics.timescales import GpsTime
+from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus, StepDone
+from vtff_node import diagnostics
+from vtff_node.lockstep import StepCoordinator
+from vtff_node.main import EXIT_FAILURE, run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.stamps import to_nanoseconds, to_stamp
+
+from vtff_sim_bridge.scenario import Scenario, ScenarioError, load_scenario
+from vtff_sim_bridge.simgen_link import SimGenLink
+from vtff_sim_bridge.simremote_client import SimRemoteClient, SimRemoteError
+from vtff_sim_bridge.thrust_buffer import ThrustBuffer
+
+REALTIME_POLL = 0.002  # s, resolution of the wall-clock pacing
+WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants
+
+
+@dataclass(frozen=True)
+class SimgenBridgeParameters:
+    """Parameters of `simgen_bridge`."""
+
+    scenario_file: str = parameter(REQUIRED, "scenario: orbits, epoch, force model, target")
+    duration: float = parameter(0.0, "length of the run, 0 = as the scenario says", unit="s")
+    seed: int = parameter(-1, "seed of the run, -1 = as the scenario says")
+    integrator: str = parameter(
+        "scenario", "integrator of the truth", choices=("scenario", "rk4", "euler")
+    )
+    simgen_host: str = parameter("127.0.0.1", "address of SimGEN; empty runs without it")
+    simgen_port: int = parameter(15650, "TCP port of SimREMOTE", minimum=1, maximum=65535)
+    simgen_scenario: str = parameter(
+        "", "SimGEN scenario file to select (SC), empty = <name of the scenario>.scn"
+    )
+    simgen_timeout: float = parameter(2.0, "longest wait for a reply", unit="s", minimum=0.01)
+    lockstep_participants: list[str] = parameter(
+        [], "fully qualified nodes that must acknowledge each step"
+    )
+    lockstep_side_branches: list[str] = parameter(
+        [], "nodes that must acknowledge but may lag (recorder, viewer)"
+    )
+    maximum_lag: int = parameter(50, "steps a side branch may lag", minimum=0, maximum=500)
+    coasting: list[str] = parameter(
+        [], "deputies without a thruster: no step waits for their thrust"
+    )
+    start_timeout: float = parameter(
+        30.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
+    )
+    step_timeout: float = parameter(
+        5.0, "wall time for all participants to finish a later step", unit="s", minimum=0.1
+    )
+
+
+class SimgenBridgeNode(VtffNode):
+    """Truth of all spacecraft, SimREMOTE client, and the only node that paces a run.
+
+    Publishes /clock, <craft>/truth/orbit, formation/relative_state_truth and sim/status once a
+    step; subscribes to <deputy>/propulsion/thrust_applied and sim/step_done. With lockstep:=true
+    a step begins when every participant has finished the one before; otherwise the wall clock
+    paces and the newest thrust is used.
+    """
+
+    Parameters = SimgenBridgeParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("simgen_bridge", **node_arguments)
+        given: SimgenBridgeParameters = self.parameters
+        self._scenario = _scenario_in_force(given)
+        self._truth = self._scenario.formation_truth()
+        self._steps = round(self._scenario.duration / self._scenario.step)
+        self._coordinator = StepCoordinator(
+            given.lockstep_participants, given.lockstep_side_branches, given.maximum_lag
+        )
+        self._thrust = {
+            name: ThrustBuffer(self._scenario.step)
+            for name in self._truth.deputies
+            if name not in given.coasting
+        }
+        self._simgen = self._make_link(given)
+        self._thrust_in_force: dict[str, np.ndarray] = {}
+        self._state = SimulatorStatus.STATE_IDLE
+        self._problem = ""
+        self._started = False
+        self._wall_start = 0.0
+        self._step_began = 0.0
+        self._wall_lag = 0.0
+        self._create_interfaces()
+        self._start_timer = self.create_timer(0.0, self._start, clock=self.steady_clock)
+
+    def _create_interfaces(self) -> None:
+        self._clock_publisher = self.publisher(Clock, "/clock")
+        self._clock_message = Clock()
+        self._orbit_messages: dict[str, tuple[Any, OrbitState]] = {}
+        for name in self._truth.names:
+            message = OrbitState(child_frame_id=name, source=OrbitState.SOURCE_TRUTH)
+            message.header.frame_id = "gcrf"
+            self._orbit_messages[name] = (
+                self.publisher(OrbitState, f"{name}/truth/orbit"),
+                message,
+            )
+        self._relative_publisher = self.publisher(RelativeState, "formation/relative_state_truth")
+        self._relative_messages: dict[str, RelativeState] = {}
+        for name in self._truth.deputies:
+            relative = RelativeState(child_frame_id=name, solution=RelativeState.SOLUTION_TRUTH)
+            relative.header.frame_id = f"{self._truth.chief}/rtn"
+            self._relative_messages[name] = relative
+        self._status_publisher = self.publisher(SimulatorStatus, "sim/status")
+        self._status = SimulatorStatus(
+            scenario=self._scenario.name,
+            duration=float(self._scenario.duration),
+            pacing=(
+                SimulatorStatus.PACING_LOCKSTEP
+                if self.lockstep
+                else SimulatorStatus.PACING_REALTIME
+            ),
+        )
+        for name in self._thrust:
+            self.subscribe(
+                AccelStamped,
+                f"{name}/propulsion/thrust_applied",
+                functools.partial(self._on_thrust, name),
+            )
+        if self.lockstep:
+            self.subscribe(StepDone, "sim/step_done", self._on_step_done)
+
+    def _start(self) -> None:
+        # A timer that has expired twice calls twice, even when it is cancelled in between.
+        if self._started:
+            return
+        self._started = True
+        self._start_timer.cancel()
+        self._wall_start = time.monotonic()
+        if not self._prepare_simgen():
+            return
+        self._state = SimulatorStatus.STATE_RUNNING
+        self._watch_timer = self.create_timer(WATCH_INTERVAL, self._watch, clock=self.steady_clock)
+        if not self.lockstep:
+            self._pace_timer = self.create_timer(REALTIME_POLL, self._pace, clock=self.steady_clock)
+        self._publish_step()
+
+    def _make_link(self, given: SimgenBridgeParameters) -> SimGenLink | None:
+        if not given.simgen_host:
+            return None
+        client = SimRemoteClient(given.simgen_host, given.simgen_port, given.simgen_timeout)
+        return SimGenLink(
+            client, self._truth.names, reconnect_timeout=10.0 if self.lockstep else None
+        )
+
+    def _prepare_simgen(self) -> bool:
+        if self._simgen is None:
+            return True
+        try:
+            self._simgen.start(
+                self.parameters.simgen_scenario or f"{self._scenario.name}.scn",
+                self._scenario.epoch,
+                self._scenario.duration,
+                self._motions(),
+            )
+            if not self.lockstep:
+                self._wall_start = time.monotonic() - self._simgen.time_into_run()
+        except (SimRemoteError, ValueError) as error:
+            self._fail(str(error))
+            return False
+        return True
+
+    # ---- steps -------------------------------------------------------------------------------
+
+    def _publish_step(self) -> None:
+        """Send the motion of the current time to SimGEN and publish its truth."""
+        stamp_nanoseconds = self._truth.time.to_unix_nanoseconds()
+        stamp = to_stamp(stamp_nanoseconds)
+        self._step_began = time.monotonic()
+        self.scenario_nanoseconds = stamp_nanoseconds
+        self._coordinator.begin(stamp_nanoseconds)
+        self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
+        self._send_motion()
+        self._clock_message.clock = stamp
+        self._clock_publisher.publish(self._clock_message)
+        for name, (publisher, message) in self._orbit_messages.items():
+            state = self._truth.state_gcrf(name)
+            message.header.stamp = stamp
+            message.position = state[:3]
+            message.velocity = state[3:]
+            publisher.publish(message)
+        state_chief = self._truth.state_gcrf(self._truth.chief)
+        for name, relative in self._relative_messages.items():
+            relative_state = self._truth.relative_state_rtn(name)
+            relative.header.stamp = stamp
+            relative.position = relative_state[:3]
+            relative.velocity = relative_state[3:]
+            relative.position_chief_gcrf = state_chief[:3]
+            relative.velocity_chief_gcrf = state_chief[3:]
+            self._relative_publisher.publish(relative)
+        self._publish_status(stamp)
+        self._receive_replies()
+        self._show_progress()
+
+    def _advance(self) -> None:
+        """Integrate one step with the thrust that starts now, then publish the next step."""
+        if self._coordinator.step >= self._steps:
+            self._end()
+            return
+        if self.lockstep:
+            # All of the step's thrust has arrived by now, also with a thruster without delay.
+            self._thrust_in_force = self._thrust_now(self.scenario_nanoseconds)
+        self._truth.advance(self._thrust_in_force)
+        self._publish_step()
+
+    def _thrust_now(self, stamp_nanoseconds: int) -> dict[str, np.ndarray]:
+        applied = {}
+        for name, buffer in self._thrust.items():
+            thrust = buffer.starting_at(stamp_nanoseconds, exactly=self.lockstep)
+            if thrust is not None:
+                applied[name] = thrust
+        return applied
+
+    def _on_thrust(self, name: str, message: AccelStamped) -> None:
+        linear = message.accel.linear
+        self._thrust[name].add(to_nanoseconds(message.header.stamp), (linear.x, linear.y, linear.z))
+        if self.lockstep:
+            self._advance_when_complete()
+
+    def _on_step_done(self, message: StepDone) -> None:
+        self._coordinator.acknowledge(message.node, to_nanoseconds(message.header.stamp))
+        self._advance_when_complete()
+
+    def _advance_when_complete(self) -> None:
+        if self._state != SimulatorStatus.STATE_RUNNING or not self._coordinator.complete:
+            return
+        # Topics are not ordered among each other: an acknowledgement may overtake the thrust.
+        if all(buffer.received > self._coordinator.step for buffer in self._thrust.values()):
+            self._advance()
+
+    def _pace(self) -> None:
+        if self._state != SimulatorStatus.STATE_RUNNING:
+            return
+        due = self._wall_start + (self._coordinator.step + 1) * self._scenario.step
+        now = time.monotonic()
+        if now >= due:
+            self._wall_lag = now - due
+            self._advance()
+
+    def _end(self) -> None:
+        self._state = SimulatorStatus.STATE_ENDED
+        self._publish_status(to_stamp(self.scenario_nanoseconds))
+        self.finish()
+
+    # ---- SimGEN ------------------------------------------------------------------------------
+
+    def _motions(self) -> dict[str, np.ndarray]:
+        return {
+            name: self._truth.motion_itrf(name, self._thrust_in_force.get(name))
+            for name in self._truth.names
+        }
+
+    def _send_motion(self) -> None:
+        if self._simgen is None:
+            return
+        try:
+            self._simgen.send(self._time_into_run(), self._motions())
+        except SimRemoteError as error:
+            self._fail(str(error))
+
+    def _receive_replies(self) -> None:
+        if self._simgen is None or self._state == SimulatorStatus.STATE_ERROR:
+            return
+        try:
+            self._simgen.receive()
+        except SimRemoteError as error:
+            self._fail(str(error))
+
+    def on_stop(self) -> None:
+        """End the SimGEN run, so that the simulator is ready for the next one."""
+        if self._simgen is None:
+            return
+        try:
+            self._simgen.stop()
+        except SimRemoteError as error:
+            self.get_logger().warning(f"SimGEN did not end the run: {error}")
+
+    # ---- reports -----------------------------------------------------------------------------
+
+    def _time_into_run(self) -> float:
+        return self._truth.time - self._scenario.epoch
+
+    def _publish_status(self, stamp: Any) -> None:
+        elapsed = time.monotonic() - self._wall_start
+        status = self._status
+        status.header.stamp = stamp
+        status.state = self._state
+        status.step = max(0, self._coordinator.step)
+        status.time_into_run = self._time_into_run()
+        status.late_commands = sum(buffer.late for buffer in self._thrust.values())
+        status.real_time_factor = status.time_into_run / elapsed if elapsed > 0.0 else 0.0
+        status.wall_lag = self._wall_lag
+        status.message = self._problem or (self._simgen.problem if self._simgen else "")
+        self._status_publisher.publish(status)
+
+    def _show_progress(self) -> None:
+        separations = {
+            name: float(message.position[1]) for name, message in self._relative_messages.items()
+        }
+        self.report_progress(self._time_into_run(), self._scenario.duration, in_track=separations)
+
+    def _watch(self) -> None:
+        """Fail, naming who is missing, when a lockstep step is not completed in time."""
+        if not self.lockstep or self._state != SimulatorStatus.STATE_RUNNING:
+            return
+        first = self._coordinator.step == 0
+        patience = self.parameters.start_timeout if first else self.parameters.step_timeout
+        if time.monotonic() - self._step_began > patience:
+            self._fail(
+                f"step {self._coordinator.step} (t = {self._time_into_run():.0f} s) was not "
+                f"finished within {patience:.0f} s; waiting for {self._missing()}"
+            )
+
+    def _missing(self) -> str:
+        parts = [
+            f"{name} (" + (f"last did step {step}" if step >= 0 else "never answered") + ")"
+            for name, step in self._coordinator.missing().items()
+        ]
+        parts += [
+            f"thrust on /{name}/propulsion/thrust_applied"
+            for name, buffer in self._thrust.items()
+            if buffer.received <= self._coordinator.step
+        ]
+        return ", ".join(parts)
+
+    def _fail(self, problem: str) -> None:
+        self._problem = problem
+        self._state = SimulatorStatus.STATE_ERROR
+        self.get_logger().error(problem)
+        self._publish_status(to_stamp(self._truth.time.to_unix_nanoseconds()))
+        self.finish(EXIT_FAILURE)
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report pacing, the SimGEN connection and late commands."""
+        values: dict[str, Any] = {
+            "step": self._coordinator.step,
+            "of": self._steps,
+            "late commands": sum(buffer.late for buffer in self._thrust.values()),
+        }
+        level, text = diagnostics.OK, "running"
+        if self._simgen is not None:
+            values.update(dataclasses.asdict(self._simgen.counters))
+            if self._simgen.problem:
+                level, text = diagnostics.WARN, self._simgen.problem
+        if self._problem:
+            level, text = diagnostics.ERROR, self._problem
+        return [
+            diagnostics.status(
+                "simgen_bridge: run",
+                level,
+                text,
+                values,
+                hardware_id=f"{self.parameters.simgen_host}:{self.parameters.simgen_port}",
+            )
+        ]
+
+
+def _scenario_in_force(given: SimgenBridgeParameters) -> Scenario:
+    """Load the scenario and let the parameters replace what they name."""
+    try:
+        scenario = load_scenario(pathlib.Path(given.scenario_file))
+    except ScenarioError as error:
+        raise ParameterError(str(error)) from error
+    changes: dict[str, Any] = {}
+    if given.duration > 0.0:
+        changes["duration"] = given.duration
+    if given.seed >= 0:
+        changes["seed"] = given.seed
+    if given.integrator != "scenario":
+        changes["integrator"] = given.integrator
+    scenario = dataclasses.replace(scenario, **changes)
+    last: GpsTime = scenario.epoch + scenario.duration
+    to_stamp(last.to_unix_nanoseconds())  # refuses scenarios that a ROS stamp cannot hold
+    return scenario
+
+
+NODE_CLASS = SimgenBridgeNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(SimgenBridgeNode)

@@ -1,0 +1,70 @@
+"""Thrust messages of one deputy, kept until the step in which they act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+#: Steps after which the last thrust is no longer used when nothing newer came (realtime).
+STALE_AFTER_STEPS = 2
+
+
+class ThrustBuffer:
+    """Scheduled thrust by the time at which it starts.
+
+    Parameters
+    ----------
+    step
+        Length of a step in s; each thrust acts for one.
+
+    Attributes
+    ----------
+    received
+        Messages so far.
+    late
+        Steps that had to use an older thrust, or none, after the first message (realtime).
+    """
+
+    def __init__(self, step: float) -> None:
+        self._stale_after = STALE_AFTER_STEPS * round(step * 1e9)
+        self._scheduled: dict[int, npt.NDArray[np.float64]] = {}
+        self.received = 0
+        self.late = 0
+
+    def add(self, start_nanoseconds: int, acceleration_rtn: Sequence[float]) -> None:
+        """Schedule an acceleration (m/s2, RTN axes of the chief at the start)."""
+        self.received += 1
+        self._scheduled[start_nanoseconds] = np.asarray(acceleration_rtn, dtype=float)
+
+    def starting_at(
+        self, stamp_nanoseconds: int, *, exactly: bool
+    ) -> npt.NDArray[np.float64] | None:
+        """Return the thrust of the step that starts now, and forget older ones.
+
+        Parameters
+        ----------
+        stamp_nanoseconds
+            Start of the step.
+        exactly
+            True (lockstep): only the thrust scheduled for this very step.
+            False (realtime): else the newest earlier one, unless it is too old.
+
+        Returns
+        -------
+        ndarray, shape (3,), or None
+            Acceleration in m/s2; None for no thrust.
+        """
+        thrust = self._scheduled.get(stamp_nanoseconds)
+        if thrust is None and not exactly:
+            earlier = [start for start in self._scheduled if start < stamp_nanoseconds]
+            newest = max(earlier, default=None)
+            self.late += self.received > 0
+            if newest is not None and stamp_nanoseconds - newest <= self._stale_after:
+                thrust = self._scheduled[newest]
+        oldest_kept = stamp_nanoseconds - self._stale_after
+        self._scheduled = {
+            start: value for start, value in self._scheduled.items() if start >= oldest_kept
+        }
+        return thrust
