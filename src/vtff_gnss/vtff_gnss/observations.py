@@ -1,0 +1,117 @@
+"""Raw observations of one receiver epoch as numpy columns."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.timescales import GpsTime
+
+__all__ = ["OBSERVATION_COLUMNS", "ObservationEpoch"]
+
+OBSERVATION_COLUMNS: dict[str, type[np.generic]] = {
+    "system": np.uint8,
+    "prn": np.uint8,
+    "band": np.uint8,
+    "attribute": np.uint8,
+    "glonass_channel": np.int8,
+    "pseudorange": np.float64,
+    "carrier_phase_cycles": np.float64,
+    "doppler_hz": np.float32,
+    "cn0_dbhz": np.float32,
+    "pseudorange_sigma": np.float32,
+    "carrier_phase_sigma_cycles": np.float32,
+    "lock_time": np.float32,
+    "flags": np.uint16,
+}
+"""Name and element type of every column, as in ``vtff_msgs/GnssObservations``."""
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationEpoch:
+    """Observations of all signals that one receiver tracked at one epoch.
+
+    Element i of every column belongs to one signal; all columns have shape (n,). Names, units and
+    signs are those of ``vtff_msgs/GnssObservations``, so that a node copies the columns.
+
+    Parameters
+    ----------
+    time : GpsTime
+        Receiver time of the epoch.
+    time_status : int
+        The receiver's own code of the quality of its time (NovAtel: 180 = fine steering).
+    receiver_status : int
+        The receiver's own status word.
+    log_name : str
+        Receiver log that the epoch was read from, e.g. ``"RANGECMP"``.
+    system, prn, band, attribute : ndarray of uint8
+        ``SYSTEM_*``, RINEX satellite number, RINEX frequency digit and RINEX tracking attribute
+        as an ASCII code.
+    glonass_channel : ndarray of int8
+        -7..+6; `GLONASS_CHANNEL_UNKNOWN` if the log does not tell; 0 for other systems.
+    pseudorange : ndarray of float64
+        m.
+    carrier_phase_cycles : ndarray of float64
+        Cycles, RINEX sign: grows with distance.
+    doppler_hz : ndarray of float32
+        Hz, positive when approaching.
+    cn0_dbhz, pseudorange_sigma, carrier_phase_sigma_cycles : ndarray of float32
+        dB-Hz; m and cycles as stated by the receiver.
+    lock_time : ndarray of float32
+        s of continuous tracking; a lower bound where the log saturates.
+    flags : ndarray of uint16
+        ``FLAG_*``, or-ed. Values whose flag is absent are kept as the receiver gave them.
+    """
+
+    time: GpsTime
+    time_status: int
+    receiver_status: int
+    log_name: str
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    band: npt.NDArray[np.uint8]
+    attribute: npt.NDArray[np.uint8]
+    glonass_channel: npt.NDArray[np.int8]
+    pseudorange: npt.NDArray[np.float64]
+    carrier_phase_cycles: npt.NDArray[np.float64]
+    doppler_hz: npt.NDArray[np.float32]
+    cn0_dbhz: npt.NDArray[np.float32]
+    pseudorange_sigma: npt.NDArray[np.float32]
+    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
+    lock_time: npt.NDArray[np.float32]
+    flags: npt.NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        """Return the number of signals."""
+        return len(self.prn)
+
+    def __eq__(self, other: object) -> bool:
+        """Compare all fields; NaN equals NaN."""
+        if not isinstance(other, ObservationEpoch):
+            return NotImplemented
+        for field in fields(self):
+            mine, theirs = getattr(self, field.name), getattr(other, field.name)
+            if isinstance(mine, np.ndarray):
+                if not np.array_equal(mine, theirs, equal_nan=mine.dtype.kind == "f"):
+                    return False
+            elif mine != theirs:
+                return False
+        return True
+
+    __hash__ = None  # type: ignore[assignment]
+
+    @property
+    def gps_week(self) -> int:
+        """Full GPS week number since 1980-01-06."""
+        return self.time.week
+
+    @property
+    def gps_time_of_week(self) -> float:
+        """Seconds of the GPS week."""
+        return self.time.time_of_week
+
+    def columns(self) -> dict[str, npt.NDArray[np.generic]]:
+        """Return all columns by name."""
+        return {name: getattr(self, name) for name in OBSERVATION_COLUMNS}
