@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vtff_bringup.closed_loop import ClosedLoopResult, simulate_closed_loop
+from vtff_bringup.closed_loop import ClosedLoopResult, DeputyHistory, simulate_closed_loop
 from vtff_control.sdre import SdreDesign
 from vtff_dynamics.frames import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.propagator import ForceModel, Propagator
@@ -176,6 +176,27 @@ def test_two_runs_are_equal_to_the_last_bit(reference: Scenario) -> None:
     )
     assert first.state_relative_rtn.tobytes() == second.state_relative_rtn.tobytes()
     assert first.applied_rtn.tobytes() == second.applied_rtn.tobytes()
+
+
+@pytest.mark.parametrize(
+    ("deviation", "settled"),
+    [
+        ([5.0, 2.0, 0.5, 0.9], 2.0),
+        ([0.5, 5.0, 0.5, 0.9], 2.0),
+        ([0.5, 0.2, 1.0, 0.9], 0.0),
+        ([5.0, 0.1, 0.1, 1.1], np.inf),
+        ([5.0, 5.0, 5.0, 0.1], 3.0),
+    ],
+)
+def test_settling_time_is_when_the_target_is_kept_to_the_end(
+    deviation: list[float], settled: float
+) -> None:
+    target = np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
+    states = np.tile(target, (4, 1))
+    states[:, 2] += deviation
+    history = DeputyHistory(states, target, np.zeros((3, 3)), np.zeros((3, 3)))
+    result = ClosedLoopResult(np.arange(4.0), np.zeros((4, 6)), {"deputy": history})
+    assert result.settling_time(1.0) == settled
 
 
 def test_every_deputy_with_a_target_is_controlled_on_its_own(reference: Scenario) -> None:

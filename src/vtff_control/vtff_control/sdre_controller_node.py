@@ -7,14 +7,20 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import AccelStamped
+
+from vtff_control.sdre import (
+    DESIGNS,
+    FEEDFORWARD_GRAVITY,
+    ControlResult,
+    SdreController,
+    SdreDesign,
+)
 from vtff_msgs.msg import RelativeState
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
 from vtff_node.stamps import to_nanoseconds
-
-from vtff_control.sdre import DESIGNS, ControlResult, SdreController, SdreDesign
 
 REFUSED = ControlResult(np.zeros(3), False, False)
 
@@ -27,6 +33,9 @@ class SdreControllerParameters:
     design: str = parameter("paper", "control design", choices=DESIGNS)
     feedforward: bool = parameter(
         False, "add the acceleration that holds the target in the eccentric, nonlinear frame"
+    )
+    feedforward_gravity: str = parameter(
+        "j2", "gravity of the feedforward; should match the truth", choices=FEEDFORWARD_GRAVITY
     )
     acceleration_cap: float = parameter(
         1.0, "largest command on each axis", unit="m/s^2", minimum=0.0
@@ -80,6 +89,7 @@ class SdreControllerNode(VtffNode):
                 design=given.design,
                 acceleration_cap=given.acceleration_cap,
                 feedforward=given.feedforward,
+                feedforward_gravity=given.feedforward_gravity,
                 position_weight=given.position_weight or None,
                 velocity_weight=given.velocity_weight or None,
                 control_weight=given.control_weight or None,

@@ -6,13 +6,13 @@ import time
 from dataclasses import dataclass
 
 from geometry_msgs.msg import AccelStamped
+
+from vtff_control.thruster import Thruster
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
-
-from vtff_control.thruster import Thruster
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
+
 from vtff_dynamics.timescales import GpsTime
 from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus, StepDone
 from vtff_node import diagnostics
@@ -20,7 +21,6 @@ from vtff_node.main import EXIT_FAILURE, run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
-
 from vtff_sim_bridge.scenario import Scenario, ScenarioError, load_scenario
 from vtff_sim_bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.simremote_client import SimRemoteClient, SimRemoteError
@@ -384,7 +384,10 @@ def _scenario_in_force(given: SimgenBridgeParameters) -> Scenario:
         changes["seed"] = given.seed
     if given.integrator != "scenario":
         changes["integrator"] = given.integrator
-    scenario = dataclasses.replace(scenario, **changes)
+    try:
+        scenario = dataclasses.replace(scenario, **changes)
+    except ValueError as error:
+        raise ParameterError(f"parameter {', '.join(changes)}: {error}") from error
     last: GpsTime = scenario.epoch + scenario.duration
     to_stamp(last.to_unix_nanoseconds())  # refuses scenarios that a ROS stamp cannot hold
     return scenario

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from vtff_dynamics.timescales import GpsTime
 
+from vtff_dynamics.timescales import GpsTime
 from vtff_sim_bridge.motion import MotionState
 from vtff_sim_bridge.simremote import SimGenStatus
 from vtff_sim_bridge.simremote_client import (

@@ -2,6 +2,85 @@
 
 from __future__ import annotations
 
+import datetime
+import pathlib
+from typing import Annotated, Optional
+
 import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from vtff_bringup.executables import ExecutableNotFoundError, share_file
+from vtff_bringup.studies.thrust_cap import (
+    ThrustCapFindings,
+    ThrustCapPoint,
+    default_caps,
+    find_landmarks,
+    run_thrust_cap_study,
+    write_csv,
+    write_plot,
+)
+from vtff_sim_bridge.scenario import ScenarioError, load_scenario
 
 app = typer.Typer(help="Parameter studies in one process, without ROS.", no_args_is_help=True)
+
+EXIT_USAGE = 2
+
+
+@app.callback()
+def studies() -> None:
+    """Parameter studies in one process, without ROS."""
+
+
+@app.command("thrust_cap")
+def thrust_cap(
+    scenario: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="Scenario file; default: the reference formation."),
+    ] = None,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_<date>_<time>."),
+    ] = None,
+) -> None:
+    """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2)."""
+    console = Console(highlight=False)
+    try:
+        file = scenario or share_file("vtff_bringup", "config/scenario/reference.yaml")
+        flown = load_scenario(file)
+    except (ScenarioError, ExecutableNotFoundError) as error:
+        console.print(f"[red]error:[/red] {error}")
+        raise typer.Exit(EXIT_USAGE) from error
+    folder = out or pathlib.Path(f"studies/thrust_cap_{datetime.datetime.now():%Y%m%d_%H%M%S}")
+    folder.mkdir(parents=True, exist_ok=True)
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("flying", total=len(default_caps()))
+
+        def show(done: int, total: int, point: ThrustCapPoint) -> None:
+            bar.update(task, completed=done, total=total, description=f"cap {point.cap:g} m/s2")
+
+        points = run_thrust_cap_study(flown, progress=show)
+    write_csv(points, folder / "thrust_cap.csv")
+    write_plot(points, folder / "thrust_cap.png")
+    console.print(_findings_table(find_landmarks(points)))
+    console.print(f"{len(points)} caps; plot and table: {folder.resolve()}")
+
+
+def _findings_table(found: ThrustCapFindings) -> Table:
+    table = Table(title="thrust cap, reference formation, 1 h", title_justify="left")
+    table.add_column("")
+    table.add_column("measured", justify="right")
+    table.add_column("paper 000", justify="right")
+    rows = [
+        ("smallest cap that settles, m/s2", f"{found.smallest_settling_cap:.3f}", "0.02"),
+        ("minimum in-track changes sign at, m/s2", f"{found.sign_change_cap:.2f}", "1.20"),
+        ("least in-track dv of region 2 at, m/s2", f"{found.optimum_cap:.2f}", "1.4"),
+        ("  that dv, m/s", f"{found.optimum_delta_v:.2f}", ""),
+        ("largest minimum in-track, m", f"{found.largest_minimum_in_track:.2f}", "69.02"),
+        ("  at, m/s2", f"{found.largest_minimum_cap:.2f}", "1.95"),
+        ("in-track dv at the largest cap, m/s", f"{found.asymptotic_delta_v:.2f}", "constant"),
+    ]
+    for row in rows:
+        table.add_row(*row)
+    return table

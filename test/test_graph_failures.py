@@ -1,0 +1,163 @@
+"""What a user sees when something is wrong: one clear error, an exit code, a bag that opens."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+import yaml
+from conftest import ROOT, SYSTEMS, run_vtff
+
+from vtff_bringup.bag.reader import BagReader
+
+SYSTEM = SYSTEMS / "reference_software.yaml"
+
+
+def system_with(tmp_path, change):
+    """Write a changed copy of the reference system beside the original's files."""
+    content = yaml.safe_load(SYSTEM.read_text())
+    content["arguments"]["scenario"]["default"] = str(ROOT / "config/scenario/reference.yaml")
+    for node in content["nodes"]:
+        node["parameter_files"] = [
+            str((SYSTEMS / name).resolve()) for name in node.get("parameter_files", [])
+        ]
+    change(content)
+    path = tmp_path / "system.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def start(tmp_path, *arguments):
+    return subprocess.Popen(
+        [sys.executable, "-m", "vtff_bringup.cli", "run", *map(str, arguments)],
+        cwd=ROOT,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        env={**os.environ, "COLUMNS": "200"},
+        start_new_session=True,
+    )
+
+
+def process_ids(run_directory, word):
+    """Return the processes whose command line names a parameter file of this run."""
+    found = []
+    for path in pathlib.Path("/proc").glob("[0-9]*/cmdline"):
+        try:
+            text = path.read_bytes().replace(b"\0", b" ").decode(errors="replace")
+        except OSError:
+            continue
+        if str(run_directory) in text and word in text:
+            found.append(int(path.parent.name))
+    return found
+
+
+def wait_for_recording(run_directory, process):
+    """Wait until the run has recorded something."""
+    deadline = time.monotonic() + 60.0
+    while time.monotonic() < deadline and process.poll() is None:
+        files = list((run_directory / "bag").glob("*.mcap"))
+        if files and files[0].stat().st_size > 20_000:
+            return
+        time.sleep(0.05)
+    pytest.fail(f"nothing was recorded: {process.communicate(timeout=30)[0]}")
+
+
+def test_a_missing_participant_is_named(tmp_path):
+    def add(content):
+        del content["nodes"][1]  # the controller
+        content["nodes"][0]["parameters"].update(
+            lockstep_participants=["/sdre_controller", "/deputy/thruster"], start_timeout=4.0
+        )
+
+    out = tmp_path / "run"
+    result = run_vtff("run", system_with(tmp_path, add), "--out", out, "--no-report")
+    assert result.returncode == 1
+    assert "/sdre_controller (never answered)" in result.stdout
+    assert "Traceback" not in result.stdout
+    assert BagReader(out).complete
+
+
+def test_a_node_that_dies_ends_the_run_with_its_name(tmp_path):
+    out = tmp_path / "run"
+    process = start(tmp_path, SYSTEM, "--out", out, "--no-report", "--duration", 100000)
+    wait_for_recording(out, process)
+    os.kill(process_ids(out, "sdre_controller.yaml")[0], signal.SIGKILL)
+    printed = process.communicate(timeout=60)[0]
+    assert process.returncode == 1
+    assert "sdre_controller failed (signal 9)" in printed
+    assert BagReader(out).complete
+    assert not process_ids(out, "")
+
+
+def test_interrupt_ends_cleanly_with_a_readable_bag(tmp_path):
+    out = tmp_path / "run"
+    process = start(tmp_path, SYSTEM, "--out", out, "--duration", 100000)
+    wait_for_recording(out, process)
+    process.send_signal(signal.SIGINT)
+    printed = process.communicate(timeout=90)[0]
+    assert process.returncode == 130, printed
+    assert "interrupted" in printed
+    assert "not everything was recorded" not in printed
+    reader = BagReader(out)
+    assert reader.complete
+    assert reader.message_count > 100
+    assert not process_ids(out, "")
+
+
+def test_a_killed_recorder_leaves_a_bag_that_can_be_recovered(tmp_path):
+    out = tmp_path / "run"
+    process = start(tmp_path, SYSTEM, "--out", out, "--no-report", "--duration", 100000)
+    wait_for_recording(out, process)
+    os.kill(process_ids(out, "bag_recorder.yaml")[0], signal.SIGKILL)
+    printed = process.communicate(timeout=60)[0]
+    assert process.returncode == 1
+    assert "bag_recorder ended before the run did" in printed
+    assert "not closed properly" in run_vtff("bag", "info", out).stdout
+    recovered = run_vtff("bag", "recover", out, "--out", tmp_path / "recovered")
+    assert recovered.returncode == 0, recovered.stderr
+    assert BagReader(tmp_path / "recovered").topics["/clock"].message_count > 10
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["sdre_controller.design:=best"], "parameter 'design' is 'best'; choose one of"),
+        (["sdre_controller.desing:=paper"], "no parameter 'desing'; did you mean: design"),
+        (["simgen_bridge.scenario_file:=missing.yaml"], "missing.yaml"),
+    ],
+)
+def test_wrong_parameters_are_named(tmp_path, arguments, expected):
+    result = run_vtff("run", SYSTEM, *arguments, "--out", tmp_path / "run", "--no-report")
+    assert result.returncode == 1
+    assert expected in result.stdout
+    assert "Traceback" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        (["nothing.yaml"], "no system file 'nothing.yaml'"),
+        ([SYSTEM, "scenario:=nothing.yaml"], "argument 'scenario': no file 'nothing.yaml'"),
+        ([SYSTEM, "controller.design:=paper"], "no argument or node 'controller'"),
+        ([SYSTEM, "design"], "is not of the form key:=value"),
+        ([SYSTEMS / "receiver_log.yaml"], "needs 'log'"),
+    ],
+)
+def test_wrong_arguments_are_named(tmp_path, arguments, expected):
+    result = run_vtff("run", *arguments, "--out", tmp_path / "run")
+    assert result.returncode == 2
+    assert expected in result.stdout
+    assert not (tmp_path / "run" / "bag").exists()
+
+
+def test_a_run_is_never_overwritten(tmp_path):
+    (tmp_path / "run" / "bag").mkdir(parents=True)
+    result = run_vtff("run", SYSTEM, "--out", tmp_path / "run")
+    assert result.returncode == 2
+    assert "already holds a run" in result.stdout
