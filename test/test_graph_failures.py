@@ -69,17 +69,32 @@ def wait_for_recording(run_directory, process):
 
 
 def test_a_missing_participant_is_named(tmp_path):
-    def add(content):
-        del content["nodes"][1]  # the controller
+    def demand(content):
         content["nodes"][0]["parameters"].update(
-            lockstep_participants=["/sdre_controller", "/deputy/thruster"], start_timeout=4.0
+            lockstep_participants=["/deputy/observer"], start_timeout=4.0
         )
 
     out = tmp_path / "run"
-    result = run_vtff("run", system_with(tmp_path, add), "--out", out, "--no-report")
+    result = run_vtff("run", system_with(tmp_path, demand), "--out", out, "--no-report")
     assert result.returncode == 1
-    assert "/sdre_controller (never answered)" in result.stdout
+    assert "waiting for /deputy/observer (never answered)" in result.stdout
     assert "Traceback" not in result.stdout
+    assert BagReader(out).complete
+
+
+def test_a_missing_link_of_the_loop_is_named(tmp_path):
+    def remove_the_controller(content):
+        del content["nodes"][1]
+        content["nodes"][0]["parameters"].update(
+            expected_nodes=["/sdre_controller", "/deputy/thruster"], start_timeout=4.0
+        )
+
+    out = tmp_path / "run"
+    system = system_with(tmp_path, remove_the_controller)
+    result = run_vtff("run", system, "--out", out, "--no-report")
+    assert result.returncode == 1
+    assert "thrust on /deputy/propulsion/thrust_applied" in result.stdout
+    assert "not in the graph: /sdre_controller\n" in result.stdout
     assert BagReader(out).complete
 
 

@@ -13,8 +13,10 @@ A system file (``config/system/*.yaml``) has these keys:
     (argument -> new value, once it is started).
 ``nodes``
     ROS nodes: ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
-    ``parameter_files``, ``remaps``, ``lockstep`` (participant | side_branch),
-    ``ends_run`` (its orderly end is the end of the run), ``own_process`` (never composed).
+    ``parameter_files``, ``remaps``, ``lockstep`` (participant | side_branch: it acknowledges
+    each step; nodes between the simulator and the thruster need not, because the thrust that
+    closes the loop comes after their work), ``ends_run`` (its orderly end is the end of the
+    run), ``own_process`` (never composed).
 
 ``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
 and ``${run_directory}``, ``${free_port}``, ``${pacing}``, ``${nodes}`` (fully qualified names of
@@ -366,9 +368,12 @@ class _Loader:
         complete = []
         for node in nodes:
             added: dict[str, Any] = {"lockstep": lockstep}
+            added["acknowledge_steps"] = lockstep and bool(node.lockstep)
             if node.ends_run:
                 added["lockstep_participants"] = roles["participant"] if lockstep else []
                 added["lockstep_side_branches"] = roles["side_branch"] if lockstep else []
+                others = [other.qualified_name for other in nodes if other is not node]
+                added["expected_nodes"] = others
                 if self._settings.duration is not None:
                     added["duration"] = float(self._settings.duration)
                 if self._settings.seed is not None:

@@ -50,6 +50,9 @@ class ReceiverDriverParameters:
     lockstep_side_branches: list[str] = parameter(
         [], "nodes that must acknowledge but may lag (recorder, viewer)"
     )
+    expected_nodes: list[str] = parameter(
+        [], "fully qualified nodes of the system; absent ones are named when a step hangs"
+    )
     maximum_lag: int = parameter(50, "seconds a side branch may lag", minimum=0, maximum=500)
     start_timeout: float = parameter(
         30.0, "wall time for all participants to take the first second", unit="s", minimum=0.1
@@ -157,7 +160,11 @@ class ReceiverDriverNode(VtffNode):
         patience = self.parameters.start_timeout if first else self.parameters.step_timeout
         if time.monotonic() - self._step_began > patience:
             names = ", ".join(self._coordinator.missing())
-            self._fail(f"no acknowledgement within {patience:.0f} s; waiting for {names}")
+            absent = ", ".join(self.absent_nodes(self.parameters.expected_nodes))
+            self._fail(
+                f"no acknowledgement within {patience:.0f} s; waiting for {names}"
+                + (f"; not in the graph: {absent}" if absent else "")
+            )
         return False
 
     def _on_step_done(self, message: StepDone) -> None:

@@ -14,7 +14,7 @@ from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
-from vtff_node.node import VtffNode
+from vtff_node.node import CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 
 #: Longest wait of the executor. Finite, because the wheels' EventsExecutor never returns
@@ -129,9 +129,8 @@ def help_text(node_class: Any) -> str:
     from vtff_node import parameters
 
     lines = [inspect.cleandoc(node_class.__doc__ or ""), ""]
-    table = node_class.Parameters
-    if table is not None:
-        lines.append("Parameters (--ros-args -p name:=value):")
+    lines.append("Parameters (--ros-args -p name:=value):")
+    for table in filter(None, (node_class.Parameters, CommonParameters)):
         for field in dataclasses.fields(table):
             default = "required" if field.metadata["required"] else parameters.default_of(field)
             lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")

@@ -6,7 +6,8 @@ import json
 import os
 import pathlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
@@ -28,6 +29,18 @@ PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
 
 PROGRESS_INTERVAL = 0.2  # s of wall time between progress lines
 ACKNOWLEDGE_TIMEOUT = 3.0  # s a closing node waits for readers of its last messages
+
+
+@dataclass(frozen=True)
+class CommonParameters:
+    """Parameters that every vtff node has."""
+
+    lockstep: bool = parameters.parameter(
+        False, "run in lockstep; otherwise the wall clock or the hardware paces"
+    )
+    acknowledge_steps: bool = parameters.parameter(
+        False, "in lockstep, tell the step source on /sim/step_done when a step is done"
+    )
 
 
 class CountingPublisher(Publisher):
@@ -53,8 +66,9 @@ class VtffNode(Node):
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
         super().__init__(name, **node_arguments)
-        self.declare_parameter("lockstep", False)
-        self.lockstep: bool = bool(self.get_parameter("lockstep").value)
+        self.common = parameters.declare(self, CommonParameters)
+        #: Steps wait for each other: subscriptions also get what was published before discovery.
+        self.lockstep: bool = self.common.lockstep
         self.parameters: Any = (
             parameters.declare(self, self.Parameters) if self.Parameters is not None else None
         )
@@ -106,7 +120,7 @@ class VtffNode(Node):
         )
 
     def acknowledge_step(self, stamp: Any, started: float) -> None:
-        """Tell the step source that this node has done all it does for a step.
+        """Note that this node has done all it does for a step; tell the step source if asked to.
 
         Parameters
         ----------
@@ -120,6 +134,14 @@ class VtffNode(Node):
             self._step_done.header.stamp = stamp
             self._step_done.compute_time = time.perf_counter() - started
             self._step_publisher.publish(self._step_done)
+
+    def absent_nodes(self, expected: Sequence[str]) -> list[str]:
+        """Return which of the expected fully qualified node names are not in the graph."""
+        present = {
+            f"{namespace.rstrip('/')}/{name}"
+            for name, namespace in self.get_node_names_and_namespaces()
+        }
+        return [name for name in expected if name not in present]
 
     def health(self) -> list[DiagnosticStatus]:
         """Return the node's diagnostic states; subclasses replace this."""

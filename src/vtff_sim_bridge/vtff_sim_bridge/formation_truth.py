@@ -54,6 +54,7 @@ class FormationTruth:
             raise ValueError(f"spacecraft: names are not unique: {', '.join(names)}")
         self._chief = names[0]
         self._integrator = integrator
+        self._rotation: FloatArray | None = None  # from GCRF to RTN of the current step
         self._propagators = {
             name: Propagator(
                 time, np.asarray(state, dtype=float), force_model, integrator=integrator, step=step
@@ -120,6 +121,7 @@ class FormationTruth:
         }
         for name, propagator in self._propagators.items():
             propagator.advance(accelerations_gcrf.get(name))
+        self._rotation = None
 
     def motion_itrf(self, name: str, acceleration_rtn: npt.ArrayLike | None = None) -> FloatArray:
         """Earth-fixed motion of a spacecraft for a SimGEN motion command.
@@ -164,5 +166,6 @@ class FormationTruth:
         acceleration = np.asarray(acceleration_rtn, dtype=float)
         if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
-        rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
-        return np.asarray(rotation.T @ acceleration)
+        if self._rotation is None:
+            self._rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
+        return np.asarray(self._rotation.T @ acceleration)

@@ -52,6 +52,9 @@ class SimgenBridgeParameters:
     lockstep_side_branches: list[str] = parameter(
         [], "nodes that must acknowledge but may lag (recorder, viewer)"
     )
+    expected_nodes: list[str] = parameter(
+        [], "fully qualified nodes of the system; absent ones are named when a step hangs"
+    )
     maximum_lag: int = parameter(50, "steps a side branch may lag", minimum=0, maximum=500)
     coasting: list[str] = parameter(
         [], "deputies without a thruster: no step waits for their thrust"
@@ -337,7 +340,8 @@ class SimgenBridgeNode(VtffNode):
             for name, buffer in self._thrust.items()
             if buffer.received <= self._coordinator.step
         ]
-        return ", ".join(parts)
+        absent = self.absent_nodes(self.parameters.expected_nodes)
+        return ", ".join(parts) + (f"; not in the graph: {', '.join(absent)}" if absent else "")
 
     def _fail(self, problem: str) -> None:
         self._problem = problem
