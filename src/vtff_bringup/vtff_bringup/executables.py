@@ -35,10 +35,21 @@ def share_file(package: str, name: str) -> pathlib.Path:
     ExecutableNotFoundError
         If the package or the file is not installed.
     """
-    path = _prefix(package) / "share" / package / name
+    path = share_folder(package) / name
     if not path.is_file():
         raise ExecutableNotFoundError(f"package '{package}' has no file '{name}'")
     return path
+
+
+def share_folder(package: str) -> pathlib.Path:
+    """Return ``<prefix>/share/<package>``.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If the package is not installed.
+    """
+    return _prefix(package) / "share" / package
 
 
 def _prefix(package: str) -> pathlib.Path:

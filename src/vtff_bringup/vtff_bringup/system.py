@@ -25,8 +25,8 @@ all nodes) for what the run provides.
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
-import os
 import pathlib
 import re
 import socket
@@ -34,6 +34,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import yaml
+
+from vtff_bringup.executables import ExecutableNotFoundError, share_folder
 
 REFERENCE = re.compile(r"\$\{([A-Za-z_][\w.]*)\}")
 LOCKSTEP_ROLES = ("participant", "side_branch")
@@ -176,27 +178,25 @@ def find_system_file(name: str) -> pathlib.Path:
     Parameters
     ----------
     name
-        A path, or the name of a file in ``config/system`` of the installed package.
+        A path, or the name of a file in ``config/system`` of this folder or of the installed
+        package.
 
     Raises
     ------
     SystemFileError
-        If there is none; the text names the places looked at.
+        If there is none; the text lists the names there are.
     """
     path = pathlib.Path(name)
     if path.is_file():
         return path
-    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(":")
-    candidates = [
-        pathlib.Path(prefix) / "share/vtff_bringup/config/system" / f"{path.stem}.yaml"
-        for prefix in prefixes
-        if prefix
-    ]
-    for candidate in candidates:
-        if candidate.is_file():
-            return candidate
-    places = ", ".join(str(candidate.parent) for candidate in candidates) or "AMENT_PREFIX_PATH"
-    raise SystemFileError(f"no system file '{name}' here or in {places}")
+    folders = [pathlib.Path("config/system")]
+    with contextlib.suppress(ExecutableNotFoundError):
+        folders.append(share_folder("vtff_bringup") / "config/system")
+    for folder in folders:
+        if (folder / f"{name}.yaml").is_file():
+            return folder / f"{name}.yaml"
+    known = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
+    raise SystemFileError(f"no system file '{name}'; there are: {', '.join(known) or 'none'}")
 
 
 def load_system(

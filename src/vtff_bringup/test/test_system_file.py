@@ -1,0 +1,154 @@
+"""System files: what a user may write, and the errors for what is wrong."""
+
+from __future__ import annotations
+
+import pathlib
+
+import pytest
+import yaml
+from vtff_bringup.system import (
+    RunSettings,
+    SystemFileError,
+    find_system_file,
+    load_system,
+    parse_override,
+)
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+REFERENCE = ROOT / "config/system/reference_software.yaml"
+
+
+def write(tmp_path, text):
+    path = tmp_path / "system.yaml"
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def settings(tmp_path):
+    return RunSettings(run_directory=tmp_path / "run")
+
+
+def by_name(system):
+    return {node.name: node for node in system.nodes}
+
+
+def test_reference_system(settings):
+    system = load_system(REFERENCE, (), settings)
+    nodes = by_name(system)
+    assert [process.name for process in system.processes] == ["simgen_emulator"]
+    assert nodes["thruster"].qualified_name == "/deputy/thruster"
+    assert nodes["sdre_controller"].parameters["target_position_rtn"] == [0.0, 100.0, 0.0]
+    assert nodes["sdre_controller"].all_parameters()["acceleration_cap"] == 1.4
+    assert nodes["simgen_bridge"].parameters["lockstep_side_branches"] == ["/bag_recorder"]
+    assert set(nodes["simgen_bridge"].parameters["expected_nodes"]) == {
+        "/sdre_controller",
+        "/deputy/thruster",
+        "/bag_recorder",
+    }
+    assert nodes["bag_recorder"].parameters["output"] == str(settings.run_directory / "bag")
+    # The port chosen for the emulator is the one that the bridge connects to.
+    port = system.processes[0].arguments[1]
+    assert str(nodes["simgen_bridge"].parameters["simgen_port"]) == port
+
+
+def test_hardware_needs_arguments_only(settings):
+    system = load_system(REFERENCE, ["simgen_host:=192.0.2.7"], settings)
+    assert system.processes == ()
+    assert by_name(system)["simgen_bridge"].parameters["simgen_host"] == "192.0.2.7"
+    assert by_name(system)["simgen_bridge"].parameters["simgen_port"] == 15650
+
+
+def test_realtime_asks_nobody_to_acknowledge(tmp_path):
+    system = load_system(REFERENCE, (), RunSettings(tmp_path, pacing="realtime", duration=7.0))
+    for node in system.nodes:
+        assert node.parameters["lockstep"] is False
+        assert node.parameters["acknowledge_steps"] is False
+    bridge = by_name(system)["simgen_bridge"].parameters
+    assert bridge["lockstep_participants"] == bridge["lockstep_side_branches"] == []
+    assert bridge["duration"] == 7.0
+
+
+def test_overrides_of_parameters_win(settings):
+    system = load_system(REFERENCE, ["sdre_controller.acceleration_cap:=0.5"], settings)
+    assert by_name(system)["sdre_controller"].all_parameters()["acceleration_cap"] == 0.5
+
+
+def test_ros_arguments_name_everything(settings, tmp_path):
+    node = by_name(load_system(REFERENCE, (), settings))["sdre_controller"]
+    arguments = node.ros_arguments(tmp_path / "p.yaml")
+    assert arguments[0] == "--ros-args"
+    assert "__node:=sdre_controller" in arguments
+    assert "formation/relative_state:=formation/relative_state_truth" in arguments
+    assert str(tmp_path / "p.yaml") in arguments
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "is empty or not a mapping"),
+        ("nodes: [}", "is not valid YAML"),
+        ("nodes: []", "no nodes"),
+        ("node: []", "unknown key 'node'"),
+        ("nodes: [{package: a}]", "'executable' is missing"),
+        ("nodes: [{package: a, executable: b, nmae: c}]", "unknown key 'nmae'"),
+        ("nodes: [{package: a, executable: b, lockstep: maybe}]", "choose participant or"),
+        ("nodes: [{package: a, executable: b, parameters: {x: '${y}'}}]", "unknown ${y}"),
+        ("nodes: [{package: a, executable: b, parameter_files: [no.yaml]}]", "no parameter file"),
+        ("processes: [{name: a}]\nnodes: [{package: a, executable: b}]", "'package' is missing"),
+        ("arguments: {a: {defualt: 1}}\nnodes: [{package: a, executable: b}]", "'defualt'"),
+        ("arguments: {a: {}}\nnodes: [{package: a, executable: b}]", "needs 'a'"),
+        (
+            "arguments: {a: {default: no.txt, file: true}}\nnodes: [{package: a, executable: b}]",
+            "argument 'a': no file 'no.txt'",
+        ),
+    ],
+)
+def test_mistakes_are_named(tmp_path, settings, text, expected):
+    path = write(tmp_path, text)
+    with pytest.raises(SystemFileError) as caught:
+        load_system(path, (), settings)
+    assert expected in str(caught.value)
+    assert "system.yaml" in str(caught.value) or "argument" in str(caught.value)
+
+
+def test_scenario_entries_are_looked_up_and_missing_ones_named(tmp_path, settings):
+    (tmp_path / "scenario.yaml").write_text(
+        yaml.safe_dump({"spacecraft": [{"name": "deputy", "target": {"x": [1, 2]}}]})
+    )
+    template = (
+        "arguments: {{scenario: {{default: scenario.yaml, file: true}}}}\n"
+        "nodes: [{{package: a, executable: b, parameters: {{t: '${{{}}}'}}}}]"
+    )
+    good = write(tmp_path, template.format("scenario.spacecraft.deputy.target.x"))
+    assert load_system(good, (), settings).nodes[0].parameters["t"] == [1, 2]
+    bad = write(tmp_path, template.format("scenario.spacecraft.chief.target"))
+    with pytest.raises(SystemFileError, match="has no 'spacecraft.chief.target'"):
+        load_system(bad, (), settings)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a:=1", ("a", 1)),
+        ("a.b:=[1.0, 2.0]", ("a.b", [1.0, 2.0])),
+        ("a:=", ("a", "")),
+        ("a:=x:=y", ("a", "x:=y")),
+    ],
+)
+def test_overrides_are_yaml(text, expected):
+    assert parse_override(text) == expected
+
+
+@pytest.mark.parametrize("text", ["a", ":=1", "a=1", "a:=[1"])
+def test_malformed_overrides_are_refused(text):
+    with pytest.raises(SystemFileError):
+        parse_override(text)
+
+
+def test_names_and_paths_of_system_files(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    assert find_system_file("reference_software").samefile(REFERENCE)
+    assert find_system_file(str(REFERENCE)) == REFERENCE
+    with pytest.raises(SystemFileError, match="reference_software"):
+        find_system_file("nothing")
