@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import pathlib
 import time
 from dataclasses import dataclass
@@ -26,7 +27,10 @@ from vtff_sim_bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.simremote_client import SimRemoteClient, SimRemoteError
 from vtff_sim_bridge.thrust_buffer import ThrustBuffer
 
+START_POLL = 0.05  # s
+SETTLE_TIME = 0.5  # s between the graph being complete and a realtime run
 REALTIME_POLL = 0.002  # s, resolution of the wall-clock pacing
+SIMGEN_MARGIN = 60  # s SimGEN is told to run longer, so that it takes the last motion
 WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants
 
 
@@ -97,11 +101,13 @@ class SimgenBridgeNode(VtffNode):
         self._state = SimulatorStatus.STATE_IDLE
         self._problem = ""
         self._started = False
+        self._ready_since: float | None = None
         self._wall_start = 0.0
         self._step_began = 0.0
         self._wall_lag = 0.0
         self._create_interfaces()
-        self._start_timer = self.create_timer(0.0, self._start, clock=self.steady_clock)
+        self._made = time.monotonic()
+        self._start_timer = self.create_timer(START_POLL, self._start, clock=self.steady_clock)
 
     def _create_interfaces(self) -> None:
         self._clock_publisher = self.publisher(Clock, "/clock")
@@ -141,7 +147,7 @@ class SimgenBridgeNode(VtffNode):
 
     def _start(self) -> None:
         # A timer that has expired twice calls twice, even when it is cancelled in between.
-        if self._started:
+        if self._started or not self._graph_is_ready():
             return
         self._started = True
         self._start_timer.cancel()
@@ -153,6 +159,30 @@ class SimgenBridgeNode(VtffNode):
         if not self.lockstep:
             self._pace_timer = self.create_timer(REALTIME_POLL, self._pace, clock=self.steady_clock)
         self._publish_step()
+
+    def _graph_is_ready(self) -> bool:
+        """Whether the run may start.
+
+        Lockstep starts at once: the first step waits for everybody and its messages are kept for
+        late comers. The wall clock does not wait, so all nodes must be there before it starts.
+        """
+        if self.lockstep:
+            return True
+        now = time.monotonic()
+        absent = self.absent_nodes(self.parameters.expected_nodes)
+        silent = [
+            f"/{name}/propulsion/thrust_applied"
+            for name in self._thrust
+            if not self.count_publishers(f"{name}/propulsion/thrust_applied")
+        ]
+        if not absent and not silent:
+            # Nodes see each other a moment after this node has seen them all.
+            self._ready_since = self._ready_since or now
+            return now - self._ready_since > SETTLE_TIME
+        if now - self._made > self.parameters.start_timeout:
+            missing = ", ".join([*absent, *silent])
+            self._fail(f"the run did not start: not in the graph: {missing}")
+        return False
 
     def _make_link(self, given: SimgenBridgeParameters) -> SimGenLink | None:
         if not given.simgen_host:
@@ -169,7 +199,7 @@ class SimgenBridgeNode(VtffNode):
             self._simgen.start(
                 self.parameters.simgen_scenario or f"{self._scenario.name}.scn",
                 self._scenario.epoch,
-                self._scenario.duration,
+                math.ceil(self._scenario.duration) + SIMGEN_MARGIN,
                 self._motions(),
             )
             if not self.lockstep:

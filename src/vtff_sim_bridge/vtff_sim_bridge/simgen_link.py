@@ -99,9 +99,9 @@ class SimGenLink:
         """
         reply = self._client.command("-,TIME")
         try:
-            return float(reply.data or "")
+            return float(reply.data_text or "")
         except ValueError:
-            raise SimRemoteError(f"-,TIME: a number expected, got {reply.data!r}") from None
+            raise SimRemoteError(f"-,TIME: a number expected, got {reply.data_text!r}") from None
 
     def send(self, time: float, motions: Mapping[str, npt.NDArray[np.float64]]) -> None:
         """Send the motion of every spacecraft for a time (s into the run), in one packet.

@@ -1,0 +1,35 @@
+"""Pacing with the wall clock: the same loop, the same messages, one step a second."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from vtff_bringup.bag.reader import BagReader
+from vtff_msgs.msg import SimulatorStatus
+
+DURATION = 6
+
+
+@pytest.fixture(scope="module")
+def realtime(runs):
+    arguments = ("--realtime", "--duration", DURATION, "--no-report")
+    return runs.make("realtime", "reference_software.yaml", *arguments)[0]
+
+
+def states(run):
+    messages = BagReader(run).messages("/formation/relative_state_truth")
+    return np.array([[*item.message.position, *item.message.velocity] for item in messages])
+
+
+def test_every_step_is_there_and_no_command_is_late(realtime):
+    statuses = [item.message for item in BagReader(realtime).messages("/sim/status")]
+    assert [status.step for status in statuses] == [*range(DURATION + 1), DURATION]
+    assert statuses[-1].state == SimulatorStatus.STATE_ENDED
+    assert statuses[-1].pacing == SimulatorStatus.PACING_REALTIME
+    assert statuses[-1].late_commands == 0
+
+
+def test_realtime_flies_what_lockstep_flies(realtime, runs):
+    """The one-sample delay is the thruster's, so pacing must not change the motion."""
+    lockstep = runs.make("composed_1", "reference_software.yaml", "--composed", "--no-report")[0]
+    np.testing.assert_array_equal(states(realtime), states(lockstep)[: DURATION + 1])
