@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from vtff_bringup.bag.reader import BagReader
 from vtff_msgs.msg import SimulatorStatus
 

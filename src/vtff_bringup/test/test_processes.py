@@ -9,6 +9,7 @@ import sys
 import time
 
 import pytest
+
 from vtff_bringup import processes
 from vtff_bringup.processes import ManagedProcess
 from vtff_bringup.runner import check_counts

@@ -6,6 +6,7 @@ import pathlib
 
 import pytest
 import yaml
+
 from vtff_bringup.system import (
     RunSettings,
     SystemFileError,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from vtff_iono.geometry_free import (
     relative_stec_from_code,
     relative_stec_from_phase,

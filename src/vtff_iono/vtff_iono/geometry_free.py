@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
+
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 
 FloatArray = npt.NDArray[np.float64]
