@@ -56,3 +56,16 @@ FREQUENCY_GLONASS_L2 = 1246.0e6
 FREQUENCY_GLONASS_L3 = 1202.025e6
 FREQUENCY_STEP_GLONASS_L1 = 562.5e3
 FREQUENCY_STEP_GLONASS_L2 = 437.5e3
+
+IONOSPHERIC_DELAY_CONSTANT = 40.308193
+"""e^2 / (8 pi^2 epsilon_0 m_e), m3/s2 (CODATA 2018): first-order delay in m times f^2 per electron
+and square metre (IERS Conventions 2010, eq. 9.27)."""
+
+ELECTRONS_PER_TECU = 1e16
+"""Electrons per square metre in one TEC unit."""
+
+GRAVITATIONAL_PARAMETER_BROADCAST = {SYSTEM_GPS: 3.986005e14, SYSTEM_GALILEO: 3.986004418e14}
+"""m3/s2, by system, for broadcast elements only (IS-GPS-200 table 20-IV; Galileo OS SIS ICD)."""
+
+EARTH_ROTATION_RATE_BROADCAST = 7.2921151467e-5
+"""rad/s, for broadcast elements only (IS-GPS-200 table 20-IV; Galileo OS SIS ICD, same value)."""

@@ -83,6 +83,8 @@ def decode_subframes(
         week -= 1
     elif toe - time_of_transmission < -302400.0:
         week += 1
+    # A product is rounded correctly; a power need not be, and the last bit counts here.
+    root_of_semi_major_axis = second.long_unsigned(8) * 2.0**-19
     return BroadcastEphemeris(
         time=time,
         system=SYSTEM_GPS,
@@ -97,7 +99,7 @@ def decode_subframes(
         af0=first.signed(10, 1, 22) * 2.0**-31,
         af1=first.signed(9, 9, 16) * 2.0**-43,
         af2=first.signed(9, 1, 8) * 2.0**-55,
-        semi_major_axis=(second.long_unsigned(8) * 2.0**-19) ** 2,
+        semi_major_axis=root_of_semi_major_axis * root_of_semi_major_axis,
         eccentricity=second.long_unsigned(6) * 2.0**-33,
         inclination=third.long_signed(5) * 2.0**-31 * GPS_PI,
         inclination_rate=third.signed(10, 9, 14) * 2.0**-43 * GPS_PI,

@@ -1,7 +1,7 @@
 """Relative slant total electron content from two carrier frequencies.
 
-The plasma delays the code and advances the phase by ``40.308193e16 / f^2`` metres for each TECU
-(first order; ITU-R P.531, Klobuchar 1996). The difference of two frequencies removes geometry,
+The plasma delays the code and advances the phase by about ``40.3e16 / f^2`` metres for each TECU
+(first order; IERS Conventions 2010, eq. 9.27). The difference of two frequencies removes geometry,
 clocks and troposphere; what remains is the content plus the inter-frequency biases of satellite
 and receiver (code) or a constant for each arc (phase).
 """
@@ -12,12 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 
 FloatArray = npt.NDArray[np.float64]
-
-#: Delay in m Hz^2 of one TECU (1e16 electrons/m^2): e^2 / (8 pi^2 epsilon_0 m_e) x 1e16.
-PLASMA_DELAY = 40.308193e16
-
 
 def tecu_per_metre(frequency_first: float, frequency_second: float) -> float:
     """Return the slant TEC in TECU that delays the second frequency by 1 m more than the first.
@@ -36,7 +33,8 @@ def tecu_per_metre(frequency_first: float, frequency_second: float) -> float:
         raise ValueError(f"frequencies must be positive: {frequency_first}, {frequency_second} Hz")
     if frequency_first == frequency_second:
         raise ValueError(f"the two frequencies are equal: {frequency_first} Hz")
-    return 1.0 / (PLASMA_DELAY * (1.0 / frequency_second**2 - 1.0 / frequency_first**2))
+    delay = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
+    return 1.0 / (delay * (1.0 / frequency_second**2 - 1.0 / frequency_first**2))
 
 
 def relative_stec_from_code(

@@ -1,0 +1,42 @@
+"""Antenna patterns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from vtff_gnss.antenna_pattern import ParabolicPattern, TabulatedPattern
+
+
+def test_half_power_is_half_the_beamwidth_off_boresight():
+    pattern = ParabolicPattern(3.0, np.radians(80.0), 25.0)
+    gains = pattern.gain_db([0.0, np.radians(40.0), np.radians(80.0), np.pi])
+    assert gains == pytest.approx([3.0, 0.0, -9.0, -22.0])
+
+
+def test_default_is_a_hemispherical_patch():
+    gains = ParabolicPattern().gain_db(np.radians([0.0, 90.0, 180.0]))
+    assert gains[0] == 5.0
+    assert -4.5 < gains[1] < -3.5
+    assert gains[2] == -15.0
+    assert np.all(np.diff(ParabolicPattern().gain_db(np.linspace(0, np.pi, 50))) <= 0.0)
+
+
+def test_table_is_interpolated_and_ends_are_held():
+    pattern = TabulatedPattern((0.0, 10.0, 14.0), (12.0, 14.0, 11.0))
+    assert pattern.gain_db(np.radians([0.0, 5.0, 12.0, 60.0])) == pytest.approx([12, 13, 12.5, 11])
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: ParabolicPattern(half_power_beamwidth=0.0), "half_power_beamwidth 0.0"),
+        (lambda: ParabolicPattern(front_to_back_db=-1.0), "front_to_back_db -1.0"),
+        (lambda: TabulatedPattern((0.0,), (1.0, 2.0)), "2 values for 1 angles"),
+        (lambda: TabulatedPattern((), ()), "0 values for 0 angles"),
+        (lambda: TabulatedPattern((1.0, 1.0), (1.0, 2.0)), "must ascend"),
+    ],
+)
+def test_impossible_patterns_are_refused(make, text):
+    with pytest.raises(ValueError, match=text):
+        make()

@@ -1,0 +1,90 @@
+"""Gain of antennas against the angle from boresight."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["ParabolicPattern", "TabulatedPattern"]
+
+
+@dataclass(frozen=True)
+class ParabolicPattern:
+    """Axially symmetric pattern whose gain in dB falls with the square of the angle.
+
+    ``gain = boresight_gain_db - min(12 (angle / half_power_beamwidth)^2, front_to_back_db)``, the
+    usual model of a single main lobe (3GPP TR 36.942, section 4.2.1, with its maximum
+    attenuation). The defaults are those of a hemispherical patch antenna: 5 dBic at boresight,
+    -4 dBic at the horizon.
+
+    Parameters
+    ----------
+    boresight_gain_db : float
+        dBic.
+    half_power_beamwidth : float
+        rad; full width, at which the gain is 3 dB down on both sides.
+    front_to_back_db : float
+        dB; largest attenuation.
+
+    Raises
+    ------
+    ValueError
+        If the beamwidth is not positive or the front-to-back ratio is negative.
+    """
+
+    boresight_gain_db: float = 5.0
+    half_power_beamwidth: float = math.radians(104.0)
+    front_to_back_db: float = 20.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if not self.half_power_beamwidth > 0.0:
+            raise ValueError(f"half_power_beamwidth {self.half_power_beamwidth}: must be positive")
+        if not self.front_to_back_db >= 0.0:
+            raise ValueError(f"front_to_back_db {self.front_to_back_db}: must not be negative")
+
+    def gain_db(self, off_boresight: npt.ArrayLike) -> FloatArray:
+        """Return the gain in dB at angles from boresight in rad, same shape."""
+        ratio = np.asarray(off_boresight, dtype=float) / self.half_power_beamwidth
+        attenuation = np.minimum(12.0 * ratio**2, self.front_to_back_db)
+        return np.asarray(self.boresight_gain_db - attenuation)
+
+
+@dataclass(frozen=True)
+class TabulatedPattern:
+    """Axially symmetric pattern given by a table, linear in dB between its points.
+
+    Parameters
+    ----------
+    off_boresight_deg : tuple of float
+        Ascending.
+    gains_db : tuple of float
+        One for each angle. Outside the table the nearest end is used.
+
+    Raises
+    ------
+    ValueError
+        If the columns differ in length, are empty, or the angles do not ascend.
+    """
+
+    off_boresight_deg: tuple[float, ...]
+    gains_db: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Check the table."""
+        if len(self.off_boresight_deg) != len(self.gains_db) or not self.gains_db:
+            raise ValueError(
+                f"gains_db: {len(self.gains_db)} values for {len(self.off_boresight_deg)} angles"
+            )
+        if any(np.diff(self.off_boresight_deg) <= 0.0):
+            raise ValueError("off_boresight_deg: the angles must ascend")
+
+    def gain_db(self, off_boresight: npt.ArrayLike) -> FloatArray:
+        """Return the gain in dB at angles from boresight in rad, same shape."""
+        angles_deg = np.degrees(np.asarray(off_boresight, dtype=float))
+        return np.asarray(np.interp(angles_deg, self.off_boresight_deg, self.gains_db))
