@@ -1,0 +1,1 @@
+"""Ionosphere of the GNSS emulator: density profiles, slant TEC, irregularities, scintillation."""

@@ -1,0 +1,327 @@
+"""Slant TEC of straight rays through a vertical electron-density profile.
+
+With p the distance of the ray from the centre of symmetry, the content above the radius r is
+
+    F(p, r) = integral from r upward of N(r') K(r') dr',    K(r') = r' / sqrt(r'^2 - p^2).
+
+N is a table with edges as narrow as 10 m, K is smooth away from r' = p. The altitudes above r are
+therefore cut into cells that are at most a quarter as wide as their distance from p; in each cell
+K is replaced by the cubic through four Chebyshev nodes and integrated against N exactly, from the
+cumulative moments of the profile. As rho^(-1/2), rho = r' - p, carries the only singularity near
+the cell, the relative error of K, and so of the slant TEC, is below 8.4e-6 whatever the profile
+(0.001 TECU for 120 TECU), and far smaller where N does not follow the error of the cubic. Where
+rho is too small for that (elevations below about 2 deg and rays that dip) the table is integrated
+interval by interval in closed form.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_sim_bridge.atmosphere.electron_density import MOMENT_LENGTH, ElectronDensityProfile
+
+__all__ = [
+    "ALTITUDE_MODELS",
+    "SlantTecIntegrator",
+    "group_delay",
+    "phase_advance",
+]
+
+ALTITUDE_MODELS = ("ellipsoidal", "spherical")
+"""Names accepted by `SlantTecIntegrator`."""
+
+_CELL_RATIO = 1.25
+_NEAREST = 5e3
+_NEAREST_PER_ALTITUDE = 0.01
+
+# Chebyshev nodes of a cell [-1, 1], and the matrix that turns moments into weights at them.
+_NODES = np.cos(np.pi * (2.0 * np.arange(4) + 1.0) / 8.0)
+_WEIGHTS_FROM_MOMENTS = np.linalg.inv(np.vander(_NODES, increasing=True).T)
+
+
+def group_delay(stec_tecu: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArray:
+    """Return by how much a pseudorange is longer, m, for slant TEC (TECU) at a frequency (Hz).
+
+    References
+    ----------
+    IERS Conventions (2010), eq. (9.27), first order.
+    """
+    per_tecu = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
+    return np.asarray(per_tecu * np.asarray(stec_tecu) / np.asarray(frequency) ** 2)
+
+
+def phase_advance(stec_tecu: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArray:
+    """Return the first-order term of a carrier range, m: the negative of `group_delay`."""
+    return -group_delay(stec_tecu, frequency)
+
+
+class SlantTecIntegrator:
+    """Slant TEC between points through one profile.
+
+    Parameters
+    ----------
+    profile : ElectronDensityProfile
+        Density as a function of altitude.
+    altitude_model : {"ellipsoidal", "spherical"}
+        What altitude is. Spherical: distance from the centre less `radius`. Ellipsoidal: density is
+        constant on ellipsoids similar to the one that lies `reference_altitude` above WGS-84; near
+        it altitude is geodetic height (200 km away from it within 20 m at 10 deg of latitude and
+        0.7 km at the poles). An affine map turns them into spheres and keeps rays straight, so that
+        both models are integrated equally exactly.
+    radius : float
+        Radius of altitude zero in the spherical model, m.
+    reference_altitude : float
+        Altitude at which the ellipsoidal model is exact, m.
+
+    Raises
+    ------
+    ValueError
+        If the altitude model is unknown.
+    """
+
+    def __init__(
+        self,
+        profile: ElectronDensityProfile,
+        altitude_model: str = "ellipsoidal",
+        radius: float = WGS84_SEMI_MAJOR_AXIS,
+        reference_altitude: float = 350e3,
+    ) -> None:
+        if altitude_model not in ALTITUDE_MODELS:
+            raise ValueError(
+                f"altitude_model: must be one of {', '.join(ALTITUDE_MODELS)}, "
+                f"got {altitude_model!r}"
+            )
+        self.profile = profile
+        self._radius = radius
+        self._stretch = np.ones(3)
+        if altitude_model == "ellipsoidal":
+            self._radius = WGS84_SEMI_MAJOR_AXIS
+            semi_minor_axis = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING)
+            self._stretch[2] = (WGS84_SEMI_MAJOR_AXIS + reference_altitude) / (
+                semi_minor_axis + reference_altitude
+            )
+
+    def altitude(self, position_itrf: npt.ArrayLike) -> FloatArray:
+        """Return the altitude of positions (..., 3) as this field understands it, m, shape (...).
+
+        The density at a position is ``profile.density(altitude(position))``.
+        """
+        stretched = np.asarray(position_itrf, dtype=float) * self._stretch
+        altitude: FloatArray = np.sqrt(_dot(stretched, stretched)) - self._radius
+        return altitude
+
+    def slant_tec_tecu(
+        self, position_receiver_itrf: npt.ArrayLike, position_satellite_itrf: npt.ArrayLike
+    ) -> FloatArray:
+        """Return the electron content of the straight rays from receivers to satellites.
+
+        Parameters
+        ----------
+        position_receiver_itrf : array_like, shape (3,) or (m, 3)
+            Receivers, m, anywhere: below, inside or above the ionosphere.
+        position_satellite_itrf : array_like, shape (n, 3) or (m, n, 3)
+            Satellites, m, in the same Earth-fixed axes (the light time is the caller's business);
+            at any elevation, also negative. Whether the Earth is in the way is not asked.
+
+        Returns
+        -------
+        ndarray, shape (n,) or (m, n)
+            Slant TEC, TECU. The company of other rays in a call changes it by less than the error.
+
+        Raises
+        ------
+        ValueError
+            If a shape does not fit, a position is not finite, or receiver and satellite coincide.
+        """
+        receiver = np.asarray(position_receiver_itrf, dtype=float)
+        satellite = np.asarray(position_satellite_itrf, dtype=float)
+        if (
+            receiver.ndim not in (1, 2)
+            or receiver.shape[-1:] != (3,)
+            or satellite.shape[-1:] != (3,)
+            or satellite.ndim != receiver.ndim + 1
+            or satellite.shape[:-2] != receiver.shape[:-1]
+        ):
+            raise ValueError(
+                "position_receiver_itrf, position_satellite_itrf: shapes (3,) and (n, 3), or (m, 3)"
+                f" and (m, n, 3), are required, got {receiver.shape} and {satellite.shape}"
+            )
+        stec = self._stretched_content(
+            receiver.reshape(-1, 1, 3), satellite.reshape(-1, satellite.shape[-2], 3)
+        )
+        return stec.reshape(satellite.shape[:-1]) / ELECTRONS_PER_TECU
+
+    def _stretched_content(self, receiver: FloatArray, satellite: FloatArray) -> FloatArray:
+        """Return the content (m, n), electrons/m2, of rays (m, 1, 3) to (m, n, 3)."""
+        ray = satellite - receiver
+        length = np.sqrt(_dot(ray, ray))
+        receiver = receiver * self._stretch
+        ray = ray * self._stretch
+        stretched_length = np.sqrt(_dot(ray, ray))
+        if not (length > 0.0).all() or not np.isfinite(length).all():
+            raise ValueError(
+                "position_receiver_itrf, position_satellite_itrf: positions must be finite and "
+                "receiver and satellite apart"
+            )
+        radius = np.sqrt(_dot(receiver, receiver))
+        # Distance along the ray from its point nearest to the centre.
+        start = _dot(receiver, ray) / stretched_length
+        end = start + stretched_length
+        perigee_squared = (radius - start) * (radius + start)
+        content = self._signed_content(radius, start, perigee_squared, end)
+        return content * (length / stretched_length)
+
+    def _signed_content(
+        self, radius: FloatArray, start: FloatArray, perigee_squared: FloatArray, end: FloatArray
+    ) -> FloatArray:
+        """Return the content between `start` and `end`, distances from the perigee of the rays.
+
+        `radius` of the receivers has shape (m, 1), the others (m, n).
+        """
+        top = self._radius + self.profile.altitude_top
+        above_start = self._content_above(radius, np.abs(start))
+        above_end = np.zeros_like(above_start)
+        radius_end = np.sqrt(perigee_squared + end * end)
+        inside = radius_end < top
+        if inside.any():
+            above_end[inside] = self._content_above(
+                radius_end[inside][:, None], np.abs(end[inside])[:, None]
+            )[:, 0]
+        content = np.where(start < 0.0, above_end - above_start, above_start - above_end)
+        dips = (start < 0.0) & (end > 0.0)
+        if dips.any():
+            perigee = np.sqrt(perigee_squared[dips])[:, None]
+            whole = self._content_above(perigee, np.zeros_like(perigee))[:, 0]
+            content[dips] = 2.0 * whole - above_start[dips] - above_end[dips]
+        return content
+
+    def _content_above(self, radius: FloatArray, start: FloatArray) -> FloatArray:
+        """Return F(p, r), shape (m, n): the content of rays above their radius.
+
+        Parameters
+        ----------
+        radius : ndarray, shape (m, 1)
+            Radius r from which the rays rise.
+        start : ndarray, shape (m, n)
+            Distance of that point from the perigee of the rays, sqrt(r^2 - p^2).
+        """
+        profile = self.profile
+        # Below the profile nothing is to be integrated.
+        altitude = np.maximum(radius - self._radius, profile.altitude_bottom)
+        nearest = np.maximum(
+            _NEAREST, _NEAREST_PER_ALTITUDE * np.abs(altitude - profile.altitude_peak)
+        )
+        distance = self._distance_above_perigee(radius, start, altitude)
+        low = (distance < nearest) & (altitude < profile.altitude_top)
+        content = self._content_far(radius, start, altitude, nearest)
+        if low.any():
+            row = np.nonzero(low)[0]
+            content[low] = self._content_low(
+                radius[row], start[low][:, None], altitude[row], nearest[row]
+            )
+        # Above the profile there is nothing, also for rays that are level there.
+        return np.where(altitude < profile.altitude_top, content, 0.0)
+
+    def _content_low(
+        self, radius: FloatArray, start: FloatArray, altitude: FloatArray, nearest: FloatArray
+    ) -> FloatArray:
+        """Return the content (k,) of rays too near to their perigee for `_content_far` alone.
+
+        All arguments have shape (k, 1).
+        """
+        above = altitude + nearest
+        content = self._content_far(radius, start, above, nearest)[:, 0]
+        columns = np.concatenate((radius, start, altitude, above), axis=1).tolist()
+        near: FloatArray = np.array([self._content_near(*row) for row in columns])
+        return content + near
+
+    def _distance_above_perigee(
+        self, radius: FloatArray, start: FloatArray, altitude: FloatArray
+    ) -> FloatArray:
+        """Return rho = r' - p at an altitude, without loss of digits, m."""
+        perigee = np.sqrt(np.maximum((radius - start) * (radius + start), 0.0))
+        distance: FloatArray = start**2 / (radius + perigee) + (altitude + self._radius - radius)
+        return distance
+
+    def _content_far(
+        self, radius: FloatArray, start: FloatArray, altitude: FloatArray, nearest: FloatArray
+    ) -> FloatArray:
+        """Return the content of rays above an altitude, at least `nearest` above their perigee.
+
+        All arguments but `start` (m, n) have shape (m, 1).
+        """
+        reach = 1.0 + np.maximum(self.profile.altitude_top - altitude, 0.0) / nearest
+        cells = max(1, math.ceil(math.log(reach.max()) / math.log(_CELL_RATIO)))
+        edges = altitude + nearest * (reach ** (np.arange(cells + 1) / cells) - 1.0)
+        nodes, weights = self._cell_nodes(edges)
+        rise = nodes + (self._radius - radius)
+        # r'^2 - p^2 = s^2 + (r' - r)(r' + r)
+        square = (rise * (rise + 2.0 * radius))[:, None, :] + (start * start)[:, :, None]
+        weights *= rise + radius
+        with np.errstate(divide="ignore", invalid="ignore"):
+            kernel = np.sqrt(square, out=square)
+            np.reciprocal(kernel, out=kernel)
+            content: FloatArray = (kernel @ weights[:, :, None])[:, :, 0]
+        return content
+
+    def _cell_nodes(self, edges: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return altitudes (m, 4 c) and density-weighted weights (m, 4 c) of cells.
+
+        Parameters
+        ----------
+        edges : ndarray, shape (m, c + 1)
+            Altitudes between the cells, m.
+        """
+        low, high = edges[:, :-1], edges[:, 1:]
+        centre = 0.5 * (high + low)
+        half = np.maximum(0.5 * (high - low), 1e-3)
+        cumulative = self.profile.cumulative_moments(edges)
+        raw = cumulative[:, 1:] - cumulative[:, :-1]
+        # Moments about the centre, in units of the half width (binomial theorem).
+        shift = (self.profile.altitude_peak - centre) / half
+        scale = MOMENT_LENGTH / half
+        m0, m1, m2, m3 = (raw[..., j] for j in range(4))
+        m1 = scale * m1
+        scale_squared = scale * scale
+        m2 = scale_squared * m2
+        m3 = scale_squared * scale * m3
+        shifted_1 = m1 + shift * m0
+        shifted_2 = m1 + shifted_1
+        raw[..., 1] = shifted_1
+        raw[..., 2] = m2 + shift * shifted_2
+        raw[..., 3] = m3 + shift * (3.0 * m2 + shift * (m1 + shifted_2))
+        weights = raw @ _WEIGHTS_FROM_MOMENTS.T
+        nodes = centre[..., None] + half[..., None] * _NODES
+        return nodes.reshape(len(edges), -1), weights.reshape(len(edges), -1)
+
+    def _content_near(
+        self, radius: float, start: float, altitude_low: float, altitude_high: float
+    ) -> float:
+        """Return the content of one ray between two altitudes, interval by interval.
+
+        In each interval N = c + g r', so that its content is c (s_b - s_a) + g times the integral
+        of r' ds = (r' s + p^2 asinh(s / p)) / 2.
+        """
+        table = self.profile.altitude
+        first, last = np.searchsorted(table, [altitude_low, altitude_high])
+        altitude = np.concatenate(([altitude_low], table[first:last], [altitude_high]))
+        altitude = np.unique(np.minimum(altitude, self.profile.altitude_top))
+        density = self.profile.density(altitude)
+        rise = altitude + (self._radius - radius)
+        s = np.sqrt(start**2 + rise * (rise + 2.0 * radius))
+        perigee = math.sqrt((radius - start) * (radius + start))
+        slope = np.diff(density) / np.diff(altitude)
+        constant = density[:-1] - slope * (radius + rise[:-1])
+        integral = 0.5 * ((radius + rise) * s + perigee**2 * np.arcsinh(s / perigee))
+        return float(constant @ np.diff(s) + slope @ np.diff(integral))
+
+
+def _dot(left: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the scalar products of vectors (..., 3)."""
+    return np.asarray(np.einsum("...i,...i->...", left, right))
