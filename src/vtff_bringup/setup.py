@@ -17,7 +17,13 @@ setup(
         *(
             # "config" links to the workspace's folder of that name.
             ("share/" + package_name + "/" + folder, glob(folder + "/*.*"))
-            for folder in ("config/system", "config/scenario", "config/params", "config/dds")
+            for folder in (
+                "config/system",
+                "config/scenario",
+                "config/params",
+                "config/dds",
+                "config/can",
+            )
         ),
     ],
     package_data={package_name: ["py.typed"]},

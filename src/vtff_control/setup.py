@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "sdre_controller = vtff_control.sdre_controller_node:main",
+            "thruster_can = vtff_control.thruster_can_node:main",
             "thruster_model = vtff_control.thruster_model_node:main",
         ],
     },

@@ -21,6 +21,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "can_thruster_emulator = vtff_sim_bridge.can_thruster_emulator:main",
             "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",
             "simgen_emulator = vtff_sim_bridge.simgen_emulator:main",
         ],
