@@ -11,7 +11,7 @@ import time
 
 import pytest
 import yaml
-from conftest import ROOT, SYSTEMS, run_vtff
+from graph_support import ROOT, SYSTEMS, run_vtff
 
 from vtff_bringup.bag.reader import BagReader
 

@@ -6,7 +6,7 @@ import json
 
 import numpy as np
 import pytest
-from conftest import ROOT
+from graph_support import ROOT
 
 from vtff_bringup.bag.reader import BagReader
 from vtff_bringup.closed_loop import simulate_closed_loop

@@ -16,20 +16,27 @@ from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
-#: Fields of an ephemeris that the message has under the same name.
+#: Frame of ephemerides and solutions: Earth-fixed, ITRF or WGS 84.
+EARTH_FRAME = "earth"
+
+#: Fields that dataclass and message have under the same name.
 _EPHEMERIS_FIELDS = tuple(
     field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
 )
-
-_FIX_FIELDS = tuple(
-    field.name
-    for field in dataclasses.fields(Fix)
-    if field.name in GnssFix.get_fields_and_field_types()
-)
+_FIX_FIELDS = tuple(field.name for field in dataclasses.fields(Fix) if field.name != "time")
+_VECTOR_FIELDS = ("position", "velocity", "position_sigma", "velocity_sigma")
 
 
 def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObservations:
-    """Return the message of one receiver epoch; columns are copied without a loop."""
+    """Return the message of one receiver epoch; columns are copied without a loop.
+
+    Raises
+    ------
+    ValueError
+        If the columns are not all of one length, or the time does not fit a stamp.
+    TypeError
+        If a column has another element type than the message, which ROS would not notice.
+    """
     message = GnssObservations(
         gps_week=epoch.gps_week,
         gps_time_of_week=epoch.gps_time_of_week,
@@ -38,19 +45,33 @@ def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObser
     )
     message.header.stamp = to_stamp(epoch.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
-    for name, column in epoch.columns().items():
+    columns = epoch.columns()
+    _check_lengths(columns)
+    for name, column in columns.items():
+        if column.dtype != OBSERVATION_COLUMNS[name]:
+            wanted = np.dtype(OBSERVATION_COLUMNS[name])
+            raise TypeError(f"observation column '{name}' is {column.dtype}; it must be {wanted}")
         setattr(message, name, array.array(column.dtype.char, column.tobytes()))
     return message
 
 
 def observations_from_message(message: GnssObservations, log_name: str = "") -> ObservationEpoch:
-    """Return the columns of a message as numpy arrays that own their values."""
+    """Return the columns of a message as numpy arrays that own their values.
+
+    The time is that of week and second of week: a stamp repeats itself in a leap second.
+
+    Raises
+    ------
+    ValueError
+        If the arrays of the message are not all of one length.
+    """
     columns: dict[str, Any] = {
         name: np.array(getattr(message, name), dtype=kind)
         for name, kind in OBSERVATION_COLUMNS.items()
     }
+    _check_lengths(columns)
     return ObservationEpoch(
-        time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
+        time=GpsTime.from_week_tow(message.gps_week, message.gps_time_of_week),
         time_status=message.time_status,
         receiver_status=message.receiver_status,
         log_name=log_name,
@@ -62,12 +83,12 @@ def ephemeris_to_message(ephemeris: BroadcastEphemeris) -> GnssEphemeris:
     """Return the message of a broadcast ephemeris."""
     message = GnssEphemeris(**{name: getattr(ephemeris, name) for name in _EPHEMERIS_FIELDS})
     message.header.stamp = to_stamp(ephemeris.time.to_unix_nanoseconds())
-    message.header.frame_id = "earth"
+    message.header.frame_id = EARTH_FRAME
     return message
 
 
 def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
-    """Return the ephemeris of a message."""
+    """Return the ephemeris of a message; its time of reception is that of the stamp."""
     return BroadcastEphemeris(
         time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
         **{name: getattr(message, name) for name in _EPHEMERIS_FIELDS},
@@ -82,8 +103,18 @@ def fix_to_message(fix: Fix) -> GnssFix:
         **{name: getattr(fix, name) for name in _FIX_FIELDS},
     )
     message.header.stamp = to_stamp(fix.time.to_unix_nanoseconds())
-    message.header.frame_id = "earth"
+    message.header.frame_id = EARTH_FRAME
     return message
+
+
+def fix_from_message(message: GnssFix) -> Fix:
+    """Return the solution of a message."""
+    values = {name: getattr(message, name) for name in _FIX_FIELDS}
+    values.update({name: tuple(float(x) for x in values[name]) for name in _VECTOR_FIELDS})
+    return Fix(
+        time=GpsTime.from_week_tow(message.gps_week, message.gps_time_of_week),
+        **values,
+    )
 
 
 def raw_log_to_message(log: RawLog, frame_id: str) -> ReceiverLog:
@@ -93,3 +124,24 @@ def raw_log_to_message(log: RawLog, frame_id: str) -> ReceiverLog:
         message.header.stamp = to_stamp(log.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
     return message
+
+
+def raw_log_from_message(message: ReceiverLog) -> RawLog:
+    """Return the log of a message; a zero stamp means that it has no time."""
+    unix_nanoseconds = to_nanoseconds(message.header.stamp)
+    return RawLog(
+        time=GpsTime.from_unix_nanoseconds(unix_nanoseconds) if unix_nanoseconds else None,
+        name=message.name,
+        log_id=message.log_id,
+        content=bytes(message.data),
+    )
+
+
+def _check_lengths(columns: dict[str, Any]) -> None:
+    count = len(columns["prn"])
+    for name, column in columns.items():
+        if np.shape(column) != (count,):
+            raise ValueError(
+                f"observation column '{name}' has shape {np.shape(column)}; "
+                f"'prn' has {count} elements"
+            )

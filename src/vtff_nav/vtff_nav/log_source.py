@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import pathlib
+import stat
 import urllib.parse
 
 CHUNK_LENGTH = 1 << 14
@@ -24,16 +25,21 @@ class FileSource:
     Raises
     ------
     SourceError
-        If it cannot be opened.
+        If it cannot be opened or is no regular file: opening a pipe would wait for its writer.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
         self.path = path
         try:
+            mode = os.stat(path).st_mode
+            if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+                raise SourceError(f"cannot read receiver log {path}: it is not a regular file")
             self._file = path.open("rb")
             self.size = os.fstat(self._file.fileno()).st_size
-        except OSError as error:
-            raise SourceError(f"cannot read receiver log {path}: {error.strerror}") from error
+        except SourceError:
+            raise
+        except (OSError, ValueError) as error:
+            raise SourceError(f"cannot read receiver log {path}: {_reason(error)}") from error
         self.position = 0
 
     def read(self) -> bytes:
@@ -47,12 +53,12 @@ class FileSource:
         try:
             chunk = self._file.read(CHUNK_LENGTH)
         except OSError as error:
-            raise SourceError(f"cannot read receiver log {self.path}: {error.strerror}") from error
+            raise SourceError(f"cannot read receiver log {self.path}: {_reason(error)}") from error
         self.position += len(chunk)
         return chunk
 
     def close(self) -> None:
-        """Close the file."""
+        """Close the file; again is harmless."""
         self._file.close()
 
 
@@ -62,7 +68,8 @@ def open_source(port: str) -> FileSource:
     Parameters
     ----------
     port
-        ``file:///absolute/path``, ``file://relative/path`` or a path.
+        ``file:///absolute/path``, ``file://relative/path`` or a path. What follows ``file://``
+        is taken as it stands if there is such a file, else with its percent signs decoded.
 
     Raises
     ------
@@ -70,9 +77,18 @@ def open_source(port: str) -> FileSource:
         If the name is of another kind, or the file cannot be read.
     """
     scheme, separator, rest = port.partition("://")
-    if separator and scheme != "file":
+    if separator and scheme.lower() != "file":
         raise SourceError(f"port '{port}': '{scheme}' is not known; use file://<path>")
-    path = pathlib.Path(urllib.parse.unquote(rest) if separator else port)
-    if path.is_char_device() or port.startswith("/dev/"):
+    name = rest if separator else port
+    if not name:
+        raise SourceError(f"port '{port}' names no file; use file://<path>")
+    if name.startswith("/dev/"):
         raise SourceError(f"port '{port}': serial ports are not read yet; use file://<path>")
-    return FileSource(path)
+    decoded = urllib.parse.unquote(name)
+    if separator and not os.path.lexists(name) and os.path.lexists(decoded):
+        name = decoded
+    return FileSource(pathlib.Path(name))
+
+
+def _reason(error: OSError | ValueError) -> str:
+    return getattr(error, "strerror", None) or str(error)

@@ -85,7 +85,8 @@ class VtffNode(Node):
         self._step_publisher = self.publisher(StepDone, "/sim/step_done") if self.lockstep else None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
-        self.create_timer(1.0, self.publish_diagnostics, clock=self.steady_clock)
+        self._closing = False
+        self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
 
     def publisher(
         self, message_type: type, topic: str, profile: QoSProfile = qos.PUBLISH
@@ -147,6 +148,11 @@ class VtffNode(Node):
         """Return the node's diagnostic states; subclasses replace this."""
         return [diagnostics.status(f"{self.get_name()}: running", diagnostics.OK, "running")]
 
+    def _on_diagnostics_timer(self) -> None:
+        # A recorder that is closing would never record what it publishes now.
+        if not self._closing:
+            self.publish_diagnostics()
+
     def publish_diagnostics(self) -> None:
         """Publish `health` on /diagnostics; called once a second of wall time."""
         report = DiagnosticArray(status=self.health())
@@ -187,6 +193,7 @@ class VtffNode(Node):
 
     def close(self) -> None:
         """Stop, wait until readers have the last messages, and leave the message counts."""
+        self._closing = True
         self.on_stop()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
         for publisher in self._counted:
@@ -205,6 +212,7 @@ class VtffNode(Node):
         record = {
             "node": self._qualified_name,
             "exit_code": self.exit_code,
+            "process_cpu_time_s": round(time.process_time(), 3),
             "published": counts,
         }
         folder = pathlib.Path(directory) / "nodes"

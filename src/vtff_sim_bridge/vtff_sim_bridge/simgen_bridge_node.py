@@ -219,6 +219,7 @@ class SimgenBridgeNode(VtffNode):
         self.scenario_nanoseconds = stamp_nanoseconds
         self._coordinator.begin(stamp_nanoseconds)
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
+        self._receive_replies()
         self._send_motion()
         self._clock_message.clock = stamp
         self._clock_publisher.publish(self._clock_message)
@@ -238,7 +239,6 @@ class SimgenBridgeNode(VtffNode):
             relative.velocity_chief_gcrf = state_chief[3:]
             self._relative_publisher.publish(relative)
         self._publish_status(stamp)
-        self._receive_replies()
         self._show_progress()
 
     def _advance(self) -> None:
@@ -308,6 +308,7 @@ class SimgenBridgeNode(VtffNode):
             self._fail(str(error))
 
     def _receive_replies(self) -> None:
+        """Take SimGEN's replies to the previous step: by now they wait, so nothing blocks."""
         if self._simgen is None or self._state == SimulatorStatus.STATE_ERROR:
             return
         try:

@@ -148,6 +148,7 @@ class SimGenLink:
             If SimGEN does not end the run.
         """
         try:
+            self.receive()
             if self._started and self._client.is_connected:
                 self._client.end()
         finally:

@@ -1,0 +1,293 @@
+"""tools/setup.sh in a small copy of the tree, with stand-ins for every tool that it asks.
+
+Nothing is downloaded, built or asked of this machine.
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+REAL_TOOLS = (
+    *("awk", "bash", "cat", "chmod", "cp", "cut", "dirname", "env", "find", "flock", "grep"),
+    *("head", "mkdir", "rm", "sh", "sha256sum", "sleep", "sort", "tail", "touch", "xargs"),
+)
+PYTHON_CHECK = re.search(r"python_check='\n(.*?)'\n", (ROOT / "tools/setup.sh").read_text(), re.S)
+
+FAKE_PYTHON = """\
+#!/bin/sh
+echo "python $*" | head -n 1 >>"$CALLS"
+case "$1 $2" in
+  *base_prefix*) echo "${IDENTITY:-3.11}" ;;
+  "-c "*) [ -z "$REASON" ] || { echo "$REASON" >&2; exit 1; } ;;
+  "--version "*) echo "Python 3.11.0" ;;
+  "-m venv") mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && cp "$FAKES/colcon" "$3/bin/colcon" ;;
+  "-m pip") [ -z "$PIP_ERROR" ] || { echo "$PIP_ERROR"; exit 1; }; sleep "${PIP_TIME:-0}" ;;
+  "tools/write_environment.py "*) touch .venv/vtff_environment.sh ;;
+esac
+"""
+FAKE_COLCON = """\
+#!/bin/sh
+echo "colcon $*" >>"$CALLS"
+[ -z "$COLCON_ERROR" ] || { echo "$COLCON_ERROR"; exit 1; }
+mkdir -p install
+"""
+FAKES = {
+    "python3": FAKE_PYTHON,
+    "colcon": FAKE_COLCON,
+    "uname": '#!/bin/sh\n[ "$1" = -s ] && echo Linux || echo "${MACHINE:-x86_64}"\n',
+    "getconf": '#!/bin/sh\n[ "$GLIBC" != none ] && echo "glibc ${GLIBC:-2.36}"\n',
+    "df": '#!/bin/sh\necho header\necho "/dev/disk 9 9 ${FREE_KIB:-9000000} 9% /"\n',
+    "cc": "#!/bin/sh\nexit ${CC_EXIT:-0}\n",
+    "c++": "#!/bin/sh\n",
+    "make": "#!/bin/sh\n",
+}
+
+
+class Tree:
+    """A checkout with what the set-up reads."""
+
+    def __init__(self, folder: pathlib.Path, name: str = "checkout") -> None:
+        self.root = folder / name
+        for part in ("tools", "requirements"):
+            shutil.copytree(ROOT / part, self.root / part)
+        package = self.root / "src/package/package.xml"
+        package.parent.mkdir(parents=True)
+        package.write_text("<package/>")
+        self.fakes = folder / "fakes"
+        self.calls = folder / "calls"
+        self.fakes.mkdir()
+        for tool in REAL_TOOLS:
+            path = shutil.which(tool)
+            assert path or tool == "flock", f"this machine has no {tool}"
+            if path:
+                (self.fakes / tool).symlink_to(path)
+        for tool, text in FAKES.items():
+            (self.fakes / tool).write_text(text)
+            (self.fakes / tool).chmod(0o755)
+
+    def start(self, **settings: object) -> subprocess.Popen[str]:
+        self.calls.write_text("")
+        variables = {
+            "PATH": str(self.fakes),
+            "CALLS": str(self.calls),
+            "FAKES": str(self.fakes),
+            # Leftovers of another ROS and settings that must not matter.
+            "AMENT_PREFIX_PATH": "/nonexistent",
+            "CDPATH": "/usr",
+            **{name: str(value) for name, value in settings.items()},
+        }
+        return subprocess.Popen(
+            ["bash", "tools/setup.sh"],
+            cwd=self.root,
+            env=variables,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
+        )
+
+    def setup(self, **settings: object) -> subprocess.CompletedProcess[str]:
+        process = self.start(**settings)
+        output, errors = process.communicate(timeout=60)
+        return subprocess.CompletedProcess([], process.returncode, output, errors)
+
+    def work(self) -> list[str]:
+        """Return which expensive steps the last call did."""
+        text = self.calls.read_text()
+        return [step for step in ("-m venv", "-m pip", "colcon build") if step in text]
+
+
+ALL = ["-m venv", "-m pip", "colcon build"]
+
+
+@pytest.fixture
+def tree(tmp_path):
+    return Tree(tmp_path)
+
+
+def assert_fails(result, text):
+    assert result.returncode == 1
+    lines = result.stderr.splitlines()
+    assert len(lines) == 1, result.stderr
+    assert lines[0].startswith("setup: ")
+    assert text in lines[0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "text"),
+    [
+        ({"MACHINE": "aarch64"}, "x86-64 Linux; this is Linux aarch64"),
+        ({"GLIBC": "2.31"}, "glibc 2.35 or newer is needed (Ubuntu 22.04, Debian 12); found 2.31"),
+        ({"GLIBC": "none"}, "found none"),  # musl
+        ({"CC_EXIT": 1}, "the C compiler 'cc' does not work"),
+        ({"FREE_KIB": 1000000}, "not enough disk: 976 MiB free, 2441 MiB needed"),
+        ({"REASON": "is Python 3.9"}, "Python 3.10 to 3.13 is needed; python3 is Python 3.9"),
+        ({"REASON": "lacks its C headers"}, "python3 lacks its C headers"),
+        ({"VTFF_PYTHON": "nosuch"}, "VTFF_PYTHON=nosuch is not a program"),
+        ({"VTFF_PYTHON": "python3", "REASON": "is Python 3.9"}, "VTFF_PYTHON=python3 is Python"),
+        (
+            {"PIP_ERROR": "NewConnectionError: Temporary failure in name resolution"},
+            "packages could not be downloaded: no network, or the index lacks them; "
+            "details: log/setup.log",
+        ),
+        ({"PIP_ERROR": "OSError: [Errno 28] No space left on device"}, "the disk is full"),
+        ({"COLCON_ERROR": "error: expected ';'"}, "building the workspace (about one minute) fail"),
+    ],
+)
+def test_one_clear_line(tree, settings, text):
+    assert_fails(tree.setup(**settings), text)
+
+
+@pytest.mark.parametrize("tool", ["cc", "c++", "make"])
+def test_missing_compiler(tree, tool):
+    (tree.fakes / tool).unlink()
+    assert_fails(tree.setup(), f"no C/C++ compiler: '{tool}' not found")
+    assert not (tree.root / ".venv").exists()
+
+
+def test_missing_python(tree):
+    (tree.fakes / "python3").unlink()
+    assert_fails(tree.setup(), "Python 3.10 to 3.13 is needed; python3 was not found")
+
+
+def test_another_python_is_taken_where_python3_is_unsuitable(tree):
+    shutil.copy(tree.fakes / "python3", tree.fakes / "python3.12")
+    (tree.fakes / "python3").write_text("#!/bin/sh\nexit 127\n")  # a version manager's shim
+    assert tree.setup().returncode == 0
+
+
+@pytest.mark.parametrize("name", ["a checkout", "a:checkout", "$checkout"])
+def test_impossible_path(tmp_path, name):
+    tree = Tree(tmp_path, name)
+    assert_fails(tree.setup(), "the path of this folder has a blank, colon")
+    assert not (tree.root / ".venv").exists()
+
+
+def test_second_call_does_nothing(tree):
+    assert tree.setup().returncode == 0
+    assert tree.work() == ALL
+    second = tree.setup()
+    assert (second.returncode, second.stdout, second.stderr) == (0, "", "")
+    assert tree.work() == []
+
+
+def test_vtff_command_runs_in_the_environment(tree):
+    tree.setup()
+    command = (tree.root / ".venv/bin/vtff").read_text()
+    assert f'. "{tree.root}/.venv/vtff_environment.sh"' in command
+    assert os.access(tree.root / ".venv/bin/vtff", os.X_OK)
+
+
+@pytest.mark.parametrize(
+    ("change", "work"),
+    [
+        (lambda root: (root / "requirements/runtime.txt").write_text("numpy"), ALL),
+        (lambda root: (root / ".venv/.vtff_packages").unlink(), ALL),  # interrupted before
+        (lambda root: (root / ".venv/bin/python").unlink(), ALL),  # interpreter was removed
+        (lambda root: (root / "src/package/package.xml").write_text("<a/>"), ["colcon build"]),
+        (lambda root: (root / "src/package/setup.py").write_text(""), ["colcon build"]),
+        (lambda root: shutil.rmtree(root / "install"), ["colcon build"]),
+        (lambda root: (root / ".venv/vtff_environment.sh").unlink(), ["colcon build"]),
+        (lambda root: (root / "src/package/module.py").write_text(""), []),
+    ],
+)
+def test_what_is_done_again(tree, change, work):
+    assert tree.setup().returncode == 0
+    change(tree.root)
+    assert tree.setup().returncode == 0
+    assert tree.work() == work
+    tree.setup()
+    assert tree.work() == []
+
+
+def test_another_interpreter_makes_another_environment(tree):
+    tree.setup()
+    other = tree.fakes / "other"
+    other.write_text(FAKE_PYTHON.replace("${IDENTITY:-3.11}", "3.13"))
+    other.chmod(0o755)
+    assert tree.setup(VTFF_PYTHON=other).returncode == 0
+    assert tree.work() == ALL
+    tree.setup(VTFF_PYTHON=other)
+    assert tree.work() == []
+
+
+def test_moved_checkout_is_set_up_again(tree):
+    tree.setup()
+    tree.root = tree.root.rename(tree.root.with_name("moved"))
+    assert tree.setup().returncode == 0
+    assert tree.work() == ALL
+
+
+def test_failed_build_is_repeated(tree):
+    tree.setup()
+    (tree.root / "src/package/package.xml").write_text("<a/>")
+    assert tree.setup(COLCON_ERROR="error").returncode == 1
+    # Also where the change is taken back: what the failed build left is unknown.
+    (tree.root / "src/package/package.xml").write_text("<package/>")
+    tree.setup()
+    assert tree.work() == ["colcon build"]
+
+
+def wait_for_pip(tree):
+    deadline = time.monotonic() + 30
+    while "-m pip" not in tree.calls.read_text():
+        assert time.monotonic() < deadline, "the set-up does not reach pip"
+        time.sleep(0.02)
+
+
+def test_interrupted_set_up_is_repaired(tree):
+    process = tree.start(PIP_TIME=20)
+    wait_for_pip(tree)
+    os.killpg(process.pid, signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 1
+    assert "setup: interrupted; call it again" in errors
+    assert tree.setup().returncode == 0
+    assert tree.work() == ALL
+
+
+@pytest.mark.skipif(shutil.which("flock") is None, reason="flock is not installed")
+def test_second_set_up_at_the_same_time_waits(tree):
+    first = tree.start(PIP_TIME=0.5)
+    wait_for_pip(tree)
+    calls = tree.calls.read_text()
+    second = tree.start(PIP_TIME=0.5)
+    output, _ = second.communicate(timeout=30)
+    first.communicate(timeout=30)
+    assert (first.returncode, second.returncode) == (0, 0)
+    assert "waiting for another set-up" in output
+    assert (calls + tree.calls.read_text()).count("-m pip") == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "text"),
+    [
+        ("", ""),
+        ("import sys; sys.version_info = (3, 9, 1)", "is Python 3.9"),
+        ("import sys; sys.version_info = (3, 14, 0)", "is Python 3.14"),
+        ("import sys; sys.maxsize = 2**31 - 1", "is a 32-bit Python"),
+        ("import sys; sys.modules['ensurepip'] = None", "lacks the venv module"),
+        ("import os; os.path.isfile = lambda path: False", "lacks its C headers"),
+    ],
+)
+def test_python_check(before, text):
+    assert PYTHON_CHECK
+    if not text and not (3, 10) <= sys.version_info[:2] <= (3, 13):
+        pytest.skip("this Python is not one that the wheels support")
+    result = subprocess.run(
+        [sys.executable, "-c", before + "\n" + PYTHON_CHECK.group(1)],
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == (1 if text else 0)
+    assert text in result.stderr
