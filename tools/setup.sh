@@ -3,11 +3,13 @@
 # Safe to call again: work that is done is not repeated. VTFF_PYTHON chooses the interpreter.
 set -euo pipefail
 
+unset CDPATH # with it, cd prints
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv="$root/.venv"
 log="$root/log/setup.log"
-needed_disk_kib=2500000
+packages_kib=2500000
+workspace_kib=200000
 
 stop() {
   printf 'setup: %s\n' "$1" >&2
@@ -17,46 +19,68 @@ stop() {
 # An apt ROS that is sourced in this shell would mix with the wheels.
 unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH LD_LIBRARY_PATH
 unset ROS_DISTRO ROS_VERSION _ROS_WHEELS_BOOTSTRAP_COMPLETE
+# Nor may settings of the user's pip or Python lead out of the virtual environment.
+unset PYTHONHOME PIP_TARGET PIP_PREFIX PIP_CONSTRAINT
+export PIP_USER=0
 # CI and cron may lack HOME; pip and colcon want one, and neither keeps anything of ours there.
 export HOME="${HOME:-$root/log}"
 export PIP_DISABLE_PIP_VERSION_CHECK=1
 
-# Works for any interpreter: prints OK or why not.
+# Works for any interpreter, also Python 2: silent, or says why not.
 python_check='
-import sys
+import os, sys
 if not (3, 10) <= sys.version_info[:2] <= (3, 13): sys.exit("is Python %d.%d" % sys.version_info[:2])
+if sys.implementation.name != "cpython": sys.exit("is not CPython")
 if sys.maxsize < 2**32: sys.exit("is a 32-bit Python")
+import sysconfig
+if sysconfig.get_config_var("Py_GIL_DISABLED"): sys.exit("is a free-threaded Python")
 try:
     import venv, ensurepip
 except ImportError: sys.exit("lacks the venv module (Debian, Ubuntu: apt install python3-venv)")
+if not os.path.isfile(os.path.join(sysconfig.get_paths()["include"], "Python.h")):
+    sys.exit("lacks its C headers (Debian, Ubuntu: apt install python3-dev)")
 '
+python_identity='import sys; print(sys.version_info[:3], sys.base_prefix)'
+
+check_place() {
+  # Interpreter lines of scripts end at a blank, search paths at a colon.
+  case "$root" in
+    *[[:space:]:\;\'\"\\\$]*)
+      stop "the path of this folder has a blank, colon, quote, \$ or backslash, which colcon and Python scripts cannot have: $root" ;;
+  esac
+  { mkdir -p "$root/log" && : >>"$log"; } 2>/dev/null || stop "cannot write to $root/log"
+}
 
 check_machine() {
   [ "$(uname -s)-$(uname -m)" = Linux-x86_64 ] ||
-    stop "the ROS 2 wheels need x86-64 Linux; this is $(uname -s) $(uname -m). On ROS 2 Jazzy from apt use colcon build (README)."
+    stop "the ROS 2 wheels need x86-64 Linux; this is $(uname -s) $(uname -m). With ROS 2 Jazzy from apt use colcon build (docs/install.md)."
   local glibc
-  glibc=$(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d' ' -f2)
+  glibc=$(getconf GNU_LIBC_VERSION 2>/dev/null | cut -d' ' -f2) || true
   if [ -z "$glibc" ] || [ "$(printf '%s\n2.35\n' "$glibc" | sort -V | head -n 1)" != 2.35 ]; then
     stop "glibc 2.35 or newer is needed (Ubuntu 22.04, Debian 12); found ${glibc:-none}."
   fi
-  local compiler
-  for compiler in cc c++; do
-    command -v "$compiler" >/dev/null ||
-      stop "no C/C++ compiler ('$compiler' not found); Debian, Ubuntu: apt install build-essential"
+  local tool
+  for tool in cc c++ make; do
+    command -v "$tool" >/dev/null ||
+      stop "no C/C++ compiler: '$tool' not found (Debian, Ubuntu: apt install build-essential)"
   done
+  # A compiler without the headers of the C library is found and cannot compile.
+  cc -E -x c - <<<'#include <stdio.h>' >/dev/null 2>&1 ||
+    stop "the C compiler 'cc' does not work (Debian, Ubuntu: apt install build-essential)"
 }
 
-check_disk() {
+check_disk() { # free space, KiB
   local free_kib
   free_kib=$(df -Pk "$root" | awk 'NR == 2 {print $4}')
-  [ "$free_kib" -ge "$needed_disk_kib" ] ||
-    stop "not enough disk: $((free_kib / 1024)) MiB free, $((needed_disk_kib / 1024)) MiB needed in $root"
+  [ "$free_kib" -ge "$1" ] ||
+    stop "not enough disk: $((free_kib / 1024)) MiB free, $(($1 / 1024)) MiB needed in $root"
 }
 
 choose_python() {
   local candidate reason
   if [ -n "${VTFF_PYTHON:-}" ]; then
-    reason=$("$VTFF_PYTHON" -c "$python_check" 2>&1) ||
+    command -v "$VTFF_PYTHON" >/dev/null || stop "VTFF_PYTHON=$VTFF_PYTHON is not a program"
+    reason=$("$VTFF_PYTHON" -c "$python_check" 2>&1 | tail -n 1) ||
       stop "VTFF_PYTHON=$VTFF_PYTHON ${reason:-does not run}; Python 3.10 to 3.13 is needed"
     echo "$VTFF_PYTHON"
     return
@@ -68,8 +92,11 @@ choose_python() {
       return
     fi
   done
-  reason=$(python3 -c "$python_check" 2>&1) || true
-  stop "Python 3.10 to 3.13 is needed; python3 ${reason:-was not found}. Name another with VTFF_PYTHON=..."
+  reason="was not found"
+  if command -v python3 >/dev/null; then
+    reason=$(python3 -c "$python_check" 2>&1 | tail -n 1) || true
+  fi
+  stop "Python 3.10 to 3.13 is needed; python3 ${reason:-does not run}. Name another with VTFF_PYTHON=..."
 }
 
 # Run a step with its output in the log; on failure say in one line what and where.
@@ -95,7 +122,15 @@ fingerprint() { # of the files named on standard input
 }
 
 packages_fingerprint() {
-  { ls requirements/*.txt tools/patch_wheels.py; } | fingerprint
+  printf '%s\n' requirements/*.txt tools/patch_wheels.py | LC_ALL=C sort | fingerprint
+  echo "$root" # a virtual environment cannot be moved
+}
+
+packages_are_installed() {
+  [ "$(cat "$venv/.vtff_packages" 2>/dev/null)" = "$(packages_fingerprint)" ] || return 1
+  local identity
+  identity=$("$venv/bin/python" -c "$python_identity" 2>/dev/null) || return 1
+  [ -z "${VTFF_PYTHON:-}" ] || [ "$("$VTFF_PYTHON" -c "$python_identity" 2>/dev/null)" = "$identity" ]
 }
 
 # What a rebuild depends on. Python modules are linked into the build, so a change in them
@@ -104,15 +139,22 @@ workspace_fingerprint() {
   {
     find src -type f \( -name package.xml -o -name 'setup.*' -o -name CMakeLists.txt -o -name '*.msg' \
       -o -name '*.srv' -o -name '*.action' \)
-    ls tools/setup.sh tools/write_environment.py
+    printf "%s\n" tools/setup.sh tools/write_environment.py
   } | LC_ALL=C sort | fingerprint
   # Folders and files that are only linked: their names count, not their content.
-  find src config -type f \( -path 'config/*' -o -path '*/launch/*' -o -name __init__.py \) | LC_ALL=C sort | sha256sum
-  echo "$root"
+  {
+    find src -type f \( -path '*/launch/*' -o -name __init__.py \)
+    [ ! -d config ] || find config -type f
+  } | LC_ALL=C sort | sha256sum
+}
+
+workspace_is_built() {
+  [ -x "$venv/bin/vtff" ] && [ -f "$venv/vtff_environment.sh" ] &&
+    [ "$(cat install/.vtff_workspace 2>/dev/null)" = "$(workspace_fingerprint)" ]
 }
 
 install_packages() {
-  check_disk
+  check_disk "$packages_kib"
   local python
   python=$(choose_python)
   rm -rf "$venv" build install
@@ -125,7 +167,8 @@ install_packages() {
 }
 
 build_workspace() {
-  check_disk
+  check_disk "$workspace_kib"
+  rm -f install/.vtff_workspace # an interrupted build is none
   step "building the workspace (about one minute)" env \
     AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" PATH="$venv/bin:$PATH" \
     "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+
@@ -144,13 +187,24 @@ COMMAND
   chmod +x "$venv/bin/vtff"
 }
 
-mkdir -p "$root/log"
+# Two set-ups at once would delete each other's work; the second waits, and then finds it done.
+wait_for_others() {
+  command -v flock >/dev/null || return 0
+  exec 9>"$root/log/setup.lock"
+  flock -n 9 && return
+  echo "setup: waiting for another set-up of this folder ..."
+  flock 9
+}
+
+check_place
+wait_for_others
 : >"$log"
-if [ "$(cat "$venv/.vtff_packages" 2>/dev/null)" != "$(packages_fingerprint)" ]; then
+trap 'stop "interrupted; call it again"' INT TERM
+if ! packages_are_installed; then
   check_machine
   install_packages
 fi
-if [ "$(cat install/.vtff_workspace 2>/dev/null)" != "$(workspace_fingerprint)" ] || [ ! -x "$venv/bin/vtff" ]; then
+if ! workspace_is_built; then
   check_machine
   build_workspace
 fi

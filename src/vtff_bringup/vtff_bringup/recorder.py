@@ -29,7 +29,6 @@ SUBSCRIPTION_DEPTH = 5000  # messages of a topic that may wait for the recorder
 STABLE_AFTER = 0.3  # s of wall time without a new topic, then the topic set is complete
 SEARCH_INTERVAL = 0.02  # s of wall time between looks at the graph until then
 LATER_SEARCH_INTERVAL = 0.5  # s of wall time between looks afterwards
-QUIET_CLOCK = 1.0  # s of wall time without a new /clock: the run has ended or waits
 
 #: Messages without a time of their own wait for the first scenario time at most this long.
 HOLD_LIMIT_SECONDS = 60.0
@@ -113,8 +112,7 @@ class Acknowledger:
 
     The first step is acknowledged once the topic set is stable, then every
     ``acknowledge_every``-th /clock, always by its own stamp, so that two runs give the
-    same acknowledgements. A /clock that is not followed by another for a second, the last
-    of a run, is acknowledged too.
+    same acknowledgements, however long a machine pauses.
 
     Parameters
     ----------
@@ -129,16 +127,14 @@ class Acknowledger:
         self._every = acknowledge_every
         self._steps = 0
         self._newest = 0
-        self._newest_seen_at = 0.0
         self._last_acknowledged_step = 0
         self.ready = False
         self.stopped = False
 
-    def clock(self, nanoseconds: int, now: float) -> None:
-        """Note a /clock message that arrived at wall time ``now``."""
+    def clock(self, nanoseconds: int) -> None:
+        """Note a /clock message."""
         self._steps += 1
         self._newest = nanoseconds
-        self._newest_seen_at = now
         if self._last_acknowledged_step == 0:
             self._send_first()
         elif self._steps - self._last_acknowledged_step >= self._every:
@@ -148,12 +144,6 @@ class Acknowledger:
         """Note that the topic set is stable: nothing of the first step can be missed."""
         self.ready = True
         self._send_first()
-
-    def idle(self, now: float) -> None:
-        """Acknowledge the newest step if no other has come for a while."""
-        behind = 0 < self._last_acknowledged_step < self._steps
-        if behind and now - self._newest_seen_at >= QUIET_CLOCK:
-            self._send()
 
     def _send_first(self) -> None:
         if self.ready and self._steps and self._last_acknowledged_step == 0:
@@ -246,8 +236,6 @@ class Recorder:
             self._release_held(time.time_ns())
         if not self._failed:
             self._guarded(self._writer.flush_if_due)
-        if self._acknowledger is not None:
-            self._acknowledger.idle(now)
 
     def finish(self) -> None:
         """Write what still waits for a time; the writer stays open."""
@@ -355,7 +343,7 @@ class Recorder:
             scenario_time.clock(stamp)
             self._write(number, serialized, stamp)
             if self._acknowledger is not None:
-                self._acknowledger.clock(stamp, time.monotonic())
+                self._acknowledger.clock(stamp)
 
         def on_stamped(serialized: bytes) -> None:
             stamp = leading_stamp(serialized)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from geometry_msgs.msg import AccelStamped
+from rosgraph_msgs.msg import Clock
 
 from vtff_control.sdre import (
     DESIGNS,
@@ -14,13 +15,14 @@ from vtff_control.sdre import (
     ControlResult,
     SdreController,
     SdreDesign,
+    stale_state_reason,
 )
 from vtff_msgs.msg import RelativeState
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
-from vtff_node.stamps import to_nanoseconds
+from vtff_node.stamps import StampOrder, to_nanoseconds
 
 REFUSED = ControlResult(np.zeros(3), False, False)
 
@@ -38,7 +40,7 @@ class SdreControllerParameters:
         "j2", "gravity of the feedforward; should match the truth", choices=FEEDFORWARD_GRAVITY
     )
     acceleration_cap: float = parameter(
-        1.0, "largest command on each axis", unit="m/s^2", minimum=0.0
+        1.0, "largest command on each axis", unit="m/s^2", minimum=1e-9
     )
     position_weight: float = parameter(
         0.0, "weight of the position error, 0 = default of the design", unit="1/m^2", minimum=0.0
@@ -63,6 +65,13 @@ class SdreControllerParameters:
         10.0, "oldest last measurement of a state that is still acted on", unit="s", minimum=0.0
     )
 
+    maximum_lag: float = parameter(
+        1.5,
+        "outside lockstep, oldest state by /clock that is still acted on",
+        unit="s",
+        minimum=0.0,
+    )
+
     def __post_init__(self) -> None:
         """Check the lengths of the target vectors."""
         for name in ("target_position_rtn", "target_velocity_rtn"):
@@ -75,8 +84,9 @@ class SdreControllerNode(VtffNode):
 
     Subscribes to formation/relative_state and formation/target (vtff_msgs/RelativeState);
     publishes <deputy>/control/thrust_command (geometry_msgs/AccelStamped, m/s^2 in chief/rtn,
-    stamped with the time of the state it answers). A state that is repeated, out of order, not
-    finite or marked unusable gives zero thrust and a diagnostic.
+    stamped with the time of the state it answers). A state that is stale, not finite or marked
+    unusable gives zero thrust and a diagnostic; one that is repeated or out of order has been
+    answered already and is reported. After a jump back in time control starts anew.
     """
 
     Parameters = SdreControllerParameters
@@ -100,14 +110,19 @@ class SdreControllerNode(VtffNode):
         self._target = np.array([*given.target_position_rtn, *given.target_velocity_rtn])
         self._result = REFUSED
         self._reason = "no relative state yet"
-        self._out_of_order = 0
         self._refused = 0
-        self._last_stamp = -1
+        self._order = StampOrder()
+        self._now_nanoseconds: int | None = None
         self._command = AccelStamped()
-        self._command.header.frame_id = "chief/rtn"
         self._publisher = self.publisher(AccelStamped, f"{given.deputy}/control/thrust_command")
         self.subscribe(RelativeState, "formation/relative_state", self._on_relative_state)
         self.subscribe(RelativeState, "formation/target", self._on_target)
+        if not self.lockstep:
+            # In lockstep no state can be old: nobody goes on before it is answered.
+            self.subscribe(Clock, "/clock", self._on_clock)
+
+    def _on_clock(self, message: Clock) -> None:
+        self._now_nanoseconds = to_nanoseconds(message.clock)
 
     def _on_target(self, message: RelativeState) -> None:
         target = np.concatenate((message.position, message.velocity))
@@ -123,15 +138,14 @@ class SdreControllerNode(VtffNode):
         if message.child_frame_id != self.parameters.deputy:
             return
         stamp = to_nanoseconds(message.header.stamp)
-        if stamp <= self._last_stamp:
-            self._out_of_order += 1
+        if not self._order.accepts(stamp):
             return
-        self._last_stamp = stamp
         self._result, self._reason = self._control(message, stamp)
         self._refused += not self._result.valid
         linear = self._command.accel.linear
         linear.x, linear.y, linear.z = self._result.acceleration_rtn.tolist()
         self._command.header.stamp = message.header.stamp
+        self._command.header.frame_id = message.header.frame_id
         self._publisher.publish(self._command)
         self.acknowledge_step(message.header.stamp, started)
 
@@ -142,6 +156,12 @@ class SdreControllerNode(VtffNode):
         if not message.age <= self.parameters.maximum_age:
             self._controller.reset()
             return REFUSED, f"last measurement is {message.age:.1f} s old"
+        if self._now_nanoseconds is not None:
+            maximum_lag = self.parameters.maximum_lag
+            reason = stale_state_reason(stamp, self._now_nanoseconds, maximum_lag)
+            if reason:
+                self._controller.reset()
+                return REFUSED, reason
         result = self._controller.control(
             np.concatenate((message.position, message.velocity)),
             np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf)),
@@ -153,16 +173,19 @@ class SdreControllerNode(VtffNode):
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report whether commands are valid, and why not."""
         valid = self._result.valid
+        text = "controlling" if valid else f"zero thrust: {self._reason}"
+        if self._order.refused_since_last_look():
+            valid, text = False, f"states came out of order; {text}"
         return [
             diagnostics.status(
                 "sdre_controller: command",
                 diagnostics.OK if valid else diagnostics.WARN,
-                "controlling" if valid else f"zero thrust: {self._reason}",
+                text,
                 {
                     "design": self.parameters.design,
                     "saturated": self._result.saturated,
                     "states refused": self._refused,
-                    "states out of order": self._out_of_order,
+                    "states out of order": self._order.refused,
                     "gain solutions": self._controller.gain_solutions,
                 },
                 hardware_id=self.parameters.deputy,

@@ -12,7 +12,7 @@ from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
-from vtff_node.stamps import to_nanoseconds, to_stamp
+from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 
 @dataclass(frozen=True)
@@ -20,7 +20,7 @@ class ThrusterModelParameters:
     """Parameters of `thruster_model`."""
 
     acceleration_cap: float = parameter(
-        1.0, "largest acceleration on each axis", unit="m/s^2", minimum=0.0
+        1.0, "largest acceleration on each axis", unit="m/s^2", minimum=1e-9
     )
     quantum: float = parameter(
         0.0, "smallest change of the acceleration, 0 = continuous", unit="m/s^2", minimum=0.0
@@ -51,8 +51,7 @@ class ThrusterModelNode(VtffNode):
         self._commands = 0
         self._saturated = 0
         self._refused = 0
-        self._out_of_order = 0
-        self._last_stamp = -1
+        self._order = StampOrder()
         self._reason = ""
         self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
         self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
@@ -60,10 +59,8 @@ class ThrusterModelNode(VtffNode):
     def _on_command(self, message: AccelStamped) -> None:
         started = time.perf_counter()
         stamp = to_nanoseconds(message.header.stamp)
-        if stamp <= self._last_stamp:
-            self._out_of_order += 1
+        if not self._order.accepts(stamp):
             return
-        self._last_stamp = stamp
         wanted = message.accel.linear
         thrust = self._thruster.command(stamp, (wanted.x, wanted.y, wanted.z))
         self._commands += 1
@@ -79,20 +76,25 @@ class ThrusterModelNode(VtffNode):
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report commands, saturation and refusals."""
+        refused = self._order.refused_since_last_look()
+        out_of_order = "commands came out of order" if refused else ""
         return [
             diagnostics.status(
                 f"{self.get_name()}: thrust",
-                diagnostics.WARN if self._reason else diagnostics.OK,
-                self._reason or ("thrusting" if self._commands else "no command yet"),
+                diagnostics.WARN if self._reason or out_of_order else diagnostics.OK,
+                self._reason or out_of_order or self._state(),
                 {
                     "commands": self._commands,
                     "saturated": self._saturated,
                     "refused": self._refused,
-                    "out of order": self._out_of_order,
+                    "out of order": self._order.refused,
                 },
                 hardware_id=self.get_namespace().strip("/"),
             )
         ]
+
+    def _state(self) -> str:
+        return "thrusting" if self._commands else "no command yet"
 
 
 NODE_CLASS = ThrusterModelNode

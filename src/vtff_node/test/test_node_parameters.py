@@ -57,7 +57,7 @@ def test_defaults_and_given_values(context):
     values, description = declared(context, "port:=file://a", "cap:=2", "names:=[a, b]")
     assert values == Table(port="file://a", cap=2.0, names=["a", "b"])
     assert isinstance(values.cap, float)
-    assert description == "largest acceleration [m/s^2]"
+    assert description == "largest acceleration [m/s^2] (0.0 to 10.0)"
 
 
 def test_whole_numbers_are_accepted_for_lists_of_reals(context):

@@ -10,7 +10,8 @@ from types import FrameType
 from typing import Any
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSArgsError
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
@@ -23,6 +24,16 @@ SPIN_TIMEOUT = 0.1
 
 EXIT_FAILURE = 1
 EXIT_USAGE = 2
+
+#: What making a node raises when a parameter or a ROS argument is wrong.
+USAGE_ERRORS = (
+    ParameterError,
+    ValueError,
+    NameValidationException,
+    RCLError,
+    RCLInvalidROSArgsError,
+    UnknownROSArgsError,
+)
 
 NodeFactory = Callable[..., VtffNode]
 
@@ -48,6 +59,8 @@ class StopRequest:
         """Install the handlers; only the main thread of a process may."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
+        # `vtff run` starts its processes with both blocked, until they can be handled.
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
 
     def _handle(self, number: int, frame: FrameType | None) -> None:
         self._event.set()
@@ -103,10 +116,11 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         for factory in factories:
             nodes.append(factory())
-        return spin(nodes, stop)
-    except (ParameterError, RCLInvalidROSArgsError, UnknownROSArgsError) as error:
-        print(f"error: {error}", file=sys.stderr)
+    except USAGE_ERRORS as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_USAGE
+    else:
+        return spin(nodes, stop)
     finally:
         for node in nodes:
             node.destroy_node()

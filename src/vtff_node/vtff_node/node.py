@@ -82,7 +82,8 @@ class VtffNode(Node):
         self._progress_descriptor = _progress_descriptor()
         self._qualified_name = self.get_fully_qualified_name()
         self._step_done = StepDone(node=self._qualified_name)
-        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if self.lockstep else None
+        acknowledges = self.lockstep and self.common.acknowledge_steps
+        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if acknowledges else None
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
         self._closing = False

@@ -15,10 +15,15 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import sys
 from collections.abc import Sequence
 from typing import Any, TypeVar
 
 TableT = TypeVar("TableT")
+
+#: Where a range is open, ROS wants a number all the same.
+LARGEST_FLOAT = sys.float_info.max
+LARGEST_INTEGER = 2**63 - 1
 
 #: Stands for "no default": the parameter has to be given.
 REQUIRED: Any = object()
@@ -74,6 +79,13 @@ def describe(field: dataclasses.Field[Any]) -> str:
         text += f" [{field.metadata['unit']}]"
     if field.metadata["choices"]:
         text += " (" + " | ".join(field.metadata["choices"]) + ")"
+    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    if minimum is not None and maximum is not None:
+        text += f" ({minimum} to {maximum})"
+    elif minimum is not None:
+        text += f" (at least {minimum})"
+    elif maximum is not None:
+        text += f" (at most {maximum})"
     return text
 
 
@@ -187,15 +199,15 @@ def _declare_one(node: Any, field: dataclasses.Field[Any]) -> Any:
         description=describe(field), read_only=True, dynamic_typing=numbers
     )
     minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
-    if minimum is not None and maximum is not None:
+    if minimum is not None or maximum is not None:
         if kind is Parameter.Type.DOUBLE:
-            descriptor.floating_point_range = [
-                FloatingPointRange(from_value=float(minimum), to_value=float(maximum))
-            ]
+            low = -LARGEST_FLOAT if minimum is None else float(minimum)
+            high = LARGEST_FLOAT if maximum is None else float(maximum)
+            descriptor.floating_point_range = [FloatingPointRange(from_value=low, to_value=high)]
         elif kind is Parameter.Type.INTEGER:
-            descriptor.integer_range = [
-                IntegerRange(from_value=int(minimum), to_value=int(maximum), step=1)
-            ]
+            first = -LARGEST_INTEGER if minimum is None else int(minimum)
+            last = LARGEST_INTEGER if maximum is None else int(maximum)
+            descriptor.integer_range = [IntegerRange(from_value=first, to_value=last, step=1)]
     default = default_of(field)
     if numbers and default is None:
         declared = node.declare_parameter(field.name, None, descriptor)

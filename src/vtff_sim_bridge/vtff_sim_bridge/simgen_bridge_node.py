@@ -100,6 +100,7 @@ class SimgenBridgeNode(VtffNode):
         self._thrust_in_force: dict[str, np.ndarray] = {}
         self._state = SimulatorStatus.STATE_IDLE
         self._problem = ""
+        self._refused_thrust = 0
         self._started = False
         self._ready_since: float | None = None
         self._wall_start = 0.0
@@ -166,6 +167,11 @@ class SimgenBridgeNode(VtffNode):
         Lockstep starts at once: the first step waits for everybody and its messages are kept for
         late comers. The wall clock does not wait, so all nodes must be there before it starts.
         """
+        if self.count_publishers("/clock") > 1:
+            self._fail(
+                "another simulator publishes /clock on this ROS_DOMAIN_ID; give each run its own"
+            )
+            return False
         if self.lockstep:
             return True
         now = time.monotonic()
@@ -221,6 +227,8 @@ class SimgenBridgeNode(VtffNode):
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
         self._receive_replies()
         self._send_motion()
+        if self._state == SimulatorStatus.STATE_ERROR:
+            return
         self._clock_message.clock = stamp
         self._clock_publisher.publish(self._clock_message)
         for name, (publisher, message) in self._orbit_messages.items():
@@ -262,6 +270,12 @@ class SimgenBridgeNode(VtffNode):
 
     def _on_thrust(self, name: str, message: AccelStamped) -> None:
         linear = message.accel.linear
+        if not all(math.isfinite(value) for value in (linear.x, linear.y, linear.z)):
+            self._refused_thrust += 1
+            self.get_logger().warning(
+                f"thrust of {name} is not finite: none is applied", throttle_duration_sec=5.0
+            )
+            linear.x = linear.y = linear.z = 0.0
         self._thrust[name].add(to_nanoseconds(message.header.stamp), (linear.x, linear.y, linear.z))
         if self.lockstep:
             self._advance_when_complete()
@@ -287,6 +301,9 @@ class SimgenBridgeNode(VtffNode):
             self._advance()
 
     def _end(self) -> None:
+        self._receive_replies()
+        if self._state == SimulatorStatus.STATE_ERROR:
+            return
         self._state = SimulatorStatus.STATE_ENDED
         self._publish_status(to_stamp(self.scenario_nanoseconds))
         self.finish()
@@ -387,6 +404,7 @@ class SimgenBridgeNode(VtffNode):
             "step": self._coordinator.step,
             "of": self._steps,
             "late commands": sum(buffer.late for buffer in self._thrust.values()),
+            "thrust refused": self._refused_thrust,
         }
         level, text = diagnostics.OK, "running"
         if self._simgen is not None:

@@ -148,9 +148,11 @@ class SimGenLink:
             If SimGEN does not end the run.
         """
         try:
-            self.receive()
-            if self._started and self._client.is_connected:
-                self._client.end()
+            try:
+                self.receive()
+            finally:
+                if self._started and self._client.is_connected:
+                    self._client.end()
         finally:
             self._client.close()
 
