@@ -15,7 +15,7 @@ from graph_support import SYSTEMS, run_vtff
 
 from vtff_bringup.bag.reader import BagReader
 from vtff_gnss import constants
-from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import RawLog, read_log
 from vtff_gnss.observations import ObservationEpoch
@@ -93,6 +93,10 @@ def without_log_name(epoch):
     return dataclasses.replace(epoch, log_name="")
 
 
+#: GLONASS ephemerides of the logs that have some.
+GLONASS_EPHEMERIDES = {"rtklib_oemv_200911218.gps": 5, "edie_ascii_vectors.asc": 1}
+
+
 def published_epochs(events):
     """Apply the documented rule: an epoch in a second format is left out if the first had signals.
 
@@ -140,6 +144,15 @@ def test_the_bag_holds_what_the_log_holds(run_of, shared, name):
     assert same_values(found, expected, EPHEMERIS_FIELDS)
     assert len(found) == ephemeris_count
 
+    expected = [event for event in events if isinstance(event, GlonassEphemeris)]
+    expected.sort(key=lambda ephemeris: ephemeris.time)
+    found = [
+        conversions.glonass_ephemeris_from_message(d.message)
+        for d in messages(run, "glonass_ephemeris")
+    ]
+    assert found == expected
+    assert len(found) == GLONASS_EPHEMERIDES.get(name, 0)
+
     expected = [event for event in events if isinstance(event, Fix)]
     found = [conversions.fix_from_message(d.message) for d in messages(run, "fix")]
     assert same_values(found, expected, FIX_FIELDS)
@@ -156,7 +169,7 @@ def test_log_times_are_the_stamps(run_of, shared, name):
     file_of(shared, name)
     run = run_of(name)
     compared = 0
-    for topic in ("high_rate", "epoch", "ephemeris", "fix", "raw"):
+    for topic in ("high_rate", "epoch", "ephemeris", "glonass_ephemeris", "fix", "raw"):
         for decoded in messages(run, topic):
             stamp = to_nanoseconds(decoded.message.header.stamp)
             # A raw log without a time has no stamp: it is recorded at the time of the run.

@@ -18,7 +18,13 @@ from vtff_dynamics.timescales import GpsTime, parse_epoch
 from vtff_gnss import constants, ephemeris, fix
 from vtff_gnss.novatel import RawLog
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
-from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog
+from vtff_msgs.msg import (
+    GlonassEphemeris,
+    GnssEphemeris,
+    GnssFix,
+    GnssObservations,
+    ReceiverLog,
+)
 from vtff_nav import conversions
 from vtff_node.stamps import to_nanoseconds
 
@@ -124,6 +130,24 @@ def test_ephemerides_come_back_as_they_were(original):
     assert message.header.frame_id == "earth"
 
 
+def test_glonass_ephemerides_come_back_as_they_were():
+    original = ephemeris.GlonassEphemeris(
+        time=GpsTime.from_week_tow(1562, 515251.0),
+        prn=17,
+        glonass_channel=-4,
+        issue_of_data=92,
+        health=3,
+        time_of_ephemeris=GpsTime.from_week_tow(1562, 515714.999),
+        position=(1.1e7, -2.2e7, 3.3e6),
+        velocity=(1e3, -2e3, math.pi),
+        acceleration=(0.0, 1.8626451492309570e-06, -2e-6),
+        clock_offset=-1.2e-4,
+        relative_frequency_offset=1e-12,
+    )
+    message = over_the_wire(conversions.glonass_ephemeris_to_message(original))
+    assert conversions.glonass_ephemeris_from_message(message) == original
+
+
 @IDENTICAL
 @given(fixes)
 def test_fixes_come_back_as_they_were(original):
@@ -188,10 +212,15 @@ def test_columns_agree_with_the_message():
     [
         (ephemeris.BroadcastEphemeris, GnssEphemeris, set()),
         (fix.Fix, GnssFix, {"gps_week", "gps_time_of_week"}),
+        (
+            ephemeris.GlonassEphemeris,
+            GlonassEphemeris,
+            {"gps_week", "toe"},
+        ),
     ],
 )
 def test_field_names_agree_with_the_message(kind, message_type, only_in_message):
-    names = {field.name for field in dataclasses.fields(kind)} - {"time"}
+    names = {field.name for field in dataclasses.fields(kind)} - {"time", "time_of_ephemeris"}
     in_message = set(message_type.get_fields_and_field_types()) - {"header"}
     assert names == in_message - only_in_message
 

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 
 from vtff_dynamics.timescales import GpsTime
-from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import RawLog
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
+from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
 from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
@@ -22,6 +23,11 @@ EARTH_FRAME = "earth"
 #: Fields that dataclass and message have under the same name.
 _EPHEMERIS_FIELDS = tuple(
     field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
+)
+_GLONASS_FIELDS = tuple(
+    field.name
+    for field in dataclasses.fields(GlonassEphemeris)
+    if field.name not in ("time", "time_of_ephemeris")
 )
 _FIX_FIELDS = tuple(field.name for field in dataclasses.fields(Fix) if field.name != "time")
 _VECTOR_FIELDS = ("position", "velocity", "position_sigma", "velocity_sigma")
@@ -92,6 +98,30 @@ def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
     return BroadcastEphemeris(
         time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
         **{name: getattr(message, name) for name in _EPHEMERIS_FIELDS},
+    )
+
+
+def glonass_ephemeris_to_message(ephemeris: GlonassEphemeris) -> GlonassEphemerisMessage:
+    """Return the message of a GLONASS ephemeris."""
+    message = GlonassEphemerisMessage(
+        gps_week=ephemeris.time_of_ephemeris.week,
+        toe=ephemeris.time_of_ephemeris.time_of_week,
+        **{name: getattr(ephemeris, name) for name in _GLONASS_FIELDS},
+    )
+    message.header.stamp = to_stamp(ephemeris.time.to_unix_nanoseconds())
+    message.header.frame_id = EARTH_FRAME
+    return message
+
+
+def glonass_ephemeris_from_message(message: GlonassEphemerisMessage) -> GlonassEphemeris:
+    """Return the GLONASS ephemeris of a message."""
+    fields = {name: getattr(message, name) for name in _GLONASS_FIELDS}
+    for name in ("position", "velocity", "acceleration"):
+        fields[name] = tuple(fields[name].tolist())
+    return GlonassEphemeris(
+        time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
+        time_of_ephemeris=GpsTime.from_week_tow(message.gps_week, message.toe),
+        **fields,
     )
 
 

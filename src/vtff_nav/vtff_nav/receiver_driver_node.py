@@ -14,10 +14,12 @@ from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import Event, RawLog, ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
+from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
 from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog, StepDone
 from vtff_nav.conversions import (
     ephemeris_to_message,
     fix_to_message,
+    glonass_ephemeris_to_message,
     observations_to_message,
     raw_log_to_message,
 )
@@ -74,7 +76,8 @@ class ReceiverDriverNode(VtffNode):
     """Driver of one NovAtel receiver, run in the namespace of its spacecraft.
 
     Publishes gnss/high_rate (every epoch) and gnss/epoch (whole seconds) as
-    vtff_msgs/GnssObservations, gnss/ephemeris (latched), gnss/fix, and gnss/raw if asked for.
+    vtff_msgs/GnssObservations, gnss/ephemeris and gnss/glonass_ephemeris (latched),
+    gnss/fix, and gnss/raw if asked for.
     In lockstep a log is read as fast as the participants follow, or as /clock goes where another
     node publishes it; otherwise by the wall clock. The end of the log ends a node that does not
     follow /clock.
@@ -96,7 +99,7 @@ class ReceiverDriverNode(VtffNode):
         )
         self._problem = ""
         self._published = {"epochs": 0, "fixes": 0, "ephemerides": 0, "raw logs": 0}
-        self._left_out = {"epochs repeated": 0, "GLONASS ephemerides": 0, "before /clock": 0}
+        self._left_out = {"epochs repeated": 0, "before /clock": 0}
         self._jumps_back = 0
         self._damaged_reported = 0
         self._last_epoch: ObservationEpoch | None = None
@@ -114,6 +117,7 @@ class ReceiverDriverNode(VtffNode):
         self._high_rate = self.publisher(GnssObservations, "gnss/high_rate")
         self._epoch = self.publisher(GnssObservations, "gnss/epoch")
         self._ephemeris = self.publisher(GnssEphemeris, "gnss/ephemeris")
+        self._glonass_ephemeris = self.publisher(GlonassEphemerisMessage, "gnss/glonass_ephemeris")
         self._fix = self.publisher(GnssFix, "gnss/fix")
         self._raw = self.publisher(ReceiverLog, "gnss/raw") if given.publish_raw else None
         if self._is_follower:
@@ -250,7 +254,7 @@ class ReceiverDriverNode(VtffNode):
 
     def _publish(self, event: Event) -> None:
         is_early = (self._log.second or 0) < (self._clock_first or 0)
-        if is_early and not isinstance(event, BroadcastEphemeris):
+        if is_early and not isinstance(event, (BroadcastEphemeris, GlonassEphemeris)):
             # Whoever follows /clock has no use for what was measured before it began.
             self._left_out["before /clock"] += 1
         elif isinstance(event, ObservationEpoch):
@@ -262,8 +266,8 @@ class ReceiverDriverNode(VtffNode):
             self._published["ephemerides"] += 1
             self._ephemeris.publish(ephemeris_to_message(event))
         elif isinstance(event, GlonassEphemeris):
-            # The message holds Keplerian elements; a GLONASS ephemeris is a state vector.
-            self._left_out["GLONASS ephemerides"] += 1
+            self._published["ephemerides"] += 1
+            self._glonass_ephemeris.publish(glonass_ephemeris_to_message(event))
         elif isinstance(event, RawLog) and self._raw is not None:
             self._published["raw logs"] += 1
             self._raw.publish(raw_log_to_message(event, self._frame_id))
