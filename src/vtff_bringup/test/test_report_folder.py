@@ -20,6 +20,7 @@ from vtff_bringup.bag.errors import BagReadError  # noqa: E402
 from vtff_bringup.bag.writer import BagWriter  # noqa: E402
 from vtff_bringup.paper_reference import paper_columns  # noqa: E402
 from vtff_bringup.report import write_report  # noqa: E402
+from vtff_bringup.report.tables import print_formation  # noqa: E402
 from vtff_msgs.msg import (  # noqa: E402
     GnssEphemeris,
     GnssFix,
@@ -187,9 +188,37 @@ def test_formation_summary(formation_report):
 
 def test_formation_table_shows_the_paper_within_80_columns(formation_report):
     shown = formation_report[-1]
-    assert "75.48" in shown and "fed with truth, like 'paper software'" in shown
+    assert "38.17" in shown and "fed with truth, like 'paper software'" in shown
     assert "…" not in shown
     assert not [line for line in shown.splitlines() if len(line) > 80]
+
+
+def printed_table(summary):
+    console = Console(file=io.StringIO(), width=80)
+    print_formation(console, summary, ["deputy"], "some_run")
+    return console.file.getvalue()
+
+
+def test_totals_of_a_short_run_are_not_beside_those_of_the_papers_hour(formation_report):
+    summary = formation_report[2]
+    shown = printed_table(summary)
+    assert shown.splitlines()[0].rstrip() == "some_run, 200 s"
+    assert "whole run, 200 s" in shown
+    assert "75.48" not in shown  # total in-track of the paper's hour
+    assert "1.44" not in shown  # its part while keeping
+    assert "75.45" in shown  # its part of the acquisition, which this run has
+    whole = printed_table({**summary, "run_duration_s": 3600.0})
+    assert "75.48" in whole and "1.44" in whole
+    shorter = printed_table({**summary, "run_duration_s": 60.0})
+    assert "acquisition, 60 s" in shorter and "75.45" not in shorter
+    assert "not yet" in printed_table({**summary, "settling_time_in_track_s": None})
+    unsettled = {**summary, "settling_time_in_track_s": None, "run_duration_s": 3600.0}
+    assert "never" in printed_table(unsettled)
+
+
+def test_an_interrupted_run_says_so(formation_report):
+    shown = printed_table({**formation_report[2], "run_complete": False})
+    assert shown.splitlines()[0].rstrip() == "some_run, interrupted after 200 s"
 
 
 def test_formation_plots_are_wide_enough_and_not_empty(formation_report):

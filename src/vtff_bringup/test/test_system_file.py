@@ -70,6 +70,13 @@ def test_realtime_asks_nobody_to_acknowledge(tmp_path):
     assert bridge["duration"] == 7.0
 
 
+def test_the_seed_reaches_the_node_that_ends_the_run(tmp_path, settings):
+    nodes = by_name(load_system(REFERENCE, (), RunSettings(tmp_path, seed=7)))
+    assert nodes["simgen_bridge"].parameters["seed"] == 7
+    assert not [name for name, node in nodes.items() if "seed" in node.parameters][1:]
+    assert "seed" not in by_name(load_system(REFERENCE, (), settings))["simgen_bridge"].parameters
+
+
 def test_overrides_of_parameters_win(settings):
     system = load_system(REFERENCE, ["sdre_controller.acceleration_cap:=0.5"], settings)
     assert by_name(system)["sdre_controller"].all_parameters()["acceleration_cap"] == 0.5
@@ -103,6 +110,31 @@ def test_ros_arguments_name_everything(settings, tmp_path):
             "arguments: {a: {default: no.txt, file: true}}\nnodes: [{package: a, executable: b}]",
             "argument 'a': no file 'no.txt'",
         ),
+        ("nodes: 3", "'nodes' must be a list, not 3"),
+        ("nodes: {a: 1}", "'nodes' must be a list"),
+        ("nodes: [foo]", "node 1 must be a mapping of keys to values, not 'foo'"),
+        ("nodes: [{package: [a], executable: b}]", "node 'b': 'package' must be a text"),
+        ("nodes: [{package: a, executable: b, name: 3}]", "'name' must be a text, not 3"),
+        ("nodes: [{package: a, executable: b, parameters: 3}]", "'parameters' must be a mapping"),
+        ("nodes: [{package: a, executable: b, parameters: {3: 4}}]", "node 'b': 'parameters'"),
+        ("nodes: [{package: a, executable: b, parameter_files: x}]", "'parameter_files' must be"),
+        ("nodes: [{package: a, executable: b, remaps: [x]}]", "'remaps' must be a mapping"),
+        ("nodes: [{package: a, executable: b, remaps: {x: 3}}]", "remap 'x' must be a name"),
+        ("arguments: [a]\nnodes: [{package: a, executable: b}]", "'arguments' must be a mapping"),
+        ("arguments: {a: 3}\nnodes: [{package: a, executable: b}]", "argument 'a' must be a map"),
+        ("processes: 3\nnodes: [{package: a, executable: b}]", "'processes' must be a list"),
+        ("processes: [x]\nnodes: [{package: a, executable: b}]", "process 1 must be a mapping"),
+        (
+            "processes: [{name: p, package: a, executable: b, arguments: x}]\n"
+            "nodes: [{package: a, executable: b}]",
+            "process 'p': 'arguments' must be a list",
+        ),
+        (
+            "processes: [{name: p, package: a, executable: b, when: [x]}]\n"
+            "nodes: [{package: a, executable: b}]",
+            "process 'p': 'when' must be a mapping",
+        ),
+        ("3: 4\nnodes: [{package: a, executable: b}]", "unknown key '3'"),
     ],
 )
 def test_mistakes_are_named(tmp_path, settings, text, expected):
@@ -111,6 +143,15 @@ def test_mistakes_are_named(tmp_path, settings, text, expected):
         load_system(path, (), settings)
     assert expected in str(caught.value)
     assert "system.yaml" in str(caught.value) or "argument" in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["/**: 3", "/**: {parameters: {}}", "b: {ros__parameters: [1]}"])
+def test_malformed_parameter_files_are_named(tmp_path, settings, text):
+    (tmp_path / "p.yaml").write_text(text)
+    path = write(tmp_path, "nodes: [{package: a, executable: b, parameter_files: [p.yaml]}]")
+    node = load_system(path, (), settings).nodes[0]
+    with pytest.raises(SystemFileError, match=r"p\.yaml: .* has no mapping 'ros__parameters'"):
+        node.all_parameters()
 
 
 def test_scenario_entries_are_looked_up_and_missing_ones_named(tmp_path, settings):

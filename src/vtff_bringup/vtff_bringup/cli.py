@@ -2,26 +2,42 @@
 
 from __future__ import annotations
 
-import typer
+import sys
+from typing import TYPE_CHECKING
 
-from vtff_bringup.commands import bag, run, study
+from vtff_bringup.exit_codes import EXIT_INTERRUPTED
 
-app = typer.Typer(
-    name="vtff",
-    help="Formation-flying and ionosphere testbed: run systems, look at bags, make studies.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    rich_markup_mode="markdown",
-)
-app.command("run", no_args_is_help=True)(run.run)
-app.add_typer(bag.app, name="bag")
-app.add_typer(study.app, name="study")
+if TYPE_CHECKING:
+    import typer
+
+
+def make_app() -> typer.Typer:
+    """Return the command line with all its commands."""
+    # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
+    import typer
+
+    from vtff_bringup.commands import bag, run, study
+
+    app = typer.Typer(
+        name="vtff",
+        help="Formation-flying and ionosphere testbed: run systems, look at bags, make studies.",
+        no_args_is_help=True,
+        add_completion=False,
+        pretty_exceptions_enable=False,
+        rich_markup_mode=None,
+    )
+    app.command("run", no_args_is_help=True)(run.run)
+    app.add_typer(bag.app, name="bag")
+    app.add_typer(study.app, name="study")
+    return app
 
 
 def main() -> None:
     """Run the command line."""
-    app()
+    try:
+        make_app()(prog_name="vtff")
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
 
 
 if __name__ == "__main__":

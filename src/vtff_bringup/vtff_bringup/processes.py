@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import pathlib
 import signal
 import subprocess
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TextIO
 
 #: Signals sent to a process that has to end, with the seconds each may take.
 ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
@@ -18,9 +20,16 @@ NOTEWORTHY = ("[WARN]", "[ERROR]", "[FATAL]", "error:", "warning:", "Traceback")
 
 TAIL_LINES = 15
 
+#: Signals that a child gets only once it unblocks them, when its handlers are in place.
+HELD_SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
 
 class ManagedProcess:
     """One child process.
+
+    It starts with `HELD_SIGNALS` blocked, so that a signal during its start waits for its
+    handlers instead of breaking into the interpreter: the program has to unblock them. One that
+    never does is killed in the end.
 
     Parameters
     ----------
@@ -36,6 +45,11 @@ class ManagedProcess:
         File descriptors the child keeps.
     on_line
         Called with ``(name, line, noteworthy)`` from a reader thread.
+
+    Raises
+    ------
+    OSError
+        If the program cannot be started.
     """
 
     def __init__(
@@ -50,18 +64,19 @@ class ManagedProcess:
         self.name = name
         self.log_path = log_path
         self._on_line = on_line
-        self._tail: list[str] = []
-        log_path.parent.mkdir(parents=True, exist_ok=True)
-        self._process = subprocess.Popen(
-            list(command),
-            stdin=subprocess.DEVNULL,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            env=dict(environment),
-            pass_fds=tuple(inherited_descriptors),
-            start_new_session=True,
-        )
-        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._tail: list[tuple[str, bool]] = []
+        log = self._open_log()
+        with _signals_held():
+            self._process = subprocess.Popen(
+                list(command),
+                stdin=subprocess.DEVNULL,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                env=dict(environment),
+                pass_fds=tuple(inherited_descriptors),
+                start_new_session=True,
+            )
+        self._reader = threading.Thread(target=self._read, args=(log,), daemon=True)
         self._reader.start()
 
     @property
@@ -74,38 +89,104 @@ class ManagedProcess:
         """Process id, which is also the id of its group."""
         return self._process.pid
 
-    def tail(self) -> str:
-        """Return the last lines the process printed."""
-        return "\n".join(self._tail)
+    def tail(self) -> list[str]:
+        """Return what the process printed after its last noteworthy line, at most 15 lines."""
+        lines: list[str] = []
+        for line, noteworthy in self._tail:
+            lines = [] if noteworthy else [*lines, line]
+        return lines
 
     def end(self) -> int:
         """Ask the process to end, more firmly each time; return its exit code."""
-        for number, patience in ESCALATION:
-            if self.exit_code is not None:
-                break
-            self._signal_group(number)
-            deadline = time.monotonic() + patience
-            while self.exit_code is None and time.monotonic() < deadline:
-                time.sleep(0.01)
-        # Children of the child that outlived it must not stay behind either.
-        self._signal_group(signal.SIGKILL)
+        return end_together([self])[0]
+
+    def signal_group(self, number: signal.Signals) -> None:
+        """Send a signal to the process and its children."""
+        with contextlib.suppress(ProcessLookupError, PermissionError):
+            os.killpg(self._process.pid, number)
+
+    def wait(self) -> int:
+        """Wait for the end and for the last output; return the exit code."""
         self._reader.join(timeout=2.0)
         return self._process.wait()
 
-    def _signal_group(self, number: signal.Signals) -> None:
-        try:
-            os.killpg(self._process.pid, number)
-        except (ProcessLookupError, PermissionError):
-            return
-
-    def _read(self) -> None:
+    def _read(self, log: TextIO | None) -> None:
         assert self._process.stdout is not None
-        with self.log_path.open("w", encoding="utf-8") as log:
-            for raw in self._process.stdout:
-                line = raw.decode("utf-8", "replace").rstrip("\n")
-                log.write(line + "\n")
-                log.flush()
-                self._tail = [*self._tail, line][-TAIL_LINES:]
-                if self._on_line is not None:
-                    noteworthy = any(word in line for word in NOTEWORTHY)
-                    self._on_line(self.name, line, noteworthy)
+        in_traceback = False
+        for raw in self._process.stdout:
+            line = raw.decode("utf-8", "replace").rstrip("\n")
+            log = self._write(log, line)
+            noteworthy = in_traceback or any(word in line for word in NOTEWORTHY)
+            # The line that is not indented is the last one of a traceback: the error itself.
+            in_traceback = "Traceback" in line or (in_traceback and line.startswith(" "))
+            self._tail = [*self._tail, (line, noteworthy)][-TAIL_LINES:]
+            self._show(line, noteworthy)
+        if log is not None:
+            self._write(log, None)
+
+    def _show(self, line: str, noteworthy: bool) -> None:
+        if self._on_line is not None:
+            self._on_line(self.name, line, noteworthy)
+
+    def _open_log(self) -> TextIO | None:
+        try:
+            self.log_path.parent.mkdir(parents=True, exist_ok=True)
+            return self.log_path.open("w", encoding="utf-8")
+        except OSError as error:
+            self._show(_log_failure(self.log_path, error), True)
+            return None
+
+    def _write(self, log: TextIO | None, line: str | None) -> TextIO | None:
+        """Write a line, or close the log at None; return the log, or None once it has failed.
+
+        A full disk must not stop the reading: a child whose pipe is full stands still.
+        """
+        if log is None:
+            return None
+        try:
+            if line is None:
+                log.close()
+                return None
+            log.write(line + "\n")
+            log.flush()
+            return log
+        except OSError as error:
+            with contextlib.suppress(OSError):
+                log.close()
+            self._show(_log_failure(self.log_path, error), True)
+            return None
+
+
+def end_together(processes: Sequence[ManagedProcess]) -> list[int]:
+    """End processes at the same time, more firmly each time; return their exit codes.
+
+    Parameters
+    ----------
+    processes
+        Those that have already ended only lose the children they left behind.
+    """
+    for number, patience in ESCALATION:
+        running = [process for process in processes if process.exit_code is None]
+        for process in running:
+            process.signal_group(number)
+        deadline = time.monotonic() + patience
+        while time.monotonic() < deadline and any(p.exit_code is None for p in running):
+            time.sleep(0.01)
+    # Children of a child that outlived it must not stay behind either.
+    for process in processes:
+        process.signal_group(signal.SIGKILL)
+    return [process.wait() for process in processes]
+
+
+@contextlib.contextmanager
+def _signals_held() -> Iterator[None]:
+    """Block `HELD_SIGNALS` in this thread; a child started meanwhile inherits that."""
+    previous = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
+
+
+def _log_failure(path: pathlib.Path, error: OSError) -> str:
+    return f"warning: {path} is not written any more: {error.strerror}"

@@ -51,7 +51,7 @@ class RunProgress:
 
     def print(self, text: str) -> None:
         """Print a line above the bar."""
-        self._console.print(escape(text))
+        self._console.print(escape(text), soft_wrap=True)
 
     def update(self, report: dict[str, Any]) -> None:
         """Show one progress report of `vtff_node.node.VtffNode.report_progress`."""

@@ -18,12 +18,12 @@ from typing import Any
 import yaml
 
 from vtff_bringup.executables import executable_path, share_file
-from vtff_bringup.processes import ManagedProcess
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.processes import ManagedProcess, end_together
 from vtff_bringup.system import NodeDescription, SystemDescription
-from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 
 POLL_INTERVAL = 0.05  # s
-EXIT_INTERRUPTED = 130  # as a shell reports SIGINT
+ANOTHER_PUBLISHER = "(another run or program publishes on the same ROS_DOMAIN_ID)"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,9 +33,12 @@ class RunResult:
     Attributes
     ----------
     exit_code
-        0 complete, 1 a process failed, 130 interrupted by the user.
+        0 complete, 1 a process failed, 2 a process was started with wrong parameters or
+        arguments, 130 interrupted by the user.
     reason
         One line for the user; empty when complete.
+    last_output
+        Last lines of the process that failed, without those that `on_line` marked noteworthy.
     wall_time
         Seconds from the first process to the end of the last.
     progress
@@ -44,8 +47,27 @@ class RunResult:
 
     exit_code: int
     reason: str
+    last_output: tuple[str, ...]
     wall_time: float
     progress: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Failure:
+    """A process that ended when or as it should not have."""
+
+    process: ManagedProcess
+    what: str
+
+    @property
+    def exit_code(self) -> int:
+        return EXIT_USAGE if self.process.exit_code == EXIT_USAGE else EXIT_FAILURE
+
+    @property
+    def reason(self) -> str:
+        code = self.process.exit_code
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        return f"{self.process.name} {self.what} ({how}); log: {self.process.log_path}"
 
 
 class Runner:
@@ -62,7 +84,8 @@ class Runner:
     on_progress
         Called with each progress report.
     on_line
-        Called with ``(process name, line, noteworthy)`` for what the processes print.
+        Called with ``(process name, line, noteworthy)`` for what the processes print, until the
+        user interrupts: what they print while they end is in their logs only.
     """
 
     def __init__(
@@ -87,25 +110,38 @@ class Runner:
         self._helpers: list[ManagedProcess] = []
 
     def run(self) -> RunResult:
-        """Run to the end, to a failure or to Ctrl-C; every process is ended in any case."""
-        self._directory.mkdir(parents=True, exist_ok=True)
+        """Run to the end, to a failure or to Ctrl-C; every process is ended in any case.
+
+        Raises
+        ------
+        ExecutableNotFoundError
+            If an executable of the system is not installed.
+        OSError
+            If the run folder cannot be written.
+        """
         started = time.monotonic()
-        reason, exit_code = "", 0
+        failure: _Failure | None = None
         with self._signals(), _domain() as environment, _pipe() as (progress_read, progress_write):
+            # Imports rclpy, which takes a while: within the handlers, so that Ctrl-C waits for it.
+            from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
+
+            self._directory.mkdir(parents=True, exist_ok=True)
             environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
             environment[PROGRESS_VARIABLE] = str(progress_write)
             try:
                 self._start(environment, progress_write)
-                reason = self._follow(progress_read)
+                failure = self._follow(progress_read)
             finally:
                 failures = self._end_all()
                 self._drain_progress(progress_read)
-        reason = reason or (failures[0] if failures else "")
+        wall_time = time.monotonic() - started
+        failure = failure or (failures[0] if failures else None)
         if self._interrupted:
-            exit_code, reason = EXIT_INTERRUPTED, "interrupted"
-        elif reason:
-            exit_code = 1
-        return RunResult(exit_code, reason, time.monotonic() - started, self._progress)
+            return RunResult(EXIT_INTERRUPTED, "interrupted", (), wall_time, self._progress)
+        if failure is not None:
+            output = tuple(failure.process.tail())
+            return RunResult(failure.exit_code, failure.reason, output, wall_time, self._progress)
+        return RunResult(0, "", (), wall_time, self._progress)
 
     def _start(self, environment: dict[str, str], progress_descriptor: int) -> None:
         def start(name: str, command: Sequence[str]) -> ManagedProcess:
@@ -115,7 +151,7 @@ class Runner:
                 self._directory / "logs" / f"{name}.log",
                 environment,
                 (progress_descriptor,),
-                self._on_line,
+                self._pass_on,
             )
 
         for process in self._system.processes:
@@ -123,6 +159,8 @@ class Runner:
             self._helpers.append(start(process.name, [str(path), *process.arguments]))
         composed = []
         for node in self._system.nodes:
+            if self._interrupted:
+                return
             arguments = node.ros_arguments(self._write_parameters(node))
             if self._composed and not node.own_process:
                 entry = {"package": node.package, "executable": node.executable}
@@ -151,8 +189,12 @@ class Runner:
         path.write_text(yaml.safe_dump(content), encoding="utf-8")
         return path
 
-    def _follow(self, progress_read: int) -> str:
-        """Wait for the end; return why the run failed, or an empty text."""
+    def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:
+        if self._on_line is not None and not self._interrupted:
+            self._on_line(name, line, noteworthy)
+
+    def _follow(self, progress_read: int) -> _Failure | None:
+        """Wait for the end; return the failure that was it, if it was one."""
         with selectors.DefaultSelector() as selector:
             selector.register(progress_read, selectors.EVENT_READ)
             while not self._interrupted:
@@ -160,23 +202,24 @@ class Runner:
                     self._read_progress(progress_read)
                 for process in [*self._helpers, *self._recorders]:
                     if process.exit_code is not None:
-                        return _failure(process, "ended before the run did")
+                        return _Failure(process, "ended before the run did")
                 for process, ends_run in self._nodes:
                     if process.exit_code is None:
                         continue
                     if process.exit_code != 0:
-                        return _failure(process, "failed")
+                        return _Failure(process, "failed")
                     if ends_run:
-                        return ""
-        return ""
+                        return None
+        return None
 
-    def _end_all(self) -> list[str]:
+    def _end_all(self) -> list[_Failure]:
+        """End the nodes, then the recorders that record their last messages, then the rest."""
         failures = []
         nodes = [process for process, _ in self._nodes]
-        for process in [*nodes, *self._recorders, *self._helpers]:
-            code = process.end()
-            if code not in (0, -signal.SIGINT):
-                failures.append(_failure(process, "did not end in order"))
+        for processes in (nodes, self._recorders, self._helpers):
+            for process, code in zip(processes, end_together(processes), strict=True):
+                if code not in (0, -signal.SIGINT):
+                    failures.append(_Failure(process, "did not end in order"))
         return failures
 
     def _read_progress(self, descriptor: int) -> None:
@@ -218,25 +261,19 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
     Returns
     -------
     list of str
-        One line per topic that differs; empty when everything was recorded.
+        One line per topic that differs; empty when everything was recorded and nothing else.
     """
     published: dict[str, int] = {}
     for path in sorted((run_directory / "nodes").glob("*.json")):
         for topic, count in json.loads(path.read_text(encoding="utf-8"))["published"].items():
             published[topic] = published.get(topic, 0) + count
-    return [
-        f"{topic}: published {count}, recorded {recorded.get(topic, 0)}"
-        for topic, count in sorted(published.items())
-        if count != recorded.get(topic, 0)
-    ]
-
-
-def _failure(process: ManagedProcess, what: str) -> str:
-    code = process.exit_code
-    how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
-    text = f"{process.name} {what} ({how}); log: {process.log_path}"
-    tail = process.tail()
-    return f"{text}\n{tail}" if tail else text
+    lines = []
+    for topic, count in sorted(published.items()):
+        found = recorded.get(topic, 0)
+        if count != found:
+            line = f"{topic}: published {count}, recorded {found}"
+            lines.append(f"{line} {ANOTHER_PUBLISHER}" if found > count else line)
+    return lines
 
 
 @contextlib.contextmanager

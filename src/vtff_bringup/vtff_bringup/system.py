@@ -10,7 +10,8 @@ A system file (``config/system/*.yaml``) has these keys:
 ``processes``
     Programs without ROS, started first: ``name``, ``package``, ``executable``,
     ``arguments``; ``when`` (argument -> value: start it only then) and ``sets``
-    (argument -> new value, once it is started).
+    (argument -> new value, once it is started). They start with SIGINT and SIGTERM blocked and
+    have to unblock them once their handlers are installed.
 ``nodes``
     ROS nodes: ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
     ``parameter_files``, ``remaps``, ``lockstep`` (participant | side_branch: it acknowledges
@@ -20,7 +21,8 @@ A system file (``config/system/*.yaml``) has these keys:
 
 ``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
 and ``${run_directory}``, ``${free_port}``, ``${pacing}``, ``${nodes}`` (fully qualified names of
-all nodes) for what the run provides.
+all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the scenario) for
+what the run provides.
 """
 
 from __future__ import annotations
@@ -99,13 +101,14 @@ class NodeDescription:
         Raises
         ------
         SystemFileError
-            If a parameter file cannot be read.
+            If a parameter file cannot be read or has not the form of one.
         """
         values: dict[str, Any] = {}
         for path in self.parameter_files:
             for section, content in _read_yaml(path).items():
-                if section.strip("/") in ("**", self.name, self.qualified_name.strip("/")):
-                    values.update((content or {}).get("ros__parameters") or {})
+                names = ("**", self.name, self.qualified_name.strip("/"))
+                if str(section).strip("/") in names:
+                    values.update(_ros_parameters(path, section, content))
         return {**values, **self.parameters}
 
     def ros_arguments(self, parameter_file: pathlib.Path | None = None) -> list[str]:
@@ -232,9 +235,12 @@ class _Loader:
     def load(self, overrides: Sequence[str]) -> SystemDescription:
         content = _read_yaml(self._path)
         self._check_keys(content, SYSTEM_KEYS, "system file")
-        argument_entries = content.get("arguments") or {}
-        node_entries = content.get("nodes") or []
-        names = {entry.get("name") or entry.get("executable") for entry in node_entries}
+        argument_entries = self._mapping(content, "arguments", "system file")
+        process_entries = self._sequence(content, "processes", "system file")
+        node_entries = self._sequence(content, "nodes", "system file")
+        for number, entry in enumerate(node_entries, 1):
+            self._check_node(entry, number)
+        names = {entry.get("name") or entry["executable"] for entry in node_entries}
         argument_values, parameter_values = self._sort_overrides(
             overrides, set(argument_entries), names
         )
@@ -246,7 +252,7 @@ class _Loader:
         for name, entry in argument_entries.items():
             self._check_keys(entry, ARGUMENT_KEYS, f"argument '{name}'")
             self._values[name] = self._argument_value(name, entry, argument_values)
-        processes = tuple(self._processes(content.get("processes") or []))
+        processes = tuple(self._processes(process_entries))
         self._values["nodes"] = [self._qualified_name(entry) for entry in node_entries]
         nodes = self._with_run_parameters(
             [self._node(entry, parameter_values) for entry in node_entries]
@@ -300,21 +306,26 @@ class _Loader:
 
     def _processes(self, entries: Sequence[Mapping[str, Any]]) -> list[ProcessDescription]:
         processes = []
-        for entry in entries:
-            where = f"process '{entry.get('name')}'"
+        for number, entry in enumerate(entries, 1):
+            where = self._where("process", entry, number)
             self._check_keys(entry, PROCESS_KEYS, where, needed=("name", "package", "executable"))
-            conditions = entry.get("when") or {}
+            self._check_texts(entry, ("name", "package", "executable"), where)
+            conditions = self._mapping(entry, "when", where)
             if any(str(self._values.get(key)) != str(value) for key, value in conditions.items()):
                 continue
-            for key, value in (entry.get("sets") or {}).items():
+            for key, value in self._mapping(entry, "sets", where).items():
                 self._values[key] = self._resolve(value, where)
-            arguments = self._resolve(list(entry.get("arguments") or []), where)
+            arguments = self._resolve(self._sequence(entry, "arguments", where), where)
             processes.append(
                 ProcessDescription(
                     name=entry["name"],
                     package=entry["package"],
                     executable=entry["executable"],
-                    arguments=tuple(str(argument) for argument in arguments),
+                    arguments=tuple(
+                        str(item)
+                        for argument in arguments
+                        for item in (argument if isinstance(argument, list) else [argument])
+                    ),
                 )
             )
         return processes
@@ -322,18 +333,17 @@ class _Loader:
     def _node(
         self, entry: Mapping[str, Any], overrides: Mapping[str, Mapping[str, Any]]
     ) -> NodeDescription:
-        name = entry.get("name") or entry.get("executable")
+        name = entry.get("name") or entry["executable"]
         where = f"node '{name}'"
-        self._check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
         role = entry.get("lockstep", "")
         if role and role not in LOCKSTEP_ROLES:
             raise SystemFileError(
                 f"{self._path}: {where}: lockstep is '{role}'; choose {' or '.join(LOCKSTEP_ROLES)}"
             )
-        parameters = self._resolve(dict(entry.get("parameters") or {}), where)
+        parameters = self._resolve(dict(self._mapping(entry, "parameters", where)), where)
         parameters.update(overrides.get(str(name), {}))
         files = []
-        for text in entry.get("parameter_files") or []:
+        for text in self._sequence(entry, "parameter_files", where):
             file = (self._path.parent / str(self._resolve(text, where))).resolve()
             if not file.is_file():
                 raise SystemFileError(f"{self._path}: {where}: no parameter file {file}")
@@ -345,17 +355,26 @@ class _Loader:
             namespace=self._namespace(entry),
             parameters=parameters,
             parameter_files=tuple(files),
-            remaps=self._resolve(dict(entry.get("remaps") or {}), where),
+            remaps=self._remaps(entry, where),
             lockstep=role,
             ends_run=bool(entry.get("ends_run", False)),
             own_process=bool(entry.get("own_process", False)),
         )
 
+    def _remaps(self, entry: Mapping[str, Any], where: str) -> dict[str, str]:
+        remaps = self._resolve(dict(self._mapping(entry, "remaps", where)), where)
+        for source, target in remaps.items():
+            if not isinstance(target, str):
+                raise SystemFileError(
+                    f"{self._path}: {where}: remap '{source}' must be a name, not {target!r}"
+                )
+        return dict(remaps)
+
     def _namespace(self, entry: Mapping[str, Any]) -> str:
         return "/" + str(self._resolve(entry.get("namespace", ""), "namespace")).strip("/")
 
     def _qualified_name(self, entry: Mapping[str, Any]) -> str:
-        name = entry.get("name") or entry.get("executable")
+        name = entry.get("name") or entry["executable"]
         return f"{self._namespace(entry).rstrip('/')}/{name}"
 
     def _with_run_parameters(self, nodes: list[NodeDescription]) -> list[NodeDescription]:
@@ -396,6 +415,10 @@ class _Loader:
     def _look_up(self, name: str, where: str) -> Any:
         if name in self._values:
             return self._values[name]
+        if name == "vehicles" and "scenario" in self._values:
+            # SimGEN's vehicles in the order of the scenario's spacecraft.
+            spacecraft = self._look_up_scenario("scenario.spacecraft", where)
+            return [f"v{number}_m1" for number in range(1, len(spacecraft) + 1)]
         if name.startswith("scenario.") and "scenario" in self._values:
             return self._look_up_scenario(name, where)
         known = ", ".join(sorted(self._values))
@@ -403,7 +426,7 @@ class _Loader:
 
     def _look_up_scenario(self, name: str, where: str) -> Any:
         if self._scenario is None:
-            self._scenario = _read_yaml(pathlib.Path(self._values["scenario"]))
+            self._scenario = _read_yaml(pathlib.Path(str(self._values["scenario"])))
         entry: Any = self._scenario
         for key in name.split(".")[1:]:
             if isinstance(entry, list):  # e.g. scenario.spacecraft.deputy: the item of that name
@@ -416,12 +439,53 @@ class _Loader:
             entry = entry[key]
         return entry
 
+    def _mapping(self, entry: Mapping[str, Any], key: str, where: str) -> dict[str, Any]:
+        """Return the mapping under a key with text as keys; empty if it is absent."""
+        content = entry.get(key)
+        if content is None:
+            return {}
+        if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
+            raise SystemFileError(
+                f"{self._path}: {where}: '{key}' must be a mapping of names to values, "
+                f"not {content!r}"
+            )
+        return content
+
+    def _sequence(self, entry: Mapping[str, Any], key: str, where: str) -> list[Any]:
+        """Return the list under a key; empty if it is absent."""
+        content = entry.get(key)
+        if content is None:
+            return []
+        if not isinstance(content, list):
+            raise SystemFileError(f"{self._path}: {where}: '{key}' must be a list, not {content!r}")
+        return content
+
+    def _check_node(self, entry: Any, number: int) -> None:
+        where = self._where("node", entry, number)
+        self._check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
+        self._check_texts(entry, ("package", "executable", "name", "namespace"), where)
+
+    def _check_texts(self, entry: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+        for key in keys:
+            if not isinstance(entry.get(key) or "", str):
+                raise SystemFileError(
+                    f"{self._path}: {where}: '{key}' must be a text, not {entry[key]!r}"
+                )
+
+    @staticmethod
+    def _where(kind: str, entry: Any, number: int) -> str:
+        """Name an entry of a list: by its own name, or by its place where it has none."""
+        name = (entry.get("name") or entry.get("executable")) if isinstance(entry, dict) else None
+        return f"{kind} '{name}'" if isinstance(name, str) else f"{kind} {number}"
+
     def _check_keys(
         self, entry: Any, known: set[str], where: str, needed: Sequence[str] = ()
     ) -> None:
         if not isinstance(entry, Mapping):
-            raise SystemFileError(f"{self._path}: {where} must be a mapping of keys to values")
-        unknown = sorted(set(entry) - known)
+            raise SystemFileError(
+                f"{self._path}: {where} must be a mapping of keys to values, not {entry!r}"
+            )
+        unknown = sorted(str(key) for key in entry if key not in known)
         if unknown:
             raise SystemFileError(
                 f"{self._path}: {where}: unknown key '{unknown[0]}'; known: "
@@ -437,11 +501,23 @@ def _read_yaml(path: pathlib.Path) -> dict[str, Any]:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SystemFileError(f"cannot read {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise SystemFileError(f"{path} is not a text file: {error}") from error
     except yaml.YAMLError as error:
         raise SystemFileError(f"{path} is not valid YAML: {error}") from error
     if not isinstance(content, dict):
         raise SystemFileError(f"{path} is empty or not a mapping")
     return content
+
+
+def _ros_parameters(path: pathlib.Path, section: object, content: object) -> dict[str, Any]:
+    """Return the parameters of one section of a ROS parameter file."""
+    if content is None:
+        return {}
+    parameters = content.get("ros__parameters") if isinstance(content, dict) else None
+    if not isinstance(parameters, dict):
+        raise SystemFileError(f"{path}: '{section}' has no mapping 'ros__parameters'")
+    return parameters
 
 
 def _free_port() -> int:

@@ -113,6 +113,8 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     stop.install()
     nodes: list[VtffNode] = []
     try:
+        if stop.requested:  # asked to end while Python was still starting
+            return 0
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         for factory in factories:
             nodes.append(factory())

@@ -217,9 +217,13 @@ class VtffNode(Node):
             "published": counts,
         }
         folder = pathlib.Path(directory) / "nodes"
-        folder.mkdir(parents=True, exist_ok=True)
         name = self._qualified_name.strip("/").replace("/", "__")
-        (folder / f"{name}.json").write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            text = json.dumps(record, indent=1) + "\n"
+            (folder / f"{name}.json").write_text(text, encoding="utf-8")
+        except OSError as error:
+            self.get_logger().error(f"the message counts cannot be written: {error}")
 
 
 def _progress_descriptor() -> int | None:

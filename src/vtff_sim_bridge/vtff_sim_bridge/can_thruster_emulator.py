@@ -350,6 +350,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda received, _frame: signals.append(received))
+    # `vtff run` starts its processes with both blocked, until they can be handled.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
     try:
         thruster = CanThruster(
             options.dbc,

@@ -8,12 +8,9 @@ from typing import Annotated, Optional
 import typer
 
 from vtff_bringup.bag.errors import BagError
-from vtff_bringup.bag.info import describe_bag
-from vtff_bringup.bag.recover import recover
+from vtff_bringup.exit_codes import EXIT_FAILURE
 
 app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help=True)
-
-EXIT_FAILURE = 1
 
 
 @app.command("info", no_args_is_help=True)
@@ -21,6 +18,8 @@ def info_command(
     path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
 ) -> None:
     """Show topics, types, counts, times and the state of a bag."""
+    from vtff_bringup.bag.info import describe_bag
+
     try:
         typer.echo(describe_bag(path))
     except BagError as error:
@@ -32,10 +31,12 @@ def recover_command(
     path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="Folder to write; default: <bag>_recovered beside it."),
+        typer.Option(help="Folder to write; default: BAG_recovered beside it."),
     ] = None,
 ) -> None:
     """Copy everything that is intact into a new, complete bag; the original is not touched."""
+    from vtff_bringup.bag.recover import recover
+
     try:
         typer.echo(str(recover(path, out)))
     except BagError as error:

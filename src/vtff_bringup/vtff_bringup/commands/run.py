@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime
 import pathlib
 from typing import Annotated, Any, Optional
 
@@ -10,10 +9,18 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from vtff_bringup.bag.errors import BagError
 from vtff_bringup.bag.reader import BagReader
 from vtff_bringup.executables import ExecutableNotFoundError
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.progress import RunProgress
-from vtff_bringup.report import write_report
+from vtff_bringup.run_folder import (
+    RunFolderError,
+    chosen_folder,
+    dated_name,
+    new_folder,
+    remove_if_empty,
+)
 from vtff_bringup.runner import Runner, RunResult, check_counts
 from vtff_bringup.system import (
     RunSettings,
@@ -22,8 +29,6 @@ from vtff_bringup.system import (
     find_system_file,
     load_system,
 )
-
-EXIT_USAGE = 2
 
 
 def run(
@@ -34,7 +39,7 @@ def run(
     overrides: Annotated[
         Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
         typer.Argument(
-            help="argument:=value of the system file, or node.parameter:=value, "
+            help="ARGUMENT:=VALUE of the system file, or NODE.PARAMETER:=VALUE, "
             "e.g. sdre_controller.design:=delay_aware"
         ),
     ] = None,
@@ -54,7 +59,7 @@ def run(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the run; default: bags/<system>_<date>_<time>."),
+        typer.Option(help="Folder of the run, new or empty; default: bags/SYSTEM_DATE_TIME."),
     ] = None,
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Write plots and summary.json.")
@@ -66,12 +71,18 @@ def run(
     """Run a system of nodes, record every topic, and report on the run.
 
     Exit code: 0 complete, 1 a node failed or a message was not recorded, 2 a file, an argument
-    or a parameter is wrong, 130 interrupted (the bag is complete up to then).
+    or a parameter is wrong, 130 interrupted by Ctrl-C (the bag is complete up to then).
     """
     console = Console(highlight=False)
-    run_directory = (out or _default_directory(pathlib.Path(system))).resolve()
-    if (run_directory / "bag").exists():
-        _stop(console, f"{run_directory} already holds a run; choose another --out")
+    try:
+        path = find_system_file(system)
+        run_directory = (
+            new_folder(pathlib.Path("bags") / dated_name(path.stem))
+            if out is None
+            else chosen_folder(out, empty=True)
+        )
+    except (SystemFileError, RunFolderError) as error:
+        raise _stop(console, error, EXIT_USAGE) from error
     settings = RunSettings(
         run_directory=run_directory,
         pacing="realtime" if realtime else "lockstep",
@@ -79,11 +90,16 @@ def run(
         seed=seed,
     )
     try:
-        description = load_system(find_system_file(system), overrides or [], settings)
+        description = load_system(path, overrides or [], settings)
         result = _run(console, description, settings, composed=composed, verbose=verbose)
     except (SystemFileError, ExecutableNotFoundError) as error:
-        _stop(console, str(error))
-    exit_code = _finish(console, description, run_directory, result, report=report)
+        remove_if_empty(run_directory)
+        raise _stop(console, error, EXIT_USAGE) from error
+    except OSError as error:
+        raise _stop(console, error, EXIT_FAILURE) from error
+    exit_code, message_count = _finish(console, run_directory, result)
+    if report and message_count and exit_code in (0, EXIT_INTERRUPTED):
+        exit_code = _report(console, description, run_directory) or exit_code
     raise typer.Exit(exit_code)
 
 
@@ -112,32 +128,64 @@ def _run(
         return runner.run()
 
 
-def _finish(
-    console: Console,
-    description: SystemDescription,
-    run_directory: pathlib.Path,
-    result: RunResult,
-    *,
-    report: bool,
-) -> int:
+def _finish(console: Console, run_directory: pathlib.Path, result: RunResult) -> tuple[int, int]:
+    """Say how the run ended; return the exit code and the number of messages in the bag."""
     exit_code = result.exit_code
     if result.reason:
-        console.print(f"[red]{escape(result.reason)}[/red]")
-    bag = run_directory / "bag"
-    if not bag.exists():
-        return exit_code or 1
-    recorded = {name: topic.message_count for name, topic in BagReader(bag).topics.items()}
-    lost = check_counts(run_directory, recorded) if exit_code in (0, 130) else []
-    if lost:
-        console.print("[red]not everything was recorded:[/red]")
-        for line in lost:
-            console.print(f"  {line}")
-        exit_code = exit_code or 1
-    console.print(f"{_speed(result)}; {sum(recorded.values())} messages, {len(recorded)} topics")
-    if report and exit_code in (0, 130):
-        write_report(run_directory, console=console, arguments=_shown(description))
-    console.print(f"run: {run_directory}")
-    return exit_code
+        console.print(f"[red]{escape(result.reason)}[/red]", soft_wrap=True)
+    for line in result.last_output:
+        console.print(f"  {line}", markup=False, soft_wrap=True)
+    recorded: dict[str, int] = {}
+    if (run_directory / "bag").exists():
+        try:
+            topics = BagReader(run_directory / "bag").topics
+        except BagError as error:
+            console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+            exit_code = exit_code or EXIT_FAILURE
+        else:
+            recorded = {name: topic.message_count for name, topic in topics.items()}
+            exit_code = _check_bag(console, run_directory, recorded, exit_code)
+    elif not result.reason:
+        console.print("[red]error:[/red] no bag was written")
+        exit_code = EXIT_FAILURE
+    message_count = sum(recorded.values())
+    if result.progress.get("done", 0.0) > 0.0:
+        topic_count = sum(count > 0 for count in recorded.values())
+        held = f"{message_count} messages, {topic_count} topics"
+        console.print(f"{_speed(result)}; {held}", soft_wrap=True)
+    console.print(f"run: {run_directory}", markup=False, soft_wrap=True)
+    return exit_code, message_count
+
+
+def _check_bag(
+    console: Console, run_directory: pathlib.Path, recorded: dict[str, int], exit_code: int
+) -> int:
+    if exit_code not in (0, EXIT_INTERRUPTED):
+        return exit_code
+    differences = check_counts(run_directory, recorded)
+    if not differences:
+        return exit_code
+    console.print("[red]the bag does not hold exactly what the nodes published:[/red]")
+    for line in differences:
+        console.print(f"  {line}", markup=False, soft_wrap=True)
+    return exit_code or EXIT_FAILURE
+
+
+def _report(console: Console, description: SystemDescription, run_directory: pathlib.Path) -> int:
+    """Write the report; return an exit code, 0 if it is written."""
+    try:
+        # Imports matplotlib, which takes a while.
+        from vtff_bringup.report import write_report
+
+        arguments: dict[str, Any] = {"system": description.name, **description.arguments}
+        write_report(run_directory, console=console, arguments=arguments)
+    except KeyboardInterrupt:
+        console.print("[red]report interrupted[/red]; the bag is complete")
+        return EXIT_INTERRUPTED
+    except (BagError, OSError) as error:
+        console.print(f"[red]error:[/red] no report: {escape(str(error))}")
+        return EXIT_FAILURE
+    return 0
 
 
 def _speed(result: RunResult) -> str:
@@ -151,15 +199,6 @@ def _speed(result: RunResult) -> str:
     )
 
 
-def _shown(description: SystemDescription) -> dict[str, Any]:
-    return {"system": description.name, **description.arguments}
-
-
-def _default_directory(system: pathlib.Path) -> pathlib.Path:
-    now = datetime.datetime.now().strftime("%Y%m%d_%H%M%S")
-    return pathlib.Path("bags") / f"{system.stem}_{now}"
-
-
-def _stop(console: Console, text: str) -> None:
-    console.print(f"[red]error:[/red] {escape(text)}")
-    raise typer.Exit(EXIT_USAGE)
+def _stop(console: Console, error: Exception, exit_code: int) -> typer.Exit:
+    console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+    return typer.Exit(exit_code)

@@ -2,30 +2,23 @@
 
 from __future__ import annotations
 
-import datetime
 import pathlib
-from typing import Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
 from vtff_bringup.executables import ExecutableNotFoundError, share_file
-from vtff_bringup.studies.thrust_cap import (
-    ThrustCapFindings,
-    ThrustCapPoint,
-    default_caps,
-    find_landmarks,
-    run_thrust_cap_study,
-    write_csv,
-    write_plot,
-)
-from vtff_sim_bridge.scenario import ScenarioError, load_scenario
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+
+if TYPE_CHECKING:
+    from vtff_bringup.studies.thrust_cap import ThrustCapFindings, ThrustCapPoint
 
 app = typer.Typer(help="Parameter studies in one process, without ROS.", no_args_is_help=True)
-
-EXIT_USAGE = 2
 
 
 @app.callback()
@@ -41,19 +34,32 @@ def thrust_cap(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_<date>_<time>."),
+        typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_DATE_TIME."),
     ] = None,
 ) -> None:
     """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2)."""
+    # Imported here, because numpy and matplotlib take a while.
+    from vtff_bringup.studies.thrust_cap import (
+        default_caps,
+        find_landmarks,
+        run_thrust_cap_study,
+        write_csv,
+        write_plot,
+    )
+    from vtff_sim_bridge.scenario import ScenarioError, load_scenario
+
     console = Console(highlight=False)
     try:
         file = scenario or share_file("vtff_bringup", "config/scenario/reference.yaml")
         flown = load_scenario(file)
-    except (ScenarioError, ExecutableNotFoundError) as error:
-        console.print(f"[red]error:[/red] {error}")
+        folder = (
+            new_folder(pathlib.Path("studies") / dated_name("thrust_cap"))
+            if out is None
+            else chosen_folder(out, empty=False)
+        )
+    except (ScenarioError, ExecutableNotFoundError, RunFolderError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}")
         raise typer.Exit(EXIT_USAGE) from error
-    folder = out or pathlib.Path(f"studies/thrust_cap_{datetime.datetime.now():%Y%m%d_%H%M%S}")
-    folder.mkdir(parents=True, exist_ok=True)
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task("flying", total=len(default_caps()))
 
@@ -61,10 +67,14 @@ def thrust_cap(
             bar.update(task, completed=done, total=total, description=f"cap {point.cap:g} m/s2")
 
         points = run_thrust_cap_study(flown, progress=show)
-    write_csv(points, folder / "thrust_cap.csv")
-    write_plot(points, folder / "thrust_cap.png")
+    try:
+        write_csv(points, folder / "thrust_cap.csv")
+        write_plot(points, folder / "thrust_cap.png")
+    except OSError as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}")
+        raise typer.Exit(EXIT_FAILURE) from error
     console.print(_findings_table(find_landmarks(points)))
-    console.print(f"{len(points)} caps; plot and table: {folder.resolve()}")
+    console.print(f"{len(points)} caps; plot and table: {folder}", markup=False)
 
 
 def _findings_table(found: ThrustCapFindings) -> Table:

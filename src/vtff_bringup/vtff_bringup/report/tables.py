@@ -96,6 +96,7 @@ def print_formation(
         own = {key.removeprefix(prefix): value for key, value in summary.items()}
         columns = paper_columns(summary.get("scenario"))
         title = f"{run_name}: {name}" if len(deputies) > 1 else run_name
+        title = f"{title}, {_length(summary)}"
         console.print(_formation_table(title, own, columns))
         for line in _remarks(own, columns):
             console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim")
@@ -146,8 +147,18 @@ def print_message_counts(console: Console, counts: Mapping[str, int], run_name: 
     console.print(table)
 
 
+def _length(summary: Summary) -> str:
+    """Return the length of the run, and that it did not come to its end if so."""
+    length = f"{summary['run_duration_s']:.0f} s"
+    if summary.get("run_complete", True):
+        return length
+    return f"interrupted after {length}"
+
+
 def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn]) -> Table:
     table = _table(title, ["measured", *[column.title for column in columns]])
+    left_out = _not_comparable(summary)
+    absent = "not yet" if _is_short(summary) else "never"
     for heading, section in _sections(summary):
         rows = [row for row in section if row[1] in summary]
         if not rows:
@@ -155,16 +166,35 @@ def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn
         table.add_section()
         table.add_row(f"[bold]{heading}[/bold]")
         for label, key, decimals in rows:
-            printed = [_paper_text(column.values.get(key)) for column in columns]
-            table.add_row(f"  {label}", _text(summary[key], decimals), *printed)
+            printed = ["" if key in left_out else _paper_text(c.values.get(key)) for c in columns]
+            measured = absent if summary[key] is None else _text(summary[key], decimals)
+            table.add_row(f"  {label}", measured, *printed)
     return table
 
 
+def _is_short(summary: Summary) -> bool:
+    """Whether the run is shorter than those of the paper."""
+    return bool(summary["run_duration_s"] < PAPER_DURATION - 1.0)
+
+
+def _not_comparable(summary: Summary) -> set[str]:
+    """Return the keys of sums over a time that the run is too short for."""
+    duration = summary["run_duration_s"]
+    keys: set[str] = set()
+    if _is_short(summary):
+        keys.update(key for _, key, _ in _TOTAL)
+        keys.update(key for _, key, _ in _KEEPING if key.startswith("delta_v_"))
+    if duration < ACQUISITION_DURATION:
+        keys.update(key for _, key, _ in _ACQUISITION if key.startswith("delta_v_"))
+    return keys
+
+
 def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
-    yield f"acquisition, {ACQUISITION_DURATION:.0f} s", _ACQUISITION
+    acquisition = min(ACQUISITION_DURATION, summary["run_duration_s"])
+    yield f"acquisition, {acquisition:.0f} s", _ACQUISITION
     if "keeping_in_track_mean_m" in summary:
         yield "keeping, from then on", _KEEPING
-        yield f"whole run, {summary.get('run_duration_s', 0.0):.0f} s", _TOTAL
+        yield f"whole run, {summary['run_duration_s']:.0f} s", _TOTAL
     yield "navigation error", _NAVIGATION
 
 
@@ -180,8 +210,13 @@ def _remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[str]:
             "GNSS navigation in the loop (HIL)" if column.hardware_in_the_loop else "fed with truth"
         )
         lines.append(f"{_one_line(column.title)}: {column.source}; {fed}.")
-    duration = summary.get("run_duration_s", PAPER_DURATION)
-    if columns and abs(duration - PAPER_DURATION) > 1.0:
+    duration = summary["run_duration_s"]
+    if columns and _is_short(summary):
+        lines.append(
+            f"the paper's runs have {PAPER_DURATION:.0f} s, this one {duration:.0f} s: "
+            "its totals are left out, its statistics are of the longer time."
+        )
+    elif columns and duration > PAPER_DURATION + 1.0:
         lines.append(
             f"this run has {duration:.0f} s; the paper's totals and statistics are "
             f"of {PAPER_DURATION:.0f} s."
@@ -226,9 +261,9 @@ def _table(title: str, columns: Sequence[str]) -> Table:
 
 
 def _text(value: Any, decimals: int) -> str:
-    """Return a measured number; ``never`` stands for None, a number that does not exist."""
+    """Return a measured number; a dash stands for None, a number that does not exist."""
     if value is None:
-        return "never"
+        return "-"
     if not isinstance(value, float):
         return str(value)
     if value != 0.0 and decimals > 0 and abs(value) < _SMALLEST_FIXED:
