@@ -10,13 +10,11 @@ import numpy as np
 from vtff_dynamics.constants import J2_EARTH, NANOSECONDS_PER_SECOND, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames import earth_rotation_angle
 from vtff_dynamics.timescales import GpsTime, parse_epoch
-from vtff_gnss.broadcast_orbit import (
-    EARTH_ROTATION_RATE_BROADCAST,
-    GRAVITATIONAL_PARAMETER_BROADCAST,
-)
 from vtff_gnss.constants import (
+    EARTH_ROTATION_RATE_BROADCAST,
     EPHEMERIS_SOURCE_INAV,
     EPHEMERIS_SOURCE_LNAV,
+    GRAVITATIONAL_PARAMETER_BROADCAST,
     SYSTEM_GALILEO,
     SYSTEM_GPS,
 )

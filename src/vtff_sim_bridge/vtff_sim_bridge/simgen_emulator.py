@@ -8,10 +8,14 @@ import os
 import signal
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vtff_sim_bridge.emulator_state import CLOCK_MODES, ScenarioMachine
 from vtff_sim_bridge.simremote import DEFAULT_PORT
 from vtff_sim_bridge.simremote_server import SimRemoteServer
+
+if TYPE_CHECKING:
+    from vtff_sim_bridge.gnss.emulation import GnssEmulation
 
 LOGGER = logging.getLogger("simgen_emulator")
 
@@ -34,6 +38,13 @@ clock modes:
   realtime   it follows the wall clock from RU on, as SimGEN does
 
 Nothing is taken from the .scn file: its name is kept, start and duration come from START_TIME.
+
+receivers:
+  --gnss config/gnss/reference.yaml --port-link-directory /tmp/vtff_ports
+             adds GNSS receivers on the vehicles; each listens and sends on a pseudo-terminal with
+             the symlink DIRECTORY/<name of the receiver>. They send nothing until a driver sends
+             LOG commands. The bytes of a time are handed to the ports before the reply to the
+             motion command that brought it; a slow reader holds back further commands.
 """
 
 
@@ -47,26 +58,53 @@ def main(arguments: Sequence[str] | None = None) -> int:
         machine = ScenarioMachine(
             options.vehicles, clock_mode=options.clock, arming_delay=options.arming_delay
         )
-        server = SimRemoteServer(machine, options.host, options.port, accepts_udp=options.udp)
+        receivers = None if options.gnss is None else _gnss_emulation(machine, options)
     except (ValueError, OSError) as error:
+        LOGGER.error("cannot start: %s", error)
+        return 1
+    try:
+        server = SimRemoteServer(
+            machine, options.host, options.port, accepts_udp=options.udp, companion=receivers
+        )
+    except OSError as error:
         LOGGER.error("cannot start on %s:%d: %s", options.host, options.port, error)
+        if receivers is not None:
+            receivers.close()
         return 1
     signal.set_wakeup_fd(server.wakeup_descriptor)
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda _number, _frame: server.stop())
+    # `vtff run` starts its processes with both blocked, until they can be handled.
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
     try:
         if options.port_file is not None:
             write_port_file(options.port_file, server.port)
         LOGGER.info("SimREMOTE on %s:%d, %s", options.host, server.port, options.clock)
         server.serve()
-    except OSError as error:
+    except (ValueError, OSError) as error:
         LOGGER.error("%s", error)
         return 1
     finally:
         signal.set_wakeup_fd(-1)
         server.close()
+        if receivers is not None:
+            receivers.close()
     LOGGER.info("%d commands, %d errors", server.command_count, server.error_count)
     return 0
+
+
+def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> GnssEmulation:
+    """Return the receivers that the options ask for."""
+    # Imported here, because without receivers the emulator starts without numpy.
+    from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+    from vtff_sim_bridge.gnss.emulation import GnssEmulation
+
+    return GnssEmulation(
+        machine,
+        load_gnss_configuration(options.gnss),
+        options.port_link_directory,
+        options.gnss_truth,
+    )
 
 
 def write_port_file(path: Path, port: int) -> None:
@@ -125,6 +163,18 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--udp", action="store_true", help="also take binary MOT and MOTB datagrams on the port"
+    )
+    parser.add_argument(
+        "--gnss", type=Path, metavar="FILE", help="add the GNSS receivers of this file"
+    )
+    parser.add_argument(
+        "--port-link-directory",
+        type=Path,
+        metavar="DIRECTORY",
+        help="where each receiver gets a symlink to its pseudo-terminal",
+    )
+    parser.add_argument(
+        "--gnss-truth", type=Path, metavar="FILE", help="write what the receivers were given"
     )
     parser.add_argument(
         "--log-level",

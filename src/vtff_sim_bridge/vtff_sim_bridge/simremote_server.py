@@ -13,6 +13,7 @@ import selectors
 import socket
 import time
 from collections import deque
+from typing import Protocol
 
 from vtff_sim_bridge.emulator_state import CommandRefusedError, ScenarioMachine
 from vtff_sim_bridge.motion import MotionError
@@ -27,6 +28,20 @@ MAXIMUM_LINE_BYTES = 16384
 """Longest command; a MOT command has some 500 bytes."""
 _RECEIVE_BYTES = 65536
 _PORT_ATTEMPTS = 20
+
+
+class Companion(Protocol):
+    """Something else that the loop of the server serves: receivers that follow the scenario."""
+
+    @property
+    def is_congested(self) -> bool:
+        """Whether the next command has to wait until `process` has done something."""
+
+    def fileno(self) -> int:
+        """Return a descriptor that is readable when `process` has something to do."""
+
+    def process(self) -> None:
+        """Do what there is to do, without waiting."""
 
 
 class CommandSplitter:
@@ -77,6 +92,7 @@ class _Connection:
         self.outgoing = b""
         self.tail_due: float | None = None
         self.waits_for_reply = False
+        self.waits_for_companion = False
         self.ended = False
         self.events = 0
 
@@ -101,6 +117,8 @@ class SimRemoteServer:
         Address to listen on; port 0 takes a free one.
     accepts_udp : bool
         Also take binary motion datagrams on the same port number.
+    companion : Companion, optional
+        Is served by the same loop, and can hold commands back.
 
     Attributes
     ----------
@@ -122,8 +140,10 @@ class SimRemoteServer:
         port: int = 0,
         *,
         accepts_udp: bool = False,
+        companion: Companion | None = None,
     ) -> None:
         self._machine = machine
+        self._companion = companion
         self._connections: dict[int, _Connection] = {}
         self._stopping = False
         self.command_count = 0
@@ -139,6 +159,8 @@ class SimRemoteServer:
                 waiting.setblocking(False)
                 self._selector.register(waiting, selectors.EVENT_READ, None)
         self._wake_sender.setblocking(False)
+        if companion is not None:
+            self._selector.register(companion, selectors.EVENT_READ, None)
 
     @property
     def wakeup_descriptor(self) -> int:
@@ -183,6 +205,8 @@ class SimRemoteServer:
                 self._accept()
             elif key.fileobj is self._datagrams:
                 self._read_datagrams()
+            elif self._companion is not None and key.fileobj is self._companion:
+                self._companion.process()
             else:
                 self._wake_receiver.recv(_RECEIVE_BYTES)
         self._machine.poll()
@@ -201,7 +225,7 @@ class SimRemoteServer:
                 connection.tail_due = None
                 connection.commands.extend(connection.splitter.flush())
                 self._carry_out(connection)
-            elif connection.waits_for_reply:
+            elif connection.waits_for_reply or connection.waits_for_companion:
                 self._carry_out(connection)
 
     def _accept(self) -> None:
@@ -228,7 +252,7 @@ class SimRemoteServer:
         """Watch a connection for what is needed next: writing, reading, or nothing."""
         if connection.outgoing:
             events = selectors.EVENT_WRITE
-        elif connection.waits_for_reply or connection.ended:
+        elif connection.waits_for_reply or connection.waits_for_companion or connection.ended:
             events = 0
         else:
             events = selectors.EVENT_READ
@@ -269,7 +293,11 @@ class SimRemoteServer:
                 return
             connection.waits_for_reply = False
             replies.append(self._reply_text(reply))
+        connection.waits_for_companion = False
         while commands:
+            if self._companion is not None and self._companion.is_congested:
+                connection.waits_for_companion = True
+                break
             command = commands.popleft()
             reply = self._execute(command)
             if LOGGER.isEnabledFor(logging.DEBUG):
@@ -306,7 +334,8 @@ class SimRemoteServer:
                 self._drop(connection)
                 return
             connection.outgoing = connection.outgoing[sent:]
-        if connection.ended and not connection.outgoing and not connection.waits_for_reply:
+        waits = connection.waits_for_reply or connection.waits_for_companion
+        if connection.ended and not connection.outgoing and not waits:
             self._drop(connection)
         else:
             self._listen_to(connection)

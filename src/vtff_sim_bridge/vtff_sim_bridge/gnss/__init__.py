@@ -1,0 +1,1 @@
+"""Simulated GNSS: what receivers on the vehicles of a scenario measure and send."""

@@ -1,0 +1,400 @@
+"""GNSS files (config/gnss/*.yaml): constellation, atmosphere, receivers and faults of a run.
+
+Read strictly, as scenario files are: an unknown key, a missing field, a wrong type or a value out
+of range is a `ScenarioError` that names the file and the field.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import typing
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from vtff_gnss.antenna_pattern import ParabolicPattern
+from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
+from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile, read_profile
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
+from vtff_sim_bridge.gnss.faults import Fault
+from vtff_sim_bridge.gnss.receiver_clock import ClockModel
+from vtff_sim_bridge.gnss.signal_table import SIGNALS
+from vtff_sim_bridge.scenario_fields import Section, read_yaml
+
+__all__ = [
+    "ConstellationConfiguration",
+    "GnssConfiguration",
+    "MultipathModel",
+    "NoiseModel",
+    "ReceiverConfiguration",
+    "TrackingModel",
+    "load_gnss_configuration",
+]
+
+_Group = TypeVar("_Group")
+
+
+@dataclass(frozen=True)
+class ConstellationConfiguration:
+    """Where the satellites come from.
+
+    Parameters
+    ----------
+    source : str
+        ``nominal``, or a RINEX navigation file or a YUMA almanac (``.yuma``, ``.alm``, ``.txt``).
+    seed : int
+        Of the nominal constellations.
+    orbit_error_sigma, clock_error_sigma : float
+        True less broadcast orbit, for each satellite and axis, and clock, m: constant errors that
+        the broadcast ephemerides do not tell.
+    inter_signal_sigma : float
+        Satellite biases of each signal beyond the broadcast group delays, m.
+    """
+
+    source: str = "nominal"
+    seed: int = 0
+    orbit_error_sigma: float = 0.0
+    clock_error_sigma: float = 0.0
+    inter_signal_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _require_not_negative(self, "orbit_error_sigma", "clock_error_sigma", "inter_signal_sigma")
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Noise of the measurements.
+
+    Parameters
+    ----------
+    model : str
+        ``none``; ``fixed``: the sigmas below; ``cn0``: from C/N0 and the loops.
+    code_sigma, phase_sigma, doppler_sigma : float
+        m, m, m/s.
+    code_loop_bandwidth_hz, phase_loop_bandwidth_hz : float
+        Of the delay lock loop (carrier-aided) and the phase lock loop.
+    integration_time : float
+        Predetection, s.
+    correlator_spacing_chips : float
+        Early to late.
+    """
+
+    model: str = "cn0"
+    code_sigma: float = 0.3
+    phase_sigma: float = 0.001
+    doppler_sigma: float = 0.01
+    code_loop_bandwidth_hz: float = 0.25
+    phase_loop_bandwidth_hz: float = 15.0
+    integration_time: float = 0.02
+    correlator_spacing_chips: float = 0.1
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if self.model not in ("none", "fixed", "cn0"):
+            raise ValueError(f"model: one of none, fixed, cn0 expected, got {self.model!r}")
+        _require_not_negative(self, "code_sigma", "phase_sigma", "doppler_sigma")
+        for name in ("code_loop_bandwidth_hz", "phase_loop_bandwidth_hz", "integration_time"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}: more than 0 expected")
+        if not 0.0 < self.correlator_spacing_chips < 2.0:
+            raise ValueError("correlator_spacing_chips: between 0 and 2 expected")
+
+
+@dataclass(frozen=True)
+class TrackingModel:
+    """When signals are tracked.
+
+    Parameters
+    ----------
+    elevation_mask_deg : float
+        Above the local horizontal plane; may be negative.
+    channels : int
+        Satellites of each system that are tracked at once.
+    threshold_dbhz : float
+        Lock is lost below this C/N0.
+    acquisition_delay : float
+        s between the rise of a satellite, or the return of a signal, and lock. Signals that are
+        there at the start are locked at once.
+    parity_delay : float
+        s after lock until the half cycle of signals with data is known.
+    ephemeris_delay : float
+        s after lock until the ephemeris of a satellite is known.
+    """
+
+    elevation_mask_deg: float = 5.0
+    channels: int = 12
+    threshold_dbhz: float = 25.0
+    acquisition_delay: float = 2.0
+    parity_delay: float = 1.0
+    ephemeris_delay: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if not -90.0 <= self.elevation_mask_deg < 90.0:
+            raise ValueError("elevation_mask_deg: between -90 and 90 expected")
+        if not 1 <= self.channels <= 31:
+            raise ValueError("channels: between 1 and 31 expected")
+        _require_not_negative(self, "acquisition_delay", "parity_delay", "ephemeris_delay")
+
+
+@dataclass(frozen=True)
+class MultipathModel:
+    """Slowly varying errors by reflections: sinusoids with seeded phases, greatest when low.
+
+    Parameters
+    ----------
+    code_amplitude, phase_amplitude : float
+        m, at the horizon; they fall with the cosine of the elevation.
+    period : float
+        s; that of a signal is between 0.7 and 1.3 times it.
+    """
+
+    code_amplitude: float = 0.0
+    phase_amplitude: float = 0.0
+    period: float = 120.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _require_not_negative(self, "code_amplitude", "phase_amplitude")
+        if not self.period > 0.0:
+            raise ValueError("period: more than 0 s expected")
+
+
+@dataclass(frozen=True)
+class ReceiverConfiguration:
+    """One receiver.
+
+    Parameters
+    ----------
+    name : str
+        Also the name of its port link.
+    vehicle : str
+        Vehicle of the scenario, e.g. ``v1_m1``.
+    cn0_zenith_dbhz : dict of str to float
+        Signals that it tracks, and their C/N0 at boresight from 20200 km.
+    baud : int
+        Rate of the port until SERIALCONFIG.
+    limits_baud : bool
+        The port carries no more than its rate allows (for real time).
+    tcp_port : int or None
+        Also serve the port on TCP; 0 for any free one.
+    biases : dict of str to float
+        Receiver bias of the pseudoranges of each signal, m.
+    """
+
+    name: str
+    vehicle: str
+    cn0_zenith_dbhz: Mapping[str, float]
+    generation: Literal["OEM6", "OEM7"] = "OEM6"
+    baud: int = 460800
+    limits_baud: bool = False
+    tcp_port: int | None = None
+    biases: Mapping[str, float] = field(default_factory=dict)
+    clock: ClockModel = field(default_factory=ClockModel)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    tracking: TrackingModel = field(default_factory=TrackingModel)
+    multipath: MultipathModel = field(default_factory=MultipathModel)
+    antenna: ParabolicPattern | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class GnssConfiguration:
+    """Contents of a GNSS file; see `load_gnss_configuration`."""
+
+    name: str
+    seed: int
+    constellation: ConstellationConfiguration
+    profile: ElectronDensityProfile | None
+    regions: tuple[IrregularityRegion, ...]
+    receivers: tuple[ReceiverConfiguration, ...]
+    faults: tuple[Fault, ...]
+
+
+def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
+    """Read a GNSS file.
+
+    The file has the fields ``name``, ``seed``, ``constellation`` (`ConstellationConfiguration`),
+    ``atmosphere`` (``electron_density``: null, or one of ``chapman``, a list of layers, and
+    ``table``, a CSV file; ``regions``: a list of `IrregularityRegion` with angles in deg),
+    ``receivers`` and ``faults`` (lists of `ReceiverConfiguration` and `Fault`). Fields of
+    ``receiver_defaults`` hold for each receiver that does not give them. Paths are relative to the
+    file. Fields with a default in their class may be left out.
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be used.
+    """
+    path = Path(path)
+    top = Section(str(path), "", read_yaml(path))
+    defaults = top.value("receiver_defaults") if "receiver_defaults" in top else {}
+    if not isinstance(defaults, dict):
+        raise top.error("receiver_defaults", "a mapping of fields expected")
+    constellation = ConstellationConfiguration()
+    if "constellation" in top:
+        constellation = _filled(top.section("constellation"), ConstellationConfiguration)
+    if constellation.source != "nominal":
+        source = str(path.parent / constellation.source)
+        constellation = dataclasses.replace(constellation, source=source)
+    profile = None
+    regions: tuple[IrregularityRegion, ...] = ()
+    if "atmosphere" in top:
+        profile, regions = _atmosphere(top.section("atmosphere"), path)
+    entries = top.value("receivers")
+    if not isinstance(entries, list) or not entries:
+        raise top.error("receivers", "a list of at least one mapping expected")
+    receivers = tuple(
+        _receiver(Section(str(path), f"receivers[{index}]", _merged(top, index, defaults, entry)))
+        for index, entry in enumerate(entries)
+    )
+    names = [receiver.name for receiver in receivers]
+    if len(set(names)) < len(names):
+        raise top.error("receivers", f"names are given twice: {', '.join(names)}")
+    faults: tuple[Fault, ...] = ()
+    if top.value("faults") if "faults" in top else None:
+        faults = tuple(_filled(section, Fault) for section in top.sections("faults"))
+    for index, fault in enumerate(faults):
+        if fault.receiver not in names:
+            raise top.error(f"faults[{index}].receiver", f"there is no {fault.receiver!r}")
+    configuration = GnssConfiguration(
+        name=top.text("name"),
+        seed=top.whole_number("seed"),
+        constellation=constellation,
+        profile=profile,
+        regions=regions,
+        receivers=receivers,
+        faults=faults,
+    )
+    top.finish()
+    return configuration
+
+
+def _merged(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> dict[Any, Any]:
+    if not isinstance(entry, dict):
+        raise top.error(f"receivers[{index}]", "a mapping of fields expected")
+    return {**defaults, **entry}
+
+
+def _receiver(section: Section) -> ReceiverConfiguration:
+    groups: dict[str, Any] = {}
+    for name, kind in (
+        ("clock", ClockModel),
+        ("noise", NoiseModel),
+        ("tracking", TrackingModel),
+        ("multipath", MultipathModel),
+    ):
+        if name in section:
+            groups[name] = _filled(section.section(name), kind)
+    if "antenna" in section and section.value("antenna") is not None:
+        groups["antenna"] = _antenna(section.section("antenna"))
+    if "biases" in section:
+        groups["biases"] = _numbers_by_signal(section.section("biases"))
+    for name, hint in (("baud", int), ("limits_baud", bool), ("tcp_port", int | None)):
+        if name in section:
+            groups[name] = section.typed(name, hint)
+    generation = "OEM6"
+    if "generation" in section:
+        generation = section.choice("generation", ("OEM6", "OEM7"))
+    name = section.text("name")
+    if "/" in name or name.startswith("."):
+        raise section.error("name", f"must be usable as a file name, got {name!r}")
+    receiver = ReceiverConfiguration(
+        name=name,
+        vehicle=section.text("vehicle").lower(),
+        cn0_zenith_dbhz=_numbers_by_signal(section.section("cn0_zenith_dbhz")),
+        generation=typing.cast(Literal["OEM6", "OEM7"], generation),
+        **groups,
+    )
+    if not receiver.cn0_zenith_dbhz:
+        raise section.error("cn0_zenith_dbhz", "at least one signal expected")
+    section.finish()
+    return receiver
+
+
+def _antenna(section: Section) -> ParabolicPattern:
+    pattern = section.checked(
+        "",
+        lambda: ParabolicPattern(
+            0.0,
+            math.radians(section.number("half_power_beamwidth_deg")),
+            section.number("front_to_back_db"),
+        ),
+    )
+    section.finish()
+    return pattern
+
+
+def _numbers_by_signal(section: Section) -> dict[str, float]:
+    numbers = {name: section.number(name) for name in SIGNALS if name in section}
+    section.finish()
+    return numbers
+
+
+def _atmosphere(
+    section: Section, path: Path
+) -> tuple[ElectronDensityProfile | None, tuple[IrregularityRegion, ...]]:
+    profile = None
+    if "electron_density" in section and section.value("electron_density") is not None:
+        profile = _profile(section.section("electron_density"), path)
+    regions: tuple[IrregularityRegion, ...] = ()
+    if section.value("regions") if "regions" in section else None:
+        regions = tuple(_region(part) for part in section.sections("regions"))
+    section.finish()
+    return profile, regions
+
+
+def _profile(section: Section, path: Path) -> ElectronDensityProfile:
+    kind = section.only_one_of("chapman", "table")
+    if kind == "table":
+        table = path.parent / section.text("table")
+        column = section.text("column") if "column" in section else "density_per_m3"
+        try:
+            profile = section.checked("table", lambda: read_profile(table, column))
+        except OSError as error:
+            raise section.error("table", f"{table}: {error.strerror or error}") from None
+    else:
+        layers = [_filled(layer, ChapmanLayer) for layer in section.sections("chapman")]
+        profile = section.checked("chapman", lambda: chapman_profile(layers))
+    if "scale" in section:
+        profile = profile.scaled(section.number("scale", 0.0))
+    section.finish()
+    return profile
+
+
+def _region(section: Section) -> IrregularityRegion:
+    latitudes = (section.number("latitude_south_deg"), section.number("latitude_north_deg"))
+    names = ("local_time_start_hours", "local_time_end_hours", "altitude_bottom", "altitude_top")
+    numbers = {name: section.number(name) for name in (*names, "s4", "decorrelation_time")}
+    region = section.checked(
+        "",
+        lambda: IrregularityRegion(
+            name=section.text("name"),
+            latitude_south=math.radians(latitudes[0]),
+            latitude_north=math.radians(latitudes[1]),
+            **numbers,
+        ),
+    )
+    section.finish()
+    return region
+
+
+def _filled(section: Section, kind: type[_Group]) -> _Group:
+    """Return a dataclass of plain fields from a section; absent fields keep their default."""
+    hints = typing.get_type_hints(kind)
+    given: dict[str, Any] = {}
+    for entry in dataclasses.fields(typing.cast(Any, kind)):
+        has_default = entry.default is not dataclasses.MISSING
+        if entry.name in section or not has_default:
+            given[entry.name] = section.typed(entry.name, hints[entry.name])
+    filled = section.checked("", lambda: kind(**given))
+    section.finish()
+    return filled
+
+
+def _require_not_negative(group: object, *names: str) -> None:
+    for name in names:
+        if not getattr(group, name) >= 0.0:
+            raise ValueError(f"{name}: 0 or more expected, got {getattr(group, name)}")

@@ -1,0 +1,169 @@
+"""What the ionosphere does to the signals of one receiver: slant TEC and scintillation."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.line_of_sight import LineOfSight
+from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion, path_length_in_region
+from vtff_sim_bridge.atmosphere.scintillation import (
+    AlongTrackAxis,
+    ScintillationField,
+    s4_at_frequency,
+    scintillation_gain,
+    tapered_s4,
+)
+from vtff_sim_bridge.atmosphere.slant_tec import SlantTecIntegrator
+from vtff_sim_bridge.gnss.random_streams import Effect
+
+__all__ = ["Ionosphere", "RegionCrossing", "ScintillatedLinks"]
+
+
+@dataclass(frozen=True, eq=False)
+class RegionCrossing:
+    """Rays of a second that cross one region: S4 on L1 and scattered part, shape (k, n)."""
+
+    s4_l1: FloatArray
+    fluctuation: npt.NDArray[np.complex128]
+
+
+class Ionosphere:
+    """Ionosphere of a run, shared by its receivers.
+
+    Parameters
+    ----------
+    profile : ElectronDensityProfile or None
+        Electron density against altitude.
+    regions : sequence of IrregularityRegion
+    seed : int
+        Of the run.
+    state_itrf : array_like, shape (6,)
+        Position (m) and velocity (m/s) of the first vehicle at the start, which gives the
+        coordinate along the track on which all receivers see the same pattern.
+    """
+
+    def __init__(
+        self,
+        profile: ElectronDensityProfile | None,
+        regions: Sequence[IrregularityRegion],
+        seed: int,
+        state_itrf: npt.ArrayLike,
+    ) -> None:
+        self._integrator = None if profile is None else SlantTecIntegrator(profile)
+        self._regions = tuple(regions)
+        self._fields = [
+            ScintillationField(region.decorrelation_time, (seed, Effect.SCINTILLATION, number))
+            for number, region in enumerate(regions)
+        ]
+        self._axis = AlongTrackAxis(state_itrf) if regions else None
+        state = np.asarray(state_itrf, dtype=float)
+        normal = np.cross(state[:3], state[3:])
+        rate = float(np.linalg.norm(normal)) / float(state[:3] @ state[:3])
+        self._period = 2.0 * math.pi / rate if rate > 0.0 else math.inf
+
+    def slant_tec_tecu(self, line_of_sight: LineOfSight, position_itrf: FloatArray) -> FloatArray:
+        """Return the slant TEC of all rays, TECU, shape (k, n)."""
+        if self._integrator is None:
+            return np.zeros(line_of_sight.range.shape)
+        return self._integrator.slant_tec_tecu(position_itrf, line_of_sight.position_satellite_itrf)
+
+    def crossings(
+        self,
+        line_of_sight: LineOfSight,
+        position_itrf: FloatArray,
+        time: GpsTime,
+        elapsed: FloatArray,
+        stream: npt.NDArray[np.integer],
+    ) -> list[RegionCrossing]:
+        """Return what the regions that rays cross do to them.
+
+        Parameters
+        ----------
+        line_of_sight : LineOfSight
+            Shape (k, n).
+        position_itrf : ndarray, shape (k, 3)
+        time : GpsTime
+            At which local time becomes longitude.
+        elapsed : ndarray, shape (k,)
+            Time into the run, s: tells in which revolution the receiver is.
+        stream : ndarray of int, shape (n,)
+            Number of the pattern of each satellite.
+        """
+        crossings: list[RegionCrossing] = []
+        for region, field in zip(self._regions, self._fields, strict=True):
+            length = path_length_in_region(
+                region, time, position_itrf[:, None], line_of_sight.position_satellite_itrf
+            )
+            if self._axis is None or not length.any():
+                continue
+            along = self._axis.coordinate(position_itrf)
+            along = along + self._period * np.round((elapsed - along) / self._period)
+            fluctuation = field.fluctuation(stream[None, :], along[:, None])
+            crossings.append(RegionCrossing(tapered_s4(region.s4, length), fluctuation))
+        return crossings
+
+
+class ScintillatedLinks:
+    """Amplitude and phase scintillation of the links of one receiver, phase without jumps.
+
+    Parameters
+    ----------
+    frequency : ndarray, shape (links,)
+        Hz, of all links.
+    """
+
+    def __init__(self, frequency: FloatArray) -> None:
+        self._frequency = frequency
+        self._phase: FloatArray = np.zeros(len(frequency))
+
+    def second(
+        self,
+        crossings: Sequence[RegionCrossing],
+        satellite: npt.NDArray[np.intp],
+        row: npt.NDArray[np.intp],
+        emitted: slice,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return amplitude (a factor) and phase (rad) of links, shape (k, links asked for).
+
+        Parameters
+        ----------
+        crossings : sequence of RegionCrossing
+            At least one.
+        satellite, row : ndarray of int
+            Of each link: column in the crossings, and place among all links.
+        emitted : slice
+            Epochs that are measured now: only these lead the phase on.
+        """
+        gain = np.ones((len(crossings[0].s4_l1), len(satellite)), dtype=complex)
+        for crossing in crossings:
+            s4 = s4_at_frequency(crossing.s4_l1[:, satellite], self._frequency[row])
+            gain *= scintillation_gain(crossing.fluctuation[:, satellite], s4)
+        phase = np.angle(gain)
+        turn = 2.0 * math.pi
+        last = self._phase[row]
+        for index in range(*emitted.indices(len(phase))):
+            phase[index] += turn * np.round((last - phase[index]) / turn)
+            last = phase[index]
+        self._phase[row] = last
+        return np.abs(gain), phase
+
+    def calm(self) -> None:
+        """Let no ray be scintillated: whole turns left from the last region are forgotten.
+
+        The phase then has no fractional part, so that nothing jumps but for cycles that have
+        slipped in a fade; those are kept.
+        """
+        self._phase = 2.0 * math.pi * np.round(self._phase / (2.0 * math.pi))
+
+    @property
+    def settled_phase(self) -> FloatArray:
+        """Phase left behind by cycles that slipped in fades, rad, shape (links,)."""
+        return self._phase

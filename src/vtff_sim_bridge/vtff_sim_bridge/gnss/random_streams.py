@@ -1,0 +1,83 @@
+"""Random numbers of the GNSS simulation: one stream for each receiver, signal and effect.
+
+Every number has an address (run, effect, receiver, signal, time), from which its generator is
+seeded. So what is drawn does not depend on the order of the calls, and switching an effect on
+leaves all others as they are.
+"""
+
+from __future__ import annotations
+
+import enum
+import zlib
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["EPOCHS_PER_SECOND", "Effect", "NoiseField", "generator", "receiver_number"]
+
+EPOCHS_PER_SECOND = 20
+"""Rate at which receivers measure."""
+
+_BLOCK_SECONDS = 64
+_BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
+
+
+class Effect(enum.IntEnum):
+    """What a stream is for; the numbers are part of every seed and must not change."""
+
+    CODE_NOISE = 1
+    PHASE_NOISE = 2
+    DOPPLER_NOISE = 3
+    CN0_NOISE = 4
+    RECEIVER_CLOCK = 5
+    CLOCK_STEERING = 6
+    AMBIGUITY = 7
+    SATELLITE_BIAS = 8
+    ORBIT_ERROR = 9
+    SCINTILLATION = 10
+    MULTIPATH = 11
+    BYTE_FAULT = 12
+
+
+def receiver_number(name: str) -> int:
+    """Return the number of a receiver in seeds: it does not depend on the other receivers."""
+    return zlib.crc32(name.encode())
+
+
+def generator(seed: int, effect: Effect, *address: int) -> np.random.Generator:
+    """Return the generator of an address; `seed` and `address` are not negative."""
+    return np.random.default_rng(np.random.SeedSequence((seed, int(effect), *address)))
+
+
+class NoiseField:
+    """White noise of unit variance of all links of a receiver, 20 numbers a second.
+
+    Parameters
+    ----------
+    seed : int
+        Of the run.
+    effect : Effect
+        What the noise is for.
+    addresses : sequence of tuple of int
+        Address of each link: receiver, system, satellite, band, attribute.
+    """
+
+    def __init__(self, seed: int, effect: Effect, addresses: Sequence[tuple[int, ...]]) -> None:
+        self._seed = seed
+        self._effect = effect
+        self._addresses = addresses
+        self._numbers: FloatArray = np.zeros((len(addresses), _BLOCK_EPOCHS))
+        self._block = np.full(len(addresses), -1, dtype=np.int64)
+
+    def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+        """Return the noise of links in a second of the run, shape (20, number of rows)."""
+        block, within = divmod(second, _BLOCK_SECONDS)
+        for row in rows[self._block[rows] != block].tolist():
+            stream = generator(self._seed, self._effect, *self._addresses[row], block)
+            self._numbers[row] = stream.standard_normal(_BLOCK_EPOCHS)
+            self._block[row] = block
+        first = within * EPOCHS_PER_SECOND
+        return np.asarray(self._numbers[rows, first : first + EPOCHS_PER_SECOND].T)

@@ -1,0 +1,286 @@
+"""Tracking of signals by a receiver: channels, lock, lock time, ambiguities, half cycles, slips."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss import constants as c
+from vtff_sim_bridge.gnss.configuration import TrackingModel
+from vtff_sim_bridge.gnss.faults import Fault
+from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
+from vtff_sim_bridge.gnss.signal_table import Signal
+
+__all__ = ["Arc", "Link", "Tracker", "Tracks"]
+
+BoolArray = npt.NDArray[np.bool_]
+
+_AMBIGUITY_LIMIT = 1000
+_LOCKED = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
+
+
+@dataclass(frozen=True)
+class Link:
+    """A signal of a satellite as a receiver may track it."""
+
+    system: int
+    prn: int
+    signal: Signal
+
+
+@dataclass(frozen=True)
+class Arc:
+    """Beginning of tracking, or a change of the ambiguity within: a row of the truth file.
+
+    Parameters
+    ----------
+    epoch : int
+        Number since the start.
+    link : Link
+    event : str
+        ``lock``, ``lost``, ``slip``, ``half_cycle`` or ``parity``.
+    cycles : float
+        What the carrier phase (RINEX sign) is greater by than the true range from now on.
+    """
+
+    epoch: int
+    link: Link
+    event: str
+    cycles: float
+
+
+@dataclass(frozen=True, eq=False)
+class Tracks:
+    """State of links at epochs; all of shape (k, links asked for)."""
+
+    is_tracked: BoolArray
+    lock_time: FloatArray
+    cycles: FloatArray
+    flags: npt.NDArray[np.uint16]
+
+
+class Tracker:
+    """State of all links of one receiver.
+
+    Parameters
+    ----------
+    links : sequence of Link
+        All signals of all satellites that may ever be tracked.
+    model : TrackingModel
+    faults : sequence of Fault
+        Of this receiver.
+    seed, receiver : int
+        Of the run; number of the receiver.
+    report : callable
+        Is given every `Arc`.
+    """
+
+    def __init__(
+        self,
+        links: Sequence[Link],
+        model: TrackingModel,
+        faults: Sequence[Fault],
+        seed: int,
+        receiver: int,
+        report: Callable[[Arc], None],
+    ) -> None:
+        self._links = links
+        self._model = model
+        self._seed = seed
+        self._receiver = receiver
+        self._report = report
+        count = len(links)
+        self._is_tracked = np.zeros(count, dtype=bool)
+        self._lock_epoch = np.zeros(count, dtype=np.int64)
+        self._available_since = np.full(count, -1, dtype=np.int64)
+        self._cycles = np.zeros(count)
+        self._is_half_added = np.zeros(count, dtype=bool)
+        self._parity_epoch = np.zeros(count, dtype=np.int64)
+        self._parity_offset = np.zeros(count)
+        self._has_parity = np.zeros(count, dtype=bool)
+        self._has_channel = np.zeros(0, dtype=bool)
+        self._outages = [f for f in faults if f.kind == "outage"]
+        self._phase_faults = [f for f in faults if f.kind in ("slip", "half_cycle")]
+        self._fault_epochs = {f.first_epoch for f in self._phase_faults}
+        self._channel_of: dict[tuple[int, int], int] = {}
+
+    def channels(self, satellites: Sequence[tuple[int, int]]) -> npt.NDArray[np.uint8]:
+        """Return the channel number of each satellite (system, number): its place in turn."""
+        numbers = [self._channel_of.get(satellite, 0) for satellite in satellites]
+        return np.array(numbers, dtype=np.uint8)
+
+    def with_channel(
+        self,
+        satellites: Sequence[tuple[int, int]],
+        elevation: FloatArray,
+        is_visible: BoolArray,
+    ) -> BoolArray:
+        """Return which satellites have a channel at one epoch, shape (n,).
+
+        A satellite keeps its channel while it is visible; free ones go to the highest others.
+
+        Parameters
+        ----------
+        satellites : sequence of (int, int)
+            System and number.
+        elevation : ndarray, shape (n,)
+        is_visible : ndarray of bool, shape (n,)
+        """
+        held = self._channel_of
+        for index, satellite in enumerate(satellites):
+            if satellite in held and not is_visible[index]:
+                del held[satellite]
+        for satellite in set(held) - set(satellites):
+            del held[satellite]
+        for index in np.argsort(-elevation, kind="stable").tolist():
+            system = satellites[index][0]
+            if not is_visible[index] or satellites[index] in held:
+                continue
+            taken = {number for (other, _), number in held.items() if other == system}
+            free = set(range(self._model.channels)) - taken
+            if free:
+                held[satellites[index]] = min(free)
+        return np.array([satellite in held for satellite in satellites], dtype=bool)
+
+    def advance(self, first_epoch: int, rows: npt.NDArray[np.intp], can_track: BoolArray) -> Tracks:
+        """Go on over consecutive epochs.
+
+        Parameters
+        ----------
+        first_epoch : int
+            Number since the start.
+        rows : ndarray of int, shape (m,)
+            Links that may be tracked; all others are lost.
+        can_track : ndarray of bool, shape (k, m)
+            Signal is strong enough and has a channel.
+
+        Returns
+        -------
+        Tracks
+            Of shape (k, m).
+        """
+        count = len(can_track)
+        can_track = self._without_outages(first_epoch, rows, can_track)
+        shape = can_track.shape
+        tracked, half = np.empty(shape, dtype=bool), np.empty(shape, dtype=bool)
+        parity = np.empty(shape, dtype=bool)
+        cycles, lock = np.empty(shape), np.empty(shape, dtype=np.int64)
+        start = 0
+        while start < count:
+            self._step(first_epoch + start, rows, can_track[start])
+            end = self._next_change(first_epoch, start, rows, can_track)
+            part = slice(start, end)
+            tracked[part], half[part] = self._is_tracked[rows], self._is_half_added[rows]
+            parity[part] = self._has_parity[rows]
+            cycles[part], lock[part] = self._cycles[rows], self._lock_epoch[rows]
+            start = end
+        epochs = first_epoch + np.arange(count)[:, None]
+        flags = np.where(parity, _LOCKED | c.FLAG_PARITY_KNOWN, _LOCKED)
+        flags = np.where(half, flags | c.FLAG_HALF_CYCLE_ADDED, flags)
+        return Tracks(tracked, (epochs - lock) / EPOCHS_PER_SECOND, cycles, flags.astype(np.uint16))
+
+    def _without_outages(
+        self, first_epoch: int, rows: npt.NDArray[np.intp], can_track: BoolArray
+    ) -> BoolArray:
+        for fault in self._outages:
+            active = [fault.is_active(first_epoch + index) for index in range(len(can_track))]
+            if any(active):
+                hit = np.array([self._concerns(fault, row) for row in rows.tolist()], dtype=bool)
+                can_track = can_track & ~(np.array(active)[:, None] & hit)
+        return can_track
+
+    def _concerns(self, fault: Fault, row: int) -> bool:
+        link = self._links[row]
+        return fault.concerns(link.system, link.prn, link.signal.name)
+
+    def _next_change(
+        self, first_epoch: int, start: int, rows: npt.NDArray[np.intp], can_track: BoolArray
+    ) -> int:
+        """Return the next index at which something may change; links stay as they are till then."""
+        count = len(can_track)
+        differs = (can_track[start + 1 :] != can_track[start]).any(axis=1)
+        end = start + 1 + int(np.argmax(differs)) if differs.any() else count
+        epoch = first_epoch + start
+        waiting = rows[(self._available_since[rows] >= 0) & ~self._is_tracked[rows]]
+        due = [self._available_since[waiting] + self._acquisition_epochs]
+        due.append(self._parity_epoch[rows[self._is_tracked[rows] & ~self._has_parity[rows]]])
+        for times in due:
+            if times.size:
+                end = min(end, max(start + 1, int(times.min()) - first_epoch))
+        for fault_epoch in self._fault_epochs:
+            if epoch < fault_epoch:
+                end = min(end, fault_epoch - first_epoch)
+        return min(end, count)
+
+    @property
+    def _acquisition_epochs(self) -> int:
+        return round(self._model.acquisition_delay * EPOCHS_PER_SECOND)
+
+    def _step(self, epoch: int, rows: npt.NDArray[np.intp], can_track: BoolArray) -> None:
+        """Go on to an epoch at which something may change."""
+        can = np.zeros(len(self._links), dtype=bool)
+        can[rows[can_track]] = True
+        lost = np.flatnonzero(self._is_tracked & ~can)
+        self._is_tracked[lost] = False
+        self._available_since[~can] = -1
+        for row in lost.tolist():
+            self._report(Arc(epoch, self._links[row], "lost", float(self._cycles[row])))
+        begins = can & (self._available_since < 0)
+        # What is there at the start of the run is locked at once.
+        self._available_since[begins] = epoch if epoch else -self._acquisition_epochs
+        locks = can & ~self._is_tracked
+        locks &= epoch >= self._available_since + self._acquisition_epochs
+        for row in np.flatnonzero(locks).tolist():
+            self._lock(epoch, row)
+        known = np.flatnonzero(self._is_tracked & ~self._has_parity & (self._parity_epoch <= epoch))
+        for row in known.tolist():
+            self._resolve_parity(epoch, row)
+        if epoch in self._fault_epochs:
+            self._apply_phase_faults(epoch)
+
+    def _lock(self, epoch: int, row: int) -> None:
+        link = self._links[row]
+        signal = link.signal
+        random = generator(
+            self._seed,
+            Effect.AMBIGUITY,
+            *(self._receiver, link.system, link.prn, signal.band, signal.attribute, epoch),
+        )
+        ambiguity = int(random.integers(-_AMBIGUITY_LIMIT, _AMBIGUITY_LIMIT + 1))
+        is_half_off = bool(random.integers(2)) and signal.has_data
+        delay = round(self._model.parity_delay * EPOCHS_PER_SECOND) if signal.has_data else 0
+        self._is_tracked[row] = True
+        self._lock_epoch[row] = epoch
+        self._has_parity[row] = delay == 0
+        self._parity_epoch[row] = epoch + delay
+        self._parity_offset[row] = 0.5 if is_half_off else 0.0
+        self._is_half_added[row] = is_half_off and delay == 0
+        self._cycles[row] = ambiguity - (self._parity_offset[row] if delay else 0.0)
+        self._report(Arc(epoch, link, "lock", float(self._cycles[row])))
+
+    def _resolve_parity(self, epoch: int, row: int) -> None:
+        """Add the half cycle that the carrier loop was off by, and tell so in the status."""
+        self._has_parity[row] = True
+        self._is_half_added[row] = self._parity_offset[row] != 0.0
+        self._cycles[row] += self._parity_offset[row]
+        self._report(Arc(epoch, self._links[row], "parity", float(self._cycles[row])))
+
+    def _apply_phase_faults(self, epoch: int) -> None:
+        for fault in self._phase_faults:
+            if fault.first_epoch != epoch:
+                continue
+            for row in np.flatnonzero(self._is_tracked).tolist():
+                if not self._concerns(fault, row):
+                    continue
+                if fault.kind == "half_cycle":
+                    self._cycles[row] += 0.5
+                    self._is_half_added[row] ^= True
+                else:
+                    self._cycles[row] += fault.cycles
+                    if not fault.is_silent_slip:
+                        self._lock_epoch[row] = epoch
+                self._report(Arc(epoch, self._links[row], fault.kind, float(self._cycles[row])))

@@ -1,0 +1,174 @@
+"""The logs of an emulated NovAtel receiver: when they can be sent, and from what they are made."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, Protocol
+
+from vtff_dynamics.timescales import GpsTime
+from vtff_gnss.constants import (
+    EPHEMERIS_SOURCE_FNAV,
+    EPHEMERIS_SOURCE_INAV,
+    EPHEMERIS_SOURCE_LNAV,
+)
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.fix import Fix, ReceiverTime
+from vtff_gnss.novatel.encode_ephemeris import (
+    encode_galileo_ephemeris,
+    encode_gpsephem,
+    encode_rawephem,
+)
+from vtff_gnss.novatel.encode_frame import HeaderSettings
+from vtff_gnss.novatel.encode_range import encode_range, encode_rangecmp
+from vtff_gnss.novatel.encode_rangecmp4 import RangeCmp4Encoder
+from vtff_gnss.novatel.encode_solution import (
+    ComponentVersion,
+    IonosphereUtc,
+    encode_bestxyz,
+    encode_ionutc,
+    encode_receiver_time,
+    encode_version,
+)
+from vtff_gnss.observations import ObservationEpoch
+
+EVENT_TRIGGERS = ("ONNEW", "ONCHANGED")
+_SYNCHRONOUS = frozenset({"ONTIME", "ONCE"})
+_ASYNCHRONOUS = frozenset({"ONTIME", "ONCE", *EVENT_TRIGGERS})
+
+
+class ReceiverOutputs(Protocol):
+    """What a receiver has to log at an epoch; asked for only when a log that needs it is due."""
+
+    def observations(self, time: GpsTime) -> ObservationEpoch:
+        """Return the observations of the epoch."""
+
+    def fix(self, time: GpsTime) -> Fix:
+        """Return the navigation solution of the epoch."""
+
+    def receiver_time(self, time: GpsTime) -> ReceiverTime:
+        """Return the estimate of the receiver clock at the epoch."""
+
+    def ephemerides(self, time: GpsTime) -> Sequence[BroadcastEphemeris]:
+        """Return the ephemerides that the receiver holds; the same object while none changes."""
+
+    def ionosphere_utc(self, time: GpsTime) -> Sequence[IonosphereUtc]:
+        """Return the ionosphere model, or nothing; the same object while it does not change."""
+
+
+class LogContext(NamedTuple):
+    """What all logs of an epoch have in common; `time` is None before the first epoch."""
+
+    time: GpsTime | None
+    settings: HeaderSettings
+    time_status: int
+    receiver_status: int
+    versions: Sequence[ComponentVersion]
+
+
+LogEncoder = Callable[[Any, LogContext], bytes]
+
+
+@dataclass(frozen=True)
+class LogDefinition:
+    """How a log is made.
+
+    Parameters
+    ----------
+    name : str
+        Without format suffix.
+    triggers : frozenset of str
+        What it can be logged on.
+    items : callable
+        ``items(outputs, time)``: what to encode.
+    accepts : callable
+        Tells which of them belong to this log; each is one frame.
+    make_encoder : callable
+        Returns the encoder of one series of the log: ``encoder(item, context)`` is a frame.
+    is_static : bool
+        The log needs no epoch: ONCE is answered at once.
+    """
+
+    name: str
+    triggers: frozenset[str]
+    items: Callable[[ReceiverOutputs, GpsTime], Sequence[Any]]
+    make_encoder: Callable[[], LogEncoder]
+    accepts: Callable[[Any], bool] = lambda item: True
+    is_static: bool = False
+
+
+def _observation_log(
+    name: str, make_encode: Callable[[], Callable[[ObservationEpoch, HeaderSettings], bytes]]
+) -> LogDefinition:
+    def make_encoder() -> LogEncoder:
+        encode = make_encode()
+
+        def encoder(epoch: ObservationEpoch, context: LogContext) -> bytes:
+            status = epoch.receiver_status | context.receiver_status
+            if status != epoch.receiver_status:
+                epoch = replace(epoch, receiver_status=status)
+            return encode(epoch, context.settings)
+
+        return encoder
+
+    return LogDefinition(name, _SYNCHRONOUS, lambda o, t: (o.observations(t),), make_encoder)
+
+
+def _ephemeris_log(
+    name: str,
+    source: int,
+    encode: Callable[[BroadcastEphemeris, HeaderSettings, int], bytes],
+) -> LogDefinition:
+    def encoder(ephemeris: BroadcastEphemeris, context: LogContext) -> bytes:
+        return encode(ephemeris, context.settings, context.receiver_status)
+
+    def accepts(ephemeris: BroadcastEphemeris) -> bool:
+        return ephemeris.source == source
+
+    return LogDefinition(
+        name, _ASYNCHRONOUS, lambda o, t: o.ephemerides(t), lambda: encoder, accepts
+    )
+
+
+def _bestxyz(fix: Fix, context: LogContext) -> bytes:
+    return encode_bestxyz(fix, context.settings, context.time_status, context.receiver_status)
+
+
+def _time(receiver_time: ReceiverTime, context: LogContext) -> bytes:
+    return encode_receiver_time(
+        receiver_time, context.settings, context.time_status, context.receiver_status
+    )
+
+
+def _ionutc(parameters: IonosphereUtc, context: LogContext) -> bytes:
+    if context.time is None:
+        raise ValueError("IONUTC: no epoch yet")
+    return encode_ionutc(
+        parameters, context.time, context.settings, context.time_status, context.receiver_status
+    )
+
+
+def _version(_item: object, context: LogContext) -> bytes:
+    return encode_version(
+        context.versions,
+        context.time,
+        context.settings,
+        context.time_status,
+        context.receiver_status,
+    )
+
+
+LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
+    _observation_log("RANGE", lambda: encode_range),
+    _observation_log("RANGECMP", lambda: encode_rangecmp),
+    _observation_log("RANGECMP4", lambda: RangeCmp4Encoder().encode),
+    LogDefinition("TIME", _SYNCHRONOUS, lambda o, t: (o.receiver_time(t),), lambda: _time),
+    LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),
+    LogDefinition("IONUTC", _ASYNCHRONOUS, lambda o, t: o.ionosphere_utc(t), lambda: _ionutc),
+    _ephemeris_log("RAWEPHEM", EPHEMERIS_SOURCE_LNAV, encode_rawephem),
+    _ephemeris_log("GPSEPHEM", EPHEMERIS_SOURCE_LNAV, encode_gpsephem),
+    _ephemeris_log("GALINAVEPHEMERIS", EPHEMERIS_SOURCE_INAV, encode_galileo_ephemeris),
+    _ephemeris_log("GALFNAVEPHEMERIS", EPHEMERIS_SOURCE_FNAV, encode_galileo_ephemeris),
+    LogDefinition("VERSION", _SYNCHRONOUS, lambda o, t: (None,), lambda: _version, is_static=True),
+)
+"""All logs, in the order in which those of one epoch are sent."""
