@@ -16,6 +16,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 
 FloatArray = npt.NDArray[np.float64]
 
+
 def tecu_per_metre(frequency_first: float, frequency_second: float) -> float:
     """Return the slant TEC in TECU that delays the second frequency by 1 m more than the first.
 
