@@ -90,6 +90,8 @@ class Tree:
             ["bash", "tools/setup.sh"],
             cwd=self.root,
             env=variables,
+            # A job started in the background hands down an ignored SIGINT, which bash cannot trap.
+            preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

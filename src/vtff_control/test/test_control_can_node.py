@@ -111,6 +111,7 @@ def make_bench(request: pytest.FixtureRequest) -> Iterator[BenchMaker]:
     benches: list[Bench] = []
 
     def make(**parameters: object) -> Bench:
+        parameters = {"acknowledge_steps": bool(parameters.get("lockstep", False)), **parameters}
         benches.append(Bench(context, request.node.name, **parameters))
         return benches[-1]
 
