@@ -22,7 +22,7 @@ from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
-from vtff_node.stamps import NANOSECONDS, to_nanoseconds, to_stamp
+from vtff_node.stamps import NANOSECONDS, StampOrder, to_nanoseconds, to_stamp
 
 # All times in s of wall time.
 BLOCKING_WAIT = 0.1  # in a callback; a report that takes longer is waited for between callbacks
@@ -116,6 +116,7 @@ class ThrusterCanNode(VtffNode):
         self._open: OpenCommand | None = None
         self._silent = False
         self._tripped = False
+        self._order = StampOrder()
         self._last_stamp = -1
         self._last_start = -1
         self._last_command_at = 0.0
@@ -126,8 +127,8 @@ class ThrusterCanNode(VtffNode):
     def _on_command(self, message: AccelStamped) -> None:
         started = time.perf_counter()
         stamp = to_nanoseconds(message.header.stamp)
-        if stamp <= self._last_stamp:
-            self._counts["out of order"] += 1
+        if not self._order.accepts(stamp):
+            self._counts["out of order"] = self._order.refused
             return
         if self.lockstep and 0 <= self._last_stamp < stamp - self._watchdog:
             # There is nothing to cut: a thrust acts for one step only.
