@@ -24,12 +24,15 @@ KEYS = {
     "cantools": "python3-cantools-pip",
     "crccheck": "python-crccheck-pip",
     "filterpy": "python3-filterpy-pip",
+    "hatanaka": "python3-hatanaka-pip",
     "hypothesis": "python3-hypothesis",
     "lz4": "python3-lz4-pip",
     "matplotlib": "python3-matplotlib",
     "mcap": "python3-mcap-pip",
+    "numba": "python3-numba",
     "novatel_edie": "python3-novatel-edie-pip",
     "numpy": "python3-numpy",
+    "pyarrow": "python3-pyarrow-pip",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
     "rosbags": "python3-rosbags-pip",
@@ -42,9 +45,11 @@ KEYS = {
 #: Keys of the official list (ros/rosdistro, rosdep/python.yaml); the others are in rosdep/.
 OFFICIAL = set(KEYS.values()) - {
     "python3-brahe-pip",
+    "python3-hatanaka-pip",
     "python3-lz4-pip",
     "python3-mcap-pip",
     "python3-novatel-edie-pip",
+    "python3-pyarrow-pip",
     "python3-zstandard-pip",
 }
 #: ROS packages of apt ROS 2 Jazzy that may be named.
@@ -55,7 +60,7 @@ ROS_PACKAGES = {
     *("sensor_msgs", "std_msgs", "std_srvs"),
 }
 #: Referees that tests of a package may use, and skip without: they have no rosdep key.
-OPTIONAL_IN_TESTS = {"pyrtklib"}
+OPTIONAL_IN_TESTS = {"czml3", "georinex", "oem", "pyrtklib"}
 
 #: Package -> the vtff packages that its code may import (design: imports run one way).
 LIBRARIES = {"vtff_dynamics": set(), "vtff_gnss": {"vtff_dynamics"}}
