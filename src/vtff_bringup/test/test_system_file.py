@@ -194,3 +194,62 @@ def test_names_and_paths_of_system_files(tmp_path, monkeypatch):
     assert find_system_file(str(REFERENCE)) == REFERENCE
     with pytest.raises(SystemFileError, match="reference_software"):
         find_system_file("nothing")
+
+
+TWINS = """
+arguments:
+  scenario: {default: scenario.yaml, file: true}
+  simulator: {default: emulator}
+  chief_port: {default: /dev/ttyUSB1}
+  deputy_port: {default: /dev/ttyUSB0}
+processes:
+  - name: emulator
+    package: vtff_sim_bridge
+    executable: simgen_emulator
+    when: {simulator: emulator}
+    sets: {simulator: 127.0.0.1, chief_port: ports/chief, deputy_port: ports/deputy}
+    arguments: ["${free_port.a}", "${free_port.a}", "${free_port.b}", "${seed}"]
+nodes:
+  - {package: vtff_nav, executable: receiver_driver, namespace: chief,
+     parameters: {port: "${chief_port}"}}
+  - {package: vtff_nav, executable: receiver_driver, namespace: deputy,
+     parameters: {port: "${deputy_port}"}}
+"""
+
+
+@pytest.fixture
+def twins(tmp_path):
+    (tmp_path / "scenario.yaml").write_text("seed: 5\n")
+    (tmp_path / "twins.yaml").write_text(TWINS)
+    return tmp_path / "twins.yaml"
+
+
+def ports_of(system):
+    return [node.parameters["port"] for node in system.nodes]
+
+
+def test_a_process_sets_arguments_that_the_command_line_left_alone(twins):
+    assert ports_of(load_system(twins)) == ["ports/chief", "ports/deputy"]
+    given = load_system(twins, ["deputy_port:=/dev/ttyS0", "simulator:=emulator"])
+    assert ports_of(given) == ["ports/chief", "/dev/ttyS0"]
+    assert given.arguments["simulator"] == "127.0.0.1"
+    real = load_system(twins, ["simulator:=192.0.2.7"])
+    assert ports_of(real) == ["/dev/ttyUSB1", "/dev/ttyUSB0"]
+    assert not real.processes
+
+
+def test_named_free_ports_and_the_seed(twins):
+    first, again, other, seed = load_system(twins).processes[0].arguments
+    assert first == again != other
+    assert seed == "5"
+    settings = RunSettings(run_directory=twins.parent, seed=9)
+    assert load_system(twins, (), settings).processes[0].arguments[3] == "9"
+
+
+def test_an_override_may_name_one_of_two_nodes_of_a_name(twins):
+    both = load_system(twins, ["receiver_driver.baud:=9600"])
+    assert [node.parameters.get("baud") for node in both.nodes] == [9600, 9600]
+    one = load_system(twins, ["deputy/receiver_driver.baud:=9600"])
+    assert [node.parameters.get("baud") for node in one.nodes] == [None, 9600]
+    with pytest.raises(SystemFileError, match="no node 'third/receiver_driver'"):
+        load_system(twins, ["third/receiver_driver.baud:=9600"])

@@ -10,7 +10,8 @@ A system file (``config/system/*.yaml``) has these keys:
 ``processes``
     Programs without ROS, started first: ``name``, ``package``, ``executable``,
     ``arguments``; ``when`` (argument -> value: start it only then) and ``sets``
-    (argument -> new value, once it is started). They start with SIGINT and SIGTERM blocked and
+    (argument -> new value, once it is started; an argument that was given on the command line
+    keeps its value, unless ``when`` asks for it). They start with SIGINT and SIGTERM blocked and
     have to unblock them once their handlers are installed.
 ``nodes``
     ROS nodes: ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
@@ -20,9 +21,10 @@ A system file (``config/system/*.yaml``) has these keys:
     run), ``own_process`` (never composed).
 
 ``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
-and ``${run_directory}``, ``${free_port}``, ``${pacing}``, ``${nodes}`` (fully qualified names of
-all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the scenario) for
-what the run provides.
+and ``${run_directory}``, ``${free_port}``, ``${free_port.<any name>}`` (another one for each
+name), ``${pacing}``, ``${seed}`` (of the run, else of the scenario), ``${nodes}`` (fully qualified
+names of all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the
+scenario) for what the run provides.
 """
 
 from __future__ import annotations
@@ -212,7 +214,8 @@ def load_system(
     path
         The YAML file.
     overrides
-        ``argument:=value`` or ``node.parameter:=value`` texts.
+        ``argument:=value`` or ``node.parameter:=value`` texts; with ``namespace/node`` for one
+        of several nodes of the same name.
     settings
         What the run provides; launch files use the defaults.
 
@@ -249,16 +252,23 @@ class _Loader:
             "pacing": self._settings.pacing,
             "free_port": _free_port(),
         }
+        if self._settings.seed is not None:
+            self._values["seed"] = self._settings.seed
         for name, entry in argument_entries.items():
             self._check_keys(entry, ARGUMENT_KEYS, f"argument '{name}'")
             self._values[name] = self._argument_value(name, entry, argument_values)
-        processes = tuple(self._processes(process_entries))
+        processes = tuple(self._processes(process_entries, set(argument_values)))
         self._values["nodes"] = [self._qualified_name(entry) for entry in node_entries]
         nodes = self._with_run_parameters(
             [self._node(entry, parameter_values) for entry in node_entries]
         )
         if not nodes:
             raise SystemFileError(f"{self._path}: no nodes")
+        places = {node.qualified_name.strip("/") for node in nodes}
+        for name in parameter_values:
+            if "/" in name and name not in places:
+                known = ", ".join(sorted(places))
+                raise SystemFileError(f"{self._path.name} has no node '{name}'; known: {known}")
         return SystemDescription(
             path=self._path,
             description=str(content.get("description", "")),
@@ -277,7 +287,7 @@ class _Loader:
             node, _, parameter = key.partition(".")
             if key in arguments:
                 argument_values[key] = value
-            elif parameter and node in nodes:
+            elif parameter and node.rpartition("/")[2] in nodes:
                 parameter_values.setdefault(node, {})[parameter] = value
             else:
                 known = sorted(arguments) + [f"{name}.<parameter>" for name in sorted(nodes)]
@@ -304,7 +314,9 @@ class _Loader:
             raise SystemFileError(f"argument '{name}': no file '{value}' (looked at {file})")
         return str(file)
 
-    def _processes(self, entries: Sequence[Mapping[str, Any]]) -> list[ProcessDescription]:
+    def _processes(
+        self, entries: Sequence[Mapping[str, Any]], given: set[str]
+    ) -> list[ProcessDescription]:
         processes = []
         for number, entry in enumerate(entries, 1):
             where = self._where("process", entry, number)
@@ -314,7 +326,8 @@ class _Loader:
             if any(str(self._values.get(key)) != str(value) for key, value in conditions.items()):
                 continue
             for key, value in self._mapping(entry, "sets", where).items():
-                self._values[key] = self._resolve(value, where)
+                if key in conditions or key not in given:
+                    self._values[key] = self._resolve(value, where)
             arguments = self._resolve(self._sequence(entry, "arguments", where), where)
             processes.append(
                 ProcessDescription(
@@ -341,7 +354,9 @@ class _Loader:
                 f"{self._path}: {where}: lockstep is '{role}'; choose {' or '.join(LOCKSTEP_ROLES)}"
             )
         parameters = self._resolve(dict(self._mapping(entry, "parameters", where)), where)
+        qualified_name = self._qualified_name(entry)
         parameters.update(overrides.get(str(name), {}))
+        parameters.update(overrides.get(qualified_name.strip("/"), {}))
         files = []
         for text in self._sequence(entry, "parameter_files", where):
             file = (self._path.parent / str(self._resolve(text, where))).resolve()
@@ -415,6 +430,10 @@ class _Loader:
     def _look_up(self, name: str, where: str) -> Any:
         if name in self._values:
             return self._values[name]
+        if name.startswith("free_port."):
+            return self._values.setdefault(name, _free_port())
+        if name == "seed" and "scenario" in self._values:
+            return self._look_up_scenario("scenario.seed", where)
         if name == "vehicles" and "scenario" in self._values:
             # SimGEN's vehicles in the order of the scenario's spacecraft.
             spacecraft = self._look_up_scenario("scenario.spacecraft", where)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import logging
 import os
 import signal
@@ -99,9 +100,12 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
     from vtff_sim_bridge.gnss.emulation import GnssEmulation
 
+    configuration = load_gnss_configuration(options.gnss)
+    if options.seed is not None:
+        configuration = dataclasses.replace(configuration, seed=options.seed)
     return GnssEmulation(
         machine,
-        load_gnss_configuration(options.gnss),
+        configuration,
         options.port_link_directory,
         options.gnss_truth,
     )
@@ -166,6 +170,9 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--gnss", type=Path, metavar="FILE", help="add the GNSS receivers of this file"
+    )
+    parser.add_argument(
+        "--seed", type=int, metavar="N", help="seed of the receivers, instead of that of the file"
     )
     parser.add_argument(
         "--port-link-directory",
