@@ -16,10 +16,15 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import read_log
 from vtff_gnss.novatel.encode_frame import HeaderSettings
-from vtff_gnss.novatel.encode_range import encode_range, encode_rangecmp, tracking_status
+from vtff_gnss.novatel.encode_range import (
+    encode_range,
+    encode_range_series,
+    encode_rangecmp,
+    tracking_status,
+)
 from vtff_gnss.novatel.encode_rangecmp4 import RangeCmp4Encoder
 from vtff_gnss.novatel.range_logs import RANGE_RECORD
-from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
+from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
 from vtff_gnss.signals import carrier_wavelength
 
 SETTINGS = HeaderSettings()
@@ -110,6 +115,31 @@ def test_typical_status_words():
 def test_range_comes_back_bit_for_bit(epoch):
     (decoded,) = events_of(encode_range(epoch, SETTINGS))
     assert decoded == epoch
+
+
+@pytest.mark.parametrize("first", [0, 3])
+def test_range_of_a_series_is_that_of_its_epochs(first):
+    whole = gps_epoch(5)
+    count, random = 6, np.random.default_rng(5)
+    columns = {
+        name: column
+        if name in ("system", "prn", "band", "attribute", "glonass_channel")
+        else np.array([np.roll(column, k) for k in range(count)])
+        for name, column in whole.columns().items()
+    }
+    series = ObservationSeries(
+        [whole.time + 0.05 * k for k in range(count)],
+        whole.time_status,
+        1 << 8,
+        "RANGE",
+        np.vstack((np.ones((2, len(whole)), bool), random.random((count - 2, len(whole))) < 0.7)),
+        **columns,
+    )
+    epochs = [series.epoch(index) for index in range(first, count)]
+    assert encode_range_series(series, SETTINGS, first) == [
+        encode_range(epoch, SETTINGS) for epoch in epochs
+    ]
+    assert len(epochs[-1]) < len(whole) and epochs[-1].time == whole.time + 0.25
 
 
 def test_range_equals_novatel_encoder():

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.timescales import GpsTime
 
-__all__ = ["OBSERVATION_COLUMNS", "ObservationEpoch"]
+__all__ = ["OBSERVATION_COLUMNS", "ObservationEpoch", "ObservationSeries"]
 
 OBSERVATION_COLUMNS: dict[str, type[np.generic]] = {
     "system": np.uint8,
@@ -115,3 +117,59 @@ class ObservationEpoch:
     def columns(self) -> dict[str, npt.NDArray[np.generic]]:
         """Return all columns by name."""
         return {name: getattr(self, name) for name in OBSERVATION_COLUMNS}
+
+
+_SIGNAL_COLUMNS = ("system", "prn", "band", "attribute", "glonass_channel")
+
+
+@dataclass(frozen=True, eq=False)
+class ObservationSeries:
+    """Observations of the same n signals at k epochs of one receiver, as a simulator makes them.
+
+    Columns are those of `ObservationEpoch`: `system` to `glonass_channel` of shape (n,), the others
+    of shape (k, n). What is not observed at an epoch has any value there.
+
+    Parameters
+    ----------
+    times : sequence of GpsTime
+        Receiver times of the epochs.
+    time_status, receiver_status, log_name
+        Of all epochs; see `ObservationEpoch`.
+    is_observed : ndarray of bool, shape (k, n)
+    """
+
+    times: Sequence[GpsTime]
+    time_status: int
+    receiver_status: int
+    log_name: str
+    is_observed: npt.NDArray[np.bool_]
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    band: npt.NDArray[np.uint8]
+    attribute: npt.NDArray[np.uint8]
+    glonass_channel: npt.NDArray[np.int8]
+    pseudorange: npt.NDArray[np.float64]
+    carrier_phase_cycles: npt.NDArray[np.float64]
+    doppler_hz: npt.NDArray[np.float32]
+    cn0_dbhz: npt.NDArray[np.float32]
+    pseudorange_sigma: npt.NDArray[np.float32]
+    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
+    lock_time: npt.NDArray[np.float32]
+    flags: npt.NDArray[np.uint16]
+
+    def __len__(self) -> int:
+        """Return the number of epochs."""
+        return len(self.times)
+
+    def epoch(self, index: int) -> ObservationEpoch:
+        """Return what was observed at one epoch."""
+        chosen = self.is_observed[index]
+        columns: dict[str, Any] = {
+            name: getattr(self, name)[chosen]
+            if name in _SIGNAL_COLUMNS
+            else getattr(self, name)[index][chosen]
+            for name in OBSERVATION_COLUMNS
+        }
+        return ObservationEpoch(
+            self.times[index], self.time_status, self.receiver_status, self.log_name, **columns
+        )

@@ -22,8 +22,9 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream
 from vtff_gnss.novatel.encode_lnav import quantize_lnav
 from vtff_gnss.novatel.encode_solution import ComponentVersion, IonosphereUtc
-from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
+from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
 from vtff_sim_bridge.receiver_commands import BAUD_RATES, EmulatedReceiver
+from vtff_sim_bridge.receiver_logs import EpochOfSeries
 
 START = GpsTime.from_week_tow(1889, 90000.0)
 OK = b"\r\n<OK\r\n[COM1]"
@@ -52,10 +53,12 @@ class Outputs:
         self.held: tuple[BroadcastEphemeris, ...] = tuple(ephemeris(prn) for prn in (3, 7))
         self.asked: list[str] = []
 
-    def observations(self, time: GpsTime) -> ObservationEpoch:
+    def observations(self, time: GpsTime) -> EpochOfSeries:
         self.asked.append("observations")
         count = 36
-        columns = {name: np.zeros(count, kind) for name, kind in OBSERVATION_COLUMNS.items()}
+        columns = {name: np.zeros((1, count), kind) for name, kind in OBSERVATION_COLUMNS.items()}
+        for name in ("system", "prn", "band", "attribute", "glonass_channel"):
+            columns[name] = columns[name][0]
         columns["prn"][:] = np.arange(count) // 3 + 1
         columns["band"][:] = np.resize([1, 2, 2], count)
         columns["attribute"][:] = np.resize([ord("C"), ord("W"), ord("S")], count)
@@ -63,7 +66,9 @@ class Outputs:
         columns["carrier_phase_cycles"][:] = 2.2e7 / 0.19
         columns["lock_time"][:] = (time - START) + 10.0
         columns["flags"][:] = 7
-        return ObservationEpoch(time, 180, 0, "RANGE", **columns)
+        observed = np.ones((1, count), dtype=bool)
+        series = ObservationSeries((time,), 180, 0, "RANGE", observed, **columns)
+        return EpochOfSeries(series, 0)
 
     def fix(self, time: GpsTime) -> Fix:
         self.asked.append("fix")

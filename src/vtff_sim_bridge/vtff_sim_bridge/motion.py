@@ -196,12 +196,22 @@ class VehicleMotion:
         MotionError
             If no command holds at that time.
         """
+        since, state = self.command_at(time_nanoseconds)
+        return state.extrapolated((time_nanoseconds - since) / NANOSECONDS_PER_SECOND)
+
+    def command_at(self, time_nanoseconds: int) -> tuple[int, MotionState]:
+        """Return the command that holds at a time, and the time since which it does, ns.
+
+        Raises
+        ------
+        MotionError
+            If no command holds at that time.
+        """
         index = bisect.bisect_right(self._times, time_nanoseconds) - 1
         if index < 0:
             seconds = time_nanoseconds / NANOSECONDS_PER_SECOND
             raise MotionError(f"no motion command holds at {seconds:.3f} s into the run")
-        elapsed = (time_nanoseconds - self._times[index]) / NANOSECONDS_PER_SECOND
-        return self._states[index].extrapolated(elapsed)
+        return self._times[index], self._states[index]
 
     def forget_before(self, time_nanoseconds: int) -> None:
         """Drop the commands that no time from this one on needs."""

@@ -80,22 +80,24 @@ class _LogRequest:
     last_sequence: object = None
     last_items: dict[object, Any] = field(default_factory=dict)
 
-    def is_due(self, time: GpsTime) -> bool:
+    def is_due(self, time_of_week_nanoseconds: int) -> bool:
         """Tell whether the log may have to be sent at an epoch."""
         if self.trigger != "ONTIME":
             return True
-        since = time.time_of_week_nanoseconds - self.offset_nanoseconds
+        since = time_of_week_nanoseconds - self.offset_nanoseconds
         return since % self.period_nanoseconds == 0
 
     def chosen(self, items: Sequence[Any]) -> list[Any]:
         """Return the items to send: with ONNEW and ONCHANGED those not sent before."""
+        is_event = self.trigger in EVENT_TRIGGERS
+        if is_event:
+            if items is self.last_sequence:
+                return []
+            self.last_sequence = items
         accepts = self.definition.accepts
-        if self.trigger not in EVENT_TRIGGERS:
-            return [item for item in items if accepts(item)]
-        if items is self.last_sequence:
-            return []
-        self.last_sequence = items
-        return [item for item in items if accepts(item) and self._is_news(item)]
+        if accepts is not None:
+            items = [item for item in items if accepts(item)]
+        return [item for item in items if self._is_news(item)] if is_event else list(items)
 
     def _is_news(self, item: Any) -> bool:
         is_ephemeris = isinstance(item, BroadcastEphemeris)
@@ -227,6 +229,7 @@ class EmulatedReceiver:
         self._line.baud = baud
         self._saved: tuple[dict[tuple[str, str, str], _LogRequest], int, int] = ({}, baud, 10)
         self._requests: dict[tuple[str, str, str], _LogRequest] = {}
+        self._schedule: list[tuple[tuple[str, str, str], _LogRequest]] | None = None
         self._time: GpsTime | None = None
         self._has_overrun = False
         self._tail = b""
@@ -312,18 +315,26 @@ class EmulatedReceiver:
         self._time = time
         frames: list[bytes] = []
         done = []
-        requests = [entry for entry in self._requests.items() if entry[0][0] == self.port_name]
-        for key, request in sorted(requests, key=lambda entry: entry[1].order):
-            if request.is_due(time):
+        time_of_week = time.time_of_week_nanoseconds
+        for key, request in self._scheduled():
+            if request.is_due(time_of_week):
                 items = request.chosen(request.definition.items(outputs, time))
                 frames += [self._frame(request, item) for item in items]
                 if request.trigger == "ONCE":
                     done.append(key)
         for key in done:
             del self._requests[key]
+            self._schedule = None
         carried, is_dropped = self._line.send(time, frames)
         self._has_overrun |= is_dropped
         return carried
+
+    def _scheduled(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
+        """Return the logs of this port in the order of sending."""
+        if self._schedule is None:
+            requests = [entry for entry in self._requests.items() if entry[0][0] == self.port_name]
+            self._schedule = sorted(requests, key=lambda entry: entry[1].order)
+        return self._schedule
 
     def power_cycle(self) -> bytes:
         """Start again with the saved configuration; return what the port sends when it is up."""
@@ -331,6 +342,7 @@ class EmulatedReceiver:
         return self._restart()
 
     def _restart(self) -> bytes:
+        self._schedule = None
         requests, self._line.baud, self._line.bits_per_byte = self._saved
         self._requests = {
             key: replace(
@@ -350,6 +362,7 @@ class EmulatedReceiver:
 
     def _answer(self, line: bytes) -> bytes:
         self._at_once = []
+        self._schedule = None
         try:
             if len(line) > MAXIMUM_COMMAND_BYTES:
                 raise CommandError("Message is incorrect")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import (
@@ -20,7 +20,7 @@ from vtff_gnss.novatel.encode_ephemeris import (
     encode_rawephem,
 )
 from vtff_gnss.novatel.encode_frame import HeaderSettings
-from vtff_gnss.novatel.encode_range import encode_range, encode_rangecmp
+from vtff_gnss.novatel.encode_range import encode_range_series, encode_rangecmp
 from vtff_gnss.novatel.encode_rangecmp4 import RangeCmp4Encoder
 from vtff_gnss.novatel.encode_solution import (
     ComponentVersion,
@@ -30,18 +30,26 @@ from vtff_gnss.novatel.encode_solution import (
     encode_receiver_time,
     encode_version,
 )
-from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.observations import ObservationEpoch, ObservationSeries
 
 EVENT_TRIGGERS = ("ONNEW", "ONCHANGED")
+_Observations = TypeVar("_Observations", ObservationEpoch, ObservationSeries)
 _SYNCHRONOUS = frozenset({"ONTIME", "ONCE"})
 _ASYNCHRONOUS = frozenset({"ONTIME", "ONCE", *EVENT_TRIGGERS})
+
+
+class EpochOfSeries(NamedTuple):
+    """One epoch of a series; the series is the same object for all of its epochs."""
+
+    series: ObservationSeries
+    index: int
 
 
 class ReceiverOutputs(Protocol):
     """What a receiver has to log at an epoch; asked for only when a log that needs it is due."""
 
-    def observations(self, time: GpsTime) -> ObservationEpoch:
-        """Return the observations of the epoch."""
+    def observations(self, time: GpsTime) -> EpochOfSeries:
+        """Return the observations of the epoch, with those of the epochs around it."""
 
     def fix(self, time: GpsTime) -> Fix:
         """Return the navigation solution of the epoch."""
@@ -81,8 +89,8 @@ class LogDefinition:
         What it can be logged on.
     items : callable
         ``items(outputs, time)``: what to encode.
-    accepts : callable
-        Tells which of them belong to this log; each is one frame.
+    accepts : callable or None
+        Tells which of them belong to this log, all of them if None; each is one frame.
     make_encoder : callable
         Returns the encoder of one series of the log: ``encoder(item, context)`` is a frame.
     is_static : bool
@@ -93,8 +101,29 @@ class LogDefinition:
     triggers: frozenset[str]
     items: Callable[[ReceiverOutputs, GpsTime], Sequence[Any]]
     make_encoder: Callable[[], LogEncoder]
-    accepts: Callable[[Any], bool] = lambda item: True
+    accepts: Callable[[Any], bool] | None = None
     is_static: bool = False
+
+
+def _range_log() -> LogDefinition:
+    """Return RANGE, whose frames are made for a whole series at once."""
+
+    def make_encoder() -> LogEncoder:
+        made_for: tuple[ObservationSeries, int] | None = None
+        first, frames = 0, list[bytes]()
+
+        def encoder(item: EpochOfSeries, context: LogContext) -> bytes:
+            nonlocal made_for, first, frames
+            key = (item.series, context.receiver_status)
+            if made_for is None or made_for[0] is not key[0] or made_for[1] != key[1]:
+                made_for, first = key, item.index
+                series = _with_status(item.series, context.receiver_status)
+                frames = encode_range_series(series, context.settings, first)
+            return frames[item.index - first]
+
+        return encoder
+
+    return LogDefinition("RANGE", _SYNCHRONOUS, _observations, make_encoder)
 
 
 def _observation_log(
@@ -103,15 +132,25 @@ def _observation_log(
     def make_encoder() -> LogEncoder:
         encode = make_encode()
 
-        def encoder(epoch: ObservationEpoch, context: LogContext) -> bytes:
-            status = epoch.receiver_status | context.receiver_status
-            if status != epoch.receiver_status:
-                epoch = replace(epoch, receiver_status=status)
-            return encode(epoch, context.settings)
+        def encoder(item: EpochOfSeries, context: LogContext) -> bytes:
+            epoch = item.series.epoch(item.index)
+            return encode(_with_status(epoch, context.receiver_status), context.settings)
 
         return encoder
 
-    return LogDefinition(name, _SYNCHRONOUS, lambda o, t: (o.observations(t),), make_encoder)
+    return LogDefinition(name, _SYNCHRONOUS, _observations, make_encoder)
+
+
+def _observations(outputs: ReceiverOutputs, time: GpsTime) -> tuple[EpochOfSeries]:
+    return (outputs.observations(time),)
+
+
+def _with_status(observations: _Observations, receiver_status: int) -> _Observations:
+    """Return observations with further bits in the status of the receiver."""
+    status = observations.receiver_status | receiver_status
+    if status == observations.receiver_status:
+        return observations
+    return replace(observations, receiver_status=status)
 
 
 def _ephemeris_log(
@@ -159,7 +198,7 @@ def _version(_item: object, context: LogContext) -> bytes:
 
 
 LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
-    _observation_log("RANGE", lambda: encode_range),
+    _range_log(),
     _observation_log("RANGECMP", lambda: encode_rangecmp),
     _observation_log("RANGECMP4", lambda: RangeCmp4Encoder().encode),
     LogDefinition("TIME", _SYNCHRONOUS, lambda o, t: (o.receiver_time(t),), lambda: _time),

@@ -13,9 +13,15 @@ from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.encode_frame import HeaderSettings, encode_frame
 from vtff_gnss.novatel.range_logs import GLONASS_CHANNEL_OFFSET, RANGE_RECORD
 from vtff_gnss.novatel.tracking_status import NOVATEL_SIGNALS, rinex_prn
-from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.observations import ObservationEpoch, ObservationSeries
 
-__all__ = ["encode_range", "encode_rangecmp", "prn_novatel", "tracking_status"]
+__all__ = [
+    "encode_range",
+    "encode_range_series",
+    "encode_rangecmp",
+    "prn_novatel",
+    "tracking_status",
+]
 
 _L1_PLL, _L1_FLL, _L2_SEARCH, _L2_PLL = 4, 7, 10, 11
 _PHASE_LOCK_BIT = np.uint32(1 << 10)
@@ -145,7 +151,7 @@ def tracking_status(
 
 
 def _tracking_status(
-    epoch: ObservationEpoch,
+    epoch: ObservationEpoch | ObservationSeries,
     numbers: _SignalNumbers,
     channel: npt.NDArray[np.integer] | None,
 ) -> npt.NDArray[np.uint32]:
@@ -160,7 +166,7 @@ def _tracking_status(
     return np.asarray(bits)
 
 
-def _numbers_of(epoch: ObservationEpoch) -> _SignalNumbers:
+def _numbers_of(epoch: ObservationEpoch | ObservationSeries) -> _SignalNumbers:
     return _signal_numbers(
         epoch.system.tobytes(),
         epoch.prn.tobytes(),
@@ -235,20 +241,58 @@ def encode_range(
     ValueError
         If the time is not a whole millisecond, or NovAtel has no number for a signal.
     """
-    records = np.empty(len(epoch), RANGE_RECORD)
-    if len(epoch):
-        numbers = _numbers_of(epoch)
+    return _frame(ids.ID_RANGE, _range_records(epoch, channel), epoch, settings)
+
+
+def encode_range_series(
+    series: ObservationSeries, settings: HeaderSettings, first: int = 0
+) -> list[bytes]:
+    """Return the RANGE logs of a series from its epoch `first` on, as `encode_range` makes them.
+
+    Several times faster than epoch by epoch.
+
+    Parameters, Raises
+        See `encode_range`.
+    """
+    records = _range_records(series)
+    frames = []
+    for index in range(first, len(series)):
+        observed = records[index]
+        if not series.is_observed[index].all():
+            observed = observed[series.is_observed[index]]
+        payload = len(observed).to_bytes(4, "little") + observed.tobytes()
+        frames.append(
+            encode_frame(
+                ids.ID_RANGE,
+                payload,
+                series.times[index],
+                settings,
+                series.time_status,
+                series.receiver_status,
+            )
+        )
+    return frames
+
+
+def _range_records(
+    observations: ObservationEpoch | ObservationSeries,
+    channel: npt.NDArray[np.integer] | None = None,
+) -> npt.NDArray[np.void]:
+    """Return the records of RANGE, of the shape of the pseudoranges."""
+    records = np.empty(observations.pseudorange.shape, RANGE_RECORD)
+    if records.size:
+        numbers = _numbers_of(observations)
         records["prn"] = numbers.prn
         records["glonass_frequency"] = numbers.glonass_frequency
-        records["pseudorange"] = epoch.pseudorange
-        records["pseudorange_sigma"] = epoch.pseudorange_sigma
-        np.negative(epoch.carrier_phase_cycles, out=records["accumulated_doppler_cycles"])
-        records["accumulated_doppler_sigma_cycles"] = epoch.carrier_phase_sigma_cycles
-        records["doppler_hz"] = epoch.doppler_hz
-        records["cn0_dbhz"] = epoch.cn0_dbhz
-        records["lock_time"] = epoch.lock_time
-        records["tracking_status"] = _tracking_status(epoch, numbers, channel)
-    return _frame(ids.ID_RANGE, records, epoch, settings)
+        records["pseudorange"] = observations.pseudorange
+        records["pseudorange_sigma"] = observations.pseudorange_sigma
+        np.negative(observations.carrier_phase_cycles, out=records["accumulated_doppler_cycles"])
+        records["accumulated_doppler_sigma_cycles"] = observations.carrier_phase_sigma_cycles
+        records["doppler_hz"] = observations.doppler_hz
+        records["cn0_dbhz"] = observations.cn0_dbhz
+        records["lock_time"] = observations.lock_time
+        records["tracking_status"] = _tracking_status(observations, numbers, channel)
+    return records
 
 
 def encode_rangecmp(

@@ -15,22 +15,24 @@ from vtff_gnss.novatel.encode_frame import HeaderSettings
 from vtff_sim_bridge.emulator_state import ScenarioMachine
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import ByteFaults
-from vtff_sim_bridge.gnss.measurements import VehicleTrack
 from vtff_sim_bridge.gnss.propagation import Ionosphere
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, receiver_number
+from vtff_sim_bridge.gnss.random_streams import (
+    EPOCH_NANOSECONDS,
+    EPOCHS_PER_SECOND,
+    receiver_number,
+)
 from vtff_sim_bridge.gnss.receiver import SimulatedReceiver
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.gnss.sky import Constellation
 from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
 from vtff_sim_bridge.motion import VehicleMotion
 from vtff_sim_bridge.receiver_commands import EmulatedReceiver
 from vtff_sim_bridge.receiver_port import ReceiverPort
 
-__all__ = ["EPOCH_NANOSECONDS", "GnssEmulation", "ReceiverSet", "vehicle_track"]
+__all__ = ["GnssEmulation", "ReceiverSet"]
 
 LOGGER = logging.getLogger("simgen_emulator")
-
-EPOCH_NANOSECONDS = NANOSECONDS_PER_SECOND // EPOCHS_PER_SECOND
 
 
 class ReceiverSet:
@@ -136,18 +138,6 @@ class ReceiverSet:
             time = GpsTime(self._start.nanoseconds + epoch * EPOCH_NANOSECONDS)
             parts.append(faults.applied(emulated.advance(time, receiver), epoch))
         return b"".join(parts)
-
-
-def vehicle_track(motion: VehicleMotion, second: int, emitted: slice) -> VehicleTrack:
-    """Return the motion at the time tags of a second; outside `emitted` the nearest of those."""
-    end = second * EPOCHS_PER_SECOND
-    indices = range(EPOCHS_PER_SECOND)[emitted]
-    states = [
-        motion.at((end - EPOCHS_PER_SECOND + 1 + index) * EPOCH_NANOSECONDS) for index in indices
-    ]
-    nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1]) - indices[0]
-    vectors = np.array([state[:3] for state in states])[nearest]
-    return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2])
 
 
 class GnssEmulation:

@@ -12,20 +12,12 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.line_of_sight import LineOfSight
 from vtff_gnss.novatel.encode_frame import TIME_STATUS_FINE_STEERING
-from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.observations import ObservationSeries
 from vtff_sim_bridge.gnss.observables import LinkPlan, Sigmas
+from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS
 from vtff_sim_bridge.gnss.tracking import Tracks
 
-__all__ = ["Measurements", "VehicleTrack"]
-
-
-@dataclass(frozen=True, eq=False)
-class VehicleTrack:
-    """Motion of a vehicle at the 20 time tags of a second; Earth-fixed, each of shape (20, 3)."""
-
-    position_itrf: FloatArray
-    velocity_itrf: FloatArray
-    acceleration_itrf: FloatArray
+__all__ = ["Measurements"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +26,8 @@ class Measurements:
 
     Parameters
     ----------
+    start : GpsTime
+        Of the run.
     first_epoch : int
         Number of the first epoch since the start of the run.
     plan : LinkPlan
@@ -54,6 +48,7 @@ class Measurements:
     channel : ndarray of uint8, shape (n,)
     """
 
+    start: GpsTime
     first_epoch: int
     plan: LinkPlan
     line_of_sight: LineOfSight
@@ -72,57 +67,38 @@ class Measurements:
     channel: npt.NDArray[np.uint8]
 
     @cached_property
-    def _used(self) -> npt.NDArray[np.intp]:
-        """Links that are tracked at any of the epochs."""
-        return np.flatnonzero(self.tracks.is_tracked.any(axis=0))
-
-    @cached_property
-    def _is_used_tracked(self) -> npt.NDArray[np.bool_]:
-        return self.tracks.is_tracked[:, self._used]
-
-    @cached_property
-    def _names(self) -> dict[str, npt.NDArray[np.generic]]:
-        """Columns of the log that do not change, shape (used links,)."""
-        plan, used = self.plan, self._used
-        return {
-            "system": plan.system[used],
-            "prn": plan.prn[used],
-            "band": plan.band[used],
-            "attribute": plan.attribute[used],
-            "glonass_channel": np.zeros(len(used), dtype=np.int8),
-        }
-
-    @cached_property
-    def _logged(self) -> dict[str, npt.NDArray[np.generic]]:
-        """Columns of the log in its precision, shape (k, used links)."""
-        used = self._used
-        phase_sigma_cycles = self.sigmas.phase / self.plan.wavelength
-        return {
-            "pseudorange": self.pseudorange[:, used],
-            "carrier_phase_cycles": self.carrier_phase_cycles[:, used],
-            "doppler_hz": self.doppler_hz[:, used].astype(np.float32),
-            "cn0_dbhz": self.cn0_dbhz[:, used].astype(np.float32),
-            "pseudorange_sigma": self.sigmas.code[:, used].astype(np.float32),
-            "carrier_phase_sigma_cycles": phase_sigma_cycles[:, used].astype(np.float32),
-            "lock_time": self.tracks.lock_time[:, used].astype(np.float32),
-            "flags": self.tracks.flags[:, used],
-        }
+    def series(self) -> ObservationSeries:
+        """Observations in the precision of the log, of the links tracked at any of the epochs."""
+        plan, is_tracked = self.plan, self.tracks.is_tracked
+        used = np.flatnonzero(is_tracked.any(axis=0))
+        if len(used) == len(plan.row):
+            used = slice(None)  # type: ignore[assignment]
+        epochs = range(self.first_epoch, self.first_epoch + len(is_tracked))
+        start = self.start.nanoseconds
+        return ObservationSeries(
+            times=[GpsTime(start + epoch * EPOCH_NANOSECONDS) for epoch in epochs],
+            time_status=TIME_STATUS_FINE_STEERING,
+            receiver_status=0,
+            log_name="RANGE",
+            is_observed=is_tracked[:, used],
+            system=plan.system[used],
+            prn=plan.prn[used],
+            band=plan.band[used],
+            attribute=plan.attribute[used],
+            glonass_channel=np.zeros(plan.system[used].shape, dtype=np.int8),
+            pseudorange=self.pseudorange[:, used],
+            carrier_phase_cycles=self.carrier_phase_cycles[:, used],
+            doppler_hz=self.doppler_hz[:, used].astype(np.float32),
+            cn0_dbhz=self.cn0_dbhz[:, used].astype(np.float32),
+            pseudorange_sigma=self.sigmas.code[:, used].astype(np.float32),
+            carrier_phase_sigma_cycles=(self.sigmas.phase / plan.wavelength)[:, used].astype(
+                np.float32
+            ),
+            lock_time=self.tracks.lock_time[:, used].astype(np.float32),
+            flags=self.tracks.flags[:, used],
+        )
 
     def tracked_satellites(self, index: int) -> list[int]:
         """Return the columns of the satellites that are tracked at an epoch."""
         columns: list[int] = np.unique(self.plan.satellite[self.tracks.is_tracked[index]]).tolist()
         return columns
-
-    def epoch(self, index: int, time: GpsTime) -> ObservationEpoch:
-        """Return the observations of the epoch with a number in this part of a second."""
-        is_tracked = self._is_used_tracked[index]
-        columns = {name: column[index] for name, column in self._logged.items()} | self._names
-        if not is_tracked.all():
-            columns = {name: column[is_tracked] for name, column in columns.items()}
-        return ObservationEpoch(
-            time=time,
-            time_status=TIME_STATUS_FINE_STEERING,
-            receiver_status=0,
-            log_name="RANGE",
-            **columns,  # type: ignore[arg-type]
-        )

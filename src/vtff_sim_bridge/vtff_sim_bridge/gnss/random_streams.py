@@ -14,12 +14,21 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["EPOCHS_PER_SECOND", "Effect", "NoiseField", "generator", "receiver_number"]
+__all__ = [
+    "EPOCHS_PER_SECOND",
+    "EPOCH_NANOSECONDS",
+    "Effect",
+    "NoiseField",
+    "generator",
+    "receiver_number",
+]
 
 EPOCHS_PER_SECOND = 20
 """Rate at which receivers measure."""
+EPOCH_NANOSECONDS = NANOSECONDS_PER_SECOND // EPOCHS_PER_SECOND
 
 _BLOCK_SECONDS = 64
 _BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND

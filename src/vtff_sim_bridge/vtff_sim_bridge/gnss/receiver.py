@@ -18,12 +18,11 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.line_of_sight import LineOfSight, earth_obstructs
 from vtff_gnss.novatel.encode_solution import IonosphereUtc
-from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
-from vtff_sim_bridge.gnss.measurements import Measurements, VehicleTrack
+from vtff_sim_bridge.gnss.measurements import Measurements
 from vtff_sim_bridge.gnss.observables import (
     LinkPlan,
     MeasurementNoise,
@@ -39,6 +38,8 @@ from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.solution import solved
 from vtff_sim_bridge.gnss.tracking import Arc, Tracker, Tracks
 from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
+from vtff_sim_bridge.receiver_logs import EpochOfSeries
 
 __all__ = ["SimulatedReceiver"]
 
@@ -163,6 +164,7 @@ class SimulatedReceiver:
             *(cn0_dbhz, delay, extra, tracks),
         )
         self.measurements = Measurements(
+            start=self._start,
             first_epoch=first_epoch,
             plan=plan,
             line_of_sight=seen,
@@ -311,9 +313,9 @@ class SimulatedReceiver:
             raise ValueError("nothing was measured yet")
         return self.measurements
 
-    def observations(self, time: GpsTime) -> ObservationEpoch:
+    def observations(self, time: GpsTime) -> EpochOfSeries:
         """Return the observations of an epoch of the last `measure`."""
-        return self._last().epoch(self._index(time), time)
+        return EpochOfSeries(self._last().series, self._index(time))
 
     def ephemerides(self, time: GpsTime) -> tuple[BroadcastEphemeris, ...]:
         """Return the ephemerides received so far; the same object while none changes."""
