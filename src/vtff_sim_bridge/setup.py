@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "can_thruster_emulator = vtff_sim_bridge.can_thruster_emulator:main",
+            "laser_emulator = vtff_sim_bridge.laser_emulator_node:main",
             "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",
             "simgen_emulator = vtff_sim_bridge.simgen_emulator:main",
         ],
