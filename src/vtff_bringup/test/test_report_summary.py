@@ -97,6 +97,13 @@ def test_phase_boundary_counts_from_the_first_command():
     assert flight.time[flight.keeping][0] == 155.0
 
 
+def test_the_phase_begins_when_the_controller_does_not_when_navigation_starts():
+    command = np.zeros((325, 3))
+    command[60:] = 0.1
+    history = DeputyHistory("deputy", truth=states(approach(326)), command=thrust(command))
+    assert formation_flight(history, TARGET).keeping_start == 185.0
+
+
 def test_short_run_has_no_keeping_keys():
     history = DeputyHistory("deputy", truth=states(approach(60)), applied=thrust(np.ones((60, 3))))
     summary = summarise_flight(formation_flight(history, TARGET))

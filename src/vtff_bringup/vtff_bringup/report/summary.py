@@ -112,7 +112,6 @@ def formation_flight(
     thrust_time, thrust, duration = _thrust_within(history.applied, start, end)
     estimate = history.estimate if history.truth is not None else None
     controlled = history.command or history.applied
-    control_start = _seconds(controlled.time[:1], start)[0] if controlled is not None else 0.0
     return FormationFlight(
         name=history.name,
         source="true" if history.truth is not None else "navigated",
@@ -125,7 +124,7 @@ def formation_flight(
         thrust_time=thrust_time,
         thrust_rtn=thrust,
         thrust_duration=duration,
-        keeping_start=float(control_start) + ACQUISITION_DURATION,
+        keeping_start=_control_start(controlled, start) + ACQUISITION_DURATION,
     )
 
 
@@ -315,6 +314,15 @@ def _summarise_navigation(history: DeputyHistory) -> Summary:
         summary[f"navigation_error_{axis}_rms_m"] = _rms(error[:, column])
     summary["navigation_error_maximum_m"] = np.linalg.norm(error, axis=1).max()
     return summary
+
+
+def _control_start(controlled: AccelerationHistory | None, start: int) -> float:
+    """Return the time of the first acceleration in s; while navigation starts all are zero."""
+    if controlled is None:
+        return 0.0
+    acting = np.flatnonzero(np.any(controlled.acceleration_rtn != 0.0, axis=1))
+    first = int(acting[0]) if len(acting) else 0
+    return float(_seconds(controlled.time[first : first + 1], start)[0])
 
 
 def _targets(
