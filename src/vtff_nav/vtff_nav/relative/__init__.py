@@ -1,0 +1,1 @@
+"""Relative navigation of two receivers: estimators and integer ambiguities, without ROS."""
