@@ -37,6 +37,9 @@ EPHEMERIS_SOURCE_D1D2 = 4
 GLONASS_CHANNEL_UNKNOWN = -128
 """Frequency channel of a GLONASS signal whose log does not tell it."""
 
+GPS_MINUS_BDT = 14
+"""GPS - BDT, s (BDS-SIS-ICD B1I 3.0, section 3.3: BDT began at 2006-01-01 00:00:00 UTC)."""
+
 GPS_PI = 3.1415926535898
 """Pi as defined for the GPS user algorithms (IS-GPS-200, 20.3.3.4.3.3)."""
 

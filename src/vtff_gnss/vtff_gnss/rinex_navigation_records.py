@@ -60,7 +60,7 @@ class RinexError(ValueError):
 class Line:
     """One line of a file, with its place for error messages."""
 
-    path: pathlib.Path
+    path: pathlib.Path | str
     number: int
     text: str
 
