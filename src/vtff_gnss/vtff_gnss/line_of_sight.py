@@ -17,6 +17,7 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.broadcast_orbit import EphemerisTable, SatelliteStates
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
+from vtff_gnss.interpolated_orbit import InterpolatedOrbits
 
 __all__ = [
     "LineOfSight",
@@ -69,7 +70,7 @@ class LineOfSight:
 
 
 def lines_of_sight(
-    table: EphemerisTable,
+    table: EphemerisTable | InterpolatedOrbits,
     time: GpsTime,
     offset: npt.ArrayLike,
     position_receiver_itrf: npt.ArrayLike,
@@ -80,7 +81,7 @@ def lines_of_sight(
 
     Parameters
     ----------
-    table : EphemerisTable
+    table : EphemerisTable or InterpolatedOrbits
         n satellites.
     time : GpsTime
         Reference of `offset`.

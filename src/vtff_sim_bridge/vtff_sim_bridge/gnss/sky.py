@@ -16,6 +16,7 @@ from vtff_gnss.broadcast_orbit import EphemerisTable
 from vtff_gnss.constants import EPHEMERIS_SOURCE_FNAV, SYSTEM_GALILEO
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
+from vtff_gnss.interpolated_orbit import InterpolatedOrbits
 from vtff_gnss.ionosphere_parameters import KlobucharParameters
 from vtff_gnss.line_of_sight import LineOfSight, lines_of_sight
 from vtff_gnss.nominal_constellation import (
@@ -122,10 +123,13 @@ class Sky:
         All satellites.
     table : EphemerisTable
         The candidates.
+    orbits : InterpolatedOrbits
+        Of the candidates.
     """
 
     full_table: EphemerisTable
     table: EphemerisTable
+    orbits: InterpolatedOrbits
 
     @classmethod
     def refreshed(
@@ -159,7 +163,8 @@ class Sky:
         chosen = tuple(full.ephemerides[row] for row in rows.tolist())
         if sky is not None and is_same_table and chosen == sky.table.ephemerides:
             return sky
-        return cls(full, EphemerisTable(chosen))
+        table = EphemerisTable(chosen)
+        return cls(full, table, InterpolatedOrbits(table))
 
     def lines_of_sight(
         self,
@@ -169,7 +174,7 @@ class Sky:
         velocity_itrf: FloatArray,
     ) -> LineOfSight:
         """Return the lines of sight at times of reception ``time + offset``, shapes (k, n)."""
-        return lines_of_sight(self.table, time, offset, position_itrf, velocity_itrf)
+        return lines_of_sight(self.orbits, time, offset, position_itrf, velocity_itrf)
 
 
 def fnav_ephemeris(ephemeris: BroadcastEphemeris) -> BroadcastEphemeris:
