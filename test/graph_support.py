@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import os
 import pathlib
+import struct
 import subprocess
 import sys
+
+from rclpy.serialization import deserialize_message
+
+from vtff_bringup.bag.reader import BagReader
+from vtff_msgs.msg import SimulatorStatus, StepDone
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SYSTEMS = ROOT / "config" / "system"
@@ -41,3 +47,42 @@ class Runs:
             assert result.returncode == 0, result.stdout + result.stderr
             self._made[name] = (folder, result)
         return self._made[name]
+
+
+#: Topics that tell of wall time or of the machine.
+EXCEPTED = {"/diagnostics", "/rosout"}
+
+#: Bytes of wall time in otherwise compared messages: StepDone.compute_time, and
+#: SimulatorStatus.real_time_factor and wall_lag, which stand side by side.
+WALL_TIME_FIELDS = {"/sim/step_done": (StepDone, 4), "/sim/status": (SimulatorStatus, 8)}
+
+
+def topics(run):
+    """Return the names of the topics that two equal runs must have in common."""
+    return {name for name in BagReader(run).topics if name not in EXCEPTED}
+
+
+def without_wall_time(topic, content):
+    """Return the bytes of a message with its wall-time fields set to zero."""
+    if topic not in WALL_TIME_FIELDS:
+        return content
+    kind, length = WALL_TIME_FIELDS[topic]
+    message = deserialize_message(content, kind)
+    if kind is StepDone:
+        start = content.rindex(struct.pack("<f", message.compute_time))
+    else:
+        values = struct.pack("<ff", message.real_time_factor, message.wall_lag)
+        start = content.rindex(values)
+    return content[:start] + bytes(length) + content[start + length :]
+
+
+def serialized(run, topic):
+    """Return log time and bytes of every message of a topic, without wall time."""
+    found = [
+        (raw.log_time, without_wall_time(topic, bytes(raw.serialized)))
+        for raw in BagReader(run).raw_messages([topic])
+    ]
+    if topic == "/sim/step_done":
+        # Several nodes may publish here; only the order of each of them is defined.
+        found.sort()
+    return found

@@ -3,52 +3,11 @@
 from __future__ import annotations
 
 import itertools
-import struct
 
 import pytest
-from rclpy.serialization import deserialize_message
-
-from vtff_bringup.bag.reader import BagReader
-from vtff_msgs.msg import SimulatorStatus, StepDone
+from graph_support import serialized, topics
 
 SYSTEM = "reference_software.yaml"
-
-#: Topics that tell of wall time or of the machine.
-EXCEPTED = {"/diagnostics", "/rosout"}
-
-#: Bytes of wall time in otherwise compared messages: StepDone.compute_time, and
-#: SimulatorStatus.real_time_factor and wall_lag, which stand side by side.
-WALL_TIME_FIELDS = {"/sim/step_done": (StepDone, 4), "/sim/status": (SimulatorStatus, 8)}
-
-
-def topics(run):
-    return {name for name in BagReader(run).topics if name not in EXCEPTED}
-
-
-def without_wall_time(topic, content):
-    """Return the bytes of a message with its wall-time fields set to zero."""
-    if topic not in WALL_TIME_FIELDS:
-        return content
-    kind, length = WALL_TIME_FIELDS[topic]
-    message = deserialize_message(content, kind)
-    if kind is StepDone:
-        start = content.rindex(struct.pack("<f", message.compute_time))
-    else:
-        values = struct.pack("<ff", message.real_time_factor, message.wall_lag)
-        start = content.rindex(values)
-    return content[:start] + bytes(length) + content[start + length :]
-
-
-def serialized(run, topic):
-    """Return log time and bytes of every message of a topic, without wall time."""
-    found = [
-        (raw.log_time, without_wall_time(topic, bytes(raw.serialized)))
-        for raw in BagReader(run).raw_messages([topic])
-    ]
-    if topic == "/sim/step_done":
-        # Several nodes may publish here; only the order of each of them is defined.
-        found.sort()
-    return found
 
 
 @pytest.fixture(scope="module")
