@@ -37,6 +37,7 @@ setup(
         "console_scripts": [
             "vtff = vtff_bringup.cli:main",
             "bag_recorder = vtff_bringup.bag_recorder_node:main",
+            "bag_player = vtff_bringup.bag_player_node:main",
         ],
     },
 )

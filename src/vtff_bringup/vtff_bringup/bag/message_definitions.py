@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import importlib
+import json
 import os
 import pathlib
 import re
@@ -73,6 +74,26 @@ def message_class(type_name: str) -> Any:
         raise UnknownTypeError(
             f"message type '{type_name}' has no Python class: {error}"
         ) from error
+
+
+def installed_type_hash(type_name: str) -> str:
+    """Return the ``RIHS01_...`` hash of an installed message type, or '' where none is told.
+
+    rosidl writes it into ``share/<package>/msg/<Type>.json`` (REP-2016).
+    """
+    package, name = _split(type_name)
+    return _type_hash(package, name, search_prefixes())
+
+
+@functools.cache
+def _type_hash(package: str, name: str, prefixes: tuple[str, ...]) -> str:
+    for prefix in prefixes:
+        path = pathlib.Path(prefix) / "share" / package / "msg" / f"{name}.json"
+        if path.is_file():
+            entries = json.loads(path.read_text(encoding="utf-8")).get("type_hashes", ())
+            hashes = {entry["type_name"]: entry["hash_string"] for entry in entries}
+            return str(hashes.get(f"{package}/msg/{name}", ""))
+    return ""
 
 
 def _split(type_name: str) -> tuple[str, str]:

@@ -1,0 +1,121 @@
+"""`vtff replay`: publish what a bag holds."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from vtff_bringup.bag_player_node import BagPlayerNode
+
+
+def replay(
+    bag: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+    rate: Annotated[float, typer.Option(help="Recorded seconds per second of wall time.")] = 1.0,
+    start_offset: Annotated[
+        float, typer.Option(help="Where to begin, s after the first message.", min=0.0)
+    ] = 0.0,
+    topics: Annotated[
+        Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="Only these topics, full names; may be repeated."),
+    ] = None,
+    exclude_topics: Annotated[
+        Optional[list[str]],  # noqa: UP045
+        typer.Option(help="Not these topics, full names; may be repeated."),
+    ] = None,
+    loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
+    start_paused: Annotated[
+        bool, typer.Option("--start-paused", "-p", help="Wait for a key or a service call.")
+    ] = False,
+    clock: Annotated[
+        bool,
+        typer.Option("--clock/--no-clock", help="Publish /clock where the bag has none."),
+    ] = True,
+    delay: Annotated[
+        float, typer.Option(help="Wall time for readers to find the topics, s.", min=0.0)
+    ] = 0.5,
+) -> None:
+    """Publish what a bag holds: every message once, in order, its bytes unchanged.
+
+    /clock goes out as recorded, or before each message where the bag has none. Keys: space pauses
+    and resumes, right arrow publishes the next message, up and down change the rate, left goes
+    back 10 s, page down forward 10 s, 0 to the start, q ends. The node /bag_player offers the
+    same as services: ~/pause, ~/resume, ~/step, ~/seek, ~/set_rate. What is published goes to
+    ROS_DOMAIN_ID (0 if it is not set).
+
+    Example: vtff replay bags/mine --rate 10 --exclude-topics /formation/relative_state
+    """
+    console = Console(highlight=False)
+    parameters = {
+        "bag": str(bag),
+        "rate": rate,
+        "start_offset": start_offset,
+        "topics": topics or [],
+        "exclude_topics": exclude_topics or [],
+        "loop": loop,
+        "start_paused": start_paused,
+        "publish_clock": clock,
+        "delay": delay,
+    }
+    raise typer.Exit(_play(console, parameters))
+
+
+def _play(console: Console, parameters: dict[str, Any]) -> int:
+    # rclpy takes a while to import.
+    import rclpy
+    from rclpy.parameter import Parameter
+    from rclpy.signals import SignalHandlerOptions
+
+    from vtff_bringup.bag_player_node import BagPlayerNode
+    from vtff_node.main import USAGE_ERRORS, StopRequest
+
+    stop = StopRequest()
+    stop.install()
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    # An empty list is left out: ROS cannot tell its type, and it means the default.
+    given = [Parameter(name, value=value) for name, value in parameters.items() if value != []]
+    node: BagPlayerNode | None = None
+    try:
+        node = BagPlayerNode(parameter_overrides=given)
+        return _spin(console, node, stop)
+    except USAGE_ERRORS as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        return EXIT_USAGE if node is None else EXIT_FAILURE
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+
+
+def _spin(console: Console, node: BagPlayerNode, stop: Any) -> int:
+    """Play to the end, showing where it is and doing what the keys say; return the exit code."""
+    from vtff_bringup.replay_terminal import HELP, Keyboard, ReplayProgress, apply_action
+    from vtff_node.main import make_executor
+
+    count = len(node.selection.topics)
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    console.print(f"{node.reader.path}: {count} topics, ROS_DOMAIN_ID {domain}", markup=False)
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        with ReplayProgress(console) as progress, Keyboard() as keyboard:
+            if keyboard.present:
+                console.print(HELP, markup=False)
+            while not stop.requested and not node.finished:
+                executor.spin_once(timeout_sec=0.1)
+                for action in keyboard.actions():
+                    apply_action(action, node)
+                progress.update(node)
+    finally:
+        node.close()
+        executor.shutdown()
+    assert node.replay is not None
+    console.print(f"{node.replay.published} messages published")
+    return EXIT_INTERRUPTED if stop.requested else node.exit_code
