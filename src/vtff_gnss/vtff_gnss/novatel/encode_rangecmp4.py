@@ -1,7 +1,8 @@
 """Observation epochs to RANGECMP4 (OEM7 reference manual, log RANGECMP4).
 
-The layout, and what it cannot hold, is described with its decoder in `rangecmp45`, whose tables
-are used here. Logs of whole seconds hold reference blocks; logs between hold differences to them.
+The layout, and what it cannot hold, is described with its decoder in `rangecmp45`; both use the
+tables of `rangecmp45_layout`. Logs of whole seconds hold reference blocks; logs between hold
+differences to them.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import NamedTuple
 
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import message_ids as ids
-from vtff_gnss.novatel import rangecmp45 as layout
+from vtff_gnss.novatel import rangecmp45_layout as layout
 from vtff_gnss.novatel.encode_frame import HeaderSettings, encode_frame
 from vtff_gnss.novatel.encode_range import prn_novatel, tracking_status
 from vtff_gnss.novatel.range_logs import GLONASS_CHANNEL_OFFSET
@@ -25,7 +26,9 @@ from vtff_gnss.observations import ObservationEpoch
 __all__ = ["RangeCmp4Encoder"]
 
 _SYSTEM_NUMBER = {system: number for number, system in COMPRESSED_SYSTEMS.items()}
-_SIGNAL_NUMBER = {(system, signal): number for (system, number), signal in layout._SIGNALS.items()}
+_SIGNAL_NUMBER = {
+    (system, signal): number for (system, number), signal in layout.SIGNAL_TYPES.items()
+}
 _PRN_OF_FIRST_SATELLITE = {c.SYSTEM_GLONASS: 38, c.SYSTEM_QZSS: 193}
 _SECOND = 1_000_000_000
 
@@ -133,7 +136,7 @@ class RangeCmp4Encoder:
                 for position, (signal, values) in enumerate(zip(signals, rows, strict=True)):
                     _add_quality(bits, epoch, signal.column)
                     widths = (
-                        layout._SECONDARY_DIFFERENCE if position else (layout._PRIMARY_DIFFERENCE)
+                        layout.SECONDARY_DIFFERENCE if position else (layout.PRIMARY_DIFFERENCE)
                     )
                     for value, width in zip(values, widths, strict=True):
                         bits.add(_field(value, width), width)
@@ -161,16 +164,16 @@ class RangeCmp4Encoder:
             reference = self._references.get((*satellite, signal.number))
             if reference is None:
                 return None
-            widths = layout._SECONDARY_DIFFERENCE if position else layout._PRIMARY_DIFFERENCE
+            widths = layout.SECONDARY_DIFFERENCE if position else layout.PRIMARY_DIFFERENCE
             motion = reference.range_rate * elapsed
             row = (
                 _steps(
-                    signal.pseudorange - reference.pseudorange - motion, layout._PSEUDORANGE_SCALE
+                    signal.pseudorange - reference.pseudorange - motion, layout.PSEUDORANGE_SCALE
                 ),
                 _steps(
-                    signal.phase_range - reference.phase_range - motion, layout._PHASE_RANGE_SCALE
+                    signal.phase_range - reference.phase_range - motion, layout.PHASE_RANGE_SCALE
                 ),
-                _steps(signal.range_rate - reference.range_rate, layout._RANGE_RATE_SCALE),
+                _steps(signal.range_rate - reference.range_rate, layout.RANGE_RATE_SCALE),
             )
             wanted = (signal.pseudorange, signal.phase_range, signal.range_rate)
             for value, measured, width in zip(row, wanted, widths, strict=True):
@@ -233,11 +236,11 @@ def _add_quality(bits: _Bits, epoch: ObservationEpoch, index: int) -> None:
     flags = int(epoch.flags[index])
     bits.add(bool(flags & c.FLAG_PARITY_KNOWN), 1)
     bits.add(bool(flags & c.FLAG_HALF_CYCLE_ADDED), 1)
-    bits.add(min(max(round(float(epoch.cn0_dbhz[index]) / layout._CN0_SCALE_DBHZ), 0), 2047), 11)
+    bits.add(min(max(round(float(epoch.cn0_dbhz[index]) / layout.CN0_SCALE_DBHZ), 0), 2047), 11)
     bits.add(bisect.bisect_right(LOCK_TIME_CLASSES, float(epoch.lock_time[index])) - 1, 4)
     for steps, sigma in (
-        (layout._SIGMA_METRES_16, epoch.pseudorange_sigma[index]),
-        (layout._SIGMA_CYCLES_16, epoch.carrier_phase_sigma_cycles[index]),
+        (layout.SIGMA_METRES_16, epoch.pseudorange_sigma[index]),
+        (layout.SIGMA_CYCLES_16, epoch.carrier_phase_sigma_cycles[index]),
     ):
         # A float32 sigma may lie above its own step by its rounding.
         bits.add(bisect.bisect_left(steps, float(sigma) * (1.0 - 1e-6)), 4)
@@ -246,12 +249,12 @@ def _add_quality(bits: _Bits, epoch: ObservationEpoch, index: int) -> None:
 def _add_absolute(bits: _Bits, signal: _Signal, primary: _Difference | None) -> _Difference:
     """Add a reference block; return the values as they will be decoded."""
     if primary is None:
-        widths, is_primary = layout._RANGECMP4.primary, True
+        widths, is_primary = layout.RANGECMP4.primary, True
         pseudorange_origin, rate_origin = 0.0, 0.0
     else:
-        widths, is_primary = layout._RANGECMP4.secondary, False
+        widths, is_primary = layout.RANGECMP4.secondary, False
         pseudorange_origin, rate_origin = primary.pseudorange, primary.range_rate
-    code = _steps(signal.pseudorange - pseudorange_origin, layout._PSEUDORANGE_SCALE)
+    code = _steps(signal.pseudorange - pseudorange_origin, layout.PSEUDORANGE_SCALE)
     if is_primary:
         invalid = (1 << widths.pseudorange) - 1
         if code is not None and not 0 <= code < invalid:
@@ -261,19 +264,19 @@ def _add_absolute(bits: _Bits, signal: _Signal, primary: _Difference | None) -> 
         if code is not None and not _fits(code, widths.pseudorange):
             code = None
         bits.add(_field(code, widths.pseudorange), widths.pseudorange)
-    pseudorange = layout._scaled(code, layout._PSEUDORANGE_SCALE, pseudorange_origin)
+    pseudorange = layout.scaled(code, layout.PSEUDORANGE_SCALE, pseudorange_origin)
     phase = _within(
-        _steps(signal.phase_range - pseudorange, layout._PHASE_RANGE_SCALE), widths.phase_range
+        _steps(signal.phase_range - pseudorange, layout.PHASE_RANGE_SCALE), widths.phase_range
     )
     rate = _within(
-        _steps(signal.range_rate - rate_origin, layout._RANGE_RATE_SCALE), widths.range_rate
+        _steps(signal.range_rate - rate_origin, layout.RANGE_RATE_SCALE), widths.range_rate
     )
     bits.add(_field(phase, widths.phase_range), widths.phase_range)
     bits.add(_field(rate, widths.range_rate), widths.range_rate)
     return _Difference(
         pseudorange,
-        layout._scaled(phase, layout._PHASE_RANGE_SCALE, pseudorange),
-        layout._scaled(rate, layout._RANGE_RATE_SCALE, rate_origin),
+        layout.scaled(phase, layout.PHASE_RANGE_SCALE, pseudorange),
+        layout.scaled(rate, layout.RANGE_RATE_SCALE, rate_origin),
     )
 
 

@@ -19,6 +19,19 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel.range_logs import GLONASS_CHANNEL_OFFSET
 from vtff_gnss.novatel.rangecmp2 import COMPRESSED_SYSTEMS, signed
+from vtff_gnss.novatel.rangecmp45_layout import (
+    CN0_SCALE_DBHZ,
+    PHASE_RANGE_SCALE,
+    PRIMARY_DIFFERENCE,
+    PSEUDORANGE_SCALE,
+    RANGE_RATE_SCALE,
+    RANGECMP4,
+    RANGECMP5,
+    SECONDARY_DIFFERENCE,
+    SIGNAL_TYPES,
+    CompressedLayout,
+    scaled,
+)
 from vtff_gnss.novatel.record_columns import (
     CLASS_BOUND,
     LOCK_TIME_CLASSES,
@@ -30,109 +43,8 @@ from vtff_gnss.novatel.signal_records import SignalRecords
 
 __all__ = ["RangeCmp4Decoder", "decode_rangecmp5"]
 
-_PSEUDORANGE_SCALE = 0.0005
-_PHASE_RANGE_SCALE = 0.0001
-_RANGE_RATE_SCALE = 0.0001
-_CN0_SCALE_DBHZ = 0.05
-
-# Signal numbers of RANGECMP4 and 5 to the signal types of the tracking status word.
-_SIGNALS = {
-    (c.SYSTEM_GPS, 1): 0,
-    (c.SYSTEM_GPS, 4): 9,
-    (c.SYSTEM_GPS, 5): 17,
-    (c.SYSTEM_GPS, 6): 5,
-    (c.SYSTEM_GPS, 7): 14,
-    (c.SYSTEM_GPS, 15): 16,
-    (c.SYSTEM_GLONASS, 1): 0,
-    (c.SYSTEM_GLONASS, 3): 1,
-    (c.SYSTEM_GLONASS, 4): 5,
-    (c.SYSTEM_GLONASS, 6): 6,
-    (c.SYSTEM_SBAS, 1): 0,
-    (c.SYSTEM_SBAS, 2): 6,
-    (c.SYSTEM_GALILEO, 1): 2,
-    (c.SYSTEM_GALILEO, 2): 12,
-    (c.SYSTEM_GALILEO, 3): 17,
-    (c.SYSTEM_GALILEO, 4): 20,
-    (c.SYSTEM_GALILEO, 5): 7,
-    (c.SYSTEM_GALILEO, 12): 6,
-    (c.SYSTEM_BEIDOU, 1): 0,
-    (c.SYSTEM_BEIDOU, 2): 4,
-    (c.SYSTEM_BEIDOU, 3): 1,
-    (c.SYSTEM_BEIDOU, 4): 5,
-    (c.SYSTEM_BEIDOU, 5): 2,
-    (c.SYSTEM_BEIDOU, 6): 6,
-    (c.SYSTEM_BEIDOU, 7): 7,
-    (c.SYSTEM_BEIDOU, 9): 9,
-    (c.SYSTEM_BEIDOU, 11): 11,
-    (c.SYSTEM_QZSS, 1): 0,
-    (c.SYSTEM_QZSS, 3): 17,
-    (c.SYSTEM_QZSS, 4): 14,
-    (c.SYSTEM_QZSS, 8): 16,
-    (c.SYSTEM_QZSS, 11): 27,
-    (c.SYSTEM_NAVIC, 1): 0,
-}
 _UNKNOWN_SYSTEM = 7
 _UNKNOWN_SIGNAL = 31
-
-_SIGMA_METRES_16 = (
-    *(0.020, 0.030, 0.045, 0.066, 0.099, 0.148, 0.220, 0.329),
-    *(0.491, 0.732, 1.092, 1.629, 2.430, 3.625, 5.409, float("inf")),
-)
-_SIGMA_CYCLES_16 = (
-    *(0.00391, 0.00521, 0.00696, 0.00929, 0.01239, 0.01654, 0.02208, 0.02947),
-    *(0.03933, 0.05249, 0.07006, 0.09350, 0.12480, 0.16656, 0.22230, float("inf")),
-)
-_SIGMA_METRES_32 = (
-    *(0.020, 0.030, 0.045, 0.066, 0.099, 0.148, 0.220, 0.329, 0.491, 0.732, 1.092),
-    *(1.629, 2.430, 3.625, 5.409, 6.876, 8.741, 11.111, 14.125, 17.957, 22.828, 29.020),
-    *(36.891, 46.898, 59.619, 75.791, 96.349, 122.484, 155.707, 197.943, 251.634, float("inf")),
-)
-_SIGMA_CYCLES_32 = (
-    *(0.00391, 0.00458, 0.00536, 0.00628, 0.00735, 0.00861, 0.01009, 0.01182),
-    *(0.01385, 0.01621, 0.01900, 0.02223, 0.02607, 0.03054, 0.03577, 0.04190),
-    *(0.04908, 0.05749, 0.06734, 0.07889, 0.09240, 0.10824, 0.12679, 0.14851),
-    *(0.17396, 0.20378, 0.23870, 0.27961, 0.32753, 0.38366, 0.44940, float("inf")),
-)
-
-
-class _Widths(NamedTuple):
-    """Bits of pseudorange, phase range and range rate of one kind of block."""
-
-    pseudorange: int
-    phase_range: int
-    range_rate: int
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """What differs between the logs."""
-
-    name: str
-    sigma_bits: int
-    sigma_metres: tuple[float, ...]
-    sigma_cycles: tuple[float, ...]
-    primary: _Widths
-    secondary: _Widths
-
-
-_RANGECMP4 = _Layout(
-    name="RANGECMP4",
-    sigma_bits=4,
-    sigma_metres=_SIGMA_METRES_16,
-    sigma_cycles=_SIGMA_CYCLES_16,
-    primary=_Widths(37, 23, 26),
-    secondary=_Widths(20, 23, 14),
-)
-_RANGECMP5 = _Layout(
-    name="RANGECMP5",
-    sigma_bits=5,
-    sigma_metres=_SIGMA_METRES_32,
-    sigma_cycles=_SIGMA_CYCLES_32,
-    primary=_Widths(37, 23, 28),
-    secondary=_Widths(20, 23, 16),
-)
-_PRIMARY_DIFFERENCE = _Widths(19, 16, 18)
-_SECONDARY_DIFFERENCE = _Widths(19, 16, 14)
 
 
 class _Measurement(NamedTuple):
@@ -209,14 +121,14 @@ def decode_rangecmp5(payload: bytes) -> SignalRecords:
     ValueError
         If the bit fields run over the end of the payload.
     """
-    reader = _BitReader(_RANGECMP5.name, payload)
+    reader = _BitReader(RANGECMP5.name, payload)
     rows: list[SignalRow] = []
     for system, satellite, signals in _satellites(reader):
         header = _block_header(reader, system, has_channel=True)
         primary: _Measurement | None = None
         for signal in signals:
-            quality = _quality(reader, _RANGECMP5)
-            measurement = _absolute(reader, _RANGECMP5, primary)
+            quality = _quality(reader, RANGECMP5)
+            measurement = _absolute(reader, RANGECMP5, primary)
             primary = primary or measurement
             channel = header.glonass_channel or 0
             rows.append(_row(system, satellite, signal, channel, quality, measurement))
@@ -250,7 +162,7 @@ class RangeCmp4Decoder:
         second, nanoseconds = divmod(time.nanoseconds, 1_000_000_000)
         if nanoseconds == 0:
             self._references.clear()
-        reader = _BitReader(_RANGECMP4.name, payload)
+        reader = _BitReader(RANGECMP4.name, payload)
         rows: list[SignalRow] = []
         missing_count = 0
         for system, satellite, signals in _satellites(reader):
@@ -258,9 +170,9 @@ class RangeCmp4Decoder:
             primary: _Measurement | None = None
             for index, signal in enumerate(signals):
                 key = (system, satellite, signal)
-                quality = _quality(reader, _RANGECMP4)
+                quality = _quality(reader, RANGECMP4)
                 if header.is_difference:
-                    widths = _SECONDARY_DIFFERENCE if index else _PRIMARY_DIFFERENCE
+                    widths = SECONDARY_DIFFERENCE if index else PRIMARY_DIFFERENCE
                     differences = [reader.signed_or_none(width) for width in widths]
                     reference = self._references.get(key)
                     if (
@@ -276,7 +188,7 @@ class RangeCmp4Decoder:
                     )
                 else:
                     channel = header.glonass_channel or 0
-                    measurement = _absolute(reader, _RANGECMP4, primary)
+                    measurement = _absolute(reader, RANGECMP4, primary)
                     primary = primary or measurement
                     if nanoseconds == 0:
                         self._references[key] = _Reference(
@@ -308,40 +220,38 @@ def _block_header(reader: _BitReader, system: int, has_channel: bool) -> _BlockH
     return _BlockHeader(is_difference, block_id, None)
 
 
-def _quality(reader: _BitReader, layout: _Layout) -> _Quality:
+def _quality(reader: _BitReader, layout: CompressedLayout) -> _Quality:
     return _Quality(
         is_parity_known=reader.unsigned(1),
         is_half_cycle_added=reader.unsigned(1),
-        cn0_dbhz=reader.unsigned(11) * _CN0_SCALE_DBHZ,
+        cn0_dbhz=reader.unsigned(11) * CN0_SCALE_DBHZ,
         lock_time_class=reader.unsigned(4),
         pseudorange_sigma=layout.sigma_metres[reader.unsigned(layout.sigma_bits)],
         carrier_phase_sigma_cycles=layout.sigma_cycles[reader.unsigned(layout.sigma_bits)],
     )
 
 
-def _scaled(value: int | None, scale: float, origin: float) -> float:
-    return math.nan if value is None else value * scale + origin
-
-
-def _absolute(reader: _BitReader, layout: _Layout, primary: _Measurement | None) -> _Measurement:
+def _absolute(
+    reader: _BitReader, layout: CompressedLayout, primary: _Measurement | None
+) -> _Measurement:
     """Read a reference block; `primary` is the first signal of the satellite, if read already."""
     if primary is None:
         widths = layout.primary
         unsigned = reader.unsigned(widths.pseudorange)
         is_valid = unsigned != (1 << widths.pseudorange) - 1
-        pseudorange = unsigned * _PSEUDORANGE_SCALE if is_valid else math.nan
+        pseudorange = unsigned * PSEUDORANGE_SCALE if is_valid else math.nan
         range_rate_origin = 0.0
     else:
         widths = layout.secondary
         difference = reader.signed_or_none(widths.pseudorange)
-        pseudorange = _scaled(difference, _PSEUDORANGE_SCALE, primary.pseudorange)
+        pseudorange = scaled(difference, PSEUDORANGE_SCALE, primary.pseudorange)
         range_rate_origin = primary.range_rate
     phase = reader.signed_or_none(widths.phase_range)
     rate = reader.signed_or_none(widths.range_rate)
     return _Measurement(
         pseudorange,
-        _scaled(phase, _PHASE_RANGE_SCALE, pseudorange),
-        _scaled(rate, _RANGE_RATE_SCALE, range_rate_origin),
+        scaled(phase, PHASE_RANGE_SCALE, pseudorange),
+        scaled(rate, RANGE_RATE_SCALE, range_rate_origin),
     )
 
 
@@ -351,9 +261,9 @@ def _from_differences(
     pseudorange, phase_range, range_rate = differences
     motion = reference.range_rate * elapsed
     return _Measurement(
-        _scaled(pseudorange, _PSEUDORANGE_SCALE, reference.pseudorange + motion),
-        _scaled(phase_range, _PHASE_RANGE_SCALE, reference.phase_range + motion),
-        _scaled(range_rate, _RANGE_RATE_SCALE, reference.range_rate),
+        scaled(pseudorange, PSEUDORANGE_SCALE, reference.pseudorange + motion),
+        scaled(phase_range, PHASE_RANGE_SCALE, reference.phase_range + motion),
+        scaled(range_rate, RANGE_RATE_SCALE, reference.range_rate),
     )
 
 
@@ -377,7 +287,7 @@ def _row(
     measurement: _Measurement,
 ) -> SignalRow:
     system = COMPRESSED_SYSTEMS.get(system_number, _UNKNOWN_SYSTEM)
-    signal = _SIGNALS.get((system, signal_number), _UNKNOWN_SIGNAL)
+    signal = SIGNAL_TYPES.get((system, signal_number), _UNKNOWN_SIGNAL)
     metres_per_cycle = wavelength(system, signal, channel)
     lock_class = quality.lock_time_class
     return SignalRow(
