@@ -25,7 +25,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.reader import SeekingReader
-from mcap.records import Channel, Chunk, Schema
+from mcap.records import Channel, Chunk, Metadata, Schema
 
 from vtff_bringup.bag.errors import BagReadError
 
@@ -35,6 +35,7 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
 _FOOTER_LENGTH = 20
 _LARGEST_CHUNK = 1 << 30  # B uncompressed; a larger claim is a damaged length
+BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
 _GROUP_SIZE = 128 * 1024  # B of messages outside chunks that make one block
 
 # After damage: a chunk (length below 2^40, known compression) or the 13 bytes of DataEnd.
@@ -80,7 +81,10 @@ class Block(NamedTuple):
 
 @dataclasses.dataclass
 class FileContent:
-    """What an MCAP file holds that can be read."""
+    """What an MCAP file holds that can be read.
+
+    ``bag_metadata`` is the text of metadata.yaml as the file repeats it; empty without one.
+    """
 
     path: pathlib.Path
     channels: dict[int, Channel] = dataclasses.field(default_factory=dict)
@@ -91,6 +95,7 @@ class FileContent:
     end_time: int = 0
     closed: bool = False
     damaged_bytes: int = 0
+    bag_metadata: str = ""
     notes: list[str] = dataclasses.field(default_factory=list)
 
     @property
@@ -241,7 +246,19 @@ def _content_by_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | Non
                 True,
             )
         )
+    for entry in summary.metadata_indexes:
+        file.seek(entry.offset)
+        _take_metadata(content, file.read(entry.length)[_RECORD.size :])
     return content
+
+
+def _take_metadata(content: FileContent, stored: bytes) -> None:
+    try:
+        record = Metadata.read(ReadDataStream(io.BytesIO(stored)))
+    except _DAMAGE:
+        return  # a supplement: the messages do not depend on it
+    if record.name == BAG_METADATA_RECORD:
+        content.bag_metadata = record.metadata.get("serialized_metadata", "")
 
 
 def _summary_is_intact(file: BinaryIO) -> bool:
@@ -324,6 +341,8 @@ class _Scan:
             self._take_chunk(position, end)
         elif opcode == Opcode.CHANNEL or opcode == Opcode.SCHEMA:
             self._take_description(opcode, self._file[start:end])
+        elif opcode == Opcode.METADATA:
+            _take_metadata(self._content, self._file[start:end])
         elif opcode == Opcode.FOOTER:
             if self._file[end : end + len(MAGIC)] != MAGIC:
                 raise ValueError("the last bytes are damaged")

@@ -169,9 +169,11 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
         Naming the file, if it is not readable as bag metadata.
     """
     try:
-        content = yaml.safe_load(path.read_bytes())
+        text = path.read_bytes()
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
+    try:
+        content = yaml.safe_load(text)
     except (yaml.YAMLError, ValueError) as error:
         reason = str(error).splitlines()[0]
         raise BagReadError(f"{path}: not valid YAML: {reason}") from error
@@ -179,6 +181,14 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
         return _parse(content[ROOT_KEY])
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise BagReadError(f"{path}: not bag metadata: {error!r}") from error
+
+
+def parse_stored_metadata(text: str) -> BagMetadata | None:
+    """Return the metadata that an MCAP file repeats (without root key); None if unreadable."""
+    try:
+        return _parse(yaml.safe_load(text))
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+        return None
 
 
 def _parse(content: Mapping[str, Any]) -> BagMetadata:

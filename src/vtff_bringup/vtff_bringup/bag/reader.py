@@ -80,6 +80,7 @@ class BagReader:
         for content in self.contents:
             self.notes.extend(f"{content.path.name}: {note}" for note in content.notes)
         self.topics = self._merge_topics()
+        self._check_metadata()
         filled = [content for content in self.contents if content.message_count]
         self.start_time = min((content.start_time for content in filled), default=0)
         self.end_time = max((content.end_time for content in filled), default=0)
@@ -213,6 +214,37 @@ class BagReader:
             found = bag_metadata.read_metadata(metadata_path)
             if any(pathlib.PurePath(entry.path).name == file.name for entry in found.files):
                 self.metadata = found
+
+    def _check_metadata(self) -> None:
+        """Replace metadata.yaml by what the file itself repeats where it is missing or foreign."""
+        stored = next(
+            (content.bag_metadata for content in self.contents if content.bag_metadata), ""
+        )
+        own = bag_metadata.parse_stored_metadata(stored) if stored else None
+        if self.metadata is None:
+            self.metadata = own
+            return
+        reason = self._contradiction(self.metadata)
+        if reason:
+            self.notes.append(f"{bag_metadata.METADATA_FILE} is of another bag: {reason}")
+            self.metadata = own
+
+    def _contradiction(self, metadata: BagMetadata) -> str:
+        """Return how metadata contradict the files; empty if they may belong to them."""
+        listed = {topic.name for topic in metadata.topics}
+        unlisted = sorted(set(self.topics) - listed)
+        # A recorder that was killed has left the metadata of its start, without topics.
+        if listed and unlisted:
+            return f"it does not list topic '{unlisted[0]}'"
+        present = {file.name for file in self.files}
+        whole = present == {pathlib.PurePath(file.path).name for file in metadata.files}
+        if whole and all(content.complete for content in self.contents):
+            if metadata.message_count != self.message_count:
+                return (
+                    f"it lists {metadata.message_count} messages, the files hold "
+                    f"{self.message_count}"
+                )
+        return ""
 
     def _merge_topics(self) -> dict[str, TopicInformation]:
         topics: dict[str, TopicInformation] = {}
