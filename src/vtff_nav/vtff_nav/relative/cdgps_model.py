@@ -1,0 +1,225 @@
+"""Linear measurement model of the relative filter: what each state does to code and phase."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.frames import geodetic_from_itrf
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_nav.relative.ambiguity_arcs import ArcBook
+from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps_state import GaussianState, Innovation
+from vtff_nav.relative.measurements import Geometry, SingleDifferences
+from vtff_nav.relative.orbit_filter import troposphere_delay
+from vtff_nav.relative.solution import LaserMeasurement
+
+__all__ = [
+    "DENSITY_UNIT",
+    "Sky",
+    "measurement_innovation",
+    "sky_of",
+]
+
+DENSITY_UNIT = 1e12
+"""Electrons per m3 in the unit of the state ``electron_density``."""
+
+# The slab between two altitudes is plane: not true at the horizon.
+_LOWEST_SLAB_SINE = math.sin(math.radians(3.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Sky:
+    """What the relative filter needs of the geometry, for each single difference, shape (n,).
+
+    Parameters
+    ----------
+    predicted : ndarray
+        Range, satellite clock and troposphere of the deputy less those of the chief, m, for the
+        predicted states; without receiver clocks.
+    direction : ndarray, shape (n, 3)
+        From the deputy to the satellite, navigation axes.
+    clock_rate : ndarray
+        Derivative of the single difference by the receiver clock of the deputy (m by m).
+    slab : ndarray
+        Path in TECU through the layer between the two altitudes for a density of `DENSITY_UNIT`.
+    above : ndarray
+        Slant less slant content in TECU for each TECU above the chief.
+    elevation, azimuth : ndarray
+        At the chief, rad.
+    range_rate : ndarray
+        Predicted single difference of range rate and satellite clock drift, m/s.
+    """
+
+    predicted: FloatArray
+    direction: FloatArray
+    clock_rate: FloatArray
+    slab: FloatArray
+    above: FloatArray
+    elevation: FloatArray
+    azimuth: FloatArray
+    range_rate: FloatArray
+
+
+def sky_of(
+    measured: SingleDifferences,
+    seen: Geometry,
+    positions_itrf: FloatArray,
+    configuration: CdgpsConfiguration,
+) -> Sky:
+    """Return the sky of single differences.
+
+    Parameters
+    ----------
+    measured : SingleDifferences
+    seen : Geometry
+    positions_itrf : ndarray, shape (2, 3)
+        Chief, deputy.
+    configuration : CdgpsConfiguration
+    """
+    rows = seen.rows(measured.satellite)
+    height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
+    elevation = seen.elevation[:, rows]
+    predicted = (seen.range[1] - seen.range[0] - seen.clock[1] + seen.clock[0])[rows]
+    if configuration.troposphere:
+        predicted = predicted + troposphere_delay(height_deputy, elevation[1])
+        predicted = predicted - troposphere_delay(height_chief, elevation[0])
+    sine = np.maximum(np.sin(elevation[0]), _LOWEST_SLAB_SINE)
+    # Content above shrinks by what lies between: the deputy, when higher, has less above it.
+    slab = -(height_deputy - height_chief) * DENSITY_UNIT / ELECTRONS_PER_TECU / sine
+    radius = float(np.linalg.norm(positions_itrf[0]))
+    ratio = radius / (radius + configuration.ionosphere_height)
+    mapping = 1.0 / np.sqrt(1.0 - (ratio * np.cos(elevation)) ** 2)
+    rate = seen.range_rate[1] - seen.range_rate[0] - seen.clock_drift[1] + seen.clock_drift[0]
+    return Sky(
+        predicted=predicted,
+        direction=seen.direction[1, rows],
+        clock_rate=1.0 - seen.range_rate[1, rows] / SPEED_OF_LIGHT,
+        slab=slab,
+        above=mapping[1] - mapping[0],
+        elevation=elevation[0],
+        azimuth=seen.azimuth[0, rows],
+        range_rate=rate[rows],
+    )
+
+
+def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:
+    """Return the estimated receiver biases of the codes, m, shape (n,)."""
+    return np.array(
+        [
+            state.value(("code_bias", key.group)) if ("code_bias", key.group) in state else 0.0
+            for key in measured.keys
+        ]
+    )
+
+
+def measurement_innovation(
+    state: GaussianState,
+    arcs: ArcBook,
+    measured: SingleDifferences,
+    sky: Sky,
+    clock: float,
+    laser: LaserMeasurement | None = None,
+) -> Innovation:
+    """Return the innovation of n codes, n phases and the laser, in this order.
+
+    Parameters
+    ----------
+    state : GaussianState
+    arcs : ArcBook
+        With an arc for each phase.
+    measured : SingleDifferences
+    sky : Sky
+    clock : float
+        Assumed clock difference, m.
+    laser : LaserMeasurement, optional
+    """
+    count = len(measured)
+    size = 2 * count + (laser is not None)
+    design = np.zeros((size, len(state)))
+    code, phase = slice(0, count), slice(count, 2 * count)
+    design[code, :3] = design[phase, :3] = -sky.direction
+    predicted = np.empty(size)
+    predicted[code] = predicted[phase] = sky.predicted + sky.clock_rate * clock
+    _add_plasma(design, predicted, state, measured, sky)
+    columns, code_columns, shift = _biases(state, arcs, measured)
+    rows = np.arange(count)
+    design[rows + count, columns] = 1.0
+    has_bias = code_columns >= 0
+    design[rows[has_bias], code_columns[has_bias]] = 1.0
+    predicted[code] += np.where(has_bias, state.mean[code_columns], 0.0)
+    predicted[phase] += state.mean[columns] + shift * measured.wavelength
+    values = np.empty(size)
+    values[code], values[phase] = measured.code, measured.phase
+    variances = np.empty(size)
+    variances[code], variances[phase] = measured.code_variance, measured.phase_variance
+    nuisance = np.zeros((size, min(count, 1)))
+    if count:
+        nuisance[code, 0] = nuisance[phase, 0] = sky.clock_rate
+    if laser is not None:
+        values[-1], variances[-1] = laser.range, laser.range_sigma**2
+        predicted[-1] = _laser_row(design[-1], state)
+    return state.innovation(design, values - predicted, variances, nuisance)
+
+
+def _add_plasma(
+    design: FloatArray,
+    predicted: FloatArray,
+    state: GaussianState,
+    measured: SingleDifferences,
+    sky: Sky,
+) -> None:
+    """Add both states of the ionosphere: codes are late, phases early."""
+    if "electron_density" not in state:
+        return
+    count = len(measured)
+    scale = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2
+    for label, path in (("electron_density", sky.slab), ("vertical_tec", sky.above)):
+        place = state.index(label)
+        delay = scale * path
+        design[:count, place] = delay
+        design[count : 2 * count, place] = -delay
+        predicted[:count] += delay * state.mean[place]
+        predicted[count : 2 * count] -= delay * state.mean[place]
+
+
+def _biases(
+    state: GaussianState, arcs: ArcBook, measured: SingleDifferences
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray]:
+    """Return the columns of each phase's ambiguity or bias and code's bias, and known cycles."""
+    columns, code_columns, cycles = [], [], []
+    for key in measured.keys:
+        arc = arcs[key]
+        known = arc.offset_cycles
+        if arc.integer is None:
+            columns.append(state.index(("ambiguity", key)))
+        else:
+            columns.append(state.index(("phase_bias", key.group)))
+            known += arc.integer
+        cycles.append(known)
+        label = ("code_bias", key.group)
+        code_columns.append(state.index(label) if label in state else -1)
+    return (
+        np.array(columns, dtype=np.intp),
+        np.array(code_columns, dtype=np.intp),
+        np.array(cycles),
+    )
+
+
+def _laser_row(design: FloatArray, state: GaussianState) -> float:
+    """Fill the row of the laser and return the predicted measurement, m."""
+    position, velocity = state.mean[:3], state.mean[3:6]
+    distance = float(np.linalg.norm(position))
+    along = position / distance
+    rate = float(along @ velocity)
+    place = state.index("laser_latency")
+    latency = float(state.mean[place])
+    design[:3] = along + latency * (velocity - rate * along) / distance
+    design[3:6] = latency * along
+    design[place] = rate
+    return distance + latency * rate

@@ -1,0 +1,258 @@
+"""A Gaussian state whose members are found by label, and its measurement update.
+
+Clocks are white and unknown at every epoch. They are not states but nuisance parameters: the
+update is that of an infinite prior variance, without the loss of digits of a large one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import lapack
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["GaussianState", "Innovation"]
+
+
+@dataclass(eq=False)
+class Innovation:
+    """Measurements of an epoch before they are used, m of them, with k nuisance parameters.
+
+    Parameters
+    ----------
+    values : ndarray, shape (m,)
+        Measured less predicted.
+    variances : ndarray, shape (m,)
+        Diagonal of the innovation covariance S.
+    design : ndarray, shape (m, n)
+        H.
+    noise : ndarray, shape (m,)
+        Variances of the measurements.
+    weight : ndarray, shape (m, m)
+        S^-1 with the nuisance parameters projected out; rows of measurements left out are zero.
+    cross_covariance : ndarray, shape (n, m)
+        P H'.
+    nuisance_gain : ndarray, shape (k, m)
+        ``nuisance_gain @ values`` estimates the nuisance parameters.
+    nuisance_covariance : ndarray, shape (k, k)
+    is_used : ndarray of bool, shape (m,)
+    """
+
+    values: FloatArray
+    variances: FloatArray
+    design: FloatArray
+    noise: FloatArray
+    weight: FloatArray
+    cross_covariance: FloatArray
+    nuisance_gain: FloatArray
+    nuisance_covariance: FloatArray
+    is_used: npt.NDArray[np.bool_]
+
+    @property
+    def normalised(self) -> FloatArray:
+        """Baarda's w of each measurement: standard normal without a fault, 0 if left out.
+
+        Baarda (1968), A testing procedure for use in geodetic networks; Teunissen (1990) for the
+        recursive filter.
+        """
+        diagonal = np.diagonal(self.weight)
+        is_tested = self.is_used & (diagonal > 1e-6 / self.variances)
+        scale = np.sqrt(np.where(is_tested, diagonal, 1.0))
+        return np.where(is_tested, (self.weight @ self.values) / scale, 0.0)
+
+    def leave_out(self, index: int) -> None:
+        """Take a measurement out, as if it had not been made."""
+        column = self.weight[:, index].copy()
+        self.weight -= np.outer(column, column / column[index])
+        self.weight[index, :] = 0.0
+        self.weight[:, index] = 0.0
+        self.is_used[index] = False
+
+    @property
+    def squared_norm(self) -> float:
+        """Normalised innovation squared v' S^-1 v: chi-square of `degrees_of_freedom`."""
+        return float(self.values @ self.weight @ self.values)
+
+    @property
+    def degrees_of_freedom(self) -> int:
+        """Measurements used less nuisance parameters."""
+        return int(np.count_nonzero(self.is_used)) - len(self.nuisance_gain)
+
+
+class GaussianState:
+    """Mean and covariance of labelled members.
+
+    Parameters
+    ----------
+    labels : sequence of hashable
+    mean : array_like, shape (n,)
+    covariance : array_like, shape (n, n)
+    """
+
+    def __init__(
+        self, labels: Sequence[Hashable], mean: npt.ArrayLike, covariance: npt.ArrayLike
+    ) -> None:
+        self.labels = list(labels)
+        self.mean: FloatArray = np.array(mean, dtype=float)
+        self.covariance: FloatArray = np.array(covariance, dtype=float)
+        self._number_labels()
+
+    def _number_labels(self) -> None:
+        self._places = {label: place for place, label in enumerate(self.labels)}
+
+    def __len__(self) -> int:
+        """Return the number of members."""
+        return len(self.labels)
+
+    def __contains__(self, label: Hashable) -> bool:
+        """Return whether there is a member of that label."""
+        return label in self._places
+
+    def index(self, label: Hashable) -> int:
+        """Return the place of a member."""
+        return self._places[label]
+
+    def value(self, label: Hashable) -> float:
+        """Return the mean of a member."""
+        return float(self.mean[self._places[label]])
+
+    def sigma(self, label: Hashable) -> float:
+        """Return the sigma of a member."""
+        place = self._places[label]
+        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+
+    def add(self, label: Hashable, mean: float, variance: float) -> None:
+        """Add a member that is independent of the others."""
+        size = len(self.labels)
+        covariance = np.zeros((size + 1, size + 1))
+        covariance[:size, :size] = self.covariance
+        covariance[size, size] = variance
+        self.covariance = covariance
+        self.mean = np.append(self.mean, mean)
+        self.labels.append(label)
+        self._places[label] = size
+
+    def remove(self, labels: Iterable[Hashable]) -> None:
+        """Remove members (marginalise); labels that are absent are ignored."""
+        gone = set(labels)
+        kept = [place for place, label in enumerate(self.labels) if label not in gone]
+        if len(kept) < len(self.labels):
+            self.labels = [self.labels[place] for place in kept]
+            self.mean = self.mean[kept]
+            self.covariance = self.covariance[np.ix_(kept, kept)]
+            self._number_labels()
+
+    def rename(self, old: Hashable, new: Hashable) -> None:
+        """Give a member another label."""
+        self.labels[self._places[old]] = new
+        self._number_labels()
+
+    def predict_leading(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
+        """Propagate the first members: their new mean, transition matrix and process noise."""
+        count = len(mean)
+        self.mean[:count] = mean
+        covariance = self.covariance
+        covariance[:count, :] = transition @ covariance[:count, :]
+        covariance[:, :count] = covariance[:, :count] @ transition.T
+        covariance[:count, :count] += noise
+
+    def predict_gauss_markov(self, label: Hashable, decay: float, steady_variance: float) -> None:
+        """Let a member of zero steady mean decay by a factor towards its steady variance."""
+        place = self._places[label]
+        self.mean[place] *= decay
+        self.covariance[place, :] *= decay
+        self.covariance[:, place] *= decay
+        self.covariance[place, place] += (1.0 - decay**2) * steady_variance
+
+    def add_noise(self, label: Hashable, variance: float) -> None:
+        """Let a member walk randomly."""
+        place = self._places[label]
+        self.covariance[place, place] += variance
+
+    def innovation(
+        self, design: FloatArray, values: FloatArray, variances: FloatArray, nuisance: FloatArray
+    ) -> Innovation:
+        """Return the innovation of measurements and its statistics.
+
+        Parameters
+        ----------
+        design : ndarray, shape (m, n)
+        values : ndarray, shape (m,)
+            Measured less predicted.
+        variances : ndarray, shape (m,)
+            Of independent measurement noise.
+        nuisance : ndarray, shape (m, k)
+            Derivatives by the nuisance parameters; k may be 0.
+
+        Raises
+        ------
+        ValueError
+            If the innovation covariance is not positive definite, or a nuisance parameter has no
+            measurement.
+        """
+        cross = self.covariance @ design.T
+        covariance = design @ cross
+        covariance[np.diag_indices_from(covariance)] += variances
+        factor, info = lapack.dpotrf(covariance, lower=1)
+        if info != 0:
+            raise ValueError("the innovation covariance is not positive definite")
+        inverse, _ = lapack.dpotri(factor, lower=1)
+        weight = np.tril(inverse) + np.tril(inverse, -1).T
+        if nuisance.shape[1]:
+            weighted = weight @ nuisance
+            normal = nuisance.T @ weighted
+            if not np.all(np.diagonal(normal) > 0.0):
+                raise ValueError("a nuisance parameter has no measurement")
+            nuisance_covariance = np.linalg.inv(normal)
+            gain = nuisance_covariance @ weighted.T
+            weight = weight - weighted @ gain
+        else:
+            gain, nuisance_covariance = np.zeros((0, len(values))), np.zeros((0, 0))
+        return Innovation(
+            values=values,
+            variances=np.diagonal(covariance).copy(),
+            design=design,
+            noise=variances,
+            weight=weight,
+            cross_covariance=cross,
+            nuisance_gain=gain,
+            nuisance_covariance=nuisance_covariance,
+            is_used=np.ones(len(values), dtype=bool),
+        )
+
+    def update(self, innovation: Innovation) -> FloatArray:
+        """Use measurements; return the change of the mean, shape (n,).
+
+        The covariance is updated in Joseph's form, which stays positive where unknown ambiguities
+        of metres meet phases of a millimetre.
+        """
+        gain = innovation.cross_covariance @ innovation.weight
+        change: FloatArray = gain @ innovation.values
+        self.mean += change
+        left = -gain @ innovation.design
+        left[np.diag_indices_from(left)] += 1.0
+        noise = (gain * innovation.noise) @ gain.T
+        self._set_covariance(left @ self.covariance @ left.T + noise)
+        return change
+
+    def constrain(self, design: FloatArray, values: FloatArray, covariance: FloatArray) -> None:
+        """Make ``design @ mean`` equal to its present value plus `values`, without any error.
+
+        Parameters
+        ----------
+        design : ndarray, shape (m, n)
+        values : ndarray, shape (m,)
+        covariance : ndarray, shape (m, m)
+            ``design @ P @ design.T``.
+        """
+        gain = np.linalg.solve(covariance, design @ self.covariance).T
+        self.mean = self.mean + gain @ values
+        left = np.eye(len(self)) - gain @ design
+        self._set_covariance(left @ self.covariance @ left.T)
+
+    def _set_covariance(self, covariance: FloatArray) -> None:
+        self.covariance = 0.5 * (covariance + covariance.T)

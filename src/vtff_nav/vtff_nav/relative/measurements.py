@@ -1,0 +1,357 @@
+"""From the observations of two receivers to single differences and their geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss import constants as c
+from vtff_gnss.broadcast_orbit import EphemerisTable
+from vtff_gnss.line_of_sight import lines_of_sight
+from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.signals import carrier_frequency_hz, satellite_name
+
+__all__ = [
+    "DEFAULT_BANDS",
+    "Geometry",
+    "MeasurementNoise",
+    "SignalKey",
+    "SignalTable",
+    "SingleDifferences",
+    "code_group_delay",
+    "geometry",
+    "satellite_rows",
+    "single_differences",
+    "usable_signals",
+]
+
+DEFAULT_BANDS: dict[int, tuple[int, ...]] = {c.SYSTEM_GPS: (1, 2, 5), c.SYSTEM_GALILEO: (1, 5, 7)}
+"""RINEX frequency digits used: L1, L2, L5; E1, E5a, E5b."""
+
+# Of several signals on one carrier one is used: the civil ones and pilots first, P(Y) before L2C
+# because the broadcast clock refers to it. They share the carrier, so that a second adds little.
+_ATTRIBUTE_ORDER = "CWPQXSLIBYMNDAZ"
+_ATTRIBUTE_RANK = np.full(256, len(_ATTRIBUTE_ORDER), dtype=np.int64)
+for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
+    _ATTRIBUTE_RANK[ord(_letter)] = _rank
+
+_BOTH_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
+
+
+class SignalKey(NamedTuple):
+    """A signal of a satellite."""
+
+    system: int
+    prn: int
+    band: int
+    attribute: int
+
+    @property
+    def satellite(self) -> tuple[int, int]:
+        """System and number of the satellite."""
+        return self.system, self.prn
+
+    @property
+    def group(self) -> tuple[int, int, int]:
+        """What shares one receiver bias: system, band and attribute."""
+        return self.system, self.band, self.attribute
+
+    def __str__(self) -> str:
+        """Return for example ``G05 L1C``."""
+        return f"{satellite_name(self.system, self.prn)} L{self.band}{chr(self.attribute)}"
+
+
+@dataclass(frozen=True)
+class MeasurementNoise:
+    """Sigmas of the measurements of one receiver.
+
+    Parameters
+    ----------
+    code_sigma, phase_sigma : float
+        m; used where the receiver states none.
+    use_receiver_sigmas : bool
+        Take those of the receiver, but not below the smallest.
+    smallest_code_sigma, smallest_phase_sigma : float
+        m.
+    """
+
+    code_sigma: float = 0.3
+    phase_sigma: float = 0.001
+    use_receiver_sigmas: bool = True
+    smallest_code_sigma: float = 0.05
+    smallest_phase_sigma: float = 0.0002
+
+    def sigmas(self, epoch: ObservationEpoch, wavelength: FloatArray) -> tuple[FloatArray, ...]:
+        """Return the sigmas of code and phase, m, shape (n,)."""
+        size = len(wavelength)
+        code, phase = np.full(size, self.code_sigma), np.full(size, self.phase_sigma)
+        if self.use_receiver_sigmas:
+            stated = epoch.pseudorange_sigma.astype(float)
+            code = np.where(stated > 0.0, np.maximum(stated, self.smallest_code_sigma), code)
+            stated = epoch.carrier_phase_sigma_cycles.astype(float) * wavelength
+            phase = np.where(stated > 0.0, np.maximum(stated, self.smallest_phase_sigma), phase)
+        return code, phase
+
+
+@dataclass(frozen=True, eq=False)
+class SignalTable:
+    """Usable signals of one receiver epoch, at most one on each carrier of a satellite; (n,).
+
+    Parameters
+    ----------
+    number : ndarray of int64
+        System, satellite, band and attribute as one number, increasing.
+    wavelength, frequency_hz : ndarray
+    pseudorange, carrier_range : ndarray
+        m; the carrier range has an ambiguity.
+    code_sigma, phase_sigma : ndarray
+        m.
+    range_rate : ndarray
+        m/s, from Doppler; NaN where there is none.
+    flags : ndarray of uint16
+    lock_time : ndarray
+    """
+
+    number: npt.NDArray[np.int64]
+    wavelength: FloatArray
+    frequency_hz: FloatArray
+    pseudorange: FloatArray
+    carrier_range: FloatArray
+    code_sigma: FloatArray
+    phase_sigma: FloatArray
+    range_rate: FloatArray
+    flags: npt.NDArray[np.uint16]
+    lock_time: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of signals."""
+        return len(self.number)
+
+    def taken(self, rows: npt.NDArray[np.intp]) -> SignalTable:
+        """Return some rows."""
+        return SignalTable(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+    @property
+    def satellite(self) -> npt.NDArray[np.int64]:
+        """System and satellite as one number, shape (n,)."""
+        return self.number >> 16
+
+
+def usable_signals(
+    epoch: ObservationEpoch, noise: MeasurementNoise, bands: dict[int, tuple[int, ...]]
+) -> SignalTable:
+    """Return the signals of an epoch that have valid code and phase on the bands asked for."""
+    system = epoch.system.astype(np.int64)
+    prn, band = epoch.prn.astype(np.int64), epoch.band.astype(np.int64)
+    attribute = epoch.attribute.astype(np.int64)
+    is_usable = (epoch.flags & _BOTH_VALID) == _BOTH_VALID
+    is_wanted = np.zeros((256, 256), dtype=bool)
+    for wanted, digits in bands.items():
+        is_wanted[wanted, list(digits)] = True
+    is_usable &= is_wanted[system, band]
+    is_usable &= np.isfinite(epoch.pseudorange) & np.isfinite(epoch.carrier_phase_cycles)
+    carrier = (system << 16) | (prn << 8) | band
+    order = np.lexsort((_ATTRIBUTE_RANK[attribute], carrier))
+    order = order[is_usable[order]]
+    is_first = np.ones(len(order), dtype=bool)
+    is_first[1:] = carrier[order][1:] != carrier[order][:-1]
+    rows = order[is_first]
+    frequency = carrier_frequency_hz(epoch.system, epoch.band)
+    wavelength = SPEED_OF_LIGHT / frequency
+    code_sigma, phase_sigma = noise.sigmas(epoch, wavelength)
+    table = SignalTable(
+        number=(carrier << 8) | attribute,
+        wavelength=wavelength,
+        frequency_hz=frequency,
+        pseudorange=epoch.pseudorange,
+        carrier_range=wavelength * epoch.carrier_phase_cycles,
+        code_sigma=code_sigma,
+        phase_sigma=phase_sigma,
+        range_rate=-wavelength * epoch.doppler_hz.astype(float),
+        flags=epoch.flags,
+        lock_time=epoch.lock_time.astype(float),
+    )
+    return table.taken(rows)
+
+
+def signal_key(number: int) -> SignalKey:
+    """Return the key of a signal number of `SignalTable`."""
+    return SignalKey(number >> 24, (number >> 16) & 255, (number >> 8) & 255, number & 255)
+
+
+@dataclass(frozen=True, eq=False)
+class SingleDifferences:
+    """Deputy less chief of the signals that both have, shape (n,); m.
+
+    Parameters
+    ----------
+    keys : list of SignalKey
+    satellite : ndarray of int64
+        System and satellite as one number.
+    wavelength, frequency_hz, code, phase, code_variance, phase_variance, range_rate : ndarray
+    is_parity_known : ndarray of bool
+        At both receivers: the ambiguity is a whole number.
+    half_cycles : ndarray of int64
+        Bit 0 for the chief, bit 1 for the deputy: the receiver has added half a cycle.
+    is_lock_lost : ndarray of bool
+        At either.
+    lock_time : ndarray, shape (2, n)
+        s; chief, deputy.
+    """
+
+    keys: list[SignalKey]
+    satellite: npt.NDArray[np.int64]
+    wavelength: FloatArray
+    frequency_hz: FloatArray
+    code: FloatArray
+    phase: FloatArray
+    code_variance: FloatArray
+    phase_variance: FloatArray
+    range_rate: FloatArray
+    is_parity_known: npt.NDArray[np.bool_]
+    half_cycles: npt.NDArray[np.int64]
+    is_lock_lost: npt.NDArray[np.bool_]
+    lock_time: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of signals."""
+        return len(self.keys)
+
+
+def single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDifferences:
+    """Return the differences of the signals that both receivers have."""
+    _, first, second = np.intersect1d(
+        chief.number, deputy.number, assume_unique=True, return_indices=True
+    )
+    a, b = chief.taken(first), deputy.taken(second)
+    both = a.flags & b.flags
+    added = c.FLAG_HALF_CYCLE_ADDED
+    half = ((a.flags & added) > 0).astype(np.int64) + 2 * ((b.flags & added) > 0)
+    return SingleDifferences(
+        keys=[signal_key(number) for number in a.number.tolist()],
+        satellite=a.satellite,
+        wavelength=a.wavelength,
+        frequency_hz=a.frequency_hz,
+        code=b.pseudorange - a.pseudorange,
+        phase=b.carrier_range - a.carrier_range,
+        code_variance=a.code_sigma**2 + b.code_sigma**2,
+        phase_variance=a.phase_sigma**2 + b.phase_sigma**2,
+        range_rate=b.range_rate - a.range_rate,
+        is_parity_known=(both & c.FLAG_PARITY_KNOWN) > 0,
+        half_cycles=half,
+        is_lock_lost=((a.flags | b.flags) & c.FLAG_LOCK_LOST) > 0,
+        lock_time=np.array([a.lock_time, b.lock_time]),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Lines of sight of both receivers to n satellites; leading axis chief, deputy.
+
+    Parameters
+    ----------
+    satellite : ndarray of int64, shape (n,)
+        System and satellite as one number, increasing.
+    range : ndarray, shape (2, n)
+        m, from the position at reception (tag less clock) to that at transmission.
+    range_rate : ndarray, shape (2, n)
+        m/s.
+    clock : ndarray, shape (2, n)
+        Satellite clock, m.
+    clock_drift : ndarray, shape (2, n)
+        Its derivative, m/s.
+    direction : ndarray, shape (2, n, 3)
+        Unit vectors to the satellites in the navigation axes.
+    elevation, azimuth : ndarray, shape (2, n)
+        rad.
+    """
+
+    satellite: npt.NDArray[np.int64]
+    range: FloatArray
+    range_rate: FloatArray
+    clock: FloatArray
+    clock_drift: FloatArray
+    direction: FloatArray
+    elevation: FloatArray
+    azimuth: FloatArray
+
+    def rows(self, satellite: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
+        """Return the columns of satellites, all of which must be there."""
+        return np.searchsorted(self.satellite, satellite)
+
+
+def satellite_rows(table: EphemerisTable) -> npt.NDArray[np.int64]:
+    """Return system and satellite as one number for each row of a table (increasing)."""
+    return (table.system.astype(np.int64) << 8) | table.prn.astype(np.int64)
+
+
+def geometry(
+    table: EphemerisTable,
+    time: GpsTime,
+    offsets: FloatArray,
+    states_itrf: FloatArray,
+    to_itrf: FloatArray,
+) -> Geometry:
+    """Return the lines of sight of receivers.
+
+    Parameters
+    ----------
+    table : EphemerisTable
+    time : GpsTime
+        Of the states.
+    offsets : ndarray, shape (2,)
+        True time of reception less `time` (time tag less clock), s.
+    states_itrf : ndarray, shape (2, 6)
+        Positions and Earth-fixed velocities at `time`. They are carried to the time of reception
+        by their velocity and the acceleration of free fall: 7.6 mm for each microsecond in orbit.
+    to_itrf : ndarray, shape (3, 3)
+        From the navigation axes.
+    """
+    position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
+    shift = offsets[:, None]
+    received = position + shift * velocity + 0.5 * shift**2 * _acceleration(states_itrf)
+    sight = lines_of_sight(table, time, offsets, received, velocity)
+    return Geometry(
+        satellite=satellite_rows(table),
+        range=sight.range,
+        range_rate=sight.range_rate,
+        clock=SPEED_OF_LIGHT * sight.clock_offset_satellite,
+        clock_drift=SPEED_OF_LIGHT * sight.clock_drift_satellite,
+        direction=sight.direction_itrf @ to_itrf,
+        elevation=sight.elevation,
+        azimuth=sight.azimuth,
+    )
+
+
+def _acceleration(states_itrf: FloatArray) -> FloatArray:
+    """Return the Earth-fixed acceleration of free fall, (2, 3); 0 for receivers at rest."""
+    position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
+    squared = np.sum(position**2, axis=1, keepdims=True)
+    rate = c.EARTH_ROTATION_RATE_BROADCAST
+    omega = np.array([0.0, 0.0, rate])
+    fall = -c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS] / squared**1.5 * position
+    inertial = fall - 2.0 * np.cross(omega, velocity)
+    centrifugal = rate**2 * position * np.array([1.0, 1.0, 0.0])
+    is_orbiting = np.sum(velocity**2, axis=1, keepdims=True) > 1e6
+    return np.where(is_orbiting, inertial + centrifugal, 0.0)
+
+
+def code_group_delay(table: EphemerisTable, rows: npt.NDArray[np.intp], band: int) -> FloatArray:
+    """Return by how much codes leave later than the broadcast clock tells, m, shape (k,).
+
+    With gamma = (f1 / f)^2: GPS gamma TGD (IS-GPS-200, 20.3.3.3.3.2; inter-signal corrections of
+    L2C and L5 are not in LNAV and taken as zero). Galileo with the I/NAV clock: E1 and E5b gamma
+    BGD(E1,E5b), E5a BGD(E1,E5b) + (gamma - 1) BGD(E1,E5a) (OS SIS ICD, 5.1.5).
+    """
+    system = table.system[rows]
+    gamma = (c.FREQUENCY_L1 / carrier_frequency_hz(system, np.full(len(rows), band))) ** 2
+    first, second = table.group_delay[rows], table.group_delay_secondary[rows]
+    galileo = second + (gamma - 1.0) * first if band == 5 else gamma * second
+    delay = np.where(system == c.SYSTEM_GALILEO, galileo, gamma * first)
+    return SPEED_OF_LIGHT * delay

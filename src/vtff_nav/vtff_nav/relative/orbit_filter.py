@@ -1,0 +1,490 @@
+"""Absolute motion of one receiver from its own observations, aided by its dynamics.
+
+No ionosphere model: with two frequencies the ionosphere-free combinations of code and phase are
+used, with one GRAPHIC, the mean of code and phase (Yunck 1993), in which the delay cancels. The
+ambiguities of the phases are real numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
+from vtff_dynamics.frames import state_itrf_to_gcrf
+from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss import constants as c
+from vtff_gnss.broadcast_orbit import EphemerisTable
+from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps_state import GaussianState
+from vtff_nav.relative.dynamics import DYNAMIC_STATES
+from vtff_nav.relative.measurements import (
+    Geometry,
+    SignalTable,
+    code_group_delay,
+    geometry,
+    satellite_rows,
+)
+
+__all__ = ["AbsoluteFilter", "SinglePoint", "single_point", "troposphere_delay"]
+
+_POINT_ITERATIONS = 12
+_LONGEST_ARC_GAP = 5.0
+_UNKNOWN_AMBIGUITY_SIGMA = 30.0
+# Vertical delay of a code on one frequency in low orbit or on the ground, one sigma, m.
+_SINGLE_FREQUENCY_DELAY_SIGMA = 5.0
+_RESTART_EPOCHS = 5
+_LARGEST_DELAY_FREE_OF_TROPOSPHERE = 20e3
+
+
+@dataclass(frozen=True, eq=False)
+class Combinations:
+    """Ionosphere-free measurements of one epoch, one row for each of n satellites.
+
+    Parameters
+    ----------
+    satellite : ndarray of int64
+        System and satellite as one number.
+    band : ndarray of int64
+        Frequency digit of the second carrier; 0 where the row is GRAPHIC.
+    code, phase : ndarray
+        m; for GRAPHIC `code` is the code itself, with the ionosphere, and `phase` the mean.
+    code_sigma, phase_sigma : ndarray
+        m.
+    is_lock_lost : ndarray of bool
+    range_rate : ndarray
+        m/s.
+    """
+
+    satellite: npt.NDArray[np.int64]
+    band: npt.NDArray[np.int64]
+    code: FloatArray
+    phase: FloatArray
+    code_sigma: FloatArray
+    phase_sigma: FloatArray
+    is_lock_lost: npt.NDArray[np.bool_]
+    range_rate: FloatArray
+
+    def __len__(self) -> int:
+        """Return the number of satellites."""
+        return len(self.satellite)
+
+    def taken(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> Combinations:
+        """Return some rows."""
+        return Combinations(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+
+
+def combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
+    """Return the ionosphere-free combinations of the satellites that have an ephemeris."""
+    known = satellite_rows(table)
+    satellites, first, count = np.unique(signals.satellite, return_index=True, return_counts=True)
+    has_orbit = np.isin(satellites, known)
+    satellites, first, count = satellites[has_orbit], first[has_orbit], count[has_orbit]
+    rows = np.searchsorted(known, satellites)
+    # Signals are ordered by band: the first two of a satellite are its main carriers.
+    second = first + (count > 1)
+    f1, f2 = signals.frequency_hz[first] ** 2, signals.frequency_hz[second] ** 2
+    is_dual = f1 != f2
+    gap = np.where(is_dual, f1 - f2, 1.0)
+    a1, a2 = np.where(is_dual, f1 / gap, 1.0), np.where(is_dual, -f2 / gap, 0.0)
+    p1, p2 = (
+        _corrected_code(signals, first, table, rows),
+        _corrected_code(signals, second, table, rows),
+    )
+    l1, l2 = signals.carrier_range[first], signals.carrier_range[second]
+    sc1, sc2 = signals.code_sigma[first], signals.code_sigma[second]
+    sp1, sp2 = signals.phase_sigma[first], signals.phase_sigma[second]
+    code, phase = a1 * p1 + a2 * p2, a1 * l1 + a2 * l2
+    lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
+    return Combinations(
+        satellite=satellites,
+        band=np.where(is_dual, (signals.number[second] >> 8) & 255, 0),
+        code=code,
+        phase=np.where(is_dual, phase, 0.5 * (p1 + l1)),
+        code_sigma=np.hypot(a1 * sc1, a2 * sc2),
+        phase_sigma=np.where(is_dual, np.hypot(a1 * sp1, a2 * sp2), 0.5 * np.hypot(sc1, sp1)),
+        is_lock_lost=lost[first] | lost[second],
+        range_rate=signals.range_rate[first],
+    )
+
+
+def _corrected_code(
+    signals: SignalTable,
+    rows: npt.NDArray[np.intp],
+    table: EphemerisTable,
+    satellites: npt.NDArray[np.intp],
+) -> FloatArray:
+    """Return codes without the group delay that the message tells, m."""
+    code = signals.pseudorange[rows]
+    bands = (signals.number[rows] >> 8) & 255
+    for band in np.unique(bands).tolist():
+        chosen = bands == band
+        code[chosen] -= code_group_delay(table, satellites[chosen], band)
+    return code
+
+
+@dataclass(frozen=True, eq=False)
+class SinglePoint:
+    """Position from the codes of one epoch.
+
+    Parameters
+    ----------
+    time : GpsTime
+        Time tag of the epoch.
+    position_itrf, velocity_itrf : ndarray, shape (3,)
+        At the true time of reception; the velocity from Doppler, NaN without.
+    covariance : ndarray, shape (3, 3)
+        Of the position, m2.
+    velocity_sigma : float
+        m/s, of each component.
+    clock : float
+        Receiver clock less GPS time, m.
+    """
+
+    time: GpsTime
+    position_itrf: FloatArray
+    velocity_itrf: FloatArray
+    covariance: FloatArray
+    velocity_sigma: float
+    clock: float
+
+
+def single_point(
+    measured: Combinations, table: EphemerisTable, time: GpsTime, elevation_mask: float
+) -> SinglePoint | None:
+    """Solve position and clocks by least squares from nothing; None if that is impossible."""
+    systems = np.unique(measured.satellite >> 8)
+    if len(measured) < 3 + len(systems):
+        return None
+    rows = np.searchsorted(satellite_rows(table), measured.satellite)
+    directions = table.states(time).position_itrf[rows].sum(axis=0)
+    position = 6.9e6 * directions / np.linalg.norm(directions)
+    clocks = (measured.satellite[:, None] >> 8 == systems[None, :]).astype(float)
+    clock, is_used = 0.0, np.ones(len(measured), dtype=bool)
+    for iteration in range(_POINT_ITERATIONS):
+        states = np.zeros((2, 6))
+        states[:, :3] = position
+        offset = np.full(2, -clock / SPEED_OF_LIGHT)
+        seen = geometry(table, time, offset, states, np.eye(3))
+        if iteration > 5:
+            is_used = seen.elevation[0, rows] > elevation_mask
+            if np.count_nonzero(is_used) < 3 + len(systems):
+                return None
+        direction = seen.direction[0, rows]
+        design = np.hstack((-direction, clocks)) / measured.code_sigma[:, None]
+        predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
+        residual = (measured.code - predicted) / measured.code_sigma
+        normal = design[is_used].T @ design[is_used]
+        if np.linalg.cond(normal) > 1e10:
+            return None
+        change = np.linalg.solve(normal, design[is_used].T @ residual[is_used])
+        position = position + change[:3]
+        # The clock of the first system stands for the time of reception.
+        clock += float(change[3])
+        if float(np.abs(change).max()) < 1e-3 and iteration > 6:
+            break
+    else:
+        return None
+    velocity, velocity_sigma = _doppler_velocity(
+        measured.taken(is_used), direction[is_used], position, table, time
+    )
+    # The clocks are not well known before the others are: their share is in the covariance.
+    covariance = np.linalg.inv(normal)[:3, :3]
+    return SinglePoint(time, position, velocity, covariance, velocity_sigma, clock)
+
+
+def _doppler_velocity(
+    measured: Combinations,
+    direction: FloatArray,
+    position_itrf: FloatArray,
+    table: EphemerisTable,
+    time: GpsTime,
+) -> tuple[FloatArray, float]:
+    """Return the Earth-fixed velocity from Doppler and its sigma; NaN if there is too little."""
+    has_rate = np.isfinite(measured.range_rate) & (measured.range_rate != 0.0)
+    if np.count_nonzero(has_rate) < 5:
+        return np.full(3, np.nan), math.nan
+    rows = np.searchsorted(satellite_rows(table), measured.satellite[has_rate])
+    velocity = np.zeros(3)
+    for _ in range(3):
+        states = np.tile(np.concatenate((position_itrf, velocity)), (2, 1))
+        seen = geometry(table, time, np.zeros(2), states, np.eye(3))
+        predicted = seen.range_rate[0, rows] - seen.clock_drift[0, rows]
+        design = np.hstack((-direction[has_rate], np.ones((len(rows), 1))))
+        residual = measured.range_rate[has_rate] - predicted
+        change, *_ = np.linalg.lstsq(design, residual, rcond=None)
+        velocity = velocity + change[:3]
+    spread = float(np.sqrt(np.mean((residual - design @ change) ** 2)))
+    return velocity, max(5.0 * spread, 0.5)
+
+
+class AbsoluteFilter:
+    """Position, velocity and clock of the chief.
+
+    Parameters
+    ----------
+    configuration : CdgpsConfiguration
+    """
+
+    def __init__(self, configuration: CdgpsConfiguration) -> None:
+        self._configuration = configuration
+        self._is_orbital = configuration.chief_motion == "orbital"
+        self._mask = math.radians(configuration.elevation_mask_deg)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every estimate."""
+        self.state: GaussianState | None = None
+        self.clock = 0.0
+        self._last_point: SinglePoint | None = None
+        self._seen: dict[tuple[str, int, int], GpsTime] = {}
+        self._failures = 0
+
+    @property
+    def mean(self) -> FloatArray:
+        """Position, velocity (navigation axes) and empirical acceleration, shape (9,)."""
+        assert self.state is not None
+        return self.state.mean[:DYNAMIC_STATES]
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Of position and velocity, navigation axes, shape (6, 6)."""
+        assert self.state is not None
+        return self.state.covariance[:6, :6]
+
+    def start(
+        self, time: GpsTime, tag: GpsTime, signals: SignalTable, table: EphemerisTable
+    ) -> bool:
+        """Try to begin with the codes of one epoch, or of two where there is no Doppler.
+
+        Parameters
+        ----------
+        time : GpsTime
+            Epoch of the state to be.
+        tag : GpsTime
+            Time tag of the observations.
+        signals : SignalTable
+        table : EphemerisTable
+        """
+        configuration = self._configuration
+        measured = combinations(signals, table)
+        point = single_point(measured, table, tag, self._mask)
+        if point is None:
+            return False
+        last, self._last_point = self._last_point, point
+        is_dual = bool(np.median(measured.band) > 0)
+        bias = configuration.ephemeris_sigma if is_dual else 2.0 * _SINGLE_FREQUENCY_DELAY_SIGMA
+        covariance = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
+        covariance[:3, :3] = 4.0 * point.covariance + bias**2 * np.eye(3)
+        covariance[6:, 6:] = configuration.noise_chief.empirical_sigma**2 * np.eye(3)
+        mean = np.zeros(DYNAMIC_STATES)
+        received = tag - point.clock / SPEED_OF_LIGHT
+        if self._is_orbital:
+            state = self._orbital_start(received, point, last, covariance)
+            if state is None:
+                return False
+            late = time - received
+            mean[:6] = state
+            mean[:3] += late * state[3:]
+        else:
+            mean[:3] = point.position_itrf
+            if configuration.chief_motion == "kinematic":
+                covariance[3:6, 3:6] = 100.0 * np.eye(3)
+            if configuration.position_chief_itrf is not None:
+                mean[:3] = configuration.position_chief_itrf
+                covariance[:3, :3] = 1e-8 * np.eye(3)
+        self.clock = point.clock / SPEED_OF_LIGHT
+        self.state = GaussianState([("motion", i) for i in range(DYNAMIC_STATES)], mean, covariance)
+        self._seen = {}
+        self._failures = 0
+        return True
+
+    @staticmethod
+    def _orbital_start(
+        time: GpsTime, point: SinglePoint, last: SinglePoint | None, covariance: FloatArray
+    ) -> FloatArray | None:
+        """Return the state in GCRF and set the covariance of its velocity."""
+        if np.isfinite(point.velocity_itrf).all():
+            covariance[3:6, 3:6] = point.velocity_sigma**2 * np.eye(3)
+            return state_itrf_to_gcrf(
+                time, np.concatenate((point.position_itrf, point.velocity_itrf))
+            )
+        if last is None or not 0.0 < point.time - last.time < 30.0:
+            return None
+        zero = np.zeros(3)
+        before_time = last.time - last.clock / SPEED_OF_LIGHT
+        duration = time - before_time
+        now = state_itrf_to_gcrf(time, np.concatenate((point.position_itrf, zero)))[:3]
+        before = state_itrf_to_gcrf(before_time, np.concatenate((last.position_itrf, zero)))[:3]
+        fall = -GM_EARTH * now / float(now @ now) ** 1.5
+        velocity = (now - before) / duration + 0.5 * duration * fall
+        covariance[3:6, 3:6] = 2.0 * covariance[:3, :3] / duration**2
+        return np.concatenate((now, velocity))
+
+    def predict(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
+        """Go on to the next epoch."""
+        assert self.state is not None
+        self.state.predict_leading(mean, transition, noise)
+
+    def synchronise(self, signals: SignalTable, table: EphemerisTable, seen: Geometry) -> float:
+        """Return the receiver clock (s) that the codes of this epoch tell."""
+        measured = combinations(signals, table)
+        rows = seen.rows(measured.satellite)
+        residual = measured.code - (seen.range[0, rows] - seen.clock[0, rows])
+        return float(np.median(residual)) / SPEED_OF_LIGHT
+
+    def update(
+        self, time: GpsTime, signals: SignalTable, table: EphemerisTable, seen: Geometry
+    ) -> None:
+        """Use the observations of an epoch.
+
+        Parameters
+        ----------
+        time : GpsTime
+        signals : SignalTable
+        table : EphemerisTable
+        seen : Geometry
+            For the present state and `clock`.
+        """
+        state = self.state
+        assert state is not None
+        measured = combinations(signals, table)
+        rows = seen.rows(measured.satellite)
+        is_high = seen.elevation[0, rows] > self._mask
+        measured, rows = measured.taken(is_high), rows[is_high]
+        if not len(measured):
+            return
+        clock = SPEED_OF_LIGHT * self.clock
+        predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
+        if self._configuration.troposphere:
+            height = float(np.linalg.norm(state.mean[:3])) - 6371e3
+            predicted = predicted + troposphere_delay(height, seen.elevation[0, rows])
+        labels = self._ambiguities(time, measured, predicted)
+        for _ in range(4):
+            innovation, design_rows = self._innovation(measured, rows, seen, predicted, labels)
+            normalised = np.abs(innovation.normalised)
+            while normalised.size and normalised.max() > self._configuration.fault_sigmas:
+                worst = int(normalised.argmax())
+                if innovation.degrees_of_freedom <= 0:
+                    break
+                innovation.leave_out(worst)
+                normalised = np.abs(innovation.normalised)
+            slipped = [
+                design_rows[index]
+                for index in np.flatnonzero(~innovation.is_used).tolist()
+                if index >= len(innovation.values) - len(measured)
+            ]
+            if not slipped:
+                break
+            for row in slipped:
+                state.remove([labels[row]])
+                self._seen.pop(labels[row], None)
+            labels = self._ambiguities(time, measured, predicted)
+        is_bad = np.count_nonzero(~innovation.is_used) > 0.5 * len(innovation.is_used)
+        self._failures = self._failures + 1 if is_bad else 0
+        state.update(innovation)
+        nuisance = innovation.nuisance_gain @ innovation.values
+        self.clock += float(nuisance[0]) / SPEED_OF_LIGHT
+        if self._failures >= _RESTART_EPOCHS:
+            self.reset()
+
+    def _ambiguities(
+        self, time: GpsTime, measured: Combinations, predicted: FloatArray
+    ) -> list[tuple[str, int, int]]:
+        """Return the labels of the ambiguities; new ones are added, old ones forgotten."""
+        state = self.state
+        assert state is not None
+        labels = []
+        residual = measured.phase - predicted
+        for row, (satellite, band, is_lost) in enumerate(
+            zip(
+                measured.satellite.tolist(),
+                measured.band.tolist(),
+                measured.is_lock_lost.tolist(),
+                strict=True,
+            )
+        ):
+            label = ("ambiguity", satellite, band)
+            labels.append(label)
+            last = self._seen.get(label)
+            if is_lost and last is not None and last < time:
+                state.remove([label])
+            if label not in state:
+                if band:
+                    state.add(label, float(residual[row]), _UNKNOWN_AMBIGUITY_SIGMA**2)
+                else:
+                    # Where the code is now, but for its delay and noise.
+                    mean = float(measured.phase[row] - measured.code[row])
+                    sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
+                    state.add(label, mean, sigma**2)
+            self._seen[label] = time
+        gone = [k for k, last in self._seen.items() if time - last > _LONGEST_ARC_GAP]
+        if gone:
+            state.remove(gone)
+            for label in gone:
+                del self._seen[label]
+        return labels
+
+    def _innovation(
+        self,
+        measured: Combinations,
+        rows: npt.NDArray[np.intp],
+        seen: Geometry,
+        predicted: FloatArray,
+        labels: list[tuple[str, int, int]],
+    ):
+        """Return the innovation of codes (two frequencies only) and phases."""
+        state = self.state
+        assert state is not None
+        count = len(measured)
+        code_rows = np.flatnonzero(measured.band > 0)
+        order = np.concatenate((code_rows, np.arange(count)))
+        size = len(order)
+        design = np.zeros((size, len(state)))
+        direction = -seen.direction[0, rows]
+        design[:, :3] = direction[order]
+        places = [state.index(label) for label in labels]
+        phase = np.arange(len(code_rows), size)
+        design[phase, places] = 1.0
+        values = np.concatenate(
+            (
+                (measured.code - predicted)[code_rows],
+                measured.phase - predicted - state.mean[places],
+            )
+        )
+        configuration = self._configuration
+        variances = np.concatenate(
+            (
+                measured.code_sigma[code_rows] ** 2 + configuration.ephemeris_sigma**2,
+                measured.phase_sigma**2 + configuration.ephemeris_phase_sigma**2,
+            )
+        )
+        systems = np.unique(measured.satellite >> 8)
+        nuisance = (measured.satellite[order, None] >> 8 == systems[None, :]).astype(float)
+        nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
+        return state.innovation(design, values, variances, nuisance), order.tolist()
+
+
+def troposphere_delay(height: float, elevation: FloatArray) -> FloatArray:
+    """Return the delay of the standard atmosphere, m.
+
+    Parameters
+    ----------
+    height : float
+        m.
+    elevation : ndarray
+        rad.
+
+    Notes
+    -----
+    2.4 m at the zenith at sea level, falling with a scale height of 7.5 km; mapped with
+    1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984).
+    """
+    if height > _LARGEST_DELAY_FREE_OF_TROPOSPHERE:
+        return np.zeros_like(elevation)
+    zenith = 2.4 * math.exp(-max(height, 0.0) / 7500.0)
+    return zenith * 1.001 / np.sqrt(0.002001 + np.sin(elevation) ** 2)
