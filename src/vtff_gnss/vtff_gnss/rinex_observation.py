@@ -125,7 +125,10 @@ def parse_rinex_observation(
     # Malformed fields are in epochs that were walked, so before what ended the walk.
     error = min(reader.errors, key=lambda e: e.line_number, default=None)
     epoch_count = len(records.times) if error is None else error.epoch
-    failure = records.error if error is None else error.error
+    failure = records.error
+    # A number that the end of the file has cut is not malformed.
+    if error is not None and (failure is None or error.line_number < len(lines)):
+        failure = error.error
     if failure is not None and not partial:
         raise failure
     return RinexObservations(
