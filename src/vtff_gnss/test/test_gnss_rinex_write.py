@@ -69,7 +69,7 @@ def test_real_files_survive_writing(name, tmp_path):
 
 
 def test_receiver_clock_offsets_survive_writing(tmp_path):
-    offsets = np.array([1.23456789012e-3, np.nan, -2e-9])
+    offsets = np.array([1.234567890e-3, np.nan, -2e-9])
     epochs = ObservationTable.from_epochs(epoch(second) for second in range(3))
     table = dataclasses.replace(epochs, receiver_clock_offset=offsets)
     again = written(tmp_path / "clock.rnx", table)
