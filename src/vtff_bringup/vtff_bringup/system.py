@@ -17,8 +17,9 @@ A system file (``config/system/*.yaml``) has these keys:
     ROS nodes: ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
     ``parameter_files``, ``remaps``, ``lockstep`` (participant | side_branch: it acknowledges
     each step; nodes between the simulator and the thruster need not, because the thrust that
-    closes the loop comes after their work), ``ends_run`` (its orderly end is the end of the
-    run), ``own_process`` (never composed).
+    closes the loop comes after their work), ``prepares`` (the simulator starts only when the
+    node has told on /sim/step_done that it is ready), ``ends_run`` (its orderly end is the end of
+    the run), ``own_process`` (never composed).
 
 ``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
 and ``${run_directory}``, ``${free_port}``, ``${free_port.<any name>}`` (another one for each
@@ -56,6 +57,7 @@ NODE_KEYS = {
     "parameter_files",
     "remaps",
     "lockstep",
+    "prepares",
     "ends_run",
     "own_process",
 }
@@ -87,6 +89,7 @@ class NodeDescription:
     parameter_files: tuple[pathlib.Path, ...]
     remaps: dict[str, str]
     lockstep: str
+    prepares: bool
     ends_run: bool
     own_process: bool
 
@@ -372,6 +375,7 @@ class _Loader:
             parameter_files=tuple(files),
             remaps=self._remaps(entry, where),
             lockstep=role,
+            prepares=bool(entry.get("prepares", False)),
             ends_run=bool(entry.get("ends_run", False)),
             own_process=bool(entry.get("own_process", False)),
         )
@@ -399,10 +403,15 @@ class _Loader:
         for node in nodes:
             if node.lockstep:
                 roles[node.lockstep].append(node.qualified_name)
+        preparing = [node.qualified_name for node in nodes if node.prepares]
         complete = []
         for node in nodes:
             added: dict[str, Any] = {"lockstep": lockstep}
             added["acknowledge_steps"] = lockstep and bool(node.lockstep)
+            if node.prepares:
+                added["reports_ready"] = True
+            if node.ends_run and preparing:
+                added["lockstep_preparing"] = preparing
             if node.ends_run:
                 added["lockstep_participants"] = roles["participant"] if lockstep else []
                 added["lockstep_side_branches"] = roles["side_branch"] if lockstep else []

@@ -121,7 +121,7 @@ def test_any_content_of_a_decoded_log_is_survived(message_id, count, data):
     stream = ReceiverLogStream(raw_logs="all")
     events = stream.feed(binary_frame(message_id, bytes(payload))) + stream.close()
     assert stream.counters.frames_good == 1
-    assert len(events) in (1, 2)
+    assert len(events) in (1, 2, 5)  # ISMREDTEC holds four instants
 
 
 @examples(60)

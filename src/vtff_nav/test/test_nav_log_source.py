@@ -73,11 +73,8 @@ def test_an_empty_file_is_empty(tmp_path):
     [
         ("file:///nowhere/receiver.gps", "receiver log /nowhere/receiver.gps: No such file"),
         ("nowhere.gps", "receiver log nowhere.gps: No such file"),
-        ("/dev/ttyUSB0", "port '/dev/ttyUSB0': serial ports are not read yet"),
-        ("file:///dev/ttyS0", "serial ports are not read yet"),
-        ("/dev/null", "serial ports are not read yet"),
-        ("tcp://192.0.2.1:3001", "port 'tcp://192.0.2.1:3001': 'tcp' is not known"),
-        ("serial:///dev/ttyUSB0", "'serial' is not known"),
+        ("file:///dev/null", "receiver log /dev/null: it is not a regular file"),
+        ("udp://192.0.2.1:3001", "port 'udp://192.0.2.1:3001': 'udp' is not known"),
         ("", "port '' names no file"),
         ("file://", "port 'file://' names no file"),
         ("file:///a\0b", "embedded null byte"),

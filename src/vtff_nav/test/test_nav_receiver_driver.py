@@ -54,7 +54,7 @@ def driver(context, namespace, **values):
 def run_to_end(node):
     """Call what the node's timer calls until the node has ended."""
     for _ in range(10_000):
-        node._pump()
+        node._feed.pump()
         if node.finished:
             return
     pytest.fail("the node did not end")
@@ -85,19 +85,19 @@ def test_a_late_subscriber_gets_every_current_ephemeris(ros, log):
 def test_without_lockstep_the_wall_clock_paces(ros, log):
     node = driver(ros, "slow", port=str(log), replay_rate=1e-6)
     for _ in range(50):
-        node._pump()
+        node._feed.pump()
     assert not node.finished
-    assert node._published["fixes"] + node._published["epochs"] == 1
+    assert node._publisher.published["fixes"] + node._publisher.published["epochs"] == 1
     node.on_stop()
     node.destroy_node()
 
 
 def test_a_follower_waits_for_the_clock_and_says_so(ros, log):
     node = driver(ros, "follower", port=str(log), lockstep=True, start_timeout=0.1)
-    node._pump()
+    node._feed.pump()
     assert not node.finished
     time.sleep(0.15)
-    node._pump()
+    node._feed.pump()
     assert node.finished
     assert node.exit_code == 1
     assert node.health()[0].message == "no /clock to follow within 0 s"
@@ -111,8 +111,8 @@ def test_health(ros, log, tmp_path):
     path.write_bytes(damaged)
     node = driver(ros, "health", port=str(path), replay_rate=0.0)
     assert node.health()[0].message == "reading"
-    while not node._log.at_end and not node._stream.counters.frames_crc_bad:
-        node._pump()
+    while not node._feed.at_end and not node._stream.counters.frames_crc_bad:
+        node._feed.pump()
     first, second = node.health()[0], node.health()[0]
     assert first.level == diagnostics.WARN
     assert first.message == "1 damaged logs since the last report"

@@ -4,21 +4,34 @@ from __future__ import annotations
 
 import array
 import dataclasses
+import math
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
-from vtff_gnss.novatel import RawLog
+from vtff_gnss.novatel import IsmScintillation, IsmSlantTec, RawLog
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
-from vtff_msgs.msg import GnssEphemeris, GnssFix, GnssObservations, ReceiverLog
+from vtff_msgs.msg import (
+    GnssEphemeris,
+    GnssFix,
+    GnssObservations,
+    ReceiverLog,
+    Scintillation,
+    SlantTec,
+)
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Frame of ephemerides and solutions: Earth-fixed, ITRF or WGS 84.
 EARTH_FRAME = "earth"
+
+#: Of the reduced logs of a GPStation-6: their interval, s, and the rate of its samples.
+ISM_WINDOW = 60.0
+ISM_SAMPLE_RATE_HZ = 50.0
 
 #: Fields that dataclass and message have under the same name.
 _EPHEMERIS_FIELDS = tuple(
@@ -165,6 +178,66 @@ def raw_log_from_message(message: ReceiverLog) -> RawLog:
         log_id=message.log_id,
         content=bytes(message.data),
     )
+
+
+def ism_slant_tec_to_message(slant_tec: IsmSlantTec, frame_id: str) -> SlantTec:
+    """Return the message of the TEC that a GPStation-6 formed; what it does not tell is NaN."""
+    unknown = np.full(len(slant_tec.prn), math.nan)
+    message = SlantTec(
+        system=_array("B", slant_tec.system),
+        prn=_array("B", slant_tec.prn),
+        band_first=_array("B", slant_tec.band_first),
+        band_second=_array("B", slant_tec.band_second),
+        stec_tecu=_array("d", slant_tec.stec_tecu),
+        stec_sigma_tecu=_array("f", unknown),
+        stec_code_tecu=_array("d", unknown),
+        vtec_tecu=_array("f", unknown),
+        elevation=_array("f", slant_tec.elevation),
+        azimuth=_array("f", slant_tec.azimuth),
+        pierce_latitude_deg=_array("f", unknown),
+        pierce_longitude_deg=_array("f", unknown),
+        arc=_array("I", np.zeros(len(unknown))),
+        rejected=_array("H", np.zeros(len(unknown))),
+    )
+    message.header.stamp = to_stamp(slant_tec.time.to_unix_nanoseconds())
+    message.header.frame_id = frame_id
+    return message
+
+
+def ism_scintillation_to_message(indices: IsmScintillation, frame_id: str) -> Scintillation:
+    """Return the message of the indices that a GPStation-6 formed over 60 s of 50 Hz samples.
+
+    Its S4 is that of all variation; `s4_corrected` has the thermal noise removed:
+    sqrt(max(S4^2 - correction^2, 0)) (GPStation-6 manual). What it does not tell is NaN.
+    """
+    unknown = np.full(len(indices.prn), math.nan)
+    excess = np.square(indices.s4_total) - np.square(indices.s4_correction)
+    message = Scintillation(
+        window=ISM_WINDOW,
+        sample_rate_hz=ISM_SAMPLE_RATE_HZ,
+        phase_cutoff_hz=math.nan,
+        roti_interval=math.nan,
+        system=_array("B", indices.system),
+        prn=_array("B", indices.prn),
+        band=_array("B", indices.band),
+        attribute=_array("B", indices.attribute),
+        s4=_array("f", indices.s4_total),
+        s4_corrected=_array("f", np.sqrt(np.maximum(excess, 0.0))),
+        s4_pseudo=_array("f", unknown),
+        sigma_phi=_array("f", indices.sigma_phi[:, -1]),
+        roti_tecu_per_minute=_array("f", unknown),
+        cn0_dbhz=_array("f", indices.cn0_dbhz),
+        elevation=_array("f", indices.elevation),
+        azimuth=_array("f", indices.azimuth),
+        samples=_array("I", np.full(len(unknown), ISM_WINDOW * ISM_SAMPLE_RATE_HZ)),
+    )
+    message.header.stamp = to_stamp(indices.time.to_unix_nanoseconds())
+    message.header.frame_id = frame_id
+    return message
+
+
+def _array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
+    return array.array(kind, np.asarray(column).astype(kind).tobytes())
 
 
 def _check_lengths(columns: dict[str, Any]) -> None:

@@ -1,4 +1,4 @@
-"""Where a receiver's bytes come from. This release: a log file, by path or ``file://`` name."""
+"""Receiver log files, by path or ``file://`` name; live ports are in `live_port`."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import stat
 import urllib.parse
 
 CHUNK_LENGTH = 1 << 14
+PORT_FORMS = "use /dev/tty..., serial://<device>, tcp://<host>:<port> or file://<path>"
 
 
 class SourceError(OSError):
@@ -78,12 +79,10 @@ def open_source(port: str) -> FileSource:
     """
     scheme, separator, rest = port.partition("://")
     if separator and scheme.lower() != "file":
-        raise SourceError(f"port '{port}': '{scheme}' is not known; use file://<path>")
+        raise SourceError(f"port '{port}': '{scheme}' is not known; {PORT_FORMS}")
     name = rest if separator else port
     if not name:
-        raise SourceError(f"port '{port}' names no file; use file://<path>")
-    if name.startswith("/dev/"):
-        raise SourceError(f"port '{port}': serial ports are not read yet; use file://<path>")
+        raise SourceError(f"port '{port}' names no file; {PORT_FORMS}")
     decoded = urllib.parse.unquote(name)
     if separator and not os.path.lexists(name) and os.path.lexists(decoded):
         name = decoded

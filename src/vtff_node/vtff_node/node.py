@@ -41,6 +41,9 @@ class CommonParameters:
     acknowledge_steps: bool = parameters.parameter(
         False, "in lockstep, tell the step source on /sim/step_done when a step is done"
     )
+    reports_ready: bool = parameters.parameter(
+        False, "tell the simulator on /sim/step_done, with a zero stamp, that the run may start"
+    )
 
 
 class CountingPublisher(Publisher):
@@ -83,7 +86,9 @@ class VtffNode(Node):
         self._qualified_name = self.get_fully_qualified_name()
         self._step_done = StepDone(node=self._qualified_name)
         acknowledges = self.lockstep and self.common.acknowledge_steps
-        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if acknowledges else None
+        speaks = acknowledges or self.common.reports_ready
+        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if speaks else None
+        self._acknowledges_steps = acknowledges
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
         self._closing = False
@@ -132,10 +137,18 @@ class VtffNode(Node):
             ``time.perf_counter()`` when the work on the step began.
         """
         self.scenario_nanoseconds = to_nanoseconds(stamp)
-        if self._step_publisher is not None:
+        if self._step_publisher is not None and self._acknowledges_steps:
             self._step_done.header.stamp = stamp
             self._step_done.compute_time = time.perf_counter() - started
             self._step_publisher.publish(self._step_done)
+
+    def report_ready(self) -> None:
+        """Tell the simulator, if it asked for that, that this node has prepared what it needs.
+
+        A StepDone with zero stamp, which names no step.
+        """
+        if self._step_publisher is not None and self.common.reports_ready:
+            self._step_publisher.publish(StepDone(node=self._qualified_name))
 
     def absent_nodes(self, expected: Sequence[str]) -> list[str]:
         """Return which of the expected fully qualified node names are not in the graph."""

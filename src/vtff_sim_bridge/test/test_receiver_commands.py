@@ -193,9 +193,9 @@ def test_order_of_an_epoch_does_not_depend_on_the_order_of_the_commands():
     receiver.receive(b"LOG GPSEPHEMB ONCE\r\nLOG BESTXYZB ONTIME 1\r\nLOG IONUTCB ONCE\r\n")
     receiver.receive(b"LOG TIMEB ONTIME 1\r\nLOG RAWEPHEMB ONCE\r\nLOG RANGEB ONTIME 1\r\n")
     assert run(receiver, outputs, 0, 1) == [
-        ["RANGEB", "TIMEB", "BESTXYZB", "IONUTCB", *2 * ["RAWEPHEMB"], *2 * ["GPSEPHEMB"]]
+        ["RANGEB", "BESTXYZB", "IONUTCB", *2 * ["RAWEPHEMB"], *2 * ["GPSEPHEMB"], "TIMEB"]
     ]
-    assert run(receiver, outputs, 20, 21) == [["RANGEB", "TIMEB", "BESTXYZB"]]
+    assert run(receiver, outputs, 20, 21) == [["RANGEB", "BESTXYZB", "TIMEB"]]
 
 
 def test_on_new_and_on_changed():

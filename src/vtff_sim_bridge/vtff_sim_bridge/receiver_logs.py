@@ -58,7 +58,7 @@ class ReceiverOutputs(Protocol):
         """Return the estimate of the receiver clock at the epoch."""
 
     def ephemerides(self, time: GpsTime) -> Sequence[BroadcastEphemeris]:
-        """Return the ephemerides that the receiver holds; the same object while none changes."""
+        """Return the ephemerides that the receiver holds; the same object while none comes."""
 
     def ionosphere_utc(self, time: GpsTime) -> Sequence[IonosphereUtc]:
         """Return the ionosphere model, or nothing; the same object while it does not change."""
@@ -201,7 +201,6 @@ LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
     _range_log(),
     _observation_log("RANGECMP", lambda: encode_rangecmp),
     _observation_log("RANGECMP4", lambda: RangeCmp4Encoder().encode),
-    LogDefinition("TIME", _SYNCHRONOUS, lambda o, t: (o.receiver_time(t),), lambda: _time),
     LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),
     LogDefinition("IONUTC", _ASYNCHRONOUS, lambda o, t: o.ionosphere_utc(t), lambda: _ionutc),
     _ephemeris_log("RAWEPHEM", EPHEMERIS_SOURCE_LNAV, encode_rawephem),
@@ -209,5 +208,7 @@ LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
     _ephemeris_log("GALINAVEPHEMERIS", EPHEMERIS_SOURCE_INAV, encode_galileo_ephemeris),
     _ephemeris_log("GALFNAVEPHEMERIS", EPHEMERIS_SOURCE_FNAV, encode_galileo_ephemeris),
     LogDefinition("VERSION", _SYNCHRONOUS, lambda o, t: (None,), lambda: _version, is_static=True),
+    LogDefinition("TIME", _SYNCHRONOUS, lambda o, t: (o.receiver_time(t),), lambda: _time),
 )
-"""All logs, in the order in which those of one epoch are sent."""
+"""All logs, in the order in which those of one epoch are sent; TIME last, so that it marks the end
+of an epoch."""

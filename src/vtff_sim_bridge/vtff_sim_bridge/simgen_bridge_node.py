@@ -56,6 +56,9 @@ class SimgenBridgeParameters:
     lockstep_side_branches: list[str] = parameter(
         [], "nodes that must acknowledge but may lag (recorder, viewer)"
     )
+    lockstep_preparing: list[str] = parameter(
+        [], "fully qualified nodes that must report ready before SimGEN is started, in any pacing"
+    )
     expected_nodes: list[str] = parameter(
         [], "fully qualified nodes of the system; absent ones are named when a step hangs"
     )
@@ -102,6 +105,7 @@ class SimgenBridgeNode(VtffNode):
         self._problem = ""
         self._refused_thrust = 0
         self._started = False
+        self._preparing = set(given.lockstep_preparing)
         self._ready_since: float | None = None
         self._wall_start = 0.0
         self._step_began = 0.0
@@ -143,8 +147,9 @@ class SimgenBridgeNode(VtffNode):
                 f"{name}/propulsion/thrust_applied",
                 functools.partial(self._on_thrust, name),
             )
-        if self.lockstep:
-            self.subscribe(StepDone, "sim/step_done", self._on_step_done)
+        if self.lockstep or self._preparing:
+            # Latched: a node may have reported ready before this one was there.
+            self.subscribe(StepDone, "sim/step_done", self._on_step_done, latched=True)
 
     def _start(self) -> None:
         # A timer that has expired twice calls twice, even when it is cancelled in between.
@@ -164,17 +169,22 @@ class SimgenBridgeNode(VtffNode):
     def _graph_is_ready(self) -> bool:
         """Whether the run may start.
 
-        Lockstep starts at once: the first step waits for everybody and its messages are kept for
-        late comers. The wall clock does not wait, so all nodes must be there before it starts.
+        What happens before a receiver is configured is lost, so nodes that prepare come first.
+        Lockstep then starts at once: the first step waits for everybody and its messages are kept
+        for late comers. The wall clock does not wait, so all nodes must be there before it starts.
         """
         if self.count_publishers("/clock") > 1:
             self._fail(
                 "another simulator publishes /clock on this ROS_DOMAIN_ID; give each run its own"
             )
             return False
+        now = time.monotonic()
+        if self._preparing:
+            if now - self._made > self.parameters.start_timeout:
+                self._fail(f"the run did not start: {self._unprepared()}")
+            return False
         if self.lockstep:
             return True
-        now = time.monotonic()
         absent = self.absent_nodes(self.parameters.expected_nodes)
         silent = [
             f"/{name}/propulsion/thrust_applied"
@@ -189,6 +199,16 @@ class SimgenBridgeNode(VtffNode):
             missing = ", ".join([*absent, *silent])
             self._fail(f"the run did not start: not in the graph: {missing}")
         return False
+
+    def _unprepared(self) -> str:
+        """Name the nodes that have not reported ready."""
+        absent = self.absent_nodes(sorted(self._preparing))
+        texts = [
+            f"{name} " + ("is not in the graph" if name in absent else "did not report ready")
+            for name in sorted(self._preparing)
+        ]
+        patience = self.parameters.start_timeout
+        return f"within {patience:.0f} s " + " and ".join(texts) + "; its /diagnostics say why"
 
     def _make_link(self, given: SimgenBridgeParameters) -> SimGenLink | None:
         if not given.simgen_host:
@@ -281,8 +301,12 @@ class SimgenBridgeNode(VtffNode):
             self._advance_when_complete()
 
     def _on_step_done(self, message: StepDone) -> None:
-        self._coordinator.acknowledge(message.node, to_nanoseconds(message.header.stamp))
-        self._advance_when_complete()
+        stamp = to_nanoseconds(message.header.stamp)
+        if stamp == 0:
+            self._preparing.discard(message.node)
+        elif self.lockstep:
+            self._coordinator.acknowledge(message.node, stamp)
+            self._advance_when_complete()
 
     def _advance_when_complete(self) -> None:
         if self._state != SimulatorStatus.STATE_RUNNING or not self._coordinator.complete:

@@ -18,7 +18,6 @@ from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 __all__ = [
     "HEADER_LENGTH",
     "ID_IONUTC",
-    "ID_VERSION",
     "PORT_ADDRESSES",
     "TIME_STATUS_FINE_STEERING",
     "TIME_STATUS_SATELLITE",
@@ -29,7 +28,6 @@ __all__ = [
 
 HEADER_LENGTH = 28
 ID_IONUTC = 8
-ID_VERSION = 37
 TIME_STATUS_FINE_STEERING = 180
 TIME_STATUS_SATELLITE = 200
 """Logs of broadcast data: the time of the header is that of the data, not that of sending."""
@@ -41,7 +39,7 @@ Generation = Literal["OEM6", "OEM7"]
 _DEFINITION_CRCS_OEM7 = {
     ids.ID_GPSEPHEM: 0x1214,
     ID_IONUTC: 0xEC21,
-    ID_VERSION: 0x3681,
+    ids.ID_VERSION: 0x3681,
     ids.ID_RAWEPHEM: 0x58BA,
     ids.ID_RANGE: 0x5103,
     ids.ID_TIME: 0x9924,
@@ -114,7 +112,8 @@ def encode_frame(
     payload : bytes
         Content without header and checksum.
     time : GpsTime or None
-        Time of the header; None before the receiver knows it, whatever `time_status` says.
+        Time of the header; None before the receiver knows it, whatever `time_status` says. With
+        `TIME_STATUS_UNKNOWN` the header has zeros.
     settings : HeaderSettings
         The other fields of the header.
     time_status, receiver_status : int
@@ -129,7 +128,7 @@ def encode_frame(
     week, milliseconds = 0, 0
     if time is None:
         time_status = TIME_STATUS_UNKNOWN
-    else:
+    if time is not None and time_status != TIME_STATUS_UNKNOWN:
         total, rest = divmod(time.nanoseconds, _NANOSECONDS_PER_MILLISECOND)
         if rest:
             raise ValueError(f"time: {time} is not a whole millisecond")

@@ -17,7 +17,6 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.encode_frame import (
     ID_IONUTC,
-    ID_VERSION,
     TIME_STATUS_FINE_STEERING,
     HeaderSettings,
     encode_frame,
@@ -211,7 +210,7 @@ def encode_version(
             )
         ]
         payload += _VERSION.pack(component.component_type, *texts)
-    return encode_frame(ID_VERSION, payload, time, settings, time_status, receiver_status)
+    return encode_frame(ids.ID_VERSION, payload, time, settings, time_status, receiver_status)
 
 
 def _text(component: ComponentVersion, name: str, length: int) -> bytes:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 ID_GPSEPHEM = 7
+ID_VERSION = 37
 ID_RAWEPHEM = 41
 ID_BESTPOS = 42
 ID_RANGE = 43
@@ -21,6 +22,8 @@ ID_GLOEPHEMERIS = 723
 ID_RANGECMP2 = 1273
 ID_GALINAVEPHEMERIS = 1309
 ID_GALFNAVEPHEMERIS = 1310
+ID_ISMREDOBS = 1393
+ID_ISMREDTEC = 1394
 ID_RANGECMP4 = 2050
 ID_RANGECMP5 = 2537
 
@@ -43,6 +46,7 @@ class PayloadLayout(NamedTuple):
 
 PAYLOAD_LAYOUTS = {
     ID_GPSEPHEM: PayloadLayout(224),
+    ID_VERSION: PayloadLayout(4, 108),
     ID_RAWEPHEM: PayloadLayout(102),
     ID_BESTPOS: PayloadLayout(72),
     ID_RANGE: PayloadLayout(4, 44),
@@ -54,6 +58,8 @@ PAYLOAD_LAYOUTS = {
     ID_BESTXYZ: PayloadLayout(112),
     ID_GLOEPHEMERIS: PayloadLayout(144),
     ID_RANGECMP2: PayloadLayout(4, 1),
+    ID_ISMREDOBS: PayloadLayout(4, 56),
+    ID_ISMREDTEC: PayloadLayout(4, 56),
     ID_RANGECMP4: PayloadLayout(4, 1),
     ID_RANGECMP5: PayloadLayout(4, 1),
 }

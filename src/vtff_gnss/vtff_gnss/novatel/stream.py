@@ -15,6 +15,7 @@ from vtff_gnss.novatel.definitions import MessageDecoder, log_name
 from vtff_gnss.novatel.events import CommandResponse, Event, RawLog
 from vtff_gnss.novatel.framing import Frame, FrameFormat, FrameScanner, StreamCounters
 from vtff_gnss.novatel.header import BinaryLog, parse_binary_log
+from vtff_gnss.novatel.ism_logs import decode_ismredobs, decode_ismredtec
 from vtff_gnss.novatel.lock_time import LockTimeTracker
 from vtff_gnss.novatel.range_logs import (
     GlonassChannels,
@@ -32,6 +33,7 @@ from vtff_gnss.novatel.solution_logs import (
     gps_ephemeris_from_subframes,
     receiver_time,
 )
+from vtff_gnss.novatel.version_log import decode_version
 
 __all__ = ["RawLogs", "ReceiverLogStream", "read_log"]
 
@@ -129,11 +131,15 @@ class ReceiverLogStream:
         return [] if self._raw_logs == "none" else [_raw_log(frame, log_id, time)]
 
     def _decode_log(self, log: BinaryLog) -> list[Event]:
+        if log.message_id == ids.ID_VERSION:
+            return [decode_version(log.payload, log.time)]
         if log.time is None:
             self.counters.logs_without_time += 1
             return []
         if log.message_id in ids.OBSERVATION_LOG_NAMES:
             return self._observations(log, log.time)
+        if log.message_id in (ids.ID_ISMREDTEC, ids.ID_ISMREDOBS):
+            return self._ionosphere(log, log.time)
         if log.message_id == ids.ID_RAWEPHEM:
             return self._if_new(gps_ephemeris_from_subframes(log.payload, log.time))
         message = self._messages.decode(log.content)
@@ -164,6 +170,15 @@ class ReceiverLogStream:
         )
         self.counters.signals_unnamed += unnamed_count
         return [epoch]
+
+    def _ionosphere(self, log: BinaryLog, time: GpsTime) -> list[Event]:
+        if log.message_id == ids.ID_ISMREDTEC:
+            slant_tec, unnamed_count = decode_ismredtec(log.payload, time)
+            self.counters.signals_unnamed += unnamed_count
+            return list(slant_tec)
+        scintillation, unnamed_count = decode_ismredobs(log.payload, time)
+        self.counters.signals_unnamed += unnamed_count
+        return [scintillation]
 
     def _records(self, log: BinaryLog, time: GpsTime) -> SignalRecords:
         if log.message_id == ids.ID_RANGE:
@@ -237,6 +252,9 @@ _DECODED_IDS = frozenset(
     {
         *ids.OBSERVATION_LOG_NAMES,
         *_EPHEMERIS_DECODERS,
+        ids.ID_VERSION,
+        ids.ID_ISMREDTEC,
+        ids.ID_ISMREDOBS,
         ids.ID_RAWEPHEM,
         ids.ID_GLOEPHEMERIS,
         ids.ID_BESTXYZ,

@@ -1,0 +1,93 @@
+"""When all that a receiver sends for a whole second has been read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from vtff_gnss.fix import Fix, ReceiverTime
+from vtff_gnss.novatel import Event
+from vtff_gnss.observations import ObservationEpoch
+from vtff_nav.log_replay import whole_second
+
+__all__ = ["END_OF_SECOND_LOGS", "SecondWatch"]
+
+END_OF_SECOND_LOGS: dict[str, type] = {
+    "TIME": ReceiverTime,
+    "BESTXYZ": Fix,
+    "RANGE": ObservationEpoch,
+}
+"""Logs that can mark the end of a second; RANGE stands for its compressed forms too."""
+
+#: A receiver that was silent once is waited for this fraction of the time.
+SHORTER_WAIT = 0.2
+
+
+class SecondWatch:
+    """Tells when the bytes of a second have been read.
+
+    A second ends with the last log of the command list. Where that log is missing, because it
+    was damaged or the receiver is silent or does not know the time yet, silence on the port ends
+    it.
+
+    Parameters
+    ----------
+    end_log : str
+        Name in `END_OF_SECOND_LOGS`.
+    silence_timeout : float
+        Wall time, s, without a byte after which nothing more is expected; a fifth of it once a
+        second has ended by silence, until one ends by its log.
+
+    Attributes
+    ----------
+    newest_end : int
+        Newest second, s since 1980-01-06 (GPS), whose end log has been read; -1 before the first.
+    silent_seconds : int
+        Number of seconds up to now in which not a single byte came.
+    """
+
+    def __init__(self, end_log: str, silence_timeout: float) -> None:
+        self._end_type = END_OF_SECOND_LOGS[end_log]
+        self._silence_timeout = silence_timeout
+        self._ended_by_silence = False
+        self._second: int | None = None
+        self._last_second = -1
+        self._quiet_since = 0.0
+        self._is_heard = False
+        self.newest_end = -1
+        self.silent_seconds = 0
+
+    def read(self, byte_count: int, events: Iterable[Event], now: float) -> None:
+        """Note what was read at wall time `now`, in s."""
+        if byte_count:
+            self._quiet_since = now
+            self._is_heard = True
+        for event in events:
+            if isinstance(event, self._end_type):
+                self.newest_end = max(self.newest_end, whole_second(event.time))
+
+    def begin(self, second: int, now: float) -> None:
+        """Begin to wait for a second; its bytes may have come before."""
+        if second < self._last_second:  # the scenario began again
+            self.newest_end = -1
+        self._second = self._last_second = second
+        self._quiet_since = now
+
+    def is_quiet(self, now: float) -> bool:
+        """Whether nothing has come for long enough that nothing more is expected."""
+        wait = self._silence_timeout * (SHORTER_WAIT if self._ended_by_silence else 1.0)
+        return now - self._quiet_since > wait
+
+    def is_done(self, now: float) -> bool:
+        """Whether the second has been read; ask again until it is, then `begin` the next."""
+        if self._second is None:
+            return False
+        if self.newest_end >= self._second:
+            self._ended_by_silence = False
+        elif self.is_quiet(now):
+            self._ended_by_silence = True
+        else:
+            return False
+        self.silent_seconds = 0 if self._is_heard else self.silent_seconds + 1
+        self._is_heard = False
+        self._second = None
+        return True
