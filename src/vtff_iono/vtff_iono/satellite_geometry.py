@@ -1,0 +1,118 @@
+"""Elevation, azimuth and direction of the observed satellites, from broadcast ephemerides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.broadcast_orbit import EphemerisTable
+from vtff_gnss.ephemeris_selection import EphemerisStore
+from vtff_gnss.line_of_sight import lines_of_sight
+
+__all__ = ["SatelliteGeometry", "satellite_geometry"]
+
+# Epochs that are computed together; bounds the memory.
+_MOST_EPOCHS = 1000
+
+
+@dataclass(frozen=True, eq=False)
+class SatelliteGeometry:
+    """Where observed satellites are seen; NaN for one without ephemeris.
+
+    Parameters
+    ----------
+    elevation, azimuth : ndarray, shape (n,)
+        rad; above the plane normal to the ellipsoid normal; from north through east.
+    direction_itrf : ndarray, shape (n, 3)
+        Unit vectors towards the satellites, in the Earth-fixed axes of reception.
+    """
+
+    elevation: FloatArray
+    azimuth: FloatArray
+    direction_itrf: FloatArray
+
+
+def satellite_geometry(
+    store: EphemerisStore,
+    time: npt.ArrayLike,
+    system: npt.NDArray[np.uint8],
+    prn: npt.NDArray[np.uint8],
+    position_receiver_itrf: npt.ArrayLike,
+) -> SatelliteGeometry:
+    """Return where satellites are seen from a receiver at rest or in motion.
+
+    Parameters
+    ----------
+    store : EphemerisStore
+    time : array_like of int, shape (n,) or scalar
+        GPS time of every observation, ns since 1980-01-06, not decreasing.
+    system, prn : ndarray of uint8, shape (n,)
+        Satellites.
+    position_receiver_itrf : array_like, shape (3,) or (n, 3)
+        m. A row of a satellite without position (NaN) gives NaN.
+    """
+    rows = len(system)
+    time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
+    position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (rows, 3))
+    result = SatelliteGeometry(
+        np.full(rows, np.nan), np.full(rows, np.nan), np.full((rows, 3), np.nan)
+    )
+    starts = np.flatnonzero(np.diff(time, prepend=time[:1] - 1)) if rows else np.zeros(0, int)
+    ends = np.append(starts[1:], rows)
+    tables = [store.table(GpsTime(int(time[start]))) for start in starts]
+    first = 0
+    while first < len(starts):
+        last = first + 1
+        while last < len(starts) and tables[last] is tables[first] and last - first < _MOST_EPOCHS:
+            last += 1
+        part = slice(starts[first], ends[last - 1])
+        epoch_of_row = np.repeat(np.arange(last - first), ends[first:last] - starts[first:last])
+        _fill(
+            result,
+            part,
+            tables[first],
+            time[starts[first:last]],
+            position[starts[first:last]],
+            epoch_of_row,
+            system[part].astype(np.int64) << 8 | prn[part],
+        )
+        first = last
+    return result
+
+
+def _fill(
+    result: SatelliteGeometry,
+    part: slice,
+    table: EphemerisTable,
+    time: npt.NDArray[np.int64],
+    position: FloatArray,
+    epoch_of_row: npt.NDArray[np.int64],
+    satellite: npt.NDArray[np.int64],
+) -> None:
+    """Compute the rows of epochs that use the same ephemerides."""
+    if len(table) == 0:
+        return
+    known = np.isfinite(position).all(axis=1)
+    reference = GpsTime(int(time[0]))
+    sight = lines_of_sight(
+        table,
+        reference,
+        1e-9 * (time - time[0]),
+        np.where(known[:, np.newaxis], position, [[1e7, 0.0, 0.0]]),
+        np.zeros(3),
+    )
+    names = np.asarray(table.system, dtype=np.int64) << 8 | np.asarray(table.prn, dtype=np.int64)
+    order = np.argsort(names)
+    place = np.minimum(np.searchsorted(names, satellite, sorter=order), len(names) - 1)
+    column = order[place]
+    seen = (names[column] == satellite) & known[epoch_of_row]
+    row = np.flatnonzero(seen)
+    index = (epoch_of_row[row], column[row])
+    target = part.start + row
+    result.elevation[target] = sight.elevation[index]
+    result.azimuth[target] = sight.azimuth[index]
+    result.direction_itrf[target] = sight.direction_itrf[index]
