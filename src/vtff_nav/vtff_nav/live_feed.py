@@ -93,8 +93,9 @@ class LiveFeed:
         if self._is_closed:
             return
         now = time.monotonic()
+        events = self._receiver.advance(now)
         try:
-            for event in self._receiver.advance(now):
+            for event in events:
                 self._publisher.publish(event)
         except ValueError as error:  # a time that no stamp can hold
             self._node.fail(f"{self._node.parameters.port}: {error}")
@@ -166,8 +167,12 @@ class LiveFeed:
     # ---- health ------------------------------------------------------------------------------
 
     def _report(self, is_problem: bool, text: str) -> None:
-        logger = self._node.get_logger()
-        (logger.warning if is_problem else logger.info)(f"{self._node.parameters.port}: {text}")
+        line = f"{self._node.parameters.port}: {text}"
+        # rclpy ties a severity to the line of the call.
+        if is_problem:
+            self._node.get_logger().warning(line)
+        else:
+            self._node.get_logger().info(line)
 
     def counts(self) -> dict[str, int]:
         """Return what was not published."""
