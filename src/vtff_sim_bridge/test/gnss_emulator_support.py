@@ -16,6 +16,7 @@ from vtff_dynamics.timescales import GpsTime, parse_epoch
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.novatel.encode_frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
+from vtff_sim_bridge.emulator_state import PowerCommand
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, load_gnss_configuration
 from vtff_sim_bridge.gnss.emulation import ReceiverSet
 from vtff_sim_bridge.gnss.measurements import Measurements
@@ -83,6 +84,7 @@ class Run:
     chunk : int
         Nanoseconds of scenario time by which the receivers are advanced.
     truth_path : path-like, optional
+    power_commands : sequence of PowerCommand, optional
     """
 
     def __init__(
@@ -93,6 +95,7 @@ class Run:
         chunk: int = 1_000_000_000,
         start: GpsTime = START,
         truth_path: pathlib.Path | None = None,
+        power_commands: Sequence[PowerCommand] = (),
     ) -> None:
         self.start = start
         self.emulated = {
@@ -105,7 +108,7 @@ class Run:
         state = np.array(first.position_itrf + first.velocity_itrf)
         self.truth = TruthFile(truth_path)
         end = start + (len(motions) - 1)
-        self.set = ReceiverSet(base, self.emulated, start, end, state, self.truth)
+        self.set = ReceiverSet(base, self.emulated, start, end, state, self.truth, power_commands)
         self._motions = motions
         self._chunk = chunk
         self._vehicles = {vehicle: VehicleMotion() for vehicle in VEHICLES}

@@ -213,6 +213,16 @@ def test_on_new_and_on_changed():
     assert run(receiver, outputs, 6, 7) == [2 * ["GPSEPHEMB"]]
 
 
+def test_on_new_sends_nothing_that_was_received_before():
+    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver.receive(b"LOG TIMEB ONTIME 1\r\n")
+    assert run(receiver, outputs, 0, 2) == [["TIMEB"], []]
+    receiver.receive(b"LOG RAWEPHEMB ONNEW\r\nLOG IONUTCB ONNEW\r\n")
+    assert run(receiver, outputs, 2, 4) == [[], []]
+    outputs.held = (*outputs.held, replace(ephemeris(9), time=START + 0.2))
+    assert run(receiver, outputs, 4, 6) == [["RAWEPHEMB"], []]
+
+
 def test_once_is_sent_once():
     receiver, outputs = EmulatedReceiver(), Outputs()
     receiver.receive(b"LOG RANGEB\r\n")

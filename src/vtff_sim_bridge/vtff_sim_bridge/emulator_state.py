@@ -102,7 +102,7 @@ class ScenarioMachine:
     motions : dict of str to VehicleMotion
         Motion of every vehicle. At a time observer's call it reaches back to the call before.
     power_commands : list of PowerCommand
-        Stored power commands since the scenario was loaded.
+        Power commands since the scenario was loaded or rewound.
     start_time_seconds : int
         Start of the scenario, s since 1980-01-06 00:00:00 GPS. That START_TIME is GPS time, and
         not UTC, is an assumption.
@@ -275,8 +275,9 @@ class ScenarioMachine:
             self._change_to(SimGenStatus.ENDED)
 
     def _rewind(self) -> None:
-        """Go back to the start; motion of the last run must not steer the next one."""
+        """Go back to the start; commands of the last run must not steer the next one."""
         self._time = 0
+        self.power_commands.clear()
         for motion in self.motions.values():
             motion.clear()
         self._change_to(SimGenStatus.READY)

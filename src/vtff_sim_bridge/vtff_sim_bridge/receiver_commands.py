@@ -67,7 +67,7 @@ class CommandError(ValueError):
 
 @dataclass
 class _LogRequest:
-    """One LOG command in force."""
+    """One LOG command in force; `since` is the epoch before it, None for the first one."""
 
     definition: LogDefinition
     order: int
@@ -77,6 +77,7 @@ class _LogRequest:
     offset_nanoseconds: int
     is_held: bool
     encoder: LogEncoder
+    since: GpsTime | None = None
     last_sequence: object = None
     last_items: dict[object, Any] = field(default_factory=dict)
 
@@ -104,6 +105,9 @@ class _LogRequest:
         key = (item.system, item.prn) if is_ephemeris else None
         last = self.last_items.get(key)
         self.last_items[key] = item
+        if last is None and self.trigger == "ONNEW" and self.since is not None:
+            # Received before the log was asked for; what has no time of its own was so too.
+            return is_ephemeris and item.time > self.since
         if is_ephemeris and last is not None and self.trigger == "ONCHANGED":
             last = replace(last, time=item.time)
         return bool(item != last)
@@ -167,10 +171,12 @@ class _Line:
 class EmulatedReceiver:
     """One port of a receiver: obeys commands and sends the logs that are due.
 
-    A second LOG of a log replaces the first. Logs asked for on other ports are accepted and go
-    nowhere. ONCE is answered at the next epoch, VERSION at once. ONNEW and ONCHANGED send what
-    there is at the next epoch, and then what is received anew (a new `time` counts with ONNEW,
-    as every satellite repeats its ephemeris every 30 s) or has changed.
+    A second LOG of a log replaces the first and is answered with OK, also if it is the same: that
+    it were refused is known of one other simulator only, and NovAtel's table of answers has no
+    text for it. Logs asked for on other ports are accepted and go nowhere. ONCE is answered at the
+    next epoch, VERSION at once. ONCHANGED sends what there is at the next epoch and then what has
+    changed; ONNEW only what is received after the command (a new `time` counts, as every satellite
+    repeats its ephemeris every 30 s).
 
     Parameters
     ----------
@@ -348,6 +354,7 @@ class EmulatedReceiver:
             key: replace(
                 request,
                 encoder=request.definition.make_encoder(),
+                since=None,
                 last_sequence=None,
                 last_items={},
             )
@@ -444,6 +451,7 @@ class EmulatedReceiver:
             int(offset * NANOSECONDS_PER_SECOND),
             hold == "HOLD",
             definition.make_encoder(),
+            self._time,
         )
         if definition.is_static and trigger == "ONCE":
             if port == self.port_name:

@@ -131,6 +131,13 @@ def _port_number(text: str) -> int:
     return int(text)
 
 
+def _seed(text: str) -> int:
+    """Return a seed; the error is what argparse shows."""
+    if not text.isdecimal():
+        raise argparse.ArgumentTypeError(f"a whole number, 0 or more, expected, got {text!r}")
+    return int(text)
+
+
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="simgen_emulator",
@@ -172,7 +179,7 @@ def _parser() -> argparse.ArgumentParser:
         "--gnss", type=Path, metavar="FILE", help="add the GNSS receivers of this file"
     )
     parser.add_argument(
-        "--seed", type=int, metavar="N", help="seed of the receivers, instead of that of the file"
+        "--seed", type=_seed, metavar="NUMBER", help="of all noise, instead of that of the file"
     )
     parser.add_argument(
         "--port-link-directory",

@@ -122,6 +122,9 @@ class TrackingModel:
         s after lock until the half cycle of signals with data is known.
     ephemeris_delay : float
         s after lock until the ephemeris of a satellite is known.
+    cold_start_duration : float
+        Whole s from the start of the run during which the receiver searches: it knows no time and
+        tracks nothing, its headers say so, and BESTXYZ has too few observations. 0: hot start.
     """
 
     elevation_mask_deg: float = 5.0
@@ -130,6 +133,7 @@ class TrackingModel:
     acquisition_delay: float = 2.0
     parity_delay: float = 1.0
     ephemeris_delay: float = 0.0
+    cold_start_duration: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -138,6 +142,8 @@ class TrackingModel:
         if not 1 <= self.channels <= 31:
             raise ValueError("channels: between 1 and 31 expected")
         _require_not_negative(self, "acquisition_delay", "parity_delay", "ephemeris_delay")
+        if not (self.cold_start_duration >= 0.0 and self.cold_start_duration % 1.0 == 0.0):
+            raise ValueError("cold_start_duration: a whole number of s expected")
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import logging
 import select
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +12,10 @@ import numpy as np
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.novatel.encode_frame import HeaderSettings
-from vtff_sim_bridge.emulator_state import ScenarioMachine
+from vtff_sim_bridge.emulator_state import PowerCommand, ScenarioMachine
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import ByteFaults
+from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere
 from vtff_sim_bridge.gnss.random_streams import (
     EPOCH_NANOSECONDS,
@@ -25,6 +26,7 @@ from vtff_sim_bridge.gnss.receiver import SimulatedReceiver
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.gnss.sky import Constellation
 from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_sim_bridge.gnss.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
 from vtff_sim_bridge.motion import VehicleMotion
 from vtff_sim_bridge.receiver_commands import EmulatedReceiver
@@ -48,6 +50,8 @@ class ReceiverSet:
     state_itrf : array_like, shape (6,)
         Of the vehicle of the first receiver at the start.
     truth : TruthFile
+    power_commands : sequence of PowerCommand
+        Levels of the signals; may grow during the run.
 
     Raises
     ------
@@ -63,6 +67,7 @@ class ReceiverSet:
         end: GpsTime,
         state_itrf: np.ndarray,
         truth: TruthFile,
+        power_commands: Sequence[PowerCommand] = (),
     ) -> None:
         seed, faults = configuration.seed, configuration.faults
         systems = {
@@ -82,13 +87,21 @@ class ReceiverSet:
         for receiver in configuration.receivers:
             own = [fault for fault in faults if fault.receiver == receiver.name]
             self.receivers[receiver.name] = SimulatedReceiver(
-                receiver, constellation, ionosphere, own, seed, start, truth
+                receiver,
+                constellation,
+                ionosphere,
+                PowerLevels(power_commands, receiver.vehicle),
+                own,
+                seed,
+                start,
+                truth,
             )
             number = receiver_number(receiver.name)
             self._byte_faults[receiver.name] = ByteFaults(own, seed, number)
-            truth.write("biases", receiver=receiver.name, metres=dict(receiver.biases))
+            truth.write("receiver", **receiver_record(receiver))
         for fault in faults:
             truth.write("fault", **vars(fault))
+        self._satellite_truth = SatelliteTruth(truth, constellation, configuration.receivers, start)
 
     def advance(
         self,
@@ -112,6 +125,7 @@ class ReceiverSet:
             first = self._last_epoch + 1
             second = -(-first // EPOCHS_PER_SECOND)
             last = min(newest, second * EPOCHS_PER_SECOND)
+            self._satellite_truth.write(second)
             for name, receiver in self.receivers.items():
                 motion = motion_of(receiver.configuration.vehicle)
                 send(name, self._bytes_of(name, receiver, motion, second, first, last))
@@ -133,6 +147,7 @@ class ReceiverSet:
         emitted = slice(first - origin, last - origin + 1)
         receiver.measure(second, emitted, vehicle_track(motion, second, emitted))
         emulated, faults = self._emulated[name], self._byte_faults[name]
+        emulated.time_status = receiver.time_status
         parts = []
         for epoch in range(first, last + 1):
             time = GpsTime(self._start.nanoseconds + epoch * EPOCH_NANOSECONDS)
@@ -278,4 +293,5 @@ class GnssEmulation:
             start + machine.duration_seconds,
             np.concatenate((first.position_itrf, first.velocity_itrf)),
             self._truth,
+            machine.power_commands,
         )

@@ -11,7 +11,6 @@ import numpy.typing as npt
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.line_of_sight import LineOfSight
-from vtff_gnss.novatel.encode_frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.observations import ObservationSeries
 from vtff_sim_bridge.gnss.observables import LinkPlan, Sigmas
 from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS
@@ -28,6 +27,8 @@ class Measurements:
     ----------
     start : GpsTime
         Of the run.
+    time_status : int
+        What the receiver knows of the time.
     first_epoch : int
         Number of the first epoch since the start of the run.
     plan : LinkPlan
@@ -49,6 +50,7 @@ class Measurements:
     """
 
     start: GpsTime
+    time_status: int
     first_epoch: int
     plan: LinkPlan
     line_of_sight: LineOfSight
@@ -77,7 +79,7 @@ class Measurements:
         start = self.start.nanoseconds
         return ObservationSeries(
             times=[GpsTime(start + epoch * EPOCH_NANOSECONDS) for epoch in epochs],
-            time_status=TIME_STATUS_FINE_STEERING,
+            time_status=self.time_status,
             receiver_status=0,
             log_name="RANGE",
             is_observed=is_tracked[:, used],

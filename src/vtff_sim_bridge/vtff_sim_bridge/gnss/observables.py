@@ -146,11 +146,29 @@ class LinkPlan:
             errors=errors,
         )
 
-    def cn0_dbhz(self, line_of_sight: LineOfSight, receiver: ReceiverConfiguration) -> FloatArray:
-        """Return C/N0 without scintillation and noise, dB-Hz, shape (k, m)."""
+    def cn0_dbhz(
+        self,
+        line_of_sight: LineOfSight,
+        receiver: ReceiverConfiguration,
+        boresight_itrf: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return C/N0 without scintillation and noise, dB-Hz, shape (k, m).
+
+        Parameters
+        ----------
+        line_of_sight : LineOfSight
+            Shape (k, n).
+        receiver : ReceiverConfiguration
+        boresight_itrf : ndarray, shape (k, 3), optional
+            Unit vectors along the boresight of the antenna; the zenith if absent.
+        """
         gain = -20.0 * np.log10(line_of_sight.range / _REFERENCE_DISTANCE)
         if receiver.antenna is not None:
-            gain = gain + receiver.antenna.gain_db(0.5 * math.pi - line_of_sight.elevation)
+            off_boresight = 0.5 * math.pi - line_of_sight.elevation
+            if boresight_itrf is not None:
+                cosine = np.einsum("kni,ki->kn", line_of_sight.direction_itrf, boresight_itrf)
+                off_boresight = np.arccos(np.clip(cosine, -1.0, 1.0))
+            gain = gain + receiver.antenna.gain_db(off_boresight)
         return np.asarray(self.cn0_zenith_dbhz + gain[:, self.satellite])
 
     def range_error(self, line_of_sight: LineOfSight) -> FloatArray | None:

@@ -17,7 +17,9 @@ from vtff_gnss import constants as c
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.line_of_sight import LineOfSight, earth_obstructs
+from vtff_gnss.novatel.encode_frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode_solution import IonosphereUtc
+from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
@@ -31,6 +33,7 @@ from vtff_sim_bridge.gnss.observables import (
     link_rows,
     signals_of,
 )
+from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere, RegionCrossing, ScintillatedLinks
 from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, receiver_number
 from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
@@ -43,6 +46,8 @@ from vtff_sim_bridge.receiver_logs import EpochOfSeries
 
 __all__ = ["SimulatedReceiver"]
 
+# s; the frame of GPS. Galileo repeats its ephemeris as often in I/NAV, and every 50 s in F/NAV.
+_EPHEMERIS_REPETITION = 30.0
 _TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
 
 
@@ -54,6 +59,8 @@ class SimulatedReceiver:
     configuration : ReceiverConfiguration
     constellation : Constellation
     ionosphere : Ionosphere
+    power_levels : PowerLevels
+        At its vehicle.
     faults : sequence of Fault
         Of this receiver.
     seed : int
@@ -61,6 +68,13 @@ class SimulatedReceiver:
     start : GpsTime
         Start of the run: a whole second.
     truth : TruthFile
+
+    Attributes
+    ----------
+    measurements : Measurements or None
+        Those of the last `measure`.
+    time_status : int
+        Of the headers of all logs of their epochs.
     """
 
     def __init__(
@@ -68,6 +82,7 @@ class SimulatedReceiver:
         configuration: ReceiverConfiguration,
         constellation: Constellation,
         ionosphere: Ionosphere,
+        power_levels: PowerLevels,
         faults: Sequence[Fault],
         seed: int,
         start: GpsTime,
@@ -79,6 +94,7 @@ class SimulatedReceiver:
         self.configuration = configuration
         self._constellation = constellation
         self._ionosphere = ionosphere
+        self._power_levels = power_levels
         self._start = start
         self._truth = truth
         self._links = links
@@ -100,6 +116,7 @@ class SimulatedReceiver:
         self._ionosphere_utc: tuple[IonosphereUtc, ...] = ()
         self._solution: tuple[int, Fix, ReceiverTime] | None = None
         self.measurements: Measurements | None = None
+        self.time_status = TIME_STATUS_UNKNOWN
 
     # Measuring
 
@@ -121,6 +138,8 @@ class SimulatedReceiver:
         the same to the last bit however a run is cut into calls.
         """
         time = self._start + second
+        is_up = self._knows_time(second)
+        self.time_status = TIME_STATUS_FINE_STEERING if is_up else TIME_STATUS_UNKNOWN
         offset, drift = self._clock.second(second)
         position, velocity = _at_reception(track, offset)
         sky, plan = self._refreshed(second, position[emitted][0])
@@ -132,7 +151,10 @@ class SimulatedReceiver:
         for crossing in crossings:
             s4_l1 = np.maximum(s4_l1, crossing.s4_l1)
 
-        cn0_dbhz = plan.cn0_dbhz(seen, self.configuration)
+        cn0_dbhz = plan.cn0_dbhz(seen, self.configuration, track.boresight_itrf)
+        power = self._power_levels.offsets_db(second, emitted, plan.satellites)
+        if power is not None:
+            cn0_dbhz = cn0_dbhz + power[:, plan.satellite]
         delay = group_delay(stec_tecu[:, plan.satellite], plan.frequency)
         # The ionosphere delays the code by as much as it advances the phase; scintillation moves
         # the phase only.
@@ -156,6 +178,8 @@ class SimulatedReceiver:
         )
         has_channel = self._channels(plan, seen, position)
         strong = cn0_dbhz > self.configuration.tracking.threshold_dbhz
+        if not is_up:
+            has_channel = np.zeros_like(has_channel)
         tracks = self._tracker.advance(
             first_epoch, plan.row, has_channel[:, plan.satellite] & strong
         )
@@ -165,6 +189,7 @@ class SimulatedReceiver:
         )
         self.measurements = Measurements(
             start=self._start,
+            time_status=self.time_status,
             first_epoch=first_epoch,
             plan=plan,
             line_of_sight=seen,
@@ -182,6 +207,11 @@ class SimulatedReceiver:
             self._receive_ephemerides(time)
             self._write_truth(second)
         return self.measurements
+
+    def _knows_time(self, second: int) -> bool:
+        """Return whether the search after a cold start is over in a second."""
+        duration = self.configuration.tracking.cold_start_duration
+        return second > duration or duration == 0.0
 
     def _refreshed(self, second: int, position: FloatArray) -> tuple[Sky, LinkPlan]:
         """Return satellites and links of a second, chosen when its first epoch is measured."""
@@ -318,7 +348,7 @@ class SimulatedReceiver:
         return EpochOfSeries(self._last().series, self._index(time))
 
     def ephemerides(self, time: GpsTime) -> tuple[BroadcastEphemeris, ...]:
-        """Return the ephemerides received so far; the same object while none changes."""
+        """Return the ephemerides received so far; the same object while none is received."""
         return self._ephemerides
 
     def ionosphere_utc(self, time: GpsTime) -> tuple[IonosphereUtc, ...]:
@@ -344,11 +374,12 @@ class SimulatedReceiver:
             tracks.lock_time[-1] >= self.configuration.tracking.ephemeris_delay
         )
         has_new = False
+        is_repeated = time.time_of_week % _EPHEMERIS_REPETITION == 0.0
         for column in np.unique(plan.satellite[old_enough]).tolist():
             source = plan.ephemerides[column]
             key = (source.system, source.prn, source.source)
             known = self._received.get(key)
-            if known is None or known[0] is not source:
+            if known is None or known[0] is not source or is_repeated:
                 has_new = True
                 sets = [replace(source, time=time)]
                 if source.system == c.SYSTEM_GALILEO:

@@ -13,7 +13,11 @@ import numpy.typing as npt
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.broadcast_orbit import EphemerisTable
-from vtff_gnss.constants import EPHEMERIS_SOURCE_FNAV, SYSTEM_GALILEO
+from vtff_gnss.constants import (
+    EPHEMERIS_SOURCE_FNAV,
+    EPHEMERIS_SOURCE_LNAV,
+    SYSTEM_GALILEO,
+)
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.interpolated_orbit import InterpolatedOrbits
@@ -23,6 +27,7 @@ from vtff_gnss.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
 )
+from vtff_gnss.novatel.encode_lnav import quantize_lnav
 from vtff_gnss.rinex_navigation import read_rinex_navigation
 from vtff_gnss.yuma import read_yuma
 from vtff_sim_bridge.gnss.configuration import ConstellationConfiguration
@@ -69,8 +74,12 @@ class Constellation:
         seed: int,
     ) -> None:
         self.klobuchar: KlobucharParameters | None = None
-        ephemerides = [e for e in self._read(configuration, start, end) if e.system in systems]
-        self._store = EphemerisStore(ephemerides)
+        # Orbits and clocks are those of the message as sent, so that receivers decode the truth.
+        self._store = EphemerisStore(
+            quantize_lnav(e) if e.source == EPHEMERIS_SOURCE_LNAV else e
+            for e in self._read(configuration, start, end)
+            if e.system in systems
+        )
         self._seed = seed
         self._configuration = configuration
         if not len(self._store.table(start)):

@@ -12,7 +12,8 @@ __all__ = ["TruthFile"]
 class TruthFile:
     """Writes records, one JSON object to a line; without a path they go nowhere.
 
-    Records have the field ``record``: ``run``, ``biases``, ``arc``, ``fault`` or ``second``.
+    Records have the field ``record``: ``run``, ``receiver``, ``fault``, ``satellite``, ``arc`` or
+    ``second``.
 
     Parameters
     ----------
