@@ -6,6 +6,7 @@ import gnss_emulator_support as support
 import pytest
 
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+from vtff_sim_bridge.gnss.faults import FAULT_KINDS
 from vtff_sim_bridge.scenario_fields import ScenarioError
 
 MINIMAL = """\
@@ -18,7 +19,18 @@ receivers:
 """
 
 
-@pytest.mark.parametrize("name", ["noise_free", "reference"])
+def test_faults_of_the_readme_load_and_are_all_there_are(tmp_path):
+    readme = (support.REPOSITORY / "src" / "vtff_sim_bridge" / "README.md").read_text("utf-8")
+    _, _, block = readme.partition("```yaml\nfaults:\n")
+    faults = "faults:\n" + block.partition("```")[0]
+    path = tmp_path / "gnss.yaml"
+    text = MINIMAL + "  - {name: deputy, vehicle: v2_m1}\n" + faults
+    path.write_text(text, encoding="utf-8")
+    loaded = load_gnss_configuration(path)
+    assert sorted(fault.kind for fault in loaded.faults) == sorted(FAULT_KINDS)
+
+
+@pytest.mark.parametrize("name", ["noise_free", "reference", "benchmark"])
 def test_files_of_the_repository_load(name):
     loaded = support.configuration(name)
     assert [receiver.name for receiver in loaded.receivers] == ["chief", "deputy"]

@@ -99,6 +99,8 @@ class ReceiverSet:
             number = receiver_number(receiver.name)
             self._byte_faults[receiver.name] = ByteFaults(own, seed, number)
             truth.write("receiver", **receiver_record(receiver))
+        for region in configuration.regions:
+            truth.write("region", **vars(region))
         for fault in faults:
             truth.write("fault", **vars(fault))
         self._satellite_truth = SatelliteTruth(truth, constellation, configuration.receivers, start)

@@ -12,8 +12,8 @@ __all__ = ["TruthFile"]
 class TruthFile:
     """Writes records, one JSON object to a line; without a path they go nowhere.
 
-    Records have the field ``record``: ``run``, ``receiver``, ``fault``, ``satellite``, ``arc`` or
-    ``second``.
+    Records have the field ``record``: ``run``, ``receiver``, ``region``, ``fault``, ``satellite``,
+    ``arc`` or ``second``.
 
     Parameters
     ----------
