@@ -22,11 +22,13 @@ from vtff_dynamics.frames import (
     right_ascension_from_longitude,
     rotation_gcrf_to_itrf,
     rotation_gcrf_to_rtn,
+    rotation_itrf_to_enu,
     state_gcrf_to_itrf,
     state_itrf_to_gcrf,
 )
 from vtff_dynamics.propagator import ForceModel, Propagator
 from vtff_dynamics.timescales import leap_seconds, parse_epoch
+from vtff_dynamics.vectors import norm
 
 STATE = np.array([4.2e6, -3.1e6, 4.5e6, 3.9e3, 6.1e3, 0.7e3])
 component = st.floats(-1.0, 1.0)
@@ -217,6 +219,16 @@ def test_geodetic_of_known_points_and_of_arrays():
     assert geodetic.shape == (3, 3)
     np.testing.assert_allclose(geodetic[[0, 2]], points[[0, 2]], atol=1e-6)
     np.testing.assert_allclose(geodetic[1, [0, 2]], [math.pi / 2, 0.0], atol=1e-6)
+
+
+@given(st.floats(-1.5, 1.5), st.floats(-3.1, 3.1), st.floats(-100.0, 1e6))
+def test_enu_axes_are_the_derivatives_of_geodetic_coordinates(latitude, longitude, height):
+    geodetic = np.array([latitude, longitude, height])
+    rotation = rotation_itrf_to_enu(itrf_from_geodetic(geodetic))
+    assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-14)
+    for row, step in enumerate(([0.0, 1e-6, 0.0], [1e-6, 0.0, 0.0], [0.0, 0.0, 10.0])):
+        change = itrf_from_geodetic(geodetic + step) - itrf_from_geodetic(geodetic - step)
+        assert rotation @ change / norm(change) == pytest.approx(np.eye(3)[row], abs=1e-8)
 
 
 def test_local_time():

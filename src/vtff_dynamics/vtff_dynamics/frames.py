@@ -41,6 +41,7 @@ __all__ = [
     "right_ascension_from_longitude",
     "rotation_gcrf_to_itrf",
     "rotation_gcrf_to_rtn",
+    "rotation_itrf_to_enu",
     "state_gcrf_to_itrf",
     "state_itrf_to_gcrf",
 ]
@@ -379,6 +380,25 @@ def itrf_from_geodetic(geodetic: npt.ArrayLike) -> FloatArray:
     return np.stack(
         (equatorial * np.cos(longitude), equatorial * np.sin(longitude), polar), axis=-1
     )
+
+
+def rotation_itrf_to_enu(position_itrf: npt.ArrayLike) -> FloatArray:
+    """Return the rotation matrix R with ``baseline_enu = R @ baseline_itrf``.
+
+    Parameters
+    ----------
+    position_itrf : array_like, shape (3,)
+        Origin of the local axes, m.
+
+    Returns
+    -------
+    ndarray, shape (3, 3)
+        Rows: east, north, and up along the normal of the WGS-84 ellipsoid.
+    """
+    latitude, longitude, _ = geodetic_from_itrf(position_itrf)
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    up = np.array([*(np.cos(latitude) * np.array([east[1], -east[0]])), np.sin(latitude)])
+    return np.stack((east, np.cross(up, east), up))
 
 
 def mean_solar_local_time_hours(time: GpsTime, longitude: float) -> float:

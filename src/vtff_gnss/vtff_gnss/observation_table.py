@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+import dataclasses
+from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.timescales import GpsTime
+from vtff_gnss import constants as c
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 
 __all__ = ["ObservationTable", "signal_keys"]
@@ -30,6 +32,9 @@ class ObservationTable:
         Named and typed as `OBSERVATION_COLUMNS`; see `ObservationEpoch`.
     receiver_clock_offset : ndarray of float64, shape (m,)
         s; NaN where the file does not tell.
+    time_status : ndarray of uint8, shape (m,)
+    receiver_status : ndarray of uint32, shape (m,)
+        Receiver's own codes as in `ObservationEpoch`; 0 where the file has none.
     log_name : str
         Goes into the epochs.
     """
@@ -38,6 +43,8 @@ class ObservationTable:
     first_row: npt.NDArray[np.intp]
     columns: dict[str, npt.NDArray[Any]]
     receiver_clock_offset: npt.NDArray[np.float64]
+    time_status: npt.NDArray[np.uint8]
+    receiver_status: npt.NDArray[np.uint32]
     log_name: str
 
     @classmethod
@@ -53,6 +60,8 @@ class ObservationTable:
                 for name, kind in OBSERVATION_COLUMNS.items()
             },
             receiver_clock_offset=np.full(len(listed), np.nan),
+            time_status=np.array([e.time_status for e in listed], dtype=np.uint8),
+            receiver_status=np.array([e.receiver_status for e in listed], dtype=np.uint32),
             log_name=listed[0].log_name if listed else "",
         )
 
@@ -74,8 +83,8 @@ class ObservationTable:
         rows = slice(self.first_row[index], self.first_row[index + 1])
         return ObservationEpoch(
             time=self.time(index),
-            time_status=0,
-            receiver_status=0,
+            time_status=int(self.time_status[index]),
+            receiver_status=int(self.receiver_status[index]),
             log_name=self.log_name,
             **{name: column[rows] for name, column in self.columns.items()},
         )
@@ -84,6 +93,34 @@ class ObservationTable:
         """Yield all epochs."""
         for index in range(len(self)):
             yield self.epoch(index)
+
+    def selected(
+        self, systems: str | None = None, signals: Collection[str] | None = None
+    ) -> ObservationTable:
+        """Return the same epochs with some of the signals.
+
+        Parameters
+        ----------
+        systems : str, optional
+            RINEX letters, e.g. ``"GE"``.
+        signals : collection of str, optional
+            Band and attribute, e.g. ``("1C", "2W")``.
+        """
+        is_kept = np.ones(len(self.columns["prn"]), dtype=np.bool_)
+        if systems is not None:
+            numbers = [c.SYSTEM_LETTERS.index(letter) for letter in systems]
+            is_kept &= np.isin(self.columns["system"], numbers)
+        if signals is not None:
+            codes = [int(signal[0]) << 8 | ord(signal[1]) for signal in signals]
+            is_kept &= np.isin(
+                self.columns["band"].astype(int) << 8 | self.columns["attribute"], codes
+            )
+        kept_before = np.concatenate([[0], np.cumsum(is_kept)])
+        return dataclasses.replace(
+            self,
+            first_row=kept_before[self.first_row].astype(np.intp),
+            columns={name: column[is_kept] for name, column in self.columns.items()},
+        )
 
     def by_satellite(
         self, name: str, system: int, band: int, attribute: str

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import gzip
 import pathlib
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ionosphere_parameters import KlobucharParameters, NeQuickParameters
+from vtff_gnss.rinex_file import decompress
 from vtff_gnss.rinex_navigation_records import Line, RinexError, read_ephemeris, read_number
 
-__all__ = ["RinexError", "RinexNavigation", "read_rinex_navigation"]
+__all__ = ["RinexError", "RinexNavigation", "parse_rinex_navigation", "read_rinex_navigation"]
 
 _LABEL_COLUMN = 60
 # Message types of RINEX 4 that are read, by satellite system; the only ones of RINEX 2 and 3.
@@ -75,7 +75,7 @@ class _Content:
 
 
 def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
-    """Read a navigation file; a name that ends with ``.gz`` is decompressed.
+    """Read a navigation file; gzip, bzip2, zip and Unix compress are found by content.
 
     RINEX 2: GPS files. RINEX 3 and 4: GPS and Galileo of any file; records of other systems and
     message types are counted in `skipped_records`.
@@ -89,24 +89,24 @@ def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
         If the file cannot be read.
     """
     path = pathlib.Path(path)
-    raw = path.read_bytes()
-    if path.suffix == ".gz":
-        try:
-            raw = gzip.decompress(raw)
-        except (OSError, EOFError) as error:
-            raise RinexError(f"{path}: not a complete gzip file: {error}") from None
-    texts = raw.decode("ascii", errors="replace").splitlines()
+    return parse_rinex_navigation(path.read_bytes(), path)
+
+
+def parse_rinex_navigation(content: bytes, path: str | pathlib.Path) -> RinexNavigation:
+    """Read the bytes of a navigation file; see `read_rinex_navigation`."""
+    path = pathlib.Path(path)
+    texts = decompress(content, path).decode("ascii", errors="replace").splitlines()
     lines = iter([Line(path, number, text) for number, text in enumerate(texts, start=1)])
-    content = _Content()
-    _read_header(path, lines, content)
+    found = _Content()
+    _read_header(path, lines, found)
     body = [line for line in lines if line.text.strip()]
-    if content.version < 3.0:
-        _read_records_2(body, content)
-    elif content.version < 4.0:
-        _read_records_3(body, content)
+    if found.version < 3.0:
+        _read_records_2(body, found)
+    elif found.version < 4.0:
+        _read_records_3(body, found)
     else:
-        _read_records_4(body, content)
-    return content.result()
+        _read_records_4(body, found)
+    return found.result()
 
 
 def _read_header(path: pathlib.Path, lines: Iterator[Line], content: _Content) -> None:

@@ -189,5 +189,7 @@ def _table(
         first_row=np.searchsorted(rows.epoch, np.arange(epoch_count + 1)),
         columns=rows.columns,
         receiver_clock_offset=np.array(records.clock_offsets[:epoch_count], dtype=np.float64),
+        time_status=np.zeros(epoch_count, dtype=np.uint8),
+        receiver_status=np.zeros(epoch_count, dtype=np.uint32),
         log_name="RINEX",
     )

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from vtff_dynamics.frames import rotation_itrf_to_enu
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.rinex_navigation_records import Line, RinexError, read_number
@@ -84,6 +87,18 @@ class RinexObservationHeader:
     wavelength_factors: tuple[int, int] = (1, 1)
     leap_seconds: int | None = None
     comments: tuple[str, ...] = ()
+
+    def antenna_position(self) -> tuple[float, float, float] | None:
+        """Return the antenna reference point, ITRF, m: the marker and the antenna offset from it.
+
+        The offset in axes of a vehicle (DELTA X/Y/Z) is left out.
+        """
+        if self.approximate_position is None:
+            return None
+        height, east, north = self.antenna_delta_hen
+        marker = np.array(self.approximate_position)
+        x, y, z = (marker + rotation_itrf_to_enu(marker).T @ (east, north, height)).tolist()
+        return x, y, z
 
 
 def read_header(lines: Iterator[Line]) -> RinexObservationHeader:
