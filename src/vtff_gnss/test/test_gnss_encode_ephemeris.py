@@ -32,6 +32,7 @@ from vtff_gnss.novatel.encode_solution import (
     encode_receiver_time,
     encode_version,
 )
+from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 
 SETTINGS = HeaderSettings(idle_time=0)
 TIME = GpsTime.from_week_tow(1889, 90000.0)
@@ -346,8 +347,14 @@ def test_ionutc_and_version_equal_novatel_encoder():
 
 
 def test_header_before_the_time_is_known():
-    (log,) = events_of(encode_version([ComponentVersion()], None, SETTINGS), raw_logs="all")
-    assert log.time is None and log.name == "VERSIONB"
+    frames = (
+        encode_version([ComponentVersion()], None, SETTINGS),
+        encode_version([ComponentVersion()], TIME, SETTINGS, TIME_STATUS_UNKNOWN),
+    )
+    for frame in frames:
+        log = events_of(frame, raw_logs="all")[-1]
+        assert log.time is None and log.name == "VERSIONB"
+        assert frame[13] == TIME_STATUS_UNKNOWN and frame[14:20] == bytes(6)
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from gnss_test_support import events_of, range_frame, range_records
 
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import FLAG_LOCK_LOST
-from vtff_gnss.novatel.lock_time import LockTimeTracker
+from vtff_gnss.novatel.lock_time import LockTimeTracker, lock_key
 
 START = GpsTime.from_week_tow(2200, 345600)
 
@@ -19,9 +19,8 @@ def lost_of(series: list[tuple[float, float]], bound_factor: float = 1.0) -> lis
     for time, lock_time in series:
         lock = np.array([lock_time])
         zero = np.zeros(1, dtype=np.intp)
-        lost.append(
-            bool(tracker.update(START + time, zero, zero + 5, zero, lock, lock * bound_factor)[0])
-        )
+        key = lock_key(zero, zero + 5, zero)
+        lost.append(bool(tracker.update(START + time, key, lock, lock * bound_factor)[0]))
     return lost
 
 

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.timescales import GpsTime
 
-__all__ = ["LockTimeTracker"]
+__all__ = ["LockTimeTracker", "lock_key"]
 
 MAX_TOLERANCE = 0.05
 """s; covers the lock-time resolution of the logs (RANGECMP: 1/32 s)."""
@@ -15,6 +15,13 @@ MAX_TOLERANCE = 0.05
 _SYSTEM_STRIDE = 1 << 13
 _SIGNAL_STRIDE = 1 << 8
 _KEYS = 8 * _SYSTEM_STRIDE
+
+
+def lock_key(
+    system: npt.NDArray[np.intp], prn: npt.NDArray[np.intp], signal: npt.NDArray[np.intp]
+) -> npt.NDArray[np.intp]:
+    """Return a number for each signal, shape (n,); `prn` is below 256, `signal` below 32."""
+    return np.asarray(system * _SYSTEM_STRIDE + signal * _SIGNAL_STRIDE + prn)
 
 
 class LockTimeTracker:
@@ -32,9 +39,7 @@ class LockTimeTracker:
     def update(
         self,
         time: GpsTime,
-        system: npt.NDArray[np.intp],
-        prn: npt.NDArray[np.intp],
-        signal: npt.NDArray[np.intp],
+        key: npt.NDArray[np.intp],
         lock_time: npt.NDArray[np.floating],
         lock_time_bound: npt.NDArray[np.floating],
     ) -> npt.NDArray[np.bool_]:
@@ -44,8 +49,8 @@ class LockTimeTracker:
         ----------
         time : GpsTime
             Epoch.
-        system, prn, signal : ndarray of int, shape (n,)
-            The signal; `prn` below 256, `signal` below 32.
+        key : ndarray of int, shape (n,)
+            The signals, see `lock_key`.
         lock_time, lock_time_bound : ndarray of float, shape (n,)
             Least and greatest lock time that the log allows, s.
 
@@ -54,7 +59,6 @@ class LockTimeTracker:
         ndarray of bool, shape (n,)
             Lock was lost since the signal was last seen. False for a signal seen first.
         """
-        key = system * _SYSTEM_STRIDE + signal * _SIGNAL_STRIDE + prn
         seconds = time.nanoseconds * 1e-9
         elapsed = seconds - self._seconds[key]
         # Half of the step at most, or a slip between two 20 Hz epochs would go unseen.
