@@ -279,7 +279,11 @@ def _motion_in_axes_of_reception(
 
     def turned(vector: FloatArray) -> FloatArray:
         x, y, z = vector
-        return np.stack((cosine * x + sine * y, cosine * y - sine * x, z))
+        result = np.empty_like(vector)
+        np.add(cosine * x, sine * y, out=result[0])
+        np.subtract(cosine * y, sine * x, out=result[1])
+        result[2] = z
+        return result
 
     return turned(position), -turned(velocity_fixed), turned(acceleration_fixed)
 
@@ -290,17 +294,16 @@ def _components(vectors: FloatArray, axes: int) -> FloatArray:
     Arithmetic on a last axis of three is several times slower.
     """
     missing = (1,) * (axes + 1 - vectors.ndim)
-    return np.ascontiguousarray(np.moveaxis(vectors, -1, 0)).reshape(
-        3, *missing, *vectors.shape[:-1]
-    )
+    first = vectors.transpose(vectors.ndim - 1, *range(vectors.ndim - 1))
+    return np.ascontiguousarray(first).reshape(3, *missing, *vectors.shape[:-1])
 
 
 def _add_rotation(position: FloatArray, velocity: FloatArray, sign: float = 1.0) -> FloatArray:
     """Return ``velocity + sign * (omega x position)`` for the rotation of the Earth, (3, ...)."""
     rate = sign * EARTH_ROTATION_RATE_BROADCAST
-    shape = np.broadcast_shapes(position.shape, velocity.shape)
-    total = np.empty(shape)
-    np.subtract(velocity[0], rate * position[1], out=total[0])
+    first = velocity[0] - rate * position[1]
+    total = np.empty((3, *first.shape))
+    total[0] = first
     np.add(velocity[1], rate * position[0], out=total[1])
     total[2] = velocity[2]
     return total

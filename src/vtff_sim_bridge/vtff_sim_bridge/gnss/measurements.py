@@ -102,5 +102,6 @@ class Measurements:
 
     def tracked_satellites(self, index: int) -> list[int]:
         """Return the columns of the satellites that are tracked at an epoch."""
-        columns: list[int] = np.unique(self.plan.satellite[self.tracks.is_tracked[index]]).tolist()
+        counts = np.bincount(self.plan.satellite[self.tracks.is_tracked[index]])
+        columns: list[int] = np.flatnonzero(counts).tolist()
         return columns

@@ -62,7 +62,7 @@ def solve_point(equations: RangeEquations) -> PointSolution | None:
     one step suffices. The sigmas are those of the measurements, or greater by the misfit of the
     solution where that is worse than they say.
     """
-    systems = np.unique(equations.system)
+    systems = np.flatnonzero(np.bincount(equations.system))
     unknowns = 3 + len(systems)
     count = len(equations.excess)
     if count < unknowns:

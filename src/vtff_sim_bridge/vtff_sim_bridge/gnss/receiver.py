@@ -375,7 +375,7 @@ class SimulatedReceiver:
         )
         has_new = False
         is_repeated = time.time_of_week % _EPHEMERIS_REPETITION == 0.0
-        for column in np.unique(plan.satellite[old_enough]).tolist():
+        for column in np.flatnonzero(np.bincount(plan.satellite[old_enough])).tolist():
             source = plan.ephemerides[column]
             key = (source.system, source.prn, source.source)
             known = self._received.get(key)
