@@ -8,6 +8,7 @@ import os
 import select
 import socket
 import stat
+import termios
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -25,6 +26,8 @@ __all__ = [
 
 READ_LENGTH = 1 << 16
 
+#: What pyserial lets through; `termios.error` is no OSError.
+_LINE_ERRORS = (OSError, ValueError, termios.error)
 _GONE = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 
 
@@ -140,7 +143,7 @@ class SerialPort:
         self._path = path
         try:
             self._line = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
-        except (OSError, ValueError) as error:
+        except _LINE_ERRORS as error:
             raise PortError(f"cannot open {path}: {_reason(error)}") from error
         self._descriptor = self._line.fileno()
         self.baud: int | None = baud
@@ -183,15 +186,16 @@ class SerialPort:
         """Change the rate of this side."""
         try:
             self._line.baudrate = baud
-        except (OSError, ValueError) as error:
+        except _LINE_ERRORS as error:
             raise PortError(f"{self._path}: cannot set {baud} baud: {_reason(error)}") from error
         self.baud = baud
 
     def close(self) -> None:
         """Close the line; what was not sent yet is thrown away, as closing would wait for it."""
-        with contextlib.suppress(OSError):
-            if self._line.is_open:
+        if self._line.is_open:
+            with contextlib.suppress(*_LINE_ERRORS):
                 self._line.reset_output_buffer()
+        with contextlib.suppress(*_LINE_ERRORS):
             self._line.close()
 
 
@@ -262,9 +266,13 @@ class TcpPort:
         self._socket.close()
 
 
-def _reason(error: OSError | ValueError) -> str:
-    """Return why in a few words; pyserial hides the error number in its text."""
+def _reason(error: BaseException) -> str:
+    """Return why in a few words; pyserial hides the error number of the system."""
     number = getattr(error, "errno", None)
+    inner = error.__context__ if number is None else None
+    if number is None and isinstance(inner or error, (OSError, termios.error)):
+        arguments = (inner or error).args
+        number = arguments[0] if arguments and isinstance(arguments[0], int) else None
     if number in _GONE:
         return "no such device"
     if number in (errno.EWOULDBLOCK, errno.EBUSY):
