@@ -253,9 +253,8 @@ class CdgpsEstimator:
         self._state = GaussianState(labels, mean, covariance)
         self._clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
         if self.configuration.has_plasma:
-            density = self.configuration.electron_density_sigma / DENSITY_UNIT
-            self._state.add("electron_density", 0.0, density**2)
-            self._state.add("vertical_tec", 0.0, self.configuration.vertical_tec_sigma_tecu**2)
+            for layer, sigma in enumerate(self.configuration.layer_sigmas):
+                self._state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
         return []
 
     def _predict(self, time: GpsTime, interval: float) -> None:
@@ -273,19 +272,10 @@ class CdgpsEstimator:
             predicted.relative, predicted.transition_relative, predicted.noise_relative
         )
         if configuration.has_plasma:
-            for label, sigma, correlation in (
-                (
-                    "electron_density",
-                    configuration.electron_density_sigma / DENSITY_UNIT,
-                    configuration.electron_density_time,
-                ),
-                (
-                    "vertical_tec",
-                    configuration.vertical_tec_sigma_tecu,
-                    configuration.vertical_tec_time,
-                ),
-            ):
-                state.predict_gauss_markov(label, math.exp(-interval / correlation), sigma**2)
+            decay = math.exp(-interval / configuration.electron_density_time)
+            for layer, sigma in enumerate(configuration.layer_sigmas):
+                variance = (sigma / DENSITY_UNIT) ** 2
+                state.predict_gauss_markov(("plasma", layer), decay, variance)
         walk = configuration.receiver_bias_walk**2 * interval
         for label in state.labels:
             if label[0] in ("code_bias", "phase_bias"):
@@ -388,8 +378,8 @@ class CdgpsEstimator:
             self._end_arc(key)
             if reason != "not seen any more":
                 excluded[key] = reason
-        if laser is not None and "laser_latency" not in state:
-            state.add("laser_latency", 0.0, self.configuration.laser_latency_sigma**2)
+        if laser is not None and ("laser_latency",) not in state:
+            state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
         clock = SPEED_OF_LIGHT * self._clock
         residual = measured.code - sky.predicted - code_biases(state, measured)
         clock = float(np.median(residual))
@@ -572,12 +562,14 @@ class CdgpsEstimator:
             ambiguities = ambiguity_table(state, self._arcs, measured, sigmas, fixed or set())
             tec = differential_tec_table(state, self._arcs, measured, sky)
         extras: dict[str, float] = {}
-        if "electron_density" in state:
-            extras["local_electron_density"] = DENSITY_UNIT * state.value("electron_density")
-            extras["local_electron_density_sigma"] = DENSITY_UNIT * state.sigma("electron_density")
-        if "laser_latency" in state:
-            extras["laser_latency"] = state.value("laser_latency")
-            extras["laser_latency_sigma"] = state.sigma("laser_latency")
+        layers = [k for k, label in enumerate(state.labels) if label[0] == "plasma"]
+        if layers:
+            variance = float(state.covariance[np.ix_(layers, layers)].sum())
+            extras["local_electron_density"] = DENSITY_UNIT * float(state.mean[layers].sum())
+            extras["local_electron_density_sigma"] = DENSITY_UNIT * math.sqrt(variance)
+        if ("laser_latency",) in state:
+            extras["laser_latency"] = state.value(("laser_latency",))
+            extras["laser_latency_sigma"] = state.sigma(("laser_latency",))
             if laser is not None:
                 extras["laser_residual"] = self._laser_residual(laser)
         return RelativeSolution(
@@ -638,7 +630,7 @@ class CdgpsEstimator:
         assert self._state is not None
         position, velocity = self._state.mean[:3], self._state.mean[3:6]
         distance = float(np.linalg.norm(position))
-        latency = self._state.value("laser_latency")
+        latency = self._state.value(("laser_latency",))
         return laser.range - distance - latency * float(position @ velocity) / distance
 
 

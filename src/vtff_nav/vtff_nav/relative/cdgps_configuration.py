@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from vtff_dynamics.force_model import ForceModel
+from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_nav.relative.dynamics import DYNAMICS, Dynamics, MotionNoise
 from vtff_nav.relative.measurements import DEFAULT_BANDS, MeasurementNoise
 
@@ -42,15 +43,15 @@ class CdgpsConfiguration:
     ephemeris_phase_sigma : float
         Its change over minutes, m: keeps the chief's phase from being trusted to the millimetre.
     estimate_plasma : bool or None
-        Estimate the plasma between the two altitudes and the vertical content above; None: in
-        orbit only.
+        Estimate the plasma between and above the two altitudes; None: in orbit only.
     electron_density_sigma, electron_density_time : float
-        Steady-state sigma (electrons/m3) and correlation time (s) of the local density.
-    vertical_tec_sigma_tecu, vertical_tec_time : float
-        The same of the vertical content above the chief (TECU, s).
-    ionosphere_height : float
-        Height above the chief of the layer that stands for that content in its mapping function,
-        m.
+        Steady-state sigma (electrons/m3) and correlation time (s) of the density of each layer.
+    layer_content_sigma_tecu : float
+        The sigma of the density of a thick layer is so much smaller that its vertical content has
+        this one, TECU.
+    plasma_layers : tuple of float
+        Thicknesses above the chief of the layers of constant density whose sum stands for the
+        profile, m.
     receiver_bias_walk : float
         Random walk of the differences of receiver biases between signals, m/sqrt(s).
     troposphere : bool
@@ -86,10 +87,9 @@ class CdgpsConfiguration:
     ephemeris_phase_sigma: float = 0.005
     estimate_plasma: bool | None = None
     electron_density_sigma: float = 1e12
-    electron_density_time: float = 600.0
-    vertical_tec_sigma_tecu: float = 20.0
-    vertical_tec_time: float = 1200.0
-    ionosphere_height: float = 150e3
+    electron_density_time: float = 1200.0
+    layer_content_sigma_tecu: float = 15.0
+    plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
     receiver_bias_walk: float = 1e-6
     troposphere: bool = False
     success_rate: float = 0.999
@@ -120,6 +120,12 @@ class CdgpsConfiguration:
         if self.dynamics_chief is not None:
             return self.dynamics_chief
         return "orbital" if self.dynamics == "orbital" else "static"
+
+    @property
+    def layer_sigmas(self) -> tuple[float, ...]:
+        """Steady-state sigma of the density of each layer, electrons per m3."""
+        content = self.layer_content_sigma_tecu * ELECTRONS_PER_TECU
+        return tuple(min(self.electron_density_sigma, content / t) for t in self.plasma_layers)
 
     @property
     def has_plasma(self) -> bool:
