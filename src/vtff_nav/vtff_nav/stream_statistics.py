@@ -48,20 +48,26 @@ class StreamStatistics:
         return 0 if self._newest is None else self._newest.time.to_unix_nanoseconds()
 
     def add(self, byte_count: int, events: Iterable[Event]) -> None:
-        """Take what was read."""
-        self._bytes += byte_count
+        """Take what was read; many epochs may come at once, their bytes are shared out evenly."""
+        epochs = []
         for event in events:
             if isinstance(event, ObservationEpoch):
-                self._newest = event
-                time = event.time.nanoseconds
-                if self._epochs and not 0 <= time - self._epochs[-1][0] <= NANOSECONDS_PER_SECOND:
-                    self._epochs.clear()  # after a gap rates are formed anew
-                if not self._epochs or time > self._epochs[-1][0]:
-                    self._epochs.append((time, self._bytes))
-                while time - self._epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
-                    self._epochs.popleft()
+                epochs.append(event)
             elif isinstance(event, ReceiverTime):
                 self._time = event
+        for number, epoch in enumerate(epochs, 1):
+            self._add_epoch(epoch, self._bytes + byte_count * number // len(epochs))
+        self._bytes += byte_count
+
+    def _add_epoch(self, epoch: ObservationEpoch, byte_count: int) -> None:
+        self._newest = epoch
+        time = epoch.time.nanoseconds
+        if self._epochs and not 0 <= time - self._epochs[-1][0] <= NANOSECONDS_PER_SECOND:
+            self._epochs.clear()  # after a gap rates are formed anew
+        if not self._epochs or time > self._epochs[-1][0]:
+            self._epochs.append((time, byte_count))
+        while time - self._epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
+            self._epochs.popleft()
 
     def rates(self) -> tuple[float, float]:
         """Return epochs/s and bytes/s of receiver time; NaN before there are two epochs."""
