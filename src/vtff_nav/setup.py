@@ -22,6 +22,7 @@ setup(
     entry_points={
         "console_scripts": [
             "receiver_driver = vtff_nav.receiver_driver_node:main",
+            "relative_ekf = vtff_nav.relative_ekf_node:main",
         ],
     },
 )

@@ -1,0 +1,358 @@
+"""Node `relative_ekf`: the state of a deputy relative to its chief from both receivers."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from geometry_msgs.msg import AccelStamped
+from rosgraph_msgs.msg import Clock
+
+from vtff_dynamics.force_model import GRAVITY_MODELS, ForceModel
+from vtff_dynamics.timescales import GpsTime
+from vtff_msgs.msg import (
+    AmbiguityStatus,
+    GnssEphemeris,
+    GnssObservations,
+    LaserRange,
+    RelativeState,
+    SlantTec,
+    StepDone,
+)
+from vtff_nav.conversions import ephemeris_from_message, observations_from_message
+from vtff_nav.epoch_join import EpochJoin, JoinedEpoch
+from vtff_nav.relative.cdgps import CdgpsEstimator
+from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
+from vtff_nav.relative.dynamics import DYNAMICS, MotionNoise
+from vtff_nav.relative.measurements import MeasurementNoise
+from vtff_nav.relative.paper_ekf import PaperConfiguration, PaperEstimator
+from vtff_nav.relative.signal_bands import bands_of
+from vtff_nav.relative.solution import (
+    SOLUTION_FIXED,
+    SOLUTION_NONE,
+    RelativeEstimator,
+    RelativeSolution,
+)
+from vtff_nav.relative_conversions import (
+    ambiguities_to_message,
+    differential_tec_to_message,
+    laser_from_message,
+    relative_state_to_message,
+)
+from vtff_node import diagnostics
+from vtff_node.main import run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import ParameterError, parameter
+from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
+
+JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
+LOCKSTEP_PATIENCE = 0.05  # s for messages that the end of their step has overtaken
+SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
+LASER = "laser"
+
+SOLUTION_NAMES = {0: "none", 1: "predicted", 2: "code", 3: "float", 4: "fixed"}
+
+
+@dataclass(frozen=True)
+class RelativeEkfParameters:
+    """Parameters of `relative_ekf`."""
+
+    estimator: str = parameter(
+        "cdgps",
+        "cdgps: code and phase of all signals, with integers; paper: 8 states, phase of one signal",
+        choices=("cdgps", "paper"),
+    )
+    chief: str = parameter("chief", "spacecraft whose RTN frame is used")
+    deputy: str = parameter("deputy", "spacecraft whose relative state is estimated")
+    thrust_duration: float = parameter(
+        1.0, "time for which each thrust_applied acts", unit="s", minimum=0.001
+    )
+    dynamics: str = parameter(
+        "orbital",
+        "cdgps: motion of the deputy; where it is not in orbit, the chief stands still",
+        choices=DYNAMICS,
+    )
+    signals: list[str] = parameter(
+        [],
+        "system letter and RINEX frequency digit of the signals used, as G1, G2, E5; empty = all "
+        "of GPS and Galileo (cdgps), G1 (paper)",
+    )
+    elevation_mask_deg: float = parameter(
+        5.0, "satellites below are not used", unit="deg", minimum=-90.0, maximum=90.0
+    )
+    gravity: str = parameter(
+        "spherical_harmonics", "gravity of the filter's motion model", choices=GRAVITY_MODELS
+    )
+    gravity_degree: int = parameter(8, "degree of the harmonics", minimum=2, maximum=70)
+    gravity_order: int = parameter(8, "order of the harmonics", minimum=0, maximum=70)
+    code_sigma: float = parameter(
+        0.3, "noise of the pseudorange where the receiver states none", unit="m", minimum=1e-3
+    )
+    phase_sigma: float = parameter(
+        0.001, "noise of the phase where the receiver states none", unit="m", minimum=1e-5
+    )
+    use_receiver_sigmas: bool = parameter(True, "take the sigmas that the receiver states")
+    empirical_acceleration_sigma: float = parameter(
+        5e-8,
+        "cdgps: unmodelled relative acceleration, Gauss-Markov on each axis",
+        unit="m/s^2",
+        minimum=0.0,
+    )
+    thrust_sigma: float = parameter(
+        0.01, "cdgps: error of the thrust as a part of its magnitude", minimum=0.0, maximum=1.0
+    )
+    success_rate: float = parameter(
+        0.999, "cdgps: success rate that integers must have", minimum=0.9, maximum=0.999999
+    )
+    longest_prediction: float = parameter(
+        600.0, "time without measurements after which navigation starts anew", unit="s", minimum=1.0
+    )
+    use_laser: bool = parameter(False, "use formation/laser_range (cdgps)")
+    receiver_nodes: list[str] = parameter(
+        [],
+        "in lockstep, the nodes that publish the epochs of chief and deputy, and the laser ranges: "
+        "an epoch is processed without them once they have finished the step",
+    )
+    patience: float = parameter(
+        0.3,
+        "without lockstep, wall time that an epoch waits for the other receiver",
+        unit="s",
+        minimum=0.0,
+    )
+
+
+def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
+    """Return the estimator of the parameters.
+
+    Raises
+    ------
+    ValueError
+        If a value is not possible; the text names it.
+    """
+    common: dict[str, Any] = {
+        "force_model": ForceModel(given.gravity, given.gravity_degree, given.gravity_order),
+        "measurement_noise": MeasurementNoise(
+            given.code_sigma, given.phase_sigma, given.use_receiver_sigmas
+        ),
+        "elevation_mask_deg": given.elevation_mask_deg,
+        "longest_prediction": given.longest_prediction,
+    }
+    if given.signals:
+        common["bands"] = bands_of(given.signals)
+    if given.estimator == "paper":
+        return PaperEstimator(PaperConfiguration(**common))
+    return CdgpsEstimator(
+        CdgpsConfiguration(
+            dynamics=given.dynamics,
+            noise_relative=MotionNoise(given.empirical_acceleration_sigma),
+            thrust_relative_sigma=given.thrust_sigma,
+            success_rate=given.success_rate,
+            **common,
+        )
+    )
+
+
+class RelativeEkfNode(VtffNode):
+    """Relative navigation of one deputy.
+
+    Subscribes to <craft>/gnss/epoch and <craft>/gnss/ephemeris of chief and deputy,
+    <deputy>/propulsion/thrust_applied, /clock, and formation/laser_range if asked for. Publishes
+    once an epoch formation/relative_state (RelativeState, m and m/s in the chief's RTN frame),
+    formation/ambiguities (AmbiguityStatus) and formation/differential_tec (SlantTec, TECU).
+    Every epoch of /clock is answered: without measurements by a prediction, without any knowledge
+    by SOLUTION_NONE.
+    """
+
+    Parameters = RelativeEkfParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("relative_ekf", **node_arguments)
+        given: RelativeEkfParameters = self.parameters
+        try:
+            self._estimator = make_estimator(given)
+        except ValueError as error:
+            raise ParameterError(str(error)) from error
+        self._sources = [given.chief, given.deputy, *([LASER] if given.use_laser else [])]
+        self._source_of_node = self._sources_by_node(given.receiver_nodes)
+        waits_for_closing = self.lockstep and bool(given.receiver_nodes)
+        patience = LOCKSTEP_PATIENCE if waits_for_closing else given.patience
+        self._join = EpochJoin(self._sources, patience, waits_for_closing)
+        self._newest = -1
+        self._solution: RelativeSolution | None = None
+        self._epochs = {name: 0 for name in SOLUTION_NAMES.values()}
+        self._compute_time = 0.0
+        self._thrust_order = StampOrder()
+        self._inputs_since: float | None = None
+        self._state_publisher = self.publisher(RelativeState, "formation/relative_state")
+        self._ambiguity_publisher = self.publisher(AmbiguityStatus, "formation/ambiguities")
+        self._tec_publisher = self.publisher(SlantTec, "formation/differential_tec")
+        self._subscribe(given)
+        self.create_timer(JOIN_INTERVAL, self._look, clock=self.steady_clock)
+
+    def _sources_by_node(self, nodes: list[str]) -> dict[str, str]:
+        if nodes and len(nodes) != len(self._sources):
+            raise ParameterError(
+                f"parameter 'receiver_nodes' names {len(nodes)} nodes; "
+                f"it must name one for each of {', '.join(self._sources)}"
+            )
+        return dict(zip(nodes, self._sources, strict=False))
+
+    def _subscribe(self, given: RelativeEkfParameters) -> None:
+        for craft in (given.chief, given.deputy):
+            self.subscribe(
+                GnssObservations, f"{craft}/gnss/epoch", functools.partial(self._on_epoch, craft)
+            )
+            self.subscribe(
+                GnssEphemeris, f"{craft}/gnss/ephemeris", self._on_ephemeris, latched=True
+            )
+        self.subscribe(AccelStamped, f"{given.deputy}/propulsion/thrust_applied", self._on_thrust)
+        if given.use_laser:
+            self.subscribe(LaserRange, "formation/laser_range", self._on_laser)
+        if self._source_of_node and self.lockstep:
+            self.subscribe(StepDone, "/sim/step_done", self._on_step_done)
+        self.subscribe(Clock, "/clock", self._on_clock)
+
+    # ---- input -------------------------------------------------------------------------------
+
+    def _on_ephemeris(self, message: GnssEphemeris) -> None:
+        self._estimator.add_ephemeris(ephemeris_from_message(message))
+
+    def _on_thrust(self, message: AccelStamped) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        if self._thrust_order.accepts(stamp):
+            linear = message.accel.linear
+            self._estimator.add_thrust(
+                GpsTime.from_unix_nanoseconds(stamp),
+                self.parameters.thrust_duration,
+                (linear.x, linear.y, linear.z),
+            )
+
+    def _on_epoch(self, craft: str, message: GnssObservations) -> None:
+        self._add(craft, to_nanoseconds(message.header.stamp), observations_from_message(message))
+
+    def _on_laser(self, message: LaserRange) -> None:
+        if message.child_frame_id == self.parameters.deputy:
+            stamp = to_nanoseconds(message.header.stamp)
+            self._add(LASER, stamp, laser_from_message(message))
+
+    def _on_clock(self, message: Clock) -> None:
+        stamp = to_nanoseconds(message.clock)
+        self._follow(stamp)
+        self._join.expect(stamp, time.monotonic())
+        self._process_complete()
+
+    def _on_step_done(self, message: StepDone) -> None:
+        source = self._source_of_node.get(message.node)
+        if source is not None:
+            self._join.close(source, to_nanoseconds(message.header.stamp), time.monotonic())
+            self._process_complete()
+
+    def _add(self, source: str, stamp: int, measurement: Any) -> None:
+        self._follow(stamp)
+        self._join.add(source, stamp, measurement, time.monotonic())
+        self._process_complete()
+
+    def _follow(self, stamp: int) -> None:
+        """Start anew when time has jumped back, as in a log that begins again."""
+        if stamp < self._newest - StampOrder.JUMP_BACK:
+            self.get_logger().warning("time has jumped back: navigation starts anew")
+            self._estimator.reset()
+            self._join.restart()
+            self._newest = -1
+        self._newest = max(self._newest, stamp)
+
+    def _look(self) -> None:
+        if self.common.reports_ready and self._inputs_since != math.inf:
+            self._report_when_connected()
+        self._process_complete()
+
+    def _report_when_connected(self) -> None:
+        """Report readiness a moment after all inputs have publishers: nothing may be missed."""
+        given: RelativeEkfParameters = self.parameters
+        topics = [f"{craft}/gnss/epoch" for craft in (given.chief, given.deputy)]
+        topics += ["formation/laser_range"] if given.use_laser else []
+        if not all(self.count_publishers(topic) for topic in topics):
+            return
+        now = time.monotonic()
+        self._inputs_since = now if self._inputs_since is None else self._inputs_since
+        if now - self._inputs_since > SETTLE_TIME:
+            self._inputs_since = math.inf
+            self.report_ready()
+
+    # ---- work --------------------------------------------------------------------------------
+
+    def _process_complete(self) -> None:
+        while (epoch := self._join.take(time.monotonic())) is not None:
+            self._process(epoch)
+
+    def _process(self, epoch: JoinedEpoch) -> None:
+        started = time.perf_counter()
+        given: RelativeEkfParameters = self.parameters
+        measured = epoch.measured
+        solution = self._estimator.process(
+            GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds),
+            measured.get(given.chief),
+            measured.get(given.deputy),
+            measured.get(LASER),
+        )
+        self._compute_time = time.perf_counter() - started
+        self._solution = solution
+        self._epochs[SOLUTION_NAMES[solution.solution]] += 1
+        self._ambiguity_publisher.publish(ambiguities_to_message(solution, given.chief))
+        self._tec_publisher.publish(differential_tec_to_message(solution, given.chief))
+        # Last, because it closes the loop.
+        self._state_publisher.publish(
+            relative_state_to_message(solution, given.chief, given.deputy)
+        )
+        self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
+
+    # ---- health ------------------------------------------------------------------------------
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report the kind of the solution and, if it is degraded, why."""
+        solution = self._solution
+        if solution is None:
+            text, level = "no epoch yet", diagnostics.WARN
+        elif solution.solution == SOLUTION_NONE:
+            text, level = f"no solution: {'; '.join(solution.degraded)}", diagnostics.WARN
+        else:
+            is_fixed = solution.solution == SOLUTION_FIXED and not solution.degraded
+            level = diagnostics.OK if is_fixed else diagnostics.WARN
+            text = "; ".join([SOLUTION_NAMES[solution.solution], *solution.degraded])
+        return [
+            diagnostics.status(
+                f"{self.get_name()}: solution",
+                level,
+                text,
+                {
+                    **{f"epochs {name}": count for name, count in self._epochs.items()},
+                    **{f"epochs without {k}": n for k, n in self._join.incomplete.items()},
+                    "measurements too late": self._join.late,
+                    "compute time of the last epoch": self._compute_time,
+                    **(_numbers(solution) if solution is not None else {}),
+                },
+                hardware_id=self.parameters.deputy,
+            )
+        ]
+
+
+def _numbers(solution: RelativeSolution) -> dict[str, object]:
+    return {
+        "satellites": solution.satellites_used,
+        "ambiguities fixed": solution.ambiguities_fixed,
+        "ratio": round(solution.ratio, 2),
+        "innovation rms": round(solution.innovation_rms, 3),
+        "age": solution.age,
+        "excluded": ", ".join(solution.excluded),
+    }
+
+
+NODE_CLASS = RelativeEkfNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(RelativeEkfNode)
