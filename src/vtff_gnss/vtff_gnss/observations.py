@@ -136,6 +136,8 @@ class ObservationSeries:
     time_status, receiver_status, log_name
         Of all epochs; see `ObservationEpoch`.
     is_observed : ndarray of bool, shape (k, n)
+    channel : ndarray of uint8, shape (k, n), or None
+        Receiver channels 0..31, if known.
     """
 
     times: Sequence[GpsTime]
@@ -156,6 +158,7 @@ class ObservationSeries:
     carrier_phase_sigma_cycles: npt.NDArray[np.float32]
     lock_time: npt.NDArray[np.float32]
     flags: npt.NDArray[np.uint16]
+    channel: npt.NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:
         """Return the number of epochs."""

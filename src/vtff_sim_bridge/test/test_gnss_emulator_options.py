@@ -16,6 +16,7 @@ from vtff_gnss.antenna_pattern import ParabolicPattern
 from vtff_gnss.fix import STATUS_NONE, Fix
 from vtff_gnss.novatel import RawLog, ReceiverLogStream
 from vtff_gnss.novatel.encode_lnav import quantize_lnav
+from vtff_gnss.novatel.range_logs import RANGE_RECORD, RANGECMP_RECORD
 from vtff_gnss.signals import carrier_wavelength, satellite_name
 from vtff_sim_bridge.emulator_state import PowerCommand
 from vtff_sim_bridge.gnss.configuration import MultipathModel, TrackingModel
@@ -308,3 +309,32 @@ def test_ephemerides_are_received_again_every_30_seconds():
     first_time = logs.count("GPSEPHEMB")
     assert max(tracked) <= first_time <= max(tracked) + 1
     assert logs.count("RAWEPHEMB") == first_time + tracked[30]
+
+
+@pytest.mark.parametrize("log", ["RANGE", "RANGECMP"])
+def test_status_words_tell_the_channels(log):
+    """Each satellite has one of its own, of its system, and keeps it."""
+    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 20)
+    run = support.Run(
+        support.configuration("benchmark"), motions, f"LOG {log}B ONTIME 1\r\n".encode()
+    ).all()
+    stream = ReceiverLogStream(raw_logs="all")
+    record = RANGE_RECORD if log == "RANGE" else RANGECMP_RECORD
+    held: dict[tuple[int, int], int] = {}
+    for event in stream.feed(bytes(run.content["chief"])):
+        if not isinstance(event, RawLog):
+            continue
+        records = np.frombuffer(event.content, record, count=36, offset=32)
+        status = records["tracking_status"]
+        systems = (status >> 16 & 7).tolist()
+        channels = dict(
+            zip(
+                zip(systems, records["prn"].tolist(), strict=True),
+                (status >> 5 & 31).tolist(),
+                strict=True,
+            )
+        )
+        assert sorted(channels.values()) == list(range(12))
+        assert all((channel >= 6) == (system > 0) for (system, _), channel in channels.items())
+        assert all(held[key] == channels[key] for key in held.keys() & channels.keys())
+        held = channels

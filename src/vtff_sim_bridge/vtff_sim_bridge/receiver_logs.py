@@ -126,19 +126,21 @@ def _range_log() -> LogDefinition:
     return LogDefinition("RANGE", _SYNCHRONOUS, _observations, make_encoder)
 
 
-def _observation_log(
-    name: str, make_encode: Callable[[], Callable[[ObservationEpoch, HeaderSettings], bytes]]
-) -> LogDefinition:
-    def make_encoder() -> LogEncoder:
-        encode = make_encode()
+def _rangecmp(item: EpochOfSeries, context: LogContext) -> bytes:
+    series, index = item
+    channel = None if series.channel is None else series.channel[index][series.is_observed[index]]
+    epoch = _with_status(series.epoch(index), context.receiver_status)
+    return encode_rangecmp(epoch, context.settings, channel)
 
-        def encoder(item: EpochOfSeries, context: LogContext) -> bytes:
-            epoch = item.series.epoch(item.index)
-            return encode(_with_status(epoch, context.receiver_status), context.settings)
 
-        return encoder
+def _rangecmp4_encoder() -> LogEncoder:
+    rangecmp4 = RangeCmp4Encoder()
 
-    return LogDefinition(name, _SYNCHRONOUS, _observations, make_encoder)
+    def encoder(item: EpochOfSeries, context: LogContext) -> bytes:
+        epoch = _with_status(item.series.epoch(item.index), context.receiver_status)
+        return rangecmp4.encode(epoch, context.settings)
+
+    return encoder
 
 
 def _observations(outputs: ReceiverOutputs, time: GpsTime) -> tuple[EpochOfSeries]:
@@ -199,8 +201,8 @@ def _version(_item: object, context: LogContext) -> bytes:
 
 LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
     _range_log(),
-    _observation_log("RANGECMP", lambda: encode_rangecmp),
-    _observation_log("RANGECMP4", lambda: RangeCmp4Encoder().encode),
+    LogDefinition("RANGECMP", _SYNCHRONOUS, _observations, lambda: _rangecmp),
+    LogDefinition("RANGECMP4", _SYNCHRONOUS, _observations, _rangecmp4_encoder),
     LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),
     LogDefinition("IONUTC", _ASYNCHRONOUS, lambda o, t: o.ionosphere_utc(t), lambda: _ionutc),
     _ephemeris_log("RAWEPHEM", EPHEMERIS_SOURCE_LNAV, encode_rawephem),

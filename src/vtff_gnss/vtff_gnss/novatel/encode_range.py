@@ -11,7 +11,11 @@ import numpy.typing as npt
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.encode_frame import HeaderSettings, encode_frame
-from vtff_gnss.novatel.range_logs import GLONASS_CHANNEL_OFFSET, RANGE_RECORD
+from vtff_gnss.novatel.range_logs import (
+    GLONASS_CHANNEL_OFFSET,
+    RANGE_RECORD,
+    RANGECMP_RECORD,
+)
 from vtff_gnss.novatel.tracking_status import NOVATEL_SIGNALS, rinex_prn
 from vtff_gnss.observations import ObservationEpoch, ObservationSeries
 
@@ -96,17 +100,6 @@ for _system in range(7):
     _PRN_NOVATEL[_system, _numbers] = np.arange(256)
 _PRN_NOVATEL[:, 0] = 0
 
-_RANGECMP_RECORD = np.dtype(
-    [
-        ("tracking_status", "<u4"),
-        ("doppler_pseudorange", "<u8"),
-        ("accumulated_doppler", "<i4"),
-        ("sigmas", "u1"),
-        ("prn", "u1"),
-        ("lock_cn0_glonass", "<u4"),
-        ("reserved", "<u2"),
-    ]
-)
 _PSEUDORANGE_SIGMA_STEPS = np.array(
     [0.050, 0.075, 0.113, 0.169, 0.253, 0.380, 0.570, 0.854]
     + [1.281, 2.375, 4.750, 9.500, 19.0, 38.0, 76.0],
@@ -254,7 +247,7 @@ def encode_range_series(
     Parameters, Raises
         See `encode_range`.
     """
-    records = _range_records(series)
+    records = _range_records(series, series.channel)
     frames = []
     for index in range(first, len(series)):
         observed = records[index]
@@ -310,7 +303,7 @@ def encode_rangecmp(
     Parameters, Raises
         See `encode_range`; also ValueError for a pseudorange outside 0..5.3e8 m.
     """
-    records = np.zeros(len(epoch), _RANGECMP_RECORD)
+    records = np.zeros(len(epoch), RANGECMP_RECORD)
     if len(epoch):
         numbers = _numbers_of(epoch)
         records["tracking_status"] = _tracking_status(epoch, numbers, channel)

@@ -18,6 +18,7 @@ from vtff_gnss.signals import carrier_wavelength
 
 __all__ = [
     "GLONASS_CHANNEL_OFFSET",
+    "RANGECMP_RECORD",
     "RANGE_RECORD",
     "GlonassChannels",
     "decode_range",
@@ -40,7 +41,7 @@ RANGE_RECORD = np.dtype(
 )
 """One observation of RANGEB, 44 bytes."""
 
-_RANGECMP_RECORD = np.dtype(
+RANGECMP_RECORD = np.dtype(
     [
         ("tracking_status", "<u4"),
         ("doppler_pseudorange", "<u8"),
@@ -51,6 +52,7 @@ _RANGECMP_RECORD = np.dtype(
         ("reserved", "<u2"),
     ]
 )
+"""One observation of RANGECMPB, 24 bytes."""
 
 GLONASS_CHANNEL_OFFSET = 7
 """Number in the logs less frequency channel; verified on ADR / PSR of real OEM7 logs."""
@@ -135,7 +137,7 @@ def decode_rangecmp(payload: bytes, channels: GlonassChannels) -> SignalRecords:
         If the payload is shorter than its count of observations says.
     """
     count = int.from_bytes(payload[:4], "little")
-    records = np.frombuffer(payload, dtype=_RANGECMP_RECORD, count=count, offset=4)
+    records = np.frombuffer(payload, dtype=RANGECMP_RECORD, count=count, offset=4)
     status = records["tracking_status"]
     system, signal = system_from_status(status), signal_from_status(status)
     packed = records["doppler_pseudorange"]

@@ -46,7 +46,7 @@ class Measurements:
     pseudorange, carrier_phase_cycles, doppler_hz, cn0_dbhz : ndarray, shape (k, m)
     sigmas : Sigmas
         (k, m).
-    channel : ndarray of uint8, shape (n,)
+    channel : ndarray of uint8, shape (k, n)
     """
 
     start: GpsTime
@@ -98,6 +98,7 @@ class Measurements:
             ),
             lock_time=self.tracks.lock_time[:, used].astype(np.float32),
             flags=self.tracks.flags[:, used],
+            channel=self.channel[:, plan.satellite[used]],
         )
 
     def tracked_satellites(self, index: int) -> list[int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +49,15 @@ __all__ = ["SimulatedReceiver"]
 # s; the frame of GPS. Galileo repeats its ephemeris as often in I/NAV, and every 50 s in F/NAV.
 _EPHEMERIS_REPETITION = 30.0
 _TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
+
+
+class _Channels(NamedTuple):
+    """Channels while the same satellites are visible."""
+
+    plan: LinkPlan
+    visible: bytes
+    has_channel: npt.NDArray[np.bool_]
+    number: npt.NDArray[np.uint8]
 
 
 class SimulatedReceiver:
@@ -110,7 +119,7 @@ class SimulatedReceiver:
         self._sky: Sky | None = None
         self._sky_second = -1
         self._plan: LinkPlan | None = None
-        self._visible: tuple[LinkPlan, bytes, npt.NDArray[np.bool_]] | None = None
+        self._visible: _Channels | None = None
         self._ephemerides: tuple[BroadcastEphemeris, ...] = ()
         self._received: dict[tuple[int, int, int], tuple[BroadcastEphemeris, ...]] = {}
         self._ionosphere_utc: tuple[IonosphereUtc, ...] = ()
@@ -176,7 +185,7 @@ class SimulatedReceiver:
                 *(stec_tecu, s4_l1, cn0_dbhz, delay, extra),
             )
         )
-        has_channel = self._channels(plan, seen, position)
+        has_channel, channel = self._channels(plan, seen, position)
         strong = cn0_dbhz > self.configuration.tracking.threshold_dbhz
         if not is_up:
             has_channel = np.zeros_like(has_channel)
@@ -200,7 +209,7 @@ class SimulatedReceiver:
             slant_tec_tecu=stec_tecu,
             s4_l1=s4_l1,
             tracks=tracks,
-            channel=self._tracker.channels(plan.satellites),
+            channel=channel,
             **measured,
         )
         if (first_epoch + len(offset) - 1) % EPOCHS_PER_SECOND == 0:
@@ -243,23 +252,27 @@ class SimulatedReceiver:
 
     def _channels(
         self, plan: LinkPlan, seen: LineOfSight, position: FloatArray
-    ) -> npt.NDArray[np.bool_]:
-        """Return which satellites have a channel, shape (k, n)."""
+    ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
+        """Return which satellites have a channel, and its number, shape (k, n)."""
         mask = math.radians(self.configuration.tracking.elevation_mask_deg)
         visible = seen.elevation > mask
         if mask < 0.0:
             visible &= ~earth_obstructs(position[:, None], seen.position_satellite_itrf)
-        rows = []
+        epochs = []
         for index, row in enumerate(visible):
             key = row.tobytes()
             last = self._visible
-            if last is None or last[0] is not plan or last[1] != key:
+            if last is None or last.plan is not plan or last.visible != key:
                 has_channel = self._tracker.with_channel(
                     plan.satellites, seen.elevation[index], row
                 )
-                self._visible = last = (plan, key, has_channel)
-            rows.append(last[2])
-        return np.array(rows)
+                number = self._tracker.channels(plan.satellites)
+                self._visible = last = _Channels(plan, key, has_channel, number)
+            epochs.append(last)
+        return (
+            np.array([epoch.has_channel for epoch in epochs]),
+            np.array([epoch.number for epoch in epochs]),
+        )
 
     def _observables(
         self,

@@ -109,8 +109,16 @@ class Tracker:
         self._channel_of: dict[tuple[int, int], int] = {}
 
     def channels(self, satellites: Sequence[tuple[int, int]]) -> npt.NDArray[np.uint8]:
-        """Return the channel number of each satellite (system, number): its place in turn."""
-        numbers = [self._channel_of.get(satellite, 0) for satellite in satellites]
+        """Return the channel number of each satellite (system, number); 0 for those without.
+
+        GPS has the first ones, Galileo those behind.
+        """
+        numbers = [
+            self._channel_of[satellite] + (self._model.channels if satellite[0] else 0)
+            if satellite in self._channel_of
+            else 0
+            for satellite in satellites
+        ]
         return np.array(numbers, dtype=np.uint8)
 
     def with_channel(
