@@ -44,7 +44,8 @@ class Sky:
     direction : ndarray, shape (n, 3)
         From the deputy to the satellite, navigation axes.
     clock_rate : ndarray
-        Derivative of the single difference by the receiver clock of the deputy (m by m).
+        Derivative of the single difference by the receiver clock of the deputy (m by m): less
+        than 1 because the time of reception, and so the range, depends on it.
     plasma : ndarray, shape (n, layers)
         Differential slant content of each layer, TECU, for a density of `DENSITY_UNIT`.
     elevation, azimuth : ndarray
@@ -169,7 +170,7 @@ def measurement_innovation(
     measured : SingleDifferences
     sky : Sky
     clock : float
-        Assumed clock difference, m.
+        Clock difference for which the sky was seen, m.
     laser : LaserMeasurement, optional
     """
     count = len(measured)
@@ -178,7 +179,7 @@ def measurement_innovation(
     code, phase = slice(0, count), slice(count, 2 * count)
     design[code, :3] = design[phase, :3] = -sky.direction
     predicted = np.empty(size)
-    predicted[code] = predicted[phase] = sky.predicted + sky.clock_rate * clock
+    predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)
     columns, code_columns, shift = _biases(state, arcs, measured)
     rows = np.arange(count)

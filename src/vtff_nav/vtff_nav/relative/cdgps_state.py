@@ -201,7 +201,9 @@ class GaussianState:
         if info != 0:
             raise ValueError("the innovation covariance is not positive definite")
         inverse, _ = lapack.dpotri(factor, lower=1)
-        weight = np.tril(inverse) + np.tril(inverse, -1).T
+        # Only the lower half is filled.
+        weight = inverse + inverse.T
+        weight[np.diag_indices_from(weight)] *= 0.5
         if nuisance.shape[1]:
             weighted = weight @ nuisance
             normal = nuisance.T @ weighted

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -24,9 +25,12 @@ __all__ = [
     "SignalKey",
     "SignalTable",
     "SingleDifferences",
+    "band_mask",
     "code_group_delay",
     "geometry",
+    "satellite_mask",
     "satellite_rows",
+    "signal_key",
     "single_differences",
     "usable_signals",
 ]
@@ -143,18 +147,44 @@ class SignalTable:
         return self.number >> 16
 
 
+def band_mask(bands: Mapping[int, tuple[int, ...]]) -> npt.NDArray[np.bool_]:
+    """Return which systems and frequency digits are wanted, shape (256, 10)."""
+    is_wanted = np.zeros((256, 10), dtype=bool)
+    for wanted, digits in bands.items():
+        is_wanted[wanted, list(digits)] = True
+    return is_wanted
+
+
+def satellite_mask(satellites: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return which of all satellite numbers (system and number as one) are given, (65536,)."""
+    mask = np.zeros(1 << 16, dtype=bool)
+    mask[satellites] = True
+    return mask
+
+
 def usable_signals(
-    epoch: ObservationEpoch, noise: MeasurementNoise, bands: dict[int, tuple[int, ...]]
+    epoch: ObservationEpoch,
+    noise: MeasurementNoise,
+    is_wanted: npt.NDArray[np.bool_],
+    is_known: npt.NDArray[np.bool_],
 ) -> SignalTable:
-    """Return the signals of an epoch that have valid code and phase on the bands asked for."""
+    """Return the signals of an epoch that have valid code and phase.
+
+    Parameters
+    ----------
+    epoch : ObservationEpoch
+    noise : MeasurementNoise
+    is_wanted : ndarray of bool
+        See `band_mask`.
+    is_known : ndarray of bool
+        See `satellite_mask`: satellites with an ephemeris.
+    """
     system = epoch.system.astype(np.int64)
     prn, band = epoch.prn.astype(np.int64), epoch.band.astype(np.int64)
     attribute = epoch.attribute.astype(np.int64)
     is_usable = (epoch.flags & _BOTH_VALID) == _BOTH_VALID
-    is_wanted = np.zeros((256, 256), dtype=bool)
-    for wanted, digits in bands.items():
-        is_wanted[wanted, list(digits)] = True
     is_usable &= is_wanted[system, band]
+    is_usable &= is_known[(system << 8) | prn]
     is_usable &= np.isfinite(epoch.pseudorange) & np.isfinite(epoch.carrier_phase_cycles)
     carrier = (system << 16) | (prn << 8) | band
     order = np.lexsort((_ATTRIBUTE_RANK[attribute], carrier))
@@ -334,9 +364,9 @@ def _acceleration(states_itrf: FloatArray) -> FloatArray:
     position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
     squared = np.sum(position**2, axis=1, keepdims=True)
     rate = c.EARTH_ROTATION_RATE_BROADCAST
-    omega = np.array([0.0, 0.0, rate])
     fall = -c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS] / squared**1.5 * position
-    inertial = fall - 2.0 * np.cross(omega, velocity)
+    coriolis = 2.0 * rate * velocity[:, [1, 0, 2]] * np.array([1.0, -1.0, 0.0])
+    inertial = fall + coriolis
     centrifugal = rate**2 * position * np.array([1.0, 1.0, 0.0])
     is_orbiting = np.sum(velocity**2, axis=1, keepdims=True) > 1e6
     return np.where(is_orbiting, inertial + centrifugal, 0.0)

@@ -79,13 +79,16 @@ class Combinations:
 
 
 def combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
-    """Return the ionosphere-free combinations of the satellites that have an ephemeris."""
+    """Return the ionosphere-free combinations; all satellites must have an ephemeris."""
     known = satellite_rows(table)
-    satellites, first, count = np.unique(signals.satellite, return_index=True, return_counts=True)
-    has_orbit = np.isin(satellites, known)
-    satellites, first, count = satellites[has_orbit], first[has_orbit], count[has_orbit]
+    # Signals are ordered by satellite and band, and all satellites have an ephemeris.
+    is_first = np.ones(len(signals), dtype=bool)
+    is_first[1:] = signals.satellite[1:] != signals.satellite[:-1]
+    first = np.flatnonzero(is_first)
+    count = np.diff(np.append(first, len(signals)))
+    satellites = signals.satellite[first]
     rows = np.searchsorted(known, satellites)
-    # Signals are ordered by band: the first two of a satellite are its main carriers.
+    # The first two of a satellite are its main carriers.
     second = first + (count > 1)
     f1, f2 = signals.frequency_hz[first] ** 2, signals.frequency_hz[second] ** 2
     is_dual = f1 != f2
@@ -329,13 +332,6 @@ class AbsoluteFilter:
         """Go on to the next epoch."""
         assert self.state is not None
         self.state.predict_leading(mean, transition, noise)
-
-    def synchronise(self, signals: SignalTable, table: EphemerisTable, seen: Geometry) -> float:
-        """Return the receiver clock (s) that the codes of this epoch tell."""
-        measured = combinations(signals, table)
-        rows = seen.rows(measured.satellite)
-        residual = measured.code - (seen.range[0, rows] - seen.clock[0, rows])
-        return float(np.median(residual)) / SPEED_OF_LIGHT
 
     def update(
         self, time: GpsTime, signals: SignalTable, table: EphemerisTable, seen: Geometry
