@@ -261,6 +261,16 @@ def test_diagnostics(ros, served):
         assert values["clock model"] == "valid"
 
 
+def test_diagnostics_of_a_receiver_that_sends_nothing(ros, served):
+    with bench_on(served.name, silence_timeout=0.02, **LOCKSTEP) as bench:
+        bench.until(lambda: bench.on("/sim/step_done"))
+        bench.tick(0)
+        bench.until_acknowledged(0)
+        status = bench.node.health()[0]
+        assert status.level == diagnostics.WARN
+        assert status.message == "nothing received for 1 s of scenario time"
+
+
 def test_diagnostics_of_a_receiver_that_is_not_there(ros, tmp_path):
     with bench_on(f"serial://{tmp_path / 'nowhere'}", reports_ready=True) as bench:
         bench.until(lambda: bench.node.health()[0].level == diagnostics.ERROR)

@@ -195,6 +195,21 @@ def test_a_power_cycle_is_noticed_and_the_logs_are_asked_for_again():
     assert bench.session.problem == ""
 
 
+def test_a_receiver_with_nothing_to_send_is_asked_less_and_less_often():
+    bench = Bench()
+    times = []
+    bench.until_running()
+    for _ in range(round(100.0 / TICK)):
+        bench.tick()
+        if bench.session.configurations > len(times):
+            times.append(bench.now)
+    pauses = [later - earlier for earlier, later in zip(times, times[1:], strict=False)]
+    assert pauses == pytest.approx([3.0, 6.0, 12.0, 24.0, 24.0, 24.0], abs=0.5)
+    bench.run(0.2, epochs_per_tick=1)
+    bench.run(3.5)
+    assert bench.session.last_problem == "nothing was received for 3 s"
+
+
 def test_unplugged_and_plugged_in_again_with_growing_pauses():
     bench = Bench()
     bench.until_running()

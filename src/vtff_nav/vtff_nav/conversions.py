@@ -240,11 +240,10 @@ def _array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
     return array.array(kind, np.asarray(column).astype(kind).tobytes())
 
 
-def _check_lengths(columns: dict[str, Any]) -> None:
+def _check_lengths(columns: dict[str, npt.NDArray[Any]]) -> None:
     count = len(columns["prn"])
     for name, column in columns.items():
-        if np.shape(column) != (count,):
+        if column.shape != (count,):
             raise ValueError(
-                f"observation column '{name}' has shape {np.shape(column)}; "
-                f"'prn' has {count} elements"
+                f"observation column '{name}' has shape {column.shape}; 'prn' has {count} elements"
             )

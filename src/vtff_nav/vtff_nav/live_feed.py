@@ -187,6 +187,8 @@ class LiveFeed:
             level, text = diagnostics.ERROR, session.problem
         elif not session.is_running:
             level = diagnostics.WARN
+        elif shortage := self._receiver.shortage(time.monotonic(), is_lockstep=self._node.lockstep):
+            level, text = diagnostics.WARN, shortage
         values = {
             "connection": session.state.value,
             "reconnects": str(session.reconnects),

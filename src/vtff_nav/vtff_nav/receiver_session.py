@@ -29,6 +29,8 @@ BAUD_CHANGE_TIME = 0.1
 #: Bytes without a log among them that mean another baud rate: at once, and after the time-out.
 UNINTELLIGIBLE_BYTES = 32768
 UNINTELLIGIBLE_BYTES_LATER = 2048
+#: Most that the time-out for silence grows by while configuring does not help.
+LONGEST_PATIENCE = 8.0
 #: Reads of one call, so that a flood of bytes leaves the caller to others.
 READS_PER_CALL = 16
 
@@ -166,6 +168,8 @@ class ReceiverSession:
         self._wanted_again = ""
         self._requests: deque[CommandRequest] = deque()
         self._request: CommandRequest | None = None
+        self._patience = settings.receiver_timeout
+        self._has_sent_since_configured = False
         self._heard_at = 0.0
         self._understood_at = 0.0
         self._bytes_since_understood = 0
@@ -282,6 +286,7 @@ class ReceiverSession:
                 break
             self.bytes_received += len(chunk)
             self._heard_at = self._now
+            self._has_sent_since_configured |= self.is_running
             self._bytes_since_understood += len(chunk)
             for event in self._stream.feed(chunk):
                 if isinstance(event, CommandResponse):
@@ -333,7 +338,9 @@ class ReceiverSession:
 
     def _look_after(self) -> None:
         """Look for the receiver again if it has fallen silent or speaks at another rate."""
-        patience = self._settings.receiver_timeout
+        if self._has_sent_since_configured:
+            self._patience = self._settings.receiver_timeout
+        patience = self._patience
         is_late = self._now - self._understood_at > patience
         limit = UNINTELLIGIBLE_BYTES_LATER if is_late else UNINTELLIGIBLE_BYTES
         reason, self._wanted_again = self._wanted_again, ""
@@ -343,6 +350,8 @@ class ReceiverSession:
             reason = f"{self._bytes_since_understood} bytes without a log: wrong baud rate?"
         if not reason:
             return
+        # One that answers but has nothing to send (yet) is not to be asked all the time.
+        self._patience = min(2.0 * patience, LONGEST_PATIENCE * self._settings.receiver_timeout)
         self._note_problem(reason)
         self._forget_silence()
         if self._settings.commands:
@@ -364,6 +373,7 @@ class ReceiverSession:
 
     def _run(self) -> None:
         self.state = SessionState.RUNNING
+        self._has_sent_since_configured = False
         self._pause = self._settings.shortest_pause
         self._forget_silence()
         self.problem = "; ".join(f"'{c}': {text}" for c, text in self.refused.items())

@@ -56,11 +56,13 @@ class SecondWatch:
         self.newest_end = -1
         self.silent_seconds = 0
 
-    def read(self, byte_count: int, events: Iterable[Event], now: float) -> None:
-        """Note what was read at wall time `now`, in s."""
+    def read(
+        self, byte_count: int, events: Iterable[Event], now: float, *, is_dialogue: bool = False
+    ) -> None:
+        """Note what was read at wall time `now`, in s; a dialogue about commands is no logs."""
         if byte_count:
             self._quiet_since = now
-            self._is_heard = True
+            self._is_heard |= not is_dialogue
         for event in events:
             if isinstance(event, self._end_type):
                 self.newest_end = max(self.newest_end, whole_second(event.time))
