@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import Event
 from vtff_gnss.observations import ObservationEpoch
-from vtff_nav.log_replay import whole_second
 
 __all__ = ["END_OF_SECOND_LOGS", "SecondWatch"]
 
@@ -65,7 +65,8 @@ class SecondWatch:
             self._is_heard |= not is_dialogue
         for event in events:
             if isinstance(event, self._end_type):
-                self.newest_end = max(self.newest_end, whole_second(event.time))
+                second = event.time.nanoseconds // NANOSECONDS_PER_SECOND
+                self.newest_end = max(self.newest_end, second)
 
     def begin(self, second: int, now: float) -> None:
         """Begin to wait for a second; its bytes may have come before."""
