@@ -26,7 +26,7 @@ setup(
             )
         ),
     ],
-    package_data={package_name: ["py.typed"]},
+    package_data={package_name: ["py.typed", "report/report.css"]},
     install_requires=["setuptools"],
     zip_safe=True,
     maintainer="vtff developers",

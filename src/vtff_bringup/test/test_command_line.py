@@ -14,7 +14,6 @@ from typer.testing import CliRunner
 from vtff_bringup import cli, report
 from vtff_bringup.commands import run
 from vtff_bringup.runner import RunResult
-from vtff_bringup.system import SystemDescription
 
 
 def shown_by(function, *arguments):
@@ -49,8 +48,7 @@ def test_an_interrupt_while_the_report_is_written(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(report, "write_report", interrupted)
-    system = SystemDescription(pathlib.Path("reference.yaml"), "", {}, (), ())
-    exit_code, shown = shown_by(run._report, system, tmp_path)
+    exit_code, shown = shown_by(run._report, tmp_path)
     assert exit_code == 130
     assert "report interrupted" in shown
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
+import os
+import pathlib
 import time
 from dataclasses import dataclass
 from typing import Any
@@ -11,9 +14,11 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from vtff_bringup.bag.errors import BagWriteError
 from vtff_bringup.bag.writer import COMPRESSIONS, DEFAULT_CHUNK_SIZE, BagWriter
 from vtff_bringup.recorder import SEARCH_INTERVAL, Acknowledger, Recorder, TopicSelection
+from vtff_bringup.run_description import describe_run_folder
+from vtff_bringup.run_environment import describe_environment
 from vtff_node import diagnostics
 from vtff_node.main import run_node
-from vtff_node.node import VtffNode
+from vtff_node.node import RUN_DIRECTORY_VARIABLE, VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_stamp
 
@@ -81,7 +86,10 @@ class BagRecorderNode(VtffNode):
         table: BagRecorderParameters = self.parameters
         try:
             self._writer = BagWriter(
-                table.output, table.custom_metadata(), table.chunk_size, table.compression
+                table.output,
+                {**_run_texts(), **table.custom_metadata()},
+                table.chunk_size,
+                table.compression,
             )
         except BagWriteError as error:
             raise ParameterError(f"parameter 'output': {error}") from error
@@ -156,9 +164,20 @@ class BagRecorderNode(VtffNode):
     def _close_bag(self) -> None:
         try:
             self._recorder.finish()
+            # Again: by now every node has left its parameters.
+            self._writer.add_custom_metadata(_run_texts())
             self._writer.close()
         except BagWriteError as error:
             self._fail(error)
+
+
+def _run_texts() -> dict[str, str]:
+    """Return how the run came about, as texts for the metadata; empty outside `vtff run`."""
+    directory = os.environ.get(RUN_DIRECTORY_VARIABLE)
+    if not directory:
+        return {}
+    described = describe_run_folder(pathlib.Path(directory))
+    return dataclasses.replace(described, environment=describe_environment()).as_custom_data()
 
 
 NODE_CLASS = BagRecorderNode

@@ -9,6 +9,7 @@ from vtff_bringup.bag.metadata import STORAGE_IDENTIFIER
 from vtff_bringup.bag.reader import BagReader
 
 _INDENT = 19
+_LONGEST_TEXT = 60
 _NANOSECONDS = 1_000_000_000
 
 
@@ -44,8 +45,15 @@ def format_information(reader: BagReader) -> str:
         ("State", [_state(reader), *reader.notes]),
     ]
     if reader.custom_data:
-        rows.append(("Custom data", [f"{k}: {v}" for k, v in sorted(reader.custom_data.items())]))
+        custom = sorted(reader.custom_data.items())
+        rows.append(("Custom data", [f"{key}: {_shortened(text)}" for key, text in custom]))
     return "\n".join(_row(title, values) for title, values in rows)
+
+
+def _shortened(text: str) -> str:
+    """Return a text on one line that fits a terminal."""
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST_TEXT else f"{line[: _LONGEST_TEXT - 4]} ..."
 
 
 def _row(title: str, values: list[str]) -> str:

@@ -175,6 +175,10 @@ class BagWriter:
         """Return the number of a topic added before, else None."""
         return next((number for number, topic in self._topics.items() if topic.name == name), None)
 
+    def add_custom_metadata(self, custom_metadata: Mapping[str, str]) -> None:
+        """Add texts to ``custom_data``; they are written when the bag is closed."""
+        self._custom_metadata.update({str(k): str(v) for k, v in custom_metadata.items()})
+
     @property
     def message_count(self) -> int:
         """Messages written so far."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from typing import Annotated, Any, Optional
+from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
@@ -14,6 +14,7 @@ from vtff_bringup.bag.reader import BagReader
 from vtff_bringup.executables import ExecutableNotFoundError
 from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.progress import RunProgress
+from vtff_bringup.run_description import write_arguments
 from vtff_bringup.run_folder import (
     RunFolderError,
     chosen_folder,
@@ -91,6 +92,7 @@ def run(
     )
     try:
         description = load_system(path, overrides or [], settings)
+        write_arguments(run_directory, {"system": description.name, **description.arguments})
         result = _run(console, description, settings, composed=composed, verbose=verbose)
     except (SystemFileError, ExecutableNotFoundError) as error:
         remove_if_empty(run_directory)
@@ -99,7 +101,7 @@ def run(
         raise _stop(console, error, EXIT_FAILURE) from error
     exit_code, message_count = _finish(console, run_directory, result)
     if report and message_count and exit_code in (0, EXIT_INTERRUPTED):
-        exit_code = _report(console, description, run_directory) or exit_code
+        exit_code = _report(console, run_directory) or exit_code
     raise typer.Exit(exit_code)
 
 
@@ -171,14 +173,13 @@ def _check_bag(
     return exit_code or EXIT_FAILURE
 
 
-def _report(console: Console, description: SystemDescription, run_directory: pathlib.Path) -> int:
+def _report(console: Console, run_directory: pathlib.Path) -> int:
     """Write the report; return an exit code, 0 if it is written."""
     try:
         # Imports matplotlib, which takes a while.
         from vtff_bringup.report import write_report
 
-        arguments: dict[str, Any] = {"system": description.name, **description.arguments}
-        write_report(run_directory, console=console, arguments=arguments)
+        write_report(run_directory, console)
     except KeyboardInterrupt:
         console.print("[red]report interrupted[/red]; the bag is complete")
         return EXIT_INTERRUPTED

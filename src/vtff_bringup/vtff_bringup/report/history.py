@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 import numpy.typing as npt
+
+from vtff_gnss.ephemeris import BroadcastEphemeris
 
 FloatArray = npt.NDArray[np.float64]
 TimeArray = npt.NDArray[np.int64]
@@ -32,6 +35,36 @@ class RelativeStateHistory:
     time: TimeArray
     position_rtn: FloatArray
     velocity_rtn: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class NavigationHistory:
+    """What navigation says of its own solution, for each usable estimate.
+
+    Attributes
+    ----------
+    time
+        ns since 1970, shape (n,).
+    position_sigma_rtn, velocity_sigma_rtn
+        One sigma in m and m/s, shape (n, 3); zero where none was given.
+    solution
+        ``vtff_msgs/RelativeState.SOLUTION_*``, shape (n,).
+    satellites_used, ambiguities_fixed
+        Shape (n,).
+    ratio
+        Ratio of the ambiguity test, shape (n,); 0 where not tested.
+    innovation_rms
+        In units of its predicted sigma, shape (n,).
+    """
+
+    time: TimeArray
+    position_sigma_rtn: FloatArray
+    velocity_sigma_rtn: FloatArray
+    solution: npt.NDArray[np.uint8]
+    satellites_used: npt.NDArray[np.uint8]
+    ambiguities_fixed: npt.NDArray[np.uint16]
+    ratio: FloatArray
+    innovation_rms: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +101,8 @@ class DeputyHistory:
         Thrust as applied; each acceleration acts for one step from its time on.
     target
         Targets published during the run, each in force from its time on.
+    navigation
+        What navigation says of its solution, at the times of `estimate`.
     """
 
     name: str
@@ -76,6 +111,7 @@ class DeputyHistory:
     command: AccelerationHistory | None = None
     applied: AccelerationHistory | None = None
     target: RelativeStateHistory | None = None
+    navigation: NavigationHistory | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +136,10 @@ class ReceiverHistory:
         ``vtff_msgs/GnssFix.STATUS_*``, shape (m,).
     ephemeris_system, ephemeris_prn
         One entry per ephemeris message.
+    fix_position_itrf
+        m, shape (m, 3).
+    ephemerides
+        Those with Keplerian elements, as received.
     """
 
     name: str
@@ -115,6 +155,74 @@ class ReceiverHistory:
     fix_status: npt.NDArray[np.uint8]
     ephemeris_system: npt.NDArray[np.uint8]
     ephemeris_prn: npt.NDArray[np.uint8]
+    fix_position_itrf: FloatArray = dataclasses.field(default_factory=lambda: np.empty((0, 3)))
+    ephemerides: tuple[BroadcastEphemeris, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class SatelliteColumns:
+    """Values per satellite and time, as columns of equal length.
+
+    Attributes
+    ----------
+    time
+        ns since 1970.
+    system, prn
+        As in ``vtff_msgs/GnssObservations``.
+    values
+        Columns by the name of their field in the message.
+    """
+
+    time: TimeArray
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    values: dict[str, FloatArray]
+
+
+@dataclass(frozen=True)
+class HealthItem:
+    """What one part of the system reported on /diagnostics.
+
+    Attributes
+    ----------
+    name
+        ``<node>: <subject>``.
+    hardware_id
+        Device or spacecraft.
+    counts
+        Reports by level: OK, WARN, ERROR, STALE.
+    changes
+        Scenario time (ns since 1970; 0 before the start) and text of each first report of a
+        state other than OK, at most `LONGEST_CHANGES`.
+    level, message, values
+        The last report.
+    """
+
+    LONGEST_CHANGES: ClassVar[int] = 20
+
+    name: str
+    hardware_id: str
+    counts: tuple[int, int, int, int]
+    changes: tuple[tuple[int, str], ...]
+    level: int
+    message: str
+    values: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Boundary:
+    """A crossed edge of an ionospheric irregularity; fields as in the message."""
+
+    time: int
+    kind: str
+    source: str
+    entry: bool
+    spacecraft: str
+    system: int
+    prn: int
+    latitude_deg: float
+    longitude_deg: float
+    altitude: float
 
 
 @dataclass(frozen=True)
@@ -159,6 +267,14 @@ class RunHistory:
         By name, in alphabetical order.
     simulator
         None where no simulator took part.
+    slant_tec, scintillation
+        By topic.
+    boundaries
+        In the order of time.
+    health
+        By name of the node.
+    compute_time
+        Wall time in s of each acknowledged step, by name of the node.
     notes
         One line for each thing that could not be read.
     """
@@ -169,4 +285,9 @@ class RunHistory:
     deputies: dict[str, DeputyHistory] = dataclasses.field(default_factory=dict)
     receivers: dict[str, ReceiverHistory] = dataclasses.field(default_factory=dict)
     simulator: SimulatorReport | None = None
+    slant_tec: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
+    scintillation: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
+    boundaries: tuple[Boundary, ...] = ()
+    health: tuple[HealthItem, ...] = ()
+    compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -4,52 +4,32 @@ from __future__ import annotations
 
 import pathlib
 from collections.abc import Sequence
-from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from vtff_bringup.paper_reference import paper_columns
 from vtff_bringup.report.history import FloatArray, ReceiverHistory
+from vtff_bringup.report.plot_style import (
+    AXIS_COLOURS,
+    AXIS_NAMES,
+    AXIS_STYLES,
+    ESTIMATE_COLOUR,
+    MARK_COLOUR,
+    STATE_COLOUR,
+    STYLE,
+    length_unit,
+    make_figure,
+    save_figure,
+    time_unit_of,
+)
 from vtff_bringup.report.summary import FormationFlight
 from vtff_gnss.signals import satellite_name
 
 ACQUISITION_VIEW = 150.0
 """Length in s of the close view of the acquisition, in which everything happens."""
-
-_DPI = 125
-_WIDTH = 12.8  # inch, 1600 pixels
-_STYLE: Any = {
-    "font.size": 13.0,
-    "axes.titlesize": 14.0,
-    "axes.titlelocation": "left",
-    "figure.titlesize": 15.0,
-    "legend.fontsize": 12.0,
-    "axes.grid": True,
-    "grid.color": "0.88",
-    "axes.axisbelow": True,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.formatter.useoffset": False,
-    "lines.linewidth": 1.8,
-}
-
-# Okabe-Ito colours, told apart with any colour vision; line styles tell them apart without any.
-_AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
-_AXIS_STYLES = ("-", "-", (0, (4, 2)))
-_AXIS_NAMES = ("radial", "in-track", "cross-track")
-_STATE_COLOUR = "#0072B2"
-_ESTIMATE_COLOUR = "#CC79A7"
-_MARK_COLOUR = "0.35"
-
-_LENGTH_UNITS = ((1e5, 1e3, "km"), (1.0, 1.0, "m"), (1e-3, 1e-3, "mm"), (1e-6, 1e-6, "µm"))
-_SMALLEST_LENGTH_UNIT = (1e-9, "nm")
-
-_LONGEST_IN_SECONDS = 7200.0
 
 _TRACKING_CELLS = 1200
 """Most cells along the time axis of the tracking plot, about one per pixel."""
@@ -92,15 +72,17 @@ def plot_formation(
     """
     title = f"{run_name}: {flight.name} relative to the chief"
     files = []
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         figure = _position_and_thrust(flight, scenario, acceleration_cap)
-        files.append(_save(figure, folder / f"{prefix}relative_position_and_thrust.png", title))
+        files.append(
+            save_figure(figure, folder / f"{prefix}relative_position_and_thrust.png", title)
+        )
         figure = _position_by_axis(flight)
-        files.append(_save(figure, folder / f"{prefix}relative_position.png", title))
+        files.append(save_figure(figure, folder / f"{prefix}relative_position.png", title))
         if flight.deviation_rtn is not None and flight.time[flight.keeping].size > 1:
             title = f"{run_name}: deviation of {flight.name} from its target while keeping"
             figure = _keeping_error(flight)
-            files.append(_save(figure, folder / f"{prefix}keeping_error.png", title))
+            files.append(save_figure(figure, folder / f"{prefix}keeping_error.png", title))
     return files
 
 
@@ -127,49 +109,35 @@ def plot_receiver(
     """
     if history.system.size == 0:
         return None
-    with mpl.rc_context(_STYLE):
+    with mpl.rc_context(STYLE):
         title = f"{run_name}: satellites tracked by {history.name}"
-        return _save(_tracking(history), folder / f"{prefix}gnss_tracking.png", title)
-
-
-def _figure(height: float) -> Figure:
-    # Room between the last time label of a panel and the first of the next.
-    layout = ConstrainedLayoutEngine(w_pad=0.13)
-    figure = Figure(figsize=(_WIDTH, height), layout=layout)
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _save(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
-    figure.suptitle(title, x=0.01, ha="left", weight="bold")
-    figure.savefig(path, dpi=_DPI)
-    return path
+        return save_figure(_tracking(history), folder / f"{prefix}gnss_tracking.png", title)
 
 
 def _position_and_thrust(
     flight: FormationFlight, scenario: str, acceleration_cap: float | None
 ) -> Figure:
     """Figure A1: (A) position, (B) thrust; the whole run and the acquisition side by side."""
-    figure = _figure(8.4)
+    figure = make_figure(8.4)
     views = _views(flight)
     axes = figure.subplots(2, len(views), squeeze=False, sharey="row", sharex="col")
-    scale, unit = _length_unit(np.abs(flight.position_rtn).max())
+    scale, unit = length_unit(np.abs(flight.position_rtn).max())
     for column, (name, end) in enumerate(views):
-        factor, time_unit = _time_unit(end)
+        factor, time_unit = time_unit_of(end)
         upper, lower = axes[0, column], axes[1, column]
         for axis in range(3):
-            style = {"color": _AXIS_COLOURS[axis], "linestyle": _AXIS_STYLES[axis]}
+            style = {"color": AXIS_COLOURS[axis], "linestyle": AXIS_STYLES[axis]}
             upper.plot(
                 flight.time * factor, flight.position_rtn[:, axis] / scale,
-                label=_AXIS_NAMES[axis], **style,
+                label=AXIS_NAMES[axis], **style,
             )  # fmt: skip
             time, thrust = _thrust_line(flight, axis)
-            lower.step(time * factor, thrust, where="post", label=_AXIS_NAMES[axis], **style)
+            lower.step(time * factor, thrust, where="post", label=AXIS_NAMES[axis], **style)
         if acceleration_cap is not None and acceleration_cap < 2.0 * np.abs(flight.thrust_rtn).max(
             initial=0.0
         ):
             for limit in (-acceleration_cap, acceleration_cap):
-                lower.axhline(limit, color=_MARK_COLOUR, linewidth=1.0, linestyle=":")
+                lower.axhline(limit, color=MARK_COLOUR, linewidth=1.0, linestyle=":")
         for panel in (upper, lower):
             _mark_keeping(panel, flight, factor, end)
             panel.set_xlim(0.0, end * factor)
@@ -185,32 +153,32 @@ def _position_and_thrust(
 
 def _position_by_axis(flight: FormationFlight) -> Figure:
     """Radial, in-track and cross-track in panels of their own, with target and estimate."""
-    figure = _figure(10.0)
+    figure = make_figure(10.0)
     views = _views(flight)
     axes = figure.subplots(3, len(views), squeeze=False, sharex="col")
     for axis in range(3):
         values = flight.position_rtn[:, axis]
-        scale, unit = _length_unit(np.abs(values).max())
+        scale, unit = length_unit(np.abs(values).max())
         for column, (name, end) in enumerate(views):
             panel = axes[axis, column]
-            factor, time_unit = _time_unit(end)
+            factor, time_unit = time_unit_of(end)
             if flight.estimate_time is not None and flight.estimate_rtn is not None:
                 panel.plot(
                     flight.estimate_time * factor, flight.estimate_rtn[:, axis] / scale,
-                    color=_ESTIMATE_COLOUR, linewidth=1.2, label="navigated",
+                    color=ESTIMATE_COLOUR, linewidth=1.2, label="navigated",
                 )  # fmt: skip
             panel.plot(
-                flight.time * factor, values / scale, color=_STATE_COLOUR, label=flight.source
+                flight.time * factor, values / scale, color=STATE_COLOUR, label=flight.source
             )
             if flight.deviation_rtn is not None:
                 target = values - flight.deviation_rtn[:, axis]
                 panel.plot(
                     flight.time * factor, target / scale,
-                    color=_MARK_COLOUR, linewidth=1.2, linestyle="--", label="target",
+                    color=MARK_COLOUR, linewidth=1.2, linestyle="--", label="target",
                 )  # fmt: skip
             _mark_keeping(panel, flight, factor, end)
             panel.set_xlim(0.0, end * factor)
-            panel.set_title(f"{_AXIS_NAMES[axis]}, {name}")
+            panel.set_title(f"{AXIS_NAMES[axis]}, {name}")
             if axis == 2:
                 panel.set_xlabel(f"time since the start ({time_unit})")
         axes[axis, 0].set_ylabel(f"position ({unit})")
@@ -222,20 +190,20 @@ def _position_by_axis(flight: FormationFlight) -> Figure:
 def _keeping_error(flight: FormationFlight) -> Figure:
     """Deviation from the target, logarithmic where it decays over orders of magnitude."""
     assert flight.deviation_rtn is not None
-    figure = _figure(9.6)
+    figure = make_figure(9.6)
     panels = figure.subplots(3, 1, sharex=True)
-    factor, time_unit = _time_unit(float(flight.time[-1]))
+    factor, time_unit = time_unit_of(float(flight.time[-1]))
     time = flight.time[flight.keeping] * factor
     for axis, panel in enumerate(panels):
         deviation = flight.deviation_rtn[flight.keeping, axis]
         rms = float(np.sqrt(np.mean(deviation**2)))
-        scale, unit = _length_unit(float(np.abs(deviation).max()))
-        panel.axhline(0.0, color=_MARK_COLOUR, linewidth=1.0)
-        panel.plot(time, deviation / scale, color=_AXIS_COLOURS[axis])
+        scale, unit = length_unit(float(np.abs(deviation).max()))
+        panel.axhline(0.0, color=MARK_COLOUR, linewidth=1.0)
+        panel.plot(time, deviation / scale, color=AXIS_COLOURS[axis])
         form = _choose_scale(panel, deviation / scale)
         numbers = f"RMS {rms / scale:.3g} {unit}, mean {deviation.mean() / scale:.3g} {unit}"
         numbers = numbers.replace("-", "\N{MINUS SIGN}")
-        panel.set_title(f"{_AXIS_NAMES[axis]}: {numbers}{form}")
+        panel.set_title(f"{AXIS_NAMES[axis]}: {numbers}{form}")
         panel.set_ylabel(f"deviation ({unit})")
         panel.set_xlim(time[0], time[-1])
     panels[-1].set_xlabel(f"time since the start ({time_unit})")
@@ -274,9 +242,9 @@ def _tracking(history: ReceiverHistory) -> Figure:
     strongest = np.full((len(satellites), int(column.max()) + 1), np.nan)
     column = np.repeat(column, history.observations_per_epoch)
     np.fmax.at(strongest, (row, column), history.cn0_dbhz)
-    factor, time_unit = _time_unit(end)
+    factor, time_unit = time_unit_of(end)
     edges = (np.arange(strongest.shape[1] + 1) - 0.5) * cell * factor
-    figure = _figure(max(4.0, 1.8 + 0.27 * len(satellites)))
+    figure = make_figure(max(4.0, 1.8 + 0.27 * len(satellites)))
     panel = figure.subplots()
     rows = np.arange(len(satellites) + 1) - 0.5
     mesh = panel.pcolormesh(edges, rows, strongest, cmap="viridis")
@@ -311,13 +279,13 @@ def _mark_keeping(panel: Axes, flight: FormationFlight, factor: float, end: floa
     """Draw the begin of the keeping phase."""
     if flight.keeping_start >= end:
         return
-    panel.axvline(flight.keeping_start * factor, color=_MARK_COLOUR, linewidth=1.0, alpha=0.6)
+    panel.axvline(flight.keeping_start * factor, color=MARK_COLOUR, linewidth=1.0, alpha=0.6)
     if end <= 2.0 * ACQUISITION_VIEW:
         # Above the panel, where no curve can run through it.
         panel.annotate(
             "keeping", (flight.keeping_start * factor, 1.0), (0.0, 3.0),
             xycoords=("data", "axes fraction"), textcoords="offset points",
-            ha="center", va="bottom", fontsize=11.0, color=_MARK_COLOUR,
+            ha="center", va="bottom", fontsize=11.0, color=MARK_COLOUR,
         )  # fmt: skip
 
 
@@ -329,9 +297,9 @@ def _mark_closest(
     for column in paper_columns(scenario):
         if "minimum_in_track_m" not in column.values or time > end:
             continue
-        factor, _ = _time_unit(end)
+        factor, _ = time_unit_of(end)
         panel.plot(
-            time * factor, minimum / scale, "o", color=_AXIS_COLOURS[1], markersize=7.0,
+            time * factor, minimum / scale, "o", color=AXIS_COLOURS[1], markersize=7.0,
             label=f"closest in-track: {minimum:.2f} m at {time:.0f} s",
         )  # fmt: skip
         printed = column.values["minimum_in_track_m"]
@@ -343,18 +311,3 @@ def _mark_closest(
         handles, labels = panel.get_legend_handles_labels()
         panel.legend(handles[-2:], labels[-2:], loc="upper right")
         return
-
-
-def _length_unit(largest: float) -> tuple[float, str]:
-    """Return the unit in m, and its name, that suits lengths up to this one."""
-    if largest == 0.0:
-        return 1.0, "m"
-    for threshold, scale, unit in _LENGTH_UNITS:
-        if largest >= threshold:
-            return scale, unit
-    return _SMALLEST_LENGTH_UNIT
-
-
-def _time_unit(end: float) -> tuple[float, str]:
-    """Return factor and name of the unit for a time axis that ends here."""
-    return (1.0, "s") if end <= _LONGEST_IN_SECONDS else (1.0 / 3600.0, "h")

@@ -16,11 +16,15 @@ from vtff_bringup.bag.reader import BagReader, RawMessage
 from vtff_bringup.report.history import (
     AccelerationHistory,
     DeputyHistory,
+    NavigationHistory,
     ReceiverHistory,
     RelativeStateHistory,
     RunHistory,
     SimulatorReport,
 )
+from vtff_bringup.report.recording_details import DetailCollector
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_nav.conversions import ephemeris_from_message
 
 TRUTH_TOPIC = "/formation/relative_state_truth"
 ESTIMATE_TOPIC = "/formation/relative_state"
@@ -39,6 +43,10 @@ _THRUST_TOPIC = re.compile(
     r"^/(?P<deputy>.+)/(?P<what>control/thrust_command|propulsion/thrust_applied)$"
 )
 _GNSS_TOPIC = re.compile(r"^(?:/(?P<receiver>.+))?/gnss/(?P<what>epoch|fix|ephemeris)$")
+
+#: Fields of an estimate beside state and covariance.
+_QUALITY = ("solution", "satellites_used", "ambiguities_fixed", "ratio", "innovation_rms")
+_STATE_WIDTH = 6  # position and velocity
 
 Handler = Callable[[Any], None]
 
@@ -62,9 +70,10 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     """
     reader = BagReader(bag)
     collector = _Collector()
+    details = DetailCollector()
     decoders: dict[str, Callable[[RawMessage], None]] = {}
     for topic in reader.topics.values():
-        handler = collector.handler(topic.name)
+        handler = collector.handler(topic.name) or details.handler(topic.name)
         if handler is None:
             continue
         try:
@@ -86,6 +95,11 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         deputies=collector.deputies(),
         receivers=collector.receivers(),
         simulator=collector.simulator,
+        slant_tec=details.slant_tec(),
+        scintillation=details.scintillation(),
+        boundaries=tuple(details.boundaries),
+        health=details.health(),
+        compute_time=details.compute_time(),
         notes=tuple([*reader.notes, *collector.notes]),
     )
 
@@ -154,7 +168,8 @@ class _Receiver:
         self._counts: list[int] = []
         self._columns: dict[str, list[Any]] = {name: [] for name, _ in self._COLUMNS}
         self._fixes: list[tuple[int, int]] = []
-        self._ephemerides: list[tuple[int, int]] = []
+        self._positions: list[Any] = []
+        self._ephemerides: list[BroadcastEphemeris] = []
 
     def epoch(self, message: Any) -> None:
         self._epoch_times.append(_nanoseconds(message))
@@ -164,9 +179,10 @@ class _Receiver:
 
     def fix(self, message: Any) -> None:
         self._fixes.append((_nanoseconds(message), message.status))
+        self._positions.append(message.position)
 
     def ephemeris(self, message: Any) -> None:
-        self._ephemerides.append((message.system, message.prn))
+        self._ephemerides.append(ephemeris_from_message(message))
 
     def history(self, name: str) -> ReceiverHistory:
         columns = {
@@ -174,7 +190,8 @@ class _Receiver:
             for column, kind in self._COLUMNS
         }
         fixes = np.array(self._fixes, dtype=np.int64).reshape(-1, 2)
-        ephemerides = np.array(self._ephemerides, dtype=np.uint8).reshape(-1, 2)
+        satellites = [(ephemeris.system, ephemeris.prn) for ephemeris in self._ephemerides]
+        ephemerides = np.array(satellites, dtype=np.uint8).reshape(-1, 2)
         return ReceiverHistory(
             name=name,
             epoch_time=np.array(self._epoch_times, dtype=np.int64),
@@ -183,8 +200,24 @@ class _Receiver:
             fix_status=fixes[:, 1].astype(np.uint8),
             ephemeris_system=ephemerides[:, 0],
             ephemeris_prn=ephemerides[:, 1],
+            fix_position_itrf=np.array(self._positions, dtype=float).reshape(-1, 3),
+            ephemerides=tuple(self._ephemerides),
             **columns,
         )
+
+
+def _navigation(times: Any, values: Any) -> NavigationHistory:
+    solution, satellites, ambiguities, ratio, innovation = values[:, 12:].T
+    return NavigationHistory(
+        time=times,
+        position_sigma_rtn=values[:, 6:9],
+        velocity_sigma_rtn=values[:, 9:12],
+        solution=solution.astype(np.uint8),
+        satellites_used=satellites.astype(np.uint8),
+        ambiguities_fixed=ambiguities.astype(np.uint16),
+        ratio=ratio,
+        innovation_rms=innovation,
+    )
 
 
 class _Collector:
@@ -226,7 +259,12 @@ class _Collector:
         if unusable or not np.isfinite(row).all():
             return
         deputy = self._relative.setdefault(message.child_frame_id or "deputy", {})
-        deputy.setdefault(what, _Rows(6)).add(_nanoseconds(message), row)
+        if what == "estimate":
+            variance = np.asarray(message.covariance)[::7]  # the diagonal of 6 by 6
+            sigma = np.sqrt(np.where(variance > 0.0, variance, 0.0))
+            row = np.concatenate((row, sigma, [getattr(message, name) for name in _QUALITY]))
+        width = _STATE_WIDTH + (6 + len(_QUALITY) if what == "estimate" else 0)
+        deputy.setdefault(what, _Rows(width)).add(_nanoseconds(message), row)
 
     @staticmethod
     def _acceleration(rows: _Rows, message: Any) -> None:
@@ -249,7 +287,9 @@ class _Collector:
             parts: dict[str, Any] = {}
             for what, rows in self._relative.get(name, {}).items():
                 times, values = rows.arrays()
-                parts[what] = RelativeStateHistory(times, values[:, :3], values[:, 3:])
+                parts[what] = RelativeStateHistory(times, values[:, :3], values[:, 3:6])
+                if what == "estimate":
+                    parts["navigation"] = _navigation(times, values)
             for what, rows in self._thrust.get(name, {}).items():
                 times, values = rows.arrays()
                 if times.size:

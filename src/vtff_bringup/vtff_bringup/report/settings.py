@@ -1,9 +1,8 @@
-"""Settings of a run from the files that the runner left beside the bag."""
+"""Settings of a run from the parameters of its nodes."""
 
 from __future__ import annotations
 
 import dataclasses
-import pathlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -12,6 +11,7 @@ import numpy as np
 import yaml
 
 from vtff_bringup.report.history import FloatArray
+from vtff_bringup.run_description import SCENARIO_PARAMETER, RunDescription, node_parameters
 
 DEFAULT_DEPUTY = "deputy"  # default of the controller's parameter 'deputy'
 
@@ -61,13 +61,13 @@ class RunSettings:
         return self.controllers.get(deputy, ControllerSettings())
 
 
-def read_settings(run_directory: pathlib.Path) -> RunSettings:
-    """Read the ROS parameter files in ``<run_directory>/parameters``.
+def read_settings(described: RunDescription) -> RunSettings:
+    """Take the settings from the parameters of the nodes.
 
     Parameters
     ----------
-    run_directory
-        Folder of the run; without parameter files the settings are empty.
+    described
+        The run; without parameters the settings are empty.
 
     Returns
     -------
@@ -76,41 +76,29 @@ def read_settings(run_directory: pathlib.Path) -> RunSettings:
     notes: list[str] = []
     seed: int | None = None
     controllers: dict[str, ControllerSettings] = {}
-    for path in sorted((run_directory / "parameters").glob("*.yaml")):
-        for values in _node_parameters(_read_yaml(path, notes)):
+    for name, text in sorted(described.parameter_texts.items()):
+        found = node_parameters(text)
+        if not found:
+            notes.append(f"parameters/{name}.yaml: not a ROS parameter file")
+        for values in found.values():
             if "target_position_rtn" in values:
                 deputy = str(values.get("deputy", DEFAULT_DEPUTY))
-                controllers[deputy] = _controller(values, path, notes)
-            if "scenario_file" in values:
-                seed = _seed(values, notes)
+                controllers[deputy] = _controller(values, name, notes)
+            if SCENARIO_PARAMETER in values:
+                seed = _seed(values, described.scenario_text)
     return RunSettings(seed, controllers, tuple(notes))
 
 
-def _read_yaml(path: pathlib.Path, notes: list[str]) -> Any:
-    try:
-        return yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
-        notes.append(f"{path}: cannot be read: {str(error).splitlines()[0]}")
-        return None
-
-
-def _node_parameters(content: Any) -> list[Mapping[str, Any]]:
-    """Return the parameters of every node in a ROS parameter file."""
-    nodes = content.values() if isinstance(content, Mapping) else ()
-    found = [node.get("ros__parameters") for node in nodes if isinstance(node, Mapping)]
-    return [parameters for parameters in found if isinstance(parameters, Mapping)]
-
-
-def _controller(
-    values: Mapping[str, Any], path: pathlib.Path, notes: list[str]
-) -> ControllerSettings:
+def _controller(values: Mapping[str, Any], name: str, notes: list[str]) -> ControllerSettings:
     target: FloatArray | None = None
     cap: float | None = None
     try:
         target = np.array(values["target_position_rtn"], dtype=float).reshape(3)
         cap = float(values["acceleration_cap"]) if "acceleration_cap" in values else None
     except (TypeError, ValueError):
-        notes.append(f"{path}: target_position_rtn or acceleration_cap is not numeric")
+        notes.append(
+            f"parameters/{name}.yaml: target_position_rtn or acceleration_cap is not numeric"
+        )
     design = values.get("design")
     feedforward = values.get("feedforward")
     return ControllerSettings(
@@ -121,10 +109,13 @@ def _controller(
     )
 
 
-def _seed(values: Mapping[str, Any], notes: list[str]) -> int | None:
+def _seed(values: Mapping[str, Any], scenario_text: str) -> int | None:
     """Return the seed of the run: of the parameters, else of the scenario file."""
     given = values.get("seed", -1)
     if not (isinstance(given, int) and given >= 0):
-        scenario = _read_yaml(pathlib.Path(str(values["scenario_file"])), notes)
+        try:
+            scenario = yaml.safe_load(scenario_text)
+        except yaml.YAMLError:
+            return None
         given = scenario.get("seed") if isinstance(scenario, Mapping) else None
     return given if isinstance(given, int) else None

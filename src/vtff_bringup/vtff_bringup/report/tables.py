@@ -98,7 +98,7 @@ def print_formation(
         title = f"{run_name}: {name}" if len(deputies) > 1 else run_name
         title = f"{title}, {_length(summary)}"
         console.print(_formation_table(title, own, columns))
-        for line in _remarks(own, columns):
+        for line in formation_remarks(own, columns):
             console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim")
 
 
@@ -118,8 +118,15 @@ def print_receivers(
     run_name
         For the title.
     """
-    prefixes = [f"{key_part(name)}_" for name in receivers]
     table = _table(f"{run_name}: GNSS observations", receivers)
+    for label, values in receiver_rows(summary, receivers):
+        table.add_row(label, *values)
+    console.print(table)
+
+
+def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str, list[str]]]:
+    """Return the texts of the receiver table: a label and one number a receiver."""
+    prefixes = [f"{key_part(name)}_" for name in receivers]
     signals = sorted(
         {
             key.removeprefix(prefix)
@@ -128,15 +135,15 @@ def print_receivers(
             if key.startswith(f"{prefix}gnss_observations_")
         }
     )
-    rows = [
+    found = []
+    for label, key, decimals in [
         *_RECEIVER,
         *[(f"  {key.removeprefix('gnss_observations_').upper()}", key, 0) for key in signals],
-    ]
-    for label, key, decimals in rows:
+    ]:
         values = [summary.get(prefix + key) for prefix in prefixes]
         if any(value is not None for value in values):
-            table.add_row(label, *[_text(value, decimals) for value in values])
-    console.print(table)
+            found.append((label, [number_text(value, decimals) for value in values]))
+    return found
 
 
 def print_message_counts(console: Console, counts: Mapping[str, int], run_name: str) -> None:
@@ -155,19 +162,45 @@ def _length(summary: Summary) -> str:
     return f"interrupted after {length}"
 
 
-def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn]) -> Table:
-    table = _table(title, ["measured", *[column.title for column in columns]])
+def formation_rows(
+    summary: Summary, columns: Sequence[PaperColumn]
+) -> list[tuple[str, list[tuple[str, str, list[str]]]]]:
+    """Return the texts of the formation table: heading and rows of each section.
+
+    Parameters
+    ----------
+    summary
+        Summary of the run, keys without the deputy's name.
+    columns
+        The paper's results to set beside it.
+
+    Returns
+    -------
+    list
+        Heading and rows; a row is a label, the measured number, and one number a column.
+    """
     left_out = _not_comparable(summary)
     absent = "not yet" if _is_short(summary) else "never"
+    sections = []
     for heading, section in _sections(summary):
-        rows = [row for row in section if row[1] in summary]
-        if not rows:
-            continue
+        rows = []
+        for label, key, decimals in section:
+            if key not in summary:
+                continue
+            printed = ["" if key in left_out else _paper_text(c.values.get(key)) for c in columns]
+            measured = absent if summary[key] is None else number_text(summary[key], decimals)
+            rows.append((label, measured, printed))
+        if rows:
+            sections.append((heading, rows))
+    return sections
+
+
+def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn]) -> Table:
+    table = _table(title, ["measured", *[column.title for column in columns]])
+    for heading, rows in formation_rows(summary, columns):
         table.add_section()
         table.add_row(f"[bold]{heading}[/bold]")
-        for label, key, decimals in rows:
-            printed = ["" if key in left_out else _paper_text(c.values.get(key)) for c in columns]
-            measured = absent if summary[key] is None else _text(summary[key], decimals)
+        for label, measured, printed in rows:
             table.add_row(f"  {label}", measured, *printed)
     return table
 
@@ -198,7 +231,7 @@ def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
     yield "navigation error", _NAVIGATION
 
 
-def _remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[str]:
+def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[str]:
     """Lines under the table that say what may be compared with what."""
     lines = []
     control_input = summary.get("control_input")
@@ -260,7 +293,7 @@ def _table(title: str, columns: Sequence[str]) -> Table:
     return table
 
 
-def _text(value: Any, decimals: int) -> str:
+def number_text(value: Any, decimals: int) -> str:
     """Return a measured number; a dash stands for None, a number that does not exist."""
     if value is None:
         return "-"

@@ -1,45 +1,59 @@
-"""Report of a run: ``report/summary.json``, plots, and tables on the console."""
+"""Report of a run: ``report.html``, ``summary.json``, plots, and tables on the console."""
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
 
-from vtff_bringup.report.environment import describe_environment
-from vtff_bringup.report.plots import plot_formation, plot_receiver
+from vtff_bringup.bag.reader import RUN_SUBDIRECTORY, BagReader
+from vtff_bringup.report.history import RunHistory
+from vtff_bringup.report.html import render_report
+from vtff_bringup.report.pictures import draw_pictures
 from vtff_bringup.report.recording import read_run
 from vtff_bringup.report.settings import read_settings
-from vtff_bringup.report.summary import formation_flight, key_part, plain, summarise_run
+from vtff_bringup.report.summary import formation_flight, plain, summarise_run
 from vtff_bringup.report.tables import print_formation, print_message_counts, print_receivers
+from vtff_bringup.run_description import PARAMETER_FOLDER, describe_run
+from vtff_bringup.run_environment import describe_environment
 
 REPORT_FOLDER = "report"
 SUMMARY_FILE = "summary.json"
+HTML_FILE = "report.html"
 
 
 def write_report(
-    run_directory: pathlib.Path, console: Console, arguments: Mapping[str, Any]
+    path: pathlib.Path,
+    console: Console,
+    arguments: Mapping[str, Any] | None = None,
+    output: pathlib.Path | None = None,
 ) -> pathlib.Path:
     """Write the report of a run from its bag and print its tables.
 
     Parameters
     ----------
-    run_directory
-        Folder of the run with the bag in ``bag`` and the parameter files in ``parameters``.
+    path
+        Run folder with the bag in ``bag`` and the parameter files in ``parameters``, or a bag
+        alone: directory or ``.mcap`` file.
     console
         Where the tables go.
     arguments
-        Name of the system under ``system``, and the arguments that it was run with.
+        Name of the system under ``system``, and the arguments that it was run with; as the run
+        folder or the bag tells if not given.
+    output
+        Folder for the report; ``report`` in the run folder, or ``<bag>_report`` beside a bag
+        that has none, if not given.
 
     Returns
     -------
     pathlib.Path
-        The report folder: ``summary.json`` with the keys of docs/summary.md, and PNG plots of
-        every part that the run has.
+        The report folder: ``report.html``, ``summary.json`` with the keys of docs/summary.md,
+        and PNG plots of every part that the run has.
 
     Raises
     ------
@@ -48,41 +62,93 @@ def write_report(
     OSError
         If the report cannot be written.
     """
-    run_directory = pathlib.Path(run_directory).resolve()
-    history = read_run(run_directory / "bag")
-    settings = read_settings(run_directory)
+    place = find_run(pathlib.Path(path), output)
+    history = read_run(place.bag)
+    described = describe_run(place.folder, BagReader(place.bag).custom_data)
+    if arguments is not None:
+        described = dataclasses.replace(described, arguments=dict(arguments))
+    settings = read_settings(described)
     found = {
         name: formation_flight(deputy, settings.controller(name))
         for name, deputy in history.deputies.items()
     }
     flights = {name: flight for name, flight in found.items() if flight is not None}
     summary = {
-        "run_name": run_directory.name,
-        **_named_arguments(arguments),
-        **describe_environment(),
+        "run_name": place.name,
+        **_named_arguments(described.arguments),
+        **(described.environment or describe_environment()),
         **summarise_run(history, settings, flights),
     }
-    folder = run_directory / REPORT_FOLDER
+    folder = place.output
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    scenario = history.simulator.scenario if history.simulator is not None else ""
-    for name, flight in flights.items():
-        prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
-        cap = settings.controller(name).acceleration_cap
-        plot_formation(flight, folder, prefix, run_directory.name, scenario, cap)
-    for receiver in history.receivers.values():
-        plot_receiver(receiver, folder, f"{key_part(receiver.name)}_", run_directory.name)
-    if flights:
-        print_formation(console, summary, list(flights), run_directory.name)
-    if history.receivers:
-        print_receivers(console, summary, list(history.receivers), run_directory.name)
-    if not flights and not history.receivers:
-        print_message_counts(console, history.message_counts, run_directory.name)
-    for note in (*history.notes, *settings.notes):
+    pictures = draw_pictures(history, settings, flights, folder, place.name)
+    notes = (*history.notes, *settings.notes)
+    page = render_report(summary, history, described, list(flights), pictures, notes)
+    (folder / HTML_FILE).write_text(page, encoding="utf-8")
+    _print_tables(console, summary, history, list(flights), place.name)
+    for note in notes:
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
-    console.print(f"report: {escape(str(folder))}")
+    console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)
     return folder
+
+
+@dataclasses.dataclass(frozen=True)
+class RunPlace:
+    """Where a run is and where its report goes.
+
+    Attributes
+    ----------
+    name
+        Name of the run.
+    bag
+        The bag: directory or file.
+    folder
+        The run folder; the bag's own folder where it has none.
+    output
+        Folder of the report.
+    """
+
+    name: str
+    bag: pathlib.Path
+    folder: pathlib.Path
+    output: pathlib.Path
+
+
+def find_run(path: pathlib.Path, output: pathlib.Path | None = None) -> RunPlace:
+    """Find run folder and bag behind what a user has named.
+
+    Raises
+    ------
+    vtff_bringup.bag.errors.BagReadError
+        If there is no bag.
+    """
+    bag = BagReader(path).path.resolve()
+    folder = bag.parent
+    is_run = bag.name == RUN_SUBDIRECTORY and (
+        path.resolve() == folder or (folder / PARAMETER_FOLDER).is_dir()
+    )
+    if is_run:
+        return RunPlace(folder.name, bag, folder, output or folder / REPORT_FOLDER)
+    name = bag.name if bag.is_dir() else bag.stem
+    own = bag if bag.is_dir() else folder
+    return RunPlace(name, bag, own, output or folder / f"{name}_{REPORT_FOLDER}")
+
+
+def _print_tables(
+    console: Console,
+    summary: Mapping[str, Any],
+    history: RunHistory,
+    deputies: Sequence[str],
+    run_name: str,
+) -> None:
+    if deputies:
+        print_formation(console, summary, deputies, run_name)
+    if history.receivers:
+        print_receivers(console, summary, list(history.receivers), run_name)
+    if not deputies and not history.receivers:
+        print_message_counts(console, history.message_counts, run_name)
 
 
 def _named_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:

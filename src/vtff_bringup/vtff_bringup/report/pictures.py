@@ -1,0 +1,144 @@
+"""All plots of a report, each with the caption that explains it."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Mapping
+
+from vtff_bringup.report.history import DeputyHistory, RunHistory
+from vtff_bringup.report.html import Picture
+from vtff_bringup.report.navigation import navigation_error
+from vtff_bringup.report.plots import plot_formation, plot_receiver
+from vtff_bringup.report.plots_details import (
+    plot_compute_time,
+    plot_navigation_error,
+    plot_navigation_quality,
+    plot_satellite_values,
+    plot_sky,
+)
+from vtff_bringup.report.settings import RunSettings
+from vtff_bringup.report.summary import FormationFlight, key_part
+
+_FORMATION_CAPTIONS = {
+    "relative_position_and_thrust": (
+        "Relative position and applied thrust, in the form of figure A1 of the paper: the whole "
+        "run and the acquisition. Dotted lines are the largest thrust; an open circle is the "
+        "paper's closest in-track approach."
+    ),
+    "relative_position": (
+        "Relative position by axis with the target. The vertical line is the begin of the keeping "
+        "phase."
+    ),
+    "keeping_error": "Deviation from the target in the keeping phase, each axis on its own scale.",
+}
+
+_SLANT_TEC_PANELS = {
+    "stec_tecu": ("slant TEC along each ray", "slant TEC (TECU)"),
+    "vtec_tecu": ("vertical TEC at the pierce points", "vertical TEC (TECU)"),
+}
+_SCINTILLATION_PANELS = {
+    "s4": ("amplitude scintillation", "S4"),
+    "sigma_phi": ("phase scintillation", "sigma phi (rad)"),
+    "roti_tecu_per_minute": ("rate of TEC index", "ROTI (TECU/min)"),
+}
+
+
+def draw_pictures(
+    history: RunHistory,
+    settings: RunSettings,
+    flights: Mapping[str, FormationFlight],
+    folder: pathlib.Path,
+    run_name: str,
+) -> list[Picture]:
+    """Draw every part that a run has.
+
+    Parameters
+    ----------
+    history, settings, flights
+        The run, its settings, and the flight of each deputy that has one.
+    folder
+        Where the PNG files go; must exist.
+    run_name
+        For the titles.
+
+    Returns
+    -------
+    list of Picture
+        In the order in which they are to be shown.
+    """
+    scenario = history.simulator.scenario if history.simulator is not None else ""
+    pictures = []
+    for name, flight in flights.items():
+        prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
+        cap = settings.controller(name).acceleration_cap
+        for path in plot_formation(flight, folder, prefix, run_name, scenario, cap):
+            caption = _FORMATION_CAPTIONS[path.stem.removeprefix(prefix)]
+            pictures.append(Picture(path, caption, "formation"))
+        pictures += _navigation(history.deputies[name], folder, prefix, run_name)
+    for receiver in history.receivers.values():
+        prefix = f"{key_part(receiver.name)}_"
+        path = plot_receiver(receiver, folder, prefix, run_name)
+        if path is not None:
+            caption = f"Satellites that {receiver.name} tracked, coloured by the strongest signal."
+            pictures.append(Picture(path, caption, "gnss"))
+        title = f"{run_name}: sky of {receiver.name}"
+        path = plot_sky(receiver, folder, prefix, title)
+        if path is not None:
+            caption = (
+                f"Sky of {receiver.name}: azimuth around, elevation from the zenith outwards, from "
+                "recorded ephemerides and position fixes; labels stand where a satellite was "
+                "first seen."
+            )
+            pictures.append(Picture(path, caption, "gnss"))
+    pictures += _ionosphere(history, folder, run_name)
+    if any(times.size for times in history.compute_time.values()):
+        path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
+        caption = "Wall time that nodes took for a step, of those that acknowledge steps."
+        pictures.append(Picture(path, caption, "timing"))
+    return pictures
+
+
+def _navigation(
+    deputy: DeputyHistory, folder: pathlib.Path, prefix: str, run_name: str
+) -> list[Picture]:
+    pictures = []
+    error = navigation_error(deputy)
+    if error is not None:
+        title = f"{run_name}: navigation of {deputy.name} minus truth"
+        path = plot_navigation_error(error, folder, prefix, title)
+        caption = "Navigated minus true state of each axis"
+        inside = error.within_three_sigma()
+        if inside is not None:
+            shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
+            caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
+        pictures.append(Picture(path, f"{caption}.", "navigation"))
+    if deputy.navigation is not None and deputy.navigation.time.size:
+        states = deputy.truth or deputy.estimate
+        assert states is not None
+        title = f"{run_name}: quality of the navigation of {deputy.name}"
+        path = plot_navigation_quality(
+            deputy.navigation, int(states.time[0]), folder, prefix, title
+        )
+        caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
+        pictures.append(Picture(path, caption, "navigation"))
+    return pictures
+
+
+def _ionosphere(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+    pictures = []
+    parts = (
+        (history.slant_tec, _SLANT_TEC_PANELS, "electron content, one colour a satellite"),
+        (history.scintillation, _SCINTILLATION_PANELS, "scintillation, one colour a satellite"),
+    )
+    for topics, panels, what in parts:
+        for topic, columns in topics.items():
+            path = plot_satellite_values(
+                columns,
+                panels,
+                history.start_time,
+                folder / f"{key_part(topic)}.png",
+                f"{run_name}: {topic}",
+            )
+            if path is not None:
+                pictures.append(Picture(path, f"{topic}: {what}.", "ionosphere"))
+    return pictures

@@ -1,0 +1,71 @@
+"""Look of all plots: size, fonts, colours, units."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+
+DPI = 125
+WIDTH = 12.8  # inch, 1600 pixels
+STYLE: Any = {
+    "font.size": 13.0,
+    "axes.titlesize": 14.0,
+    "axes.titlelocation": "left",
+    "figure.titlesize": 15.0,
+    "legend.fontsize": 12.0,
+    "axes.grid": True,
+    "grid.color": "0.88",
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.formatter.useoffset": False,
+    "lines.linewidth": 1.8,
+}
+
+# Okabe-Ito colours, told apart with any colour vision; line styles tell them apart without any.
+AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
+AXIS_STYLES = ("-", "-", (0, (4, 2)))
+AXIS_NAMES = ("radial", "in-track", "cross-track")
+STATE_COLOUR = "#0072B2"
+ESTIMATE_COLOUR = "#CC79A7"
+MARK_COLOUR = "0.35"
+
+_LENGTH_UNITS = ((1e5, 1e3, "km"), (1.0, 1.0, "m"), (1e-3, 1e-3, "mm"), (1e-6, 1e-6, "µm"))
+_SMALLEST_LENGTH_UNIT = (1e-9, "nm")
+
+_LONGEST_IN_SECONDS = 7200.0
+
+
+def make_figure(height: float) -> Figure:
+    """Return an empty figure 1600 pixels wide and so many inches high."""
+    # Room between the last time label of a panel and the first of the next.
+    layout = ConstrainedLayoutEngine(w_pad=0.13)
+    figure = Figure(figsize=(WIDTH, height), layout=layout)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
+    """Write a figure as PNG under its title; return the path."""
+    figure.suptitle(title, x=0.01, ha="left", weight="bold")
+    figure.savefig(path, dpi=DPI)
+    return path
+
+
+def length_unit(largest: float) -> tuple[float, str]:
+    """Return the unit in m, and its name, that suits lengths up to this one."""
+    if largest == 0.0:
+        return 1.0, "m"
+    for threshold, scale, unit in _LENGTH_UNITS:
+        if largest >= threshold:
+            return scale, unit
+    return _SMALLEST_LENGTH_UNIT
+
+
+def time_unit_of(end: float) -> tuple[float, str]:
+    """Return factor and name of the unit for a time axis that ends here."""
+    return (1.0, "s") if end <= _LONGEST_IN_SECONDS else (1.0 / 3600.0, "h")

@@ -1,0 +1,155 @@
+"""What a run was: system, arguments, versions, parameters, scenario; in its folder and its bag.
+
+`vtff run` leaves ``run.json`` and ``parameters/`` in the run folder. The recorder copies both,
+with the scenario file and the versions, into the custom data of the bag, so that a bag alone
+still tells how it came about.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Mapping
+from typing import Any
+
+import yaml
+
+RUN_FILE = "run.json"
+PARAMETER_FOLDER = "parameters"
+
+#: Keys of the bag's custom data.
+ARGUMENTS_KEY = "run"
+ENVIRONMENT_KEY = "environment"
+SCENARIO_KEY = "scenario"
+PARAMETERS_PREFIX = "parameters/"
+
+SCENARIO_PARAMETER = "scenario_file"
+
+
+@dataclasses.dataclass(frozen=True)
+class RunDescription:
+    """What is known of a run.
+
+    Attributes
+    ----------
+    arguments
+        Name of the system under ``system``, and the arguments it was run with.
+    environment
+        Versions and machine, keys as in docs/summary.md; empty where unknown.
+    parameter_texts
+        ROS parameter files as YAML texts, by the name of the node.
+    scenario_text
+        The scenario file as YAML text; empty where there was none.
+    """
+
+    arguments: dict[str, Any] = dataclasses.field(default_factory=dict)
+    environment: dict[str, Any] = dataclasses.field(default_factory=dict)
+    parameter_texts: dict[str, str] = dataclasses.field(default_factory=dict)
+    scenario_text: str = ""
+
+    def as_custom_data(self) -> dict[str, str]:
+        """Return the texts that the recorder puts into the metadata of the bag."""
+        texts = {
+            f"{PARAMETERS_PREFIX}{name}": text
+            for name, text in sorted(self.parameter_texts.items())
+        }
+        if self.arguments:
+            texts[ARGUMENTS_KEY] = json.dumps(self.arguments, default=str)
+        if self.environment:
+            texts[ENVIRONMENT_KEY] = json.dumps(self.environment, default=str)
+        if self.scenario_text:
+            texts[SCENARIO_KEY] = self.scenario_text
+        return texts
+
+
+def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -> None:
+    """Leave system and arguments in the run folder.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written.
+    """
+    run_directory.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(dict(arguments), indent=1, default=str)
+    (run_directory / RUN_FILE).write_text(text + "\n", encoding="utf-8")
+
+
+def describe_run_folder(run_directory: pathlib.Path) -> RunDescription:
+    """Return what the files of a run folder tell; unreadable ones are left out."""
+    parameters = {
+        path.stem: text
+        for path in sorted((run_directory / PARAMETER_FOLDER).glob("*.yaml"))
+        if (text := _text(path))
+    }
+    return RunDescription(
+        arguments=_mapping(_text(run_directory / RUN_FILE)),
+        parameter_texts=parameters,
+        scenario_text=_scenario_text(parameters.values()),
+    )
+
+
+def describe_from_bag(custom_data: Mapping[str, str]) -> RunDescription:
+    """Return what the custom data of a bag tell."""
+    return RunDescription(
+        arguments=_mapping(custom_data.get(ARGUMENTS_KEY, "")),
+        environment=_mapping(custom_data.get(ENVIRONMENT_KEY, "")),
+        parameter_texts={
+            key.removeprefix(PARAMETERS_PREFIX): text
+            for key, text in custom_data.items()
+            if key.startswith(PARAMETERS_PREFIX)
+        },
+        scenario_text=custom_data.get(SCENARIO_KEY, ""),
+    )
+
+
+def describe_run(run_directory: pathlib.Path, custom_data: Mapping[str, str]) -> RunDescription:
+    """Return what folder and bag tell; the folder wins where both do."""
+    folder, bag = describe_run_folder(run_directory), describe_from_bag(custom_data)
+    return RunDescription(
+        arguments=folder.arguments or bag.arguments,
+        environment=bag.environment,
+        parameter_texts=folder.parameter_texts or bag.parameter_texts,
+        scenario_text=bag.scenario_text or folder.scenario_text,
+    )
+
+
+def _scenario_text(parameter_texts: Any) -> str:
+    """Return the text of the scenario file that a node was given."""
+    for text in parameter_texts:
+        for values in node_parameters(text).values():
+            if SCENARIO_PARAMETER in values:
+                return _text(pathlib.Path(str(values[SCENARIO_PARAMETER])))
+    return ""
+
+
+def node_parameters(text: str) -> dict[str, Mapping[str, Any]]:
+    """Return the parameters by node of a ROS parameter file; empty if it is not one."""
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError:
+        return {}
+    if not isinstance(content, Mapping):
+        return {}
+    found = {
+        str(node): section.get("ros__parameters")
+        for node, section in content.items()
+        if isinstance(section, Mapping)
+    }
+    return {node: values for node, values in found.items() if isinstance(values, Mapping)}
+
+
+def _text(path: pathlib.Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError, ValueError):
+        return ""
+
+
+def _mapping(text: str) -> dict[str, Any]:
+    try:
+        content = json.loads(text) if text else {}
+    except ValueError:
+        return {}
+    return content if isinstance(content, dict) else {}
