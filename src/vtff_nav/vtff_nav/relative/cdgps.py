@@ -238,12 +238,17 @@ class CdgpsEstimator:
         if deputy is None or signals[1] is None:
             return ["no observations of the deputy"]
         mask = math.radians(self.configuration.elevation_mask_deg)
-        point = single_point(combinations(signals[1], table), table, deputy.time, mask)
+        measured = combinations(signals[1], table)
+        has_troposphere = self.configuration.has_troposphere
+        point = single_point(measured, table, deputy.time, mask, has_troposphere)
         if point is None:
             return ["the deputy has no position: too few satellites"]
         received = deputy.time - point.clock / SPEED_OF_LIGHT
         state_itrf = self._motion.state_itrf(time, self._absolute.mean[:6])
         position = point.position_itrf + (time - received) * state_itrf[3:]
+        # Where the chief's position is known better than by its codes, what is wrong with the
+        # codes of both is taken off.
+        position -= self._absolute.code_error(chief, state_itrf)
         mean = np.zeros(DYNAMIC_STATES)
         mean[:3] = self._motion.to_itrf(time).T @ (position - state_itrf[:3])
         covariance = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))

@@ -54,8 +54,8 @@ class CdgpsConfiguration:
         profile, m.
     receiver_bias_walk : float
         Random walk of the differences of receiver biases between signals, m/sqrt(s).
-    troposphere : bool
-        Model the troposphere (receivers below 20 km).
+    troposphere : bool or None
+        Model the troposphere (receivers below 20 km); None: unless in orbit.
     success_rate : float
         Bootstrapped success rate that integers must have.
     failure_rate : float
@@ -91,7 +91,7 @@ class CdgpsConfiguration:
     layer_content_sigma_tecu: float = 15.0
     plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
     receiver_bias_walk: float = 1e-6
-    troposphere: bool = False
+    troposphere: bool | None = None
     success_rate: float = 0.999
     failure_rate: float = 0.001
     smallest_ratio: float = 2.0
@@ -120,6 +120,11 @@ class CdgpsConfiguration:
         if self.dynamics_chief is not None:
             return self.dynamics_chief
         return "orbital" if self.dynamics == "orbital" else "static"
+
+    @property
+    def has_troposphere(self) -> bool:
+        """Whether the troposphere is modelled."""
+        return self.dynamics != "orbital" if self.troposphere is None else self.troposphere
 
     @property
     def layer_sigmas(self) -> tuple[float, ...]:

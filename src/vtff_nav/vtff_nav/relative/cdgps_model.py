@@ -83,9 +83,9 @@ def sky_of(
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
     elevation = seen.elevation[:, rows]
     predicted = (seen.range[1] - seen.range[0] - seen.clock[1] + seen.clock[0])[rows]
-    if configuration.troposphere:
-        predicted = predicted + troposphere_delay(height_deputy, elevation[1])
-        predicted = predicted - troposphere_delay(height_chief, elevation[0])
+    if configuration.has_troposphere:
+        predicted = predicted + troposphere_delay(positions_itrf[1], elevation[1])
+        predicted = predicted - troposphere_delay(positions_itrf[0], elevation[0])
     rate = seen.range_rate[1] - seen.range_rate[0] - seen.clock_drift[1] + seen.clock_drift[0]
     return Sky(
         predicted=predicted,

@@ -14,11 +14,12 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
-from vtff_dynamics.frames import state_itrf_to_gcrf
+from vtff_dynamics.frames import geodetic_from_itrf, state_itrf_to_gcrf
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.broadcast_orbit import EphemerisTable
+from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps_state import GaussianState
 from vtff_nav.relative.dynamics import DYNAMIC_STATES
@@ -38,7 +39,7 @@ _UNKNOWN_AMBIGUITY_SIGMA = 30.0
 # Vertical delay of a code on one frequency in low orbit or on the ground, one sigma, m.
 _SINGLE_FREQUENCY_DELAY_SIGMA = 5.0
 _RESTART_EPOCHS = 5
-_LARGEST_DELAY_FREE_OF_TROPOSPHERE = 20e3
+_TOP_OF_TROPOSPHERE = 20e3
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +158,11 @@ class SinglePoint:
 
 
 def single_point(
-    measured: Combinations, table: EphemerisTable, time: GpsTime, elevation_mask: float
+    measured: Combinations,
+    table: EphemerisTable,
+    time: GpsTime,
+    elevation_mask: float,
+    has_troposphere: bool,
 ) -> SinglePoint | None:
     """Solve position and clocks by least squares from nothing; None if that is impossible."""
     systems = np.unique(measured.satellite >> 8)
@@ -180,6 +185,8 @@ def single_point(
         direction = seen.direction[0, rows]
         design = np.hstack((-direction, clocks)) / measured.code_sigma[:, None]
         predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
+        if has_troposphere and iteration > 5:
+            predicted = predicted + troposphere_delay(position, seen.elevation[0, rows])
         residual = (measured.code - predicted) / measured.code_sigma
         normal = design[is_used].T @ design[is_used]
         if np.linalg.cond(normal) > 1e10:
@@ -275,7 +282,7 @@ class AbsoluteFilter:
         """
         configuration = self._configuration
         measured = combinations(signals, table)
-        point = single_point(measured, table, tag, self._mask)
+        point = single_point(measured, table, tag, self._mask, configuration.has_troposphere)
         if point is None:
             return False
         last, self._last_point = self._last_point, point
@@ -328,6 +335,14 @@ class AbsoluteFilter:
         covariance[3:6, 3:6] = 2.0 * covariance[:3, :3] / duration**2
         return np.concatenate((now, velocity))
 
+    def code_error(self, epoch: ObservationEpoch | None, state_itrf: FloatArray) -> FloatArray:
+        """Return how far the codes of a surveyed chief are off at the epoch it began with, m."""
+        point = self._last_point
+        is_surveyed = self._configuration.position_chief_itrf is not None
+        if not is_surveyed or epoch is None or point is None or point.time != epoch.time:
+            return np.zeros(3)
+        return point.position_itrf - state_itrf[:3]
+
     def predict(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
         """Go on to the next epoch."""
         assert self.state is not None
@@ -356,9 +371,9 @@ class AbsoluteFilter:
             return
         clock = SPEED_OF_LIGHT * self.clock
         predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
-        if self._configuration.troposphere:
-            height = float(np.linalg.norm(state.mean[:3])) - 6371e3
-            predicted = predicted + troposphere_delay(height, seen.elevation[0, rows])
+        if self._configuration.has_troposphere:
+            delay = troposphere_delay(state.mean[:3], seen.elevation[0, rows])
+            predicted = predicted + delay
         labels = self._ambiguities(time, measured, predicted)
         for _ in range(4):
             innovation, design_rows = self._innovation(measured, rows, seen, predicted, labels)
@@ -465,22 +480,23 @@ class AbsoluteFilter:
         return state.innovation(design, values, variances, nuisance), order.tolist()
 
 
-def troposphere_delay(height: float, elevation: FloatArray) -> FloatArray:
-    """Return the delay of the standard atmosphere, m.
+def troposphere_delay(position_itrf: FloatArray, elevation: FloatArray) -> FloatArray:
+    """Return the delay of a standard atmosphere, m.
 
     Parameters
     ----------
-    height : float
-        m.
+    position_itrf : ndarray, shape (3,)
+        Receiver, m.
     elevation : ndarray
         rad.
 
     Notes
     -----
     2.4 m at the zenith at sea level, falling with a scale height of 7.5 km; mapped with
-    1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984).
+    1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984). Nothing above 20 km.
     """
-    if height > _LARGEST_DELAY_FREE_OF_TROPOSPHERE:
+    height = float(geodetic_from_itrf(position_itrf)[2])
+    if not -1e3 < height < _TOP_OF_TROPOSPHERE:
         return np.zeros_like(elevation)
-    zenith = 2.4 * math.exp(-max(height, 0.0) / 7500.0)
+    zenith = 2.4 * math.exp(-height / 7500.0)
     return zenith * 1.001 / np.sqrt(0.002001 + np.sin(elevation) ** 2)
