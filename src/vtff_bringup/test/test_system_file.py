@@ -253,3 +253,27 @@ def test_an_override_may_name_one_of_two_nodes_of_a_name(twins):
     assert [node.parameters.get("baud") for node in one.nodes] == [None, 9600]
     with pytest.raises(SystemFileError, match="no node 'third/receiver_driver'"):
         load_system(twins, ["third/receiver_driver.baud:=9600"])
+
+
+PREPARING = """
+nodes:
+  - {package: vtff_sim_bridge, executable: simgen_bridge, ends_run: true}
+  - {package: vtff_nav, executable: receiver_driver, namespace: chief, lockstep: participant,
+     prepares: true}
+  - {package: vtff_nav, executable: receiver_driver, namespace: deputy}
+"""
+
+
+@pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
+def test_nodes_that_prepare_are_waited_for_in_any_pacing(tmp_path, pacing):
+    settings = RunSettings(run_directory=tmp_path, pacing=pacing)
+    bridge, chief, deputy = load_system(write(tmp_path, PREPARING), (), settings).nodes
+    assert bridge.parameters["lockstep_preparing"] == ["/chief/receiver_driver"]
+    assert chief.parameters["reports_ready"] is True
+    assert "reports_ready" not in deputy.parameters
+    assert "lockstep_preparing" not in chief.parameters
+
+
+def test_without_nodes_that_prepare_nobody_is_told_of_them(settings):
+    bridge = by_name(load_system(REFERENCE, (), settings))["simgen_bridge"]
+    assert "lockstep_preparing" not in bridge.parameters
