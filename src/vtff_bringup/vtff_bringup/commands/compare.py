@@ -1,0 +1,97 @@
+"""`vtff compare`: two or more runs side by side."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vtff_bringup.bag.errors import BagError
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+
+if TYPE_CHECKING:
+    from vtff_bringup.compare import ComparedRun
+
+COMPARISON_FILE = "comparison.json"
+
+
+def compare(
+    bags: Annotated[
+        list[pathlib.Path], typer.Argument(help="Run folders, bags or .mcap files; two or more.")
+    ],
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="Folder for plots and numbers; default: bags/compare_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Set runs side by side: errors against truth, dv per axis and phase, fix rate, latency, TEC.
+
+    Prints a table with one column a run, and writes comparison.json and overlaid plots.
+
+    Example: vtff compare bags/paper bags/delay_aware
+    """
+    console = Console(highlight=False)
+    if len(bags) < 2:
+        console.print("[red]error:[/red] name at least two bags to compare")
+        raise typer.Exit(EXIT_USAGE)
+    # Imports rclpy and matplotlib, which takes a while.
+    from vtff_bringup.compare import names_of_runs, read_compared_run
+    from vtff_bringup.compare_plots import plot_comparison
+
+    try:
+        names = names_of_runs(bags)
+        with console.status("reading the bags"):
+            runs = [read_compared_run(path, name) for path, name in zip(bags, names, strict=True)]
+        folder = (
+            new_folder(pathlib.Path("bags") / dated_name("compare"))
+            if out is None
+            else chosen_folder(out, empty=False)
+        )
+    except (BagError, RunFolderError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_USAGE) from error
+    _print(console, runs)
+    try:
+        content = {run.name: run.summary for run in runs}
+        text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
+        (folder / COMPARISON_FILE).write_text(text + "\n", encoding="utf-8")
+        with console.status("drawing"):
+            plot_comparison(runs, folder)
+    except OSError as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_FAILURE) from error
+    console.print(f"plots and numbers: {folder}", markup=False, soft_wrap=True)
+
+
+def _print(console: Console, runs: list[ComparedRun]) -> None:
+    from vtff_bringup.compare import comparison_rows
+
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+    table.add_column("", no_wrap=True)
+    for run in runs:
+        table.add_column(escape(run.name), justify="right", overflow="fold")
+    for heading, rows in comparison_rows(runs):
+        table.add_section()
+        table.add_row(f"[bold]{escape(heading)}[/bold]")
+        for label, decimals, values in rows:
+            table.add_row(f"  {escape(label)}", *(_shown(value, decimals) for value in values))
+    console.print(table)
+    for run in runs:
+        for note in run.history.notes:
+            console.print(f"[yellow]note:[/yellow] {escape(run.name)}: {escape(note)}")
+
+
+def _shown(value: Any, decimals: int) -> str:
+    """Return a number, ``never`` for one that does not exist, a blank for a part not there."""
+    from vtff_bringup.report.tables import number_text
+
+    if value is ...:
+        return ""
+    return "never" if value is None else number_text(value, decimals)
