@@ -3,7 +3,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 ENVIRONMENT := . .venv/vtff_environment.sh
 PYTEST_ARGUMENTS ?=
-SYSTEM ?= config/system/reference_software.yaml
+SYSTEM ?= config/system/reference.yaml
 
 .PHONY: help setup demo test bench lint clean
 
