@@ -145,7 +145,7 @@ class SerialPort:
             self._line = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except _LINE_ERRORS as error:
             raise PortError(f"cannot open {path}: {_reason(error)}") from error
-        self._descriptor = self._line.fileno()
+        self._descriptor = int(self._line.fileno())
         self.baud: int | None = baud
 
     def fileno(self) -> int:

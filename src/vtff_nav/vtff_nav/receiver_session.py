@@ -1,18 +1,18 @@
 """A session with a live receiver: connect, find the baud rate, configure, read, recover.
 
 Nothing here waits or knows ROS: the caller calls `ReceiverSession.advance` again and again, with
-the wall time. What takes several exchanges with the receiver is written as a generator that yields
-what it waits for; `advance` resumes it when that has come or the time is over.
+the wall time. What takes several exchanges with the receiver is a procedure of a `CommandDialogue`.
 """
 
 from __future__ import annotations
 
 import enum
 from collections import deque
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from vtff_gnss.novatel import CommandResponse, Event, ReceiverLogStream, ReceiverVersion
+from vtff_nav.command_dialogue import CommandDialogue, Procedure
 from vtff_nav.live_port import LivePort, PortError
 
 __all__ = ["CommandRequest", "ReceiverSession", "SessionSettings", "SessionState"]
@@ -22,8 +22,6 @@ __all__ = ["CommandRequest", "ReceiverSession", "SessionSettings", "SessionState
 STANDARD_BAUDS = (9600, 115200, 460800, 230400, 921600, 57600, 38400, 19200, 4800, 2400)
 #: Harmless, always answered, and what it brings names the receiver.
 PROBE_COMMAND = "LOG VERSIONB ONCE"
-#: Time for an answer that comes after it was given up, s.
-LATE_ANSWER_TIME = 0.3
 #: Time that a receiver needs to change its rate, s.
 BAUD_CHANGE_TIME = 0.1
 #: Bytes without a log among them that mean another baud rate: at once, and after the time-out.
@@ -88,17 +86,6 @@ class CommandRequest:
     is_over: bool = False
 
 
-@dataclass(frozen=True)
-class _Wait:
-    """What a procedure waits for: an answer or a time."""
-
-    deadline: float
-    wants_answer: bool = True
-
-
-_Procedure = Generator[_Wait, CommandResponse | None, None]
-
-
 class _ReceiverSilentError(Exception):
     """The receiver answers nothing, at no rate."""
 
@@ -161,10 +148,7 @@ class ReceiverSession:
         self._now = 0.0
         self._open_next = 0.0
         self._pause = settings.shortest_pause
-        self._outgoing = bytearray()
-        self._procedure: _Procedure | None = None
-        self._wait: _Wait | None = None
-        self._has_unanswered = False
+        self._dialogue = CommandDialogue()
         self._wanted_again = ""
         self._requests: deque[CommandRequest] = deque()
         self._request: CommandRequest | None = None
@@ -200,7 +184,7 @@ class ReceiverSession:
         now
             Wall time, s, that never goes back.
         """
-        self._now = now
+        self._now = self._dialogue.now = now
         if self._port is None and not self._connect():
             self._expire_requests()
             return []
@@ -256,7 +240,7 @@ class ReceiverSession:
         self._on_port(self._port)
         self._forget_silence()
         if self._settings.commands:
-            self._begin(SessionState.SEARCHING, self._prepare())
+            self._dialogue.begin(self._prepare())
         else:
             self._run()
         return True
@@ -264,8 +248,7 @@ class ReceiverSession:
     def _disconnect(self, reason: str) -> list[Event]:
         self._note_problem(reason)
         self.close()
-        self._procedure = self._wait = None
-        self._outgoing.clear()
+        self._dialogue.stop()
         self._back_off()
         return self._stream.close()
 
@@ -274,8 +257,9 @@ class ReceiverSession:
         self._pause = min(2.0 * self._pause, self._settings.longest_pause)
 
     def _flush(self) -> None:
-        if self._port is not None and self._outgoing:
-            del self._outgoing[: self._port.write(self._outgoing)]
+        outgoing = self._dialogue.outgoing
+        if self._port is not None and outgoing:
+            del outgoing[: self._port.write(outgoing)]
 
     def _read(self) -> list[Event]:
         """Read and decode; answers are kept for whoever waits for them."""
@@ -290,7 +274,7 @@ class ReceiverSession:
             self._bytes_since_understood += len(chunk)
             for event in self._stream.feed(chunk):
                 if isinstance(event, CommandResponse):
-                    self._answered(event)
+                    self._dialogue.answered(event)
                     continue
                 if isinstance(event, ReceiverVersion):
                     self.version = event
@@ -306,35 +290,14 @@ class ReceiverSession:
 
     # ---- procedures --------------------------------------------------------------------------
 
-    def _begin(self, state: SessionState, procedure: _Procedure) -> None:
-        self.state = state
-        self._procedure = procedure
-        self._wait = None
-        self._resume(None)
-
-    def _resume(self, answer: CommandResponse | None) -> None:
-        if self._procedure is None:
-            return
-        try:
-            self._wait = self._procedure.send(answer)
-        except StopIteration:
-            self._procedure = self._wait = None
-
-    def _answered(self, answer: CommandResponse) -> None:
-        if self._wait is not None and self._wait.wants_answer:
-            self._has_unanswered = False
-            self._resume(answer)
-
     def _go_on(self) -> None:
         """Let time pass: give up waiting, look after the receiver, begin what was asked for."""
-        if self._wait is not None and self._now >= self._wait.deadline:
-            self._has_unanswered |= self._wait.wants_answer
-            self._resume(None)
-        if self._procedure is None and self.state is SessionState.RUNNING:
+        self._dialogue.pass_time()
+        if self._dialogue.is_idle and self.state is SessionState.RUNNING:
             self._look_after()
         self._expire_requests()
-        if self._procedure is None and self.is_running and self._requests:
-            self._begin(SessionState.RUNNING, self._serve(self._requests.popleft()))
+        if self._dialogue.is_idle and self.is_running and self._requests:
+            self._dialogue.begin(self._serve(self._requests.popleft()))
 
     def _look_after(self) -> None:
         """Look for the receiver again if it has fallen silent or speaks at another rate."""
@@ -355,13 +318,15 @@ class ReceiverSession:
         self._note_problem(reason)
         self._forget_silence()
         if self._settings.commands:
-            self._begin(SessionState.SEARCHING, self._prepare())
+            self._dialogue.begin(self._prepare())
 
     def _forget_silence(self) -> None:
         self._heard_at = self._understood_at = self._now
         self._bytes_since_understood = 0
 
-    def _prepare(self) -> _Procedure:
+    def _prepare(self) -> Procedure[None]:
+        """Find the receiver and send it the command list."""
+        self.state = SessionState.SEARCHING
         yield from self._find_receiver()
         self.state = SessionState.CONFIGURING
         self.refused.clear()
@@ -380,7 +345,7 @@ class ReceiverSession:
         rate = "" if self.baud is None else f" at {self.baud} baud"
         self._report(False, f"receiver is running{rate}, configured {self.configurations} times")
 
-    def _find_receiver(self) -> Generator[_Wait, CommandResponse | None, None]:
+    def _find_receiver(self) -> Procedure[None]:
         """Find the receiver and its rate, and bring that to the rate of the port."""
         nominal = self._nominal_baud
         others = STANDARD_BAUDS if self._settings.searches_baud and nominal is not None else ()
@@ -396,35 +361,36 @@ class ReceiverSession:
         if baud == nominal:
             return
         self._report(True, f"the receiver was found at {baud} baud and is set to {nominal}")
-        answer = yield from self._ask(f"SERIALCONFIG THISPORT {nominal} N 8 1 N OFF")
+        command = f"SERIALCONFIG THISPORT {nominal} N 8 1 N OFF"
+        answer = yield from self._dialogue.ask(command, self._settings.command_timeout)
         if answer is not None and not answer.is_ok:
             self._note_problem(f"the receiver refuses {nominal} baud: {answer.text}")
             return
-        yield _Wait(self._now + BAUD_CHANGE_TIME, wants_answer=False)
+        yield from self._dialogue.pause(BAUD_CHANGE_TIME)
         self._set_baud(nominal)
         if not (yield from self._probe()):
             raise _ReceiverSilentError(f"the receiver was lost on changing to {nominal} baud")
 
-    def _probe(self) -> Generator[_Wait, CommandResponse | None, bool]:
+    def _probe(self) -> Procedure[bool]:
         """Whether the receiver is heard: it answers, or an intact log comes."""
         good_before = self._stream.counters.frames_good
-        self._outgoing += b"\r\n"  # ends what the receiver may have read at another rate
+        self._dialogue.outgoing += b"\r\n"  # ends what the receiver may have read at another rate
         is_nominal = self.baud == self._nominal_baud
         timeout = self._settings.command_timeout * (1.0 if is_nominal else 0.5)
-        answer = yield from self._ask(PROBE_COMMAND, timeout)
+        answer = yield from self._dialogue.ask(PROBE_COMMAND, timeout)
         return answer is not None or self._stream.counters.frames_good > good_before
 
     def _set_baud(self, baud: int | None) -> None:
         if self._port is not None and baud is not None and self._port.baud != baud:
-            self._outgoing.clear()
+            self._dialogue.outgoing.clear()
             self._port.set_baud(baud)
 
-    def _configure(self, command: str) -> Generator[_Wait, CommandResponse | None, bool]:
+    def _configure(self, command: str) -> Procedure[bool]:
         """Send a command of the list until it is taken; return whether to send the next one."""
         good_before = self._stream.counters.frames_good
         pause = self._settings.shortest_pause / 2.0
         for attempt in range(1, self._settings.command_attempts + 1):
-            answer = yield from self._ask(command)
+            answer = yield from self._dialogue.ask(command, self._settings.command_timeout)
             if answer is not None and answer.is_ok:
                 self.refused.pop(command, None)
                 return True
@@ -432,28 +398,18 @@ class ReceiverSession:
             self._note_problem(f"command '{command}', attempt {attempt}: {self.refused[command]}")
             if answer is not None and attempt >= self._settings.refused_attempts:
                 return True
-            yield _Wait(self._now + pause, wants_answer=False)
+            yield from self._dialogue.pause(pause)
             pause = min(2.0 * pause, self._settings.command_timeout)
         if self._stream.counters.frames_good == good_before:
             raise _ReceiverSilentError(f"command '{command}' is not answered")
         return False  # it sends logs and does not hear: take them as they are
 
-    def _serve(self, request: CommandRequest) -> _Procedure:
+    def _serve(self, request: CommandRequest) -> Procedure[None]:
         self._request = request
-        request.answer = yield from self._ask(request.command, request.deadline - self._now)
+        timeout = request.deadline - self._now
+        request.answer = yield from self._dialogue.ask(request.command, timeout)
         request.is_over = True
         self._request = None
-
-    def _ask(
-        self, command: str, timeout: float | None = None
-    ) -> Generator[_Wait, CommandResponse | None, CommandResponse | None]:
-        """Send a command and return its answer, None if none comes in time."""
-        if self._has_unanswered:  # a late answer must not be taken for that of this command
-            yield _Wait(self._now + LATE_ANSWER_TIME, wants_answer=False)
-            self._has_unanswered = False
-        self._outgoing += command.encode("ascii", errors="replace") + b"\r\n"
-        timeout = self._settings.command_timeout if timeout is None else timeout
-        return (yield _Wait(self._now + timeout))
 
     def _expire_requests(self) -> None:
         while self._requests and self._now >= self._requests[0].deadline:

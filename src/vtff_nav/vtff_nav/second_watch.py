@@ -11,7 +11,7 @@ from vtff_gnss.observations import ObservationEpoch
 
 __all__ = ["END_OF_SECOND_LOGS", "SecondWatch"]
 
-END_OF_SECOND_LOGS: dict[str, type] = {
+END_OF_SECOND_LOGS: dict[str, type[ReceiverTime] | type[Fix] | type[ObservationEpoch]] = {
     "TIME": ReceiverTime,
     "BESTXYZ": Fix,
     "RANGE": ObservationEpoch,
