@@ -44,7 +44,9 @@ from vtff_nav.relative.measurements import (
     MeasurementNoise,
     SignalTable,
     SingleDifferences,
+    band_mask,
     geometry,
+    satellite_mask,
     satellite_rows,
     single_differences,
     usable_signals,
@@ -72,8 +74,11 @@ from vtff_nav.relative.solution import (
 
 __all__ = ["PaperConfiguration", "PaperEstimator"]
 
+_CHIEF_BANDS = band_mask(DEFAULT_BANDS)
+
 _CLOCK_JUMP = 30.0
-"""m; codes tell a clock to below 1 m, steered clocks change by less in a second."""
+"""m; codes tell a clock to below 1 m, steered clocks change by less in a second. A clock that
+changes by more, or is known worse after an outage, is taken from the codes."""
 
 
 @dataclass(frozen=True)
@@ -157,6 +162,7 @@ class PaperEstimator:
             self.configuration.force_model, orbit.noise_chief, orbit.noise_relative, 0.0
         )
         self._chief = AbsoluteFilter(orbit)
+        self._is_wanted = band_mask(self.configuration.bands)
         self._ephemerides: dict[BroadcastEphemeris, None] = {}
         self._store: EphemerisStore | None = None
         self.reset()
@@ -271,10 +277,10 @@ class PaperEstimator:
         self._filter.predict_to(mean, expm(duration * jacobian), noise)
 
     def _signals(
-        self, epoch: ObservationEpoch, bands: Mapping[int, tuple[int, ...]], table: EphemerisTable
+        self, epoch: ObservationEpoch, is_wanted: npt.NDArray[np.bool_], table: EphemerisTable
     ) -> SignalTable:
-        signals = usable_signals(epoch, self.configuration.measurement_noise, dict(bands))
-        return signals.taken(np.flatnonzero(np.isin(signals.satellite, satellite_rows(table))))
+        is_known = satellite_mask(satellite_rows(table))
+        return usable_signals(epoch, self.configuration.measurement_noise, is_wanted, is_known)
 
     def _update_chief(
         self, time: GpsTime, epoch: ObservationEpoch | None, table: EphemerisTable
@@ -282,14 +288,16 @@ class PaperEstimator:
         """Improve the chief's orbit and clock, or begin with them."""
         if epoch is None:
             return
-        signals = self._signals(epoch, DEFAULT_BANDS, table)
+        signals = self._signals(epoch, _CHIEF_BANDS, table)
         if not len(signals):
             return
         if self._chief.state is None:
             self._chief.start(time, epoch.time, signals, table)
             return
         seen = self._chief_geometry(time, epoch.time - time, table)
-        clock = self._chief.synchronise(signals, table, seen)
+        columns = seen.rows(signals.satellite)
+        distance = (seen.range[0] - seen.clock[0])[columns]
+        clock = float(np.median(signals.pseudorange - distance)) / SPEED_OF_LIGHT
         if abs(clock - self._chief.clock) > _CLOCK_JUMP / SPEED_OF_LIGHT:
             self._chief.clock = clock
             seen = self._chief_geometry(time, epoch.time - time, table)
@@ -311,7 +319,7 @@ class PaperEstimator:
         """Return the phases in common view; ambiguities of those that slipped are forgotten."""
         if chief is None or deputy is None:
             return None
-        both = [self._signals(epoch, self.configuration.bands, table) for epoch in (chief, deputy)]
+        both = [self._signals(epoch, self._is_wanted, table) for epoch in (chief, deputy)]
         # Without parity the phase may be off by half a cycle.
         whole = [s.taken(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
         differences = single_differences(*whole)
@@ -402,7 +410,7 @@ class PaperEstimator:
         assert filter_ is not None
         predicted, columns, seen = self._predicted(measured)
         jump = float(np.median(differences.code - predicted)) - float(filter_.x[CLOCK])
-        if abs(jump) > _CLOCK_JUMP:
+        if max(abs(jump), float(np.sqrt(filter_.P[CLOCK, CLOCK]))) > _CLOCK_JUMP:
             filter_.release_clock(jump, self.configuration.clock_sigma)
             predicted, columns, seen = self._predicted(measured)
         mask = np.radians(self.configuration.elevation_mask_deg)
