@@ -31,8 +31,27 @@ OBSERVATION_COLUMNS: dict[str, type[np.generic]] = {
 """Name and element type of every column, as in ``vtff_msgs/GnssObservations``."""
 
 
+@dataclass(frozen=True, eq=False, kw_only=True)
+class _ObservationColumns:
+    """Columns of `OBSERVATION_COLUMNS`."""
+
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    band: npt.NDArray[np.uint8]
+    attribute: npt.NDArray[np.uint8]
+    glonass_channel: npt.NDArray[np.int8]
+    pseudorange: npt.NDArray[np.float64]
+    carrier_phase_cycles: npt.NDArray[np.float64]
+    doppler_hz: npt.NDArray[np.float32]
+    cn0_dbhz: npt.NDArray[np.float32]
+    pseudorange_sigma: npt.NDArray[np.float32]
+    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
+    lock_time: npt.NDArray[np.float32]
+    flags: npt.NDArray[np.uint16]
+
+
 @dataclass(frozen=True, eq=False)
-class ObservationEpoch:
+class ObservationEpoch(_ObservationColumns):
     """Observations of all signals that one receiver tracked at one epoch.
 
     Element i of every column belongs to one signal; all columns have shape (n,). Names, units and
@@ -71,19 +90,6 @@ class ObservationEpoch:
     time_status: int
     receiver_status: int
     log_name: str
-    system: npt.NDArray[np.uint8]
-    prn: npt.NDArray[np.uint8]
-    band: npt.NDArray[np.uint8]
-    attribute: npt.NDArray[np.uint8]
-    glonass_channel: npt.NDArray[np.int8]
-    pseudorange: npt.NDArray[np.float64]
-    carrier_phase_cycles: npt.NDArray[np.float64]
-    doppler_hz: npt.NDArray[np.float32]
-    cn0_dbhz: npt.NDArray[np.float32]
-    pseudorange_sigma: npt.NDArray[np.float32]
-    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
-    lock_time: npt.NDArray[np.float32]
-    flags: npt.NDArray[np.uint16]
 
     def __len__(self) -> int:
         """Return the number of signals."""
@@ -123,7 +129,7 @@ _SIGNAL_COLUMNS = ("system", "prn", "band", "attribute", "glonass_channel")
 
 
 @dataclass(frozen=True, eq=False)
-class ObservationSeries:
+class ObservationSeries(_ObservationColumns):
     """Observations of the same n signals at k epochs of one receiver, as a simulator makes them.
 
     Columns are those of `ObservationEpoch`: `system` to `glonass_channel` of shape (n,), the others
@@ -145,19 +151,6 @@ class ObservationSeries:
     receiver_status: int
     log_name: str
     is_observed: npt.NDArray[np.bool_]
-    system: npt.NDArray[np.uint8]
-    prn: npt.NDArray[np.uint8]
-    band: npt.NDArray[np.uint8]
-    attribute: npt.NDArray[np.uint8]
-    glonass_channel: npt.NDArray[np.int8]
-    pseudorange: npt.NDArray[np.float64]
-    carrier_phase_cycles: npt.NDArray[np.float64]
-    doppler_hz: npt.NDArray[np.float32]
-    cn0_dbhz: npt.NDArray[np.float32]
-    pseudorange_sigma: npt.NDArray[np.float32]
-    carrier_phase_sigma_cycles: npt.NDArray[np.float32]
-    lock_time: npt.NDArray[np.float32]
-    flags: npt.NDArray[np.uint16]
     channel: npt.NDArray[np.uint8] | None = None
 
     def __len__(self) -> int:

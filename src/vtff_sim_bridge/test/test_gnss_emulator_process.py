@@ -120,7 +120,7 @@ def test_every_byte_of_a_lockstep_run_comes_through_the_ports(emulator, pause):
         commands = COMMANDS.replace(b"UNLOGALL\r\n", b"")
         inside = support.Run(support.configuration(), motions, commands).all()
         for name, reader in readers.items():
-            deadline = time.monotonic() + 20.0
+            deadline = time.monotonic() + 60.0
             wanted = bytes(inside.content[name])
             while not reader.content.endswith(wanted[-64:]) and time.monotonic() < deadline:
                 time.sleep(0.01)
