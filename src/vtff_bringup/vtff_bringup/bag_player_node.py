@@ -73,6 +73,10 @@ class BagPlayerParameters:
     duration: float = parameter(
         0.0, "pacing steps: recorded time to replay, 0 = all", unit="s", minimum=0.0
     )
+    stands_for: list[str] = parameter(
+        [],
+        "pacing steps: nodes whose recorded work is replayed; each step is acknowledged for them",
+    )
     lockstep_participants: list[str] = parameter(
         [], "pacing steps: fully qualified nodes that must acknowledge each step"
     )

@@ -16,7 +16,7 @@ def make_app() -> typer.Typer:
     # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
     import typer
 
-    from vtff_bringup.commands import bag, baseline, compare, replay, report, run, study
+    from vtff_bringup.commands import bag, baseline, compare, replay, report, reprocess, run, study
 
     app = typer.Typer(
         name="vtff",
@@ -28,6 +28,7 @@ def make_app() -> typer.Typer:
     )
     app.command("run", no_args_is_help=True)(run.run)
     app.command("replay", no_args_is_help=True)(replay.replay)
+    app.command("reprocess", no_args_is_help=True)(reprocess.reprocess)
     app.command("report", no_args_is_help=True)(report.report)
     app.command("compare", no_args_is_help=True)(compare.compare)
     app.command("baseline", no_args_is_help=True)(baseline.baseline)

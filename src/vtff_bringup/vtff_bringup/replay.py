@@ -307,7 +307,7 @@ def replay_steps(
     BagReadError
         If the bag has no message on `step_topic`, or its messages begin with no stamp.
     """
-    stamps = _step_stamps(reader, step_topic)
+    stamps = step_stamps(reader, step_topic)
     messages = reader.raw_messages([name for name in topics if name != CLOCK_TOPIC])
     following = next(messages, None)
     for stamp in stamps:
@@ -318,8 +318,14 @@ def replay_steps(
         yield ReplayStep(stamp, tuple(taken))
 
 
-def _step_stamps(reader: BagReader, step_topic: str) -> list[int]:
-    """Return the distinct stamps of a topic in ascending order."""
+def step_stamps(reader: BagReader, step_topic: str) -> list[int]:
+    """Return the distinct stamps of a topic in ascending order, ns since 1970.
+
+    Raises
+    ------
+    BagReadError
+        If the bag has no message on the topic, or its messages begin with no stamp.
+    """
     topic = reader.topics.get(step_topic)
     if topic is None or not topic.message_count:
         raise BagReadError(f"{reader.path}: no messages on '{step_topic}', which paces the steps")

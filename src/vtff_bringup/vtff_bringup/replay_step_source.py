@@ -3,16 +3,23 @@
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from vtff_bringup.bag.errors import BagError
-from vtff_bringup.replay import ReplaySelection, ReplayStep, replay_steps, select_topics
+from vtff_bringup.replay import (
+    ReplaySelection,
+    ReplayStep,
+    replay_steps,
+    select_topics,
+    step_stamps,
+)
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics
 from vtff_node.lockstep import StepCoordinator
 from vtff_node.main import EXIT_FAILURE
 from vtff_node.parameters import ParameterError
-from vtff_node.stamps import to_nanoseconds
+from vtff_node.stamps import to_nanoseconds, to_stamp
 
 if TYPE_CHECKING:
     from vtff_bringup.bag.reader import BagReader
@@ -53,11 +60,12 @@ class StepSource:
         )
         try:
             # The topics are known only when the nodes are; a bag without steps is refused now.
-            self._steps = replay_steps(reader, [], given.step_topic)
-            self._waiting: ReplayStep | None = next(self._steps)
+            stamps = step_stamps(reader, given.step_topic)
         except BagError as error:
             raise ParameterError(f"parameter 'step_topic': {error}") from error
-        self._first_stamp = self._waiting.stamp
+        self._first_stamp, self._last_stamp = stamps[0], stamps[-1]
+        self._steps: Iterator[ReplayStep] = iter(())
+        self._waiting: ReplayStep | None = None
         self._running = False
         self._problem = ""
         self._made = time.monotonic()
@@ -65,6 +73,9 @@ class StepSource:
         self._changed_at = self._made
         self._created_at: float | None = None
         self._step_began = self._made
+        self._done_publisher = (
+            node.publisher(StepDone, "/sim/step_done") if given.stands_for else None
+        )
         node.subscribe(StepDone, "/sim/step_done", self._on_step_done)
         node.create_timer(POLL_INTERVAL, self._watch, clock=node.steady_clock)
 
@@ -111,7 +122,7 @@ class StepSource:
             if f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" != own
         )
 
-    def _limited(self, selection: ReplaySelection) -> Any:
+    def _limited(self, selection: ReplaySelection) -> Iterator[ReplayStep]:
         """Return the steps within the wanted duration."""
         limit = self._given.duration or float("inf")
         for step in replay_steps(self._reader, list(selection.topics), self._given.step_topic):
@@ -130,6 +141,7 @@ class StepSource:
     def _publish_step(self) -> None:
         step, self._waiting = self._waiting, next(self._steps, None)
         if step is None:
+            self._node.report_progress(self._total(), self._total())
             self._node.finish()
             return
         self._step_began = time.monotonic()
@@ -137,13 +149,23 @@ class StepSource:
         self._node.publish_clock(step.stamp)
         for message in step.messages:
             self._node.publish_recorded(message)
+        self._acknowledge_for_recorded_nodes(step.stamp)
         # The newest message may be older than the step, or one of a second that is to come.
         self._node.scenario_nanoseconds = step.stamp
         done = (step.stamp - self._first_stamp) / _NANOSECONDS
         self._node.report_progress(done, self._total())
 
+    def _acknowledge_for_recorded_nodes(self, stamp: int) -> None:
+        """Tell whoever waits for the nodes that the bag stands for that they have done the step."""
+        if self._done_publisher is None:
+            return
+        for name in self._given.stands_for:
+            done = StepDone(node=name)
+            done.header.stamp = to_stamp(stamp)
+            self._done_publisher.publish(done)
+
     def _total(self) -> float:
-        whole = (self._reader.end_time - self._first_stamp) / _NANOSECONDS
+        whole = (self._last_stamp - self._first_stamp) / _NANOSECONDS
         return min(whole, self._given.duration) if self._given.duration else whole
 
     def _on_step_done(self, message: StepDone) -> None:

@@ -23,6 +23,7 @@ from vtff_bringup.processes import ManagedProcess, end_together
 from vtff_bringup.system import NodeDescription, SystemDescription
 
 POLL_INTERVAL = 0.05  # s
+NODE_RECORDS = "nodes"  # folder in which each node leaves its message counts
 ANOTHER_PUBLISHER = "(another run or program publishes on the same ROS_DOMAIN_ID)"
 
 
@@ -264,7 +265,7 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
         One line per topic that differs; empty when everything was recorded and nothing else.
     """
     published: dict[str, int] = {}
-    for path in sorted((run_directory / "nodes").glob("*.json")):
+    for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
         for topic, count in json.loads(path.read_text(encoding="utf-8"))["published"].items():
             published[topic] = published.get(topic, 0) + count
     lines = []

@@ -93,19 +93,19 @@ def run(
     try:
         description = load_system(path, overrides or [], settings)
         write_arguments(run_directory, {"system": description.name, **description.arguments})
-        result = _run(console, description, settings, composed=composed, verbose=verbose)
+        result = run_system(console, description, settings, composed=composed, verbose=verbose)
     except (SystemFileError, ExecutableNotFoundError) as error:
         remove_if_empty(run_directory)
         raise _stop(console, error, EXIT_USAGE) from error
     except OSError as error:
         raise _stop(console, error, EXIT_FAILURE) from error
-    exit_code, message_count = _finish(console, run_directory, result)
+    exit_code, message_count = conclude_run(console, run_directory, result)
     if report and message_count and exit_code in (0, EXIT_INTERRUPTED):
-        exit_code = _report(console, run_directory) or exit_code
+        exit_code = report_run(console, run_directory) or exit_code
     raise typer.Exit(exit_code)
 
 
-def _run(
+def run_system(
     console: Console,
     description: SystemDescription,
     settings: RunSettings,
@@ -113,6 +113,15 @@ def _run(
     composed: bool,
     verbose: bool,
 ) -> RunResult:
+    """Run a loaded system in its run folder, with its progress on the console.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If an executable of the system is not installed.
+    OSError
+        If the run folder cannot be written.
+    """
     console.print(f"[bold]{description.name}[/bold]: {escape(description.description)}")
     with RunProgress(console) as progress:
 
@@ -130,7 +139,9 @@ def _run(
         return runner.run()
 
 
-def _finish(console: Console, run_directory: pathlib.Path, result: RunResult) -> tuple[int, int]:
+def conclude_run(
+    console: Console, run_directory: pathlib.Path, result: RunResult
+) -> tuple[int, int]:
     """Say how the run ended; return the exit code and the number of messages in the bag."""
     exit_code = result.exit_code
     if result.reason:
@@ -173,7 +184,7 @@ def _check_bag(
     return exit_code or EXIT_FAILURE
 
 
-def _report(console: Console, run_directory: pathlib.Path) -> int:
+def report_run(console: Console, run_directory: pathlib.Path) -> int:
     """Write the report; return an exit code, 0 if it is written."""
     try:
         # Imports matplotlib, which takes a while.

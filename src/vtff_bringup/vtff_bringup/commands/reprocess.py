@@ -1,0 +1,160 @@
+"""`vtff reprocess`: recorded observations through chosen nodes again, into a new bag."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vtff_bringup.bag.errors import BagError
+from vtff_bringup.bag.reader import BagReader
+from vtff_bringup.commands.run import conclude_run, report_run, run_system
+from vtff_bringup.executables import ExecutableNotFoundError
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run_description import write_arguments
+from vtff_bringup.run_folder import (
+    RunFolderError,
+    chosen_folder,
+    dated_name,
+    new_folder,
+    remove_if_empty,
+)
+from vtff_bringup.system import (
+    RunSettings,
+    SystemDescription,
+    SystemFileError,
+    find_system_file,
+    load_system,
+)
+
+if TYPE_CHECKING:
+    from vtff_bringup.reprocess import OutputComparison
+
+BAG_ARGUMENT = "bag"  # that a system file for reprocessing has
+
+
+def reprocess(
+    bag: Annotated[pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file.")],
+    system: Annotated[
+        str, typer.Option(help="System file or its name, with the nodes to run again.")
+    ] = "navigation_only",
+    settings: Annotated[
+        Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option("--set", help="NODE.PARAMETER:=VALUE or ARGUMENT:=VALUE; may be repeated."),
+    ] = None,
+    duration: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(help="Recorded seconds to replay; default: all.", min=1.0),
+    ] = None,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder of the new run; default: bags/SYSTEM_DATE_TIME."),
+    ] = None,
+    distributed: Annotated[
+        bool, typer.Option("--distributed", help="Each node in a process of its own: slower.")
+    ] = False,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Write the report of the new run.")
+    ] = True,
+    verbose: Annotated[
+        bool, typer.Option("--verbose", "-v", help="Show everything the nodes print.")
+    ] = False,
+) -> None:
+    """Replay a bag in lockstep through chosen nodes and record what they make of it.
+
+    The nodes of the system file run again; what they publish is left out of the replay and
+    recorded anew, everything else goes into the new bag as it was. Afterwards each recomputed
+    topic is compared with the recorded one: with unchanged parameters the bytes are the same.
+
+    Example: vtff reprocess bags/mine --set relative_ekf.estimator:=paper
+    """
+    console = Console(highlight=False)
+    try:
+        recorded = BagReader(bag)
+        path = find_system_file(system)
+        run_directory = (
+            new_folder(pathlib.Path("bags") / dated_name(path.stem))
+            if out is None
+            else chosen_folder(out, empty=True)
+        )
+    except (BagError, SystemFileError, RunFolderError) as error:
+        raise _stop(console, error, EXIT_USAGE) from error
+    run_settings = RunSettings(run_directory=run_directory, duration=duration)
+    overrides = [f"{BAG_ARGUMENT}:={recorded.path.resolve()}", *(settings or [])]
+    try:
+        description = load_system(path, overrides, run_settings)
+        _prepare_folder(recorded, run_directory, description)
+        result = run_system(
+            console, description, run_settings, composed=not distributed, verbose=verbose
+        )
+    except (SystemFileError, ExecutableNotFoundError) as error:
+        remove_if_empty(run_directory)
+        raise _stop(console, error, EXIT_USAGE) from error
+    except OSError as error:
+        raise _stop(console, error, EXIT_FAILURE) from error
+    exit_code, message_count = conclude_run(console, run_directory, result)
+    if exit_code == 0:
+        exit_code = _compare(console, recorded, run_directory, description)
+    if report and message_count and exit_code == 0:
+        exit_code = report_run(console, run_directory)
+    raise typer.Exit(exit_code)
+
+
+def _prepare_folder(
+    recorded: BagReader, run_directory: pathlib.Path, description: SystemDescription
+) -> None:
+    from vtff_bringup.reprocess import carry_over_parameters
+
+    write_arguments(run_directory, {"system": description.name, **description.arguments})
+    carry_over_parameters(recorded, run_directory)
+
+
+def _compare(
+    console: Console,
+    recorded: BagReader,
+    run_directory: pathlib.Path,
+    description: SystemDescription,
+) -> int:
+    """Print each recomputed topic beside the recorded one; return an exit code."""
+    from vtff_bringup.reprocess import compare_outputs, recomputed_topics
+
+    replaying = [
+        node.qualified_name for node in description.nodes if node.ends_run or node.own_process
+    ]
+    try:
+        topics = recomputed_topics(run_directory, replaying)
+        compared = compare_outputs(recorded, BagReader(run_directory), topics)
+    except (BagError, OSError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        return EXIT_FAILURE
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
+    table.add_column("recomputed topic")
+    for title in ("recorded", "recomputed"):
+        table.add_column(title, justify="right")
+    table.add_column("")
+    for output in compared:
+        table.add_row(
+            escape(output.topic), str(output.recorded), str(output.recomputed), _verdict(output)
+        )
+    console.print(table)
+    return 0
+
+
+def _verdict(output: OutputComparison) -> str:
+    if output.identical:
+        return "identical"
+    if not output.recorded:
+        return "new"
+    if output.first_difference is None:
+        return "identical as far as both go"
+    return f"{output.differing} differ, the first at {output.first_difference:.0f} s"
+
+
+def _stop(console: Console, error: Exception, exit_code: int) -> typer.Exit:
+    console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+    return typer.Exit(exit_code)
