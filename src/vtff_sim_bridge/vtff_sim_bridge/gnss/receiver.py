@@ -20,7 +20,6 @@ from vtff_gnss.line_of_sight import LineOfSight, earth_obstructs
 from vtff_gnss.novatel.encode_frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode_solution import IonosphereUtc
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
-from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
@@ -41,6 +40,7 @@ from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.solution import solved
 from vtff_sim_bridge.gnss.tracking import Arc, Tracker, Tracks
 from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_sim_bridge.gnss.truth_records import arc_record, second_record
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
 from vtff_sim_bridge.receiver_logs import EpochOfSeries
 
@@ -417,33 +417,12 @@ class SimulatedReceiver:
 
     def _report_arc(self, arc: Arc) -> None:
         if self._truth.is_wanted:
-            self._truth.write(
-                "arc",
-                receiver=self.configuration.name,
-                time=arc.epoch / EPOCHS_PER_SECOND,
-                satellite=satellite_name(arc.link.system, arc.link.prn),
-                signal=arc.link.signal.name,
-                event=arc.event,
-                cycles=arc.cycles,
-            )
+            self._truth.write("arc", receiver=self.configuration.name, **arc_record(arc))
 
     def _write_truth(self, second: int) -> None:
-        if not self._truth.is_wanted:
-            return
-        measured = self._last()
-        columns = measured.tracked_satellites(-1)
-        satellites = [satellite_name(*measured.plan.satellites[column]) for column in columns]
-        self._truth.write(
-            "second",
-            receiver=self.configuration.name,
-            time=second,
-            position_itrf=np.round(measured.position_itrf[-1], 6).tolist(),
-            clock_offset=float(measured.clock_offset[-1]),
-            clock_drift=float(measured.clock_drift[-1]),
-            satellites=satellites,
-            slant_tec_tecu=np.round(measured.slant_tec_tecu[-1, columns], 6).tolist(),
-            s4_l1=np.round(measured.s4_l1[-1, columns], 4).tolist(),
-        )
+        if self._truth.is_wanted:
+            record = second_record(self._last(), second)
+            self._truth.write("second", receiver=self.configuration.name, **record)
 
 
 def _at_reception(track: VehicleTrack, offset: FloatArray) -> tuple[FloatArray, FloatArray]:

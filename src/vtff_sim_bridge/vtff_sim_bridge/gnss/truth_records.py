@@ -1,4 +1,4 @@
-"""Records of the truth file that tell biases and settings: what no receiver can measure apart."""
+"""Contents of the truth file's records."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ import dataclasses
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+import numpy as np
+
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
+from vtff_sim_bridge.gnss.measurements import Measurements
 from vtff_sim_bridge.gnss.observables import signals_of
+from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
 from vtff_sim_bridge.gnss.sky import Constellation
+from vtff_sim_bridge.gnss.tracking import Arc
 from vtff_sim_bridge.gnss.truth_file import TruthFile
 
-__all__ = ["SatelliteTruth", "receiver_record"]
+__all__ = ["SatelliteTruth", "arc_record", "receiver_record", "second_record"]
 
 
 def receiver_record(receiver: ReceiverConfiguration) -> dict[str, Any]:
@@ -24,6 +29,31 @@ def receiver_record(receiver: ReceiverConfiguration) -> dict[str, Any]:
     record = {"receiver" if n == "name" else n: v for n, v in dataclasses.asdict(receiver).items()}
     record["biases"] = {s.name: receiver.biases.get(s.name, 0.0) for s in signals_of(receiver)}
     return record
+
+
+def arc_record(arc: Arc) -> dict[str, Any]:
+    """Return what an arc of a receiver begins with."""
+    return {
+        "time": arc.epoch / EPOCHS_PER_SECOND,
+        "satellite": satellite_name(arc.link.system, arc.link.prn),
+        "signal": arc.link.signal.name,
+        "event": arc.event,
+        "cycles": arc.cycles,
+    }
+
+
+def second_record(measured: Measurements, second: int) -> dict[str, Any]:
+    """Return the state of a receiver and its signals at the last epoch of a second."""
+    columns = measured.tracked_satellites(-1)
+    return {
+        "time": second,
+        "position_itrf": np.round(measured.position_itrf[-1], 6).tolist(),
+        "clock_offset": float(measured.clock_offset[-1]),
+        "clock_drift": float(measured.clock_drift[-1]),
+        "satellites": [satellite_name(*measured.plan.satellites[column]) for column in columns],
+        "slant_tec_tecu": np.round(measured.slant_tec_tecu[-1, columns], 6).tolist(),
+        "s4_l1": np.round(measured.s4_l1[-1, columns], 4).tolist(),
+    }
 
 
 class SatelliteTruth:
