@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TextIO
 
 #: Signals sent to a process that has to end, with the seconds each may take.
-ESCALATION = ((signal.SIGINT, 10.0), (signal.SIGTERM, 5.0), (signal.SIGKILL, 5.0))
+ESCALATION = ((signal.SIGINT, 20.0), (signal.SIGTERM, 10.0), (signal.SIGKILL, 5.0))
 
 #: Lines of a child that the user should see at once.
 NOTEWORTHY = ("[WARN]", "[ERROR]", "[FATAL]", "error:", "warning:", "Traceback")
