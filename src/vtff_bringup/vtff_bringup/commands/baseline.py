@@ -1,0 +1,399 @@
+"""`vtff baseline`: the position of one recorded receiver relative to another."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+from typing import TYPE_CHECKING, Annotated, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from vtff_bringup.baseline.processing import BaselineOptions, BaselineRun
+    from vtff_bringup.baseline.sources import BaselineSources
+    from vtff_bringup.baseline.summary import BaselineSummary
+    from vtff_dynamics.timescales import GpsTime
+    from vtff_nav.relative.measurements import MeasurementNoise
+
+_ESTIMATORS = ("cdgps", "paper")
+_DYNAMICS = ("static", "kinematic", "orbital")
+_ORBITAL_MASK_DEG, _GROUND_MASK_DEG = 5.0, 10.0
+_GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA = 1.0, 0.003
+"""m, multipath of a simple antenna included."""
+_REASONS_SHOWN = 4
+
+
+def baseline(
+    rover: Annotated[
+        pathlib.Path,
+        typer.Argument(help="Observations of the rover (deputy), or a bag with both receivers."),
+    ],
+    base: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Argument(help="Observations of the base (chief); not with a bag."),
+    ] = None,
+    navigation: Annotated[
+        Optional[list[pathlib.Path]],  # noqa: UP045
+        typer.Argument(
+            metavar="[NAV]...",
+            help="RINEX navigation files; not needed if the logs hold ephemerides.",
+        ),
+    ] = None,
+    dynamics: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            help="static, kinematic (the rover moves, on or near the ground) or orbital (both in "
+            "orbit); default: kinematic or orbital, by the height of the base.",
+        ),
+    ] = None,
+    estimator: Annotated[
+        str, typer.Option(help="cdgps, or paper (orbital only, phase of one signal).")
+    ] = "cdgps",
+    signals: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            help="System letters and RINEX frequency digits, as G1,G2,E1,E5; default: "
+            "G1,G2,G5,E1,E5,E7, and G1 for the paper's filter."
+        ),
+    ] = None,
+    elevation_mask: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(help="Degrees; default: 5 in orbit, 10 on the ground.", min=-90.0, max=90.0),
+    ] = None,
+    base_position: Annotated[
+        Optional[tuple[float, float, float]],  # noqa: UP045
+        typer.Option(
+            metavar="X Y Z",
+            help="Antenna of the base, ITRF, m; default: that of the RINEX header, else estimated.",
+        ),
+    ] = None,
+    estimate_base: Annotated[
+        bool, typer.Option("--estimate-base", help="Do not use the position in the header.")
+    ] = False,
+    code_sigma: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            help="Code noise of a receiver with multipath, m; default: 1 on the ground, in orbit "
+            "what the receiver states or 0.3.",
+            min=1e-3,
+        ),
+    ] = None,
+    phase_sigma: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            help="Phase noise likewise, m; default: 0.003 on the ground, in orbit what the "
+            "receiver states or 0.001.",
+            min=1e-5,
+        ),
+    ] = None,
+    troposphere: Annotated[
+        Optional[bool],  # noqa: UP045
+        typer.Option("--troposphere/--no-troposphere", help="Model it; default: unless in orbit."),
+    ] = None,
+    start: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="First epoch: 2023-01-08T10:05:00, or s after the first common one."),
+    ] = None,
+    end: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(help="Last epoch, likewise; GPS time unless UTC is put behind it."),
+    ] = None,
+    truth: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(
+            help="True positions: CSV of this command or of SimGEN, or npz (t, A, B); a bag of a "
+            "simulation has its own."
+        ),
+    ] = None,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Use a damaged RINEX file up to the damage.")
+    ] = False,
+    rover_name: Annotated[str, typer.Option(help="Receiver in a bag.")] = "deputy",
+    base_name: Annotated[str, typer.Option(help="Receiver in a bag.")] = "chief",
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for CSV, JSON and plot; default: baseline_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Compute the position of one receiver relative to another from recorded observations.
+
+    Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed; the
+    format is found by content. Only epochs with equal time tags are used. The same filter as in
+    the loop, in the order of time.
+
+    Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
+    the base, or radial, in-track, cross-track) and writes CSV, JSON and a plot.
+
+    Examples
+    --------
+    vtff baseline rover.crx.gz base.crx.gz brdc.rnx.gz --dynamics static
+
+    vtff baseline deputy.obs chief.obs brdc.rnx --truth truth.npz
+
+    vtff baseline bags/mine
+    """
+    # Imported here, because numpy, brahe and matplotlib take a while.
+    from vtff_bringup.bag.errors import BagError
+    from vtff_bringup.baseline.sources import BaselineError
+    from vtff_bringup.run_folder import RunFolderError
+    from vtff_gnss.observation_files import ObservationFileError
+
+    console = Console(highlight=False)
+    try:
+        bands = _bands(signals, estimator)
+        if dynamics is not None and dynamics not in _DYNAMICS:
+            raise BaselineError(f"--dynamics {dynamics!r}: one of {', '.join(_DYNAMICS)} expected")
+        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+            sources = _read(rover, base, navigation or [], bands, partial, (rover_name, base_name),
+                            bar)  # fmt: skip
+        options = _options(
+            sources, dynamics, estimator, bands, elevation_mask, base_position, estimate_base,
+            (code_sigma, phase_sigma), troposphere,
+            _limit(start, sources, "--start"), _limit(end, sources, "--end"),
+        )  # fmt: skip
+        raise typer.Exit(_compute(console, sources, options, truth, out))
+    except (BaselineError, ObservationFileError, BagError, RunFolderError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_USAGE) from error
+    except OSError as error:
+        reason = f"{error.filename}: {error.strerror}" if error.filename else str(error)
+        console.print(f"[red]error:[/red] {escape(reason)}", soft_wrap=True)
+        raise typer.Exit(EXIT_USAGE) from error
+
+
+def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
+    from vtff_bringup.baseline.sources import BaselineError
+    from vtff_nav.relative.measurements import DEFAULT_BANDS
+    from vtff_nav.relative.paper_ekf import PaperConfiguration
+    from vtff_nav.relative.signal_bands import bands_of
+
+    if estimator not in _ESTIMATORS:
+        raise BaselineError(f"--estimator {estimator!r}: one of {', '.join(_ESTIMATORS)} expected")
+    if signals is None:
+        return dict(PaperConfiguration().bands if estimator == "paper" else DEFAULT_BANDS)
+    try:
+        return bands_of([name.strip() for name in signals.split(",") if name.strip()])
+    except ValueError as error:
+        raise BaselineError(f"--signals {signals!r}: {error}") from None
+
+
+def _read(
+    rover: pathlib.Path,
+    base: pathlib.Path | None,
+    navigation: list[pathlib.Path],
+    bands: dict[int, tuple[int, ...]],
+    partial: bool,
+    names: tuple[str, str],
+    bar: Progress,
+) -> BaselineSources:
+    from vtff_bringup.baseline.sources import BaselineError, from_bag, from_files
+    from vtff_gnss.constants import SYSTEM_LETTERS
+
+    task = bar.add_task("reading", total=None)
+    is_bag = rover.is_dir() or rover.suffix == ".mcap"
+    if is_bag and base is not None:
+        raise BaselineError(f"{rover} is a bag, which holds both receivers: leave {base} out")
+    if is_bag:
+        return from_bag(rover, *names)
+    if base is None:
+        raise BaselineError(f"{rover} is no bag: name the observations of the base too")
+    letters = "".join(SYSTEM_LETTERS[system] for system in sorted(bands))
+    return from_files(
+        rover, base, navigation, letters, partial,
+        lambda name: bar.update(task, description=f"reading {name}"),
+    )  # fmt: skip
+
+
+def _options(
+    sources: BaselineSources,
+    dynamics: str | None,
+    estimator: str,
+    bands: dict[int, tuple[int, ...]],
+    elevation_mask_deg: float | None,
+    base_position: tuple[float, float, float] | None,
+    estimate_base: bool,
+    sigmas: tuple[float | None, float | None],
+    troposphere: bool | None,
+    start: GpsTime | None,
+    end: GpsTime | None,
+) -> BaselineOptions:
+    """Complete what was given by what fits the receivers."""
+    from vtff_bringup.baseline.processing import BaselineOptions
+    from vtff_bringup.baseline.sources import BaselineError
+
+    if estimate_base and base_position is not None:
+        raise BaselineError("--base-position and --estimate-base contradict each other")
+    # Who does not know his place is a spacecraft in a bag.
+    is_in_orbit = sources.is_in_orbit is not False
+    if dynamics is None:
+        dynamics = "orbital" if is_in_orbit else "kinematic"
+    is_orbital = dynamics == "orbital"
+    if base_position is None and sources.is_position_stated and not (estimate_base or is_orbital):
+        base_position = sources.position_base_itrf
+    if elevation_mask_deg is None:
+        elevation_mask_deg = _ORBITAL_MASK_DEG if is_orbital else _GROUND_MASK_DEG
+    noise = _noise(is_orbital, *sigmas)
+    return BaselineOptions(
+        dynamics=dynamics,  # type: ignore[arg-type]
+        estimator=estimator,
+        bands=bands,
+        elevation_mask_deg=elevation_mask_deg,
+        position_base_itrf=base_position,
+        noise=noise,
+        troposphere=not is_orbital if troposphere is None else troposphere,
+        start=start,
+        end=end,
+    )
+
+
+def _noise(
+    is_orbital: bool, code_sigma: float | None, phase_sigma: float | None
+) -> MeasurementNoise:
+    """Return the noise of each receiver.
+
+    Receivers state their thermal noise (codes of 0.05 m in the logs of the OEMV), which near
+    the ground is a small part of the multipath.
+    """
+    from vtff_nav.relative.measurements import MeasurementNoise
+
+    usual = MeasurementNoise()
+    if is_orbital and code_sigma is None and phase_sigma is None:
+        return usual
+    usual_code, usual_phase = (
+        (usual.code_sigma, usual.phase_sigma)
+        if is_orbital
+        else (_GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA)
+    )
+    return MeasurementNoise(
+        code_sigma=code_sigma or usual_code,
+        phase_sigma=phase_sigma or usual_phase,
+        use_receiver_sigmas=False,
+    )
+
+
+def _limit(text: str | None, sources: BaselineSources, option: str) -> GpsTime | None:
+    """Return a time given as an epoch or as seconds after the first common epoch."""
+    from vtff_bringup.baseline.sources import BaselineError
+    from vtff_dynamics.timescales import TIME_SCALES, parse_epoch
+
+    if text is None:
+        return None
+    try:
+        return sources.rover.time(sources.common_epochs()[0][0]) + float(text)
+    except BaselineError:
+        raise
+    except ValueError:
+        pass
+    has_scale = text.rstrip().endswith((*TIME_SCALES, "Z"))
+    try:
+        return parse_epoch(text if has_scale else f"{text} GPS")
+    except ValueError as error:
+        raise BaselineError(f"{option}: {error}, or seconds") from None
+
+
+def _compute(
+    console: Console,
+    sources: BaselineSources,
+    options: BaselineOptions,
+    truth: pathlib.Path | None,
+    out: pathlib.Path | None,
+) -> int:
+    """Run the filter, write the files and print the summary; return the exit code."""
+    from vtff_bringup.baseline.output import write_csv, write_json, write_plot
+    from vtff_bringup.baseline.processing import process_baseline
+    from vtff_bringup.baseline.summary import summarise
+    from vtff_bringup.baseline.truth import errors_local
+    from vtff_bringup.run_folder import chosen_folder, dated_name, new_folder
+
+    for remark in sources.remarks:
+        console.print(f"[yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task(f"{options.estimator}, {options.dynamics}", total=None)
+        run = process_baseline(
+            sources, options, lambda done, total: bar.update(task, completed=done, total=total)
+        )
+    known = truth or sources.truth
+    errors = errors_local(run, known) if known is not None else None
+    summary = summarise(run, errors)
+    folder = (
+        new_folder(pathlib.Path(dated_name("baseline")))
+        if out is None
+        else chosen_folder(out, empty=False)
+    )
+    write_csv(run, errors, folder / "baseline.csv")
+    write_json(summary, folder / "baseline.json")
+    title = f"{sources.rover_name} relative to {sources.base_name}"
+    write_plot(run, errors, folder / "baseline.png", title)
+    console.print(title, markup=False, style="bold", soft_wrap=True)
+    for line in _lines(run, summary):
+        console.print(f"  {line}", markup=False, soft_wrap=True)
+    console.print(_table(options, run, summary))
+    for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:
+        console.print(f"  {count} epochs: {reason}", markup=False, soft_wrap=True)
+    console.print(f"CSV, JSON and plot: {folder}", markup=False, soft_wrap=True)
+    if summary.mean is None:
+        console.print("[red]error:[/red] no epoch has a solution")
+        return EXIT_FAILURE
+    return 0
+
+
+def _lines(run: BaselineRun, summary: BaselineSummary) -> list[str]:
+    """Return what is not said by axis."""
+    unpaired = f", {run.unpaired[0]} + {run.unpaired[1]} without partner"
+    shares = ", ".join(
+        f"{100.0 * count / summary.epochs:.2f} % {name}"
+        for name, count in reversed(summary.counts.items())
+        if count
+    )
+    first = summary.time_to_first_fix
+    lines = [
+        f"epochs       {summary.epochs} in {summary.duration:.0f} s"
+        + (unpaired if any(run.unpaired) else ""),
+        f"solutions    {shares}",
+        "first fix    " + ("never" if first is None else f"{first:g} s after the first epoch"),
+    ]
+    if summary.satellites is not None:
+        lines.append("satellites   least {:.0f}, mean {:.1f}".format(*summary.satellites))
+    if summary.ratio is not None:
+        lines.append("ratio        least {:.1f}, median {:.1f}".format(*summary.ratio))
+    if summary.longest is not None:
+        lines.append(f"length       {summary.shortest:.4f} to {summary.longest:.4f} m")
+    return lines
+
+
+def _table(options: BaselineOptions, run: BaselineRun, summary: BaselineSummary) -> Table:
+    table = Table(show_header=True)
+    table.add_column(f"{options.estimator}, {options.dynamics}")
+    for name in (*run.axes, "3-D"):
+        table.add_column(name, justify="right")
+    if summary.mean is not None and summary.is_at_rest:
+        table.add_row("mean, m", *(f"{x:.4f}" for x in summary.mean), "")
+        if options.dynamics == "static" and summary.last is not None:
+            table.add_row("last, m", *(f"{x:.4f}" for x in summary.last), "")
+        table.add_row("scatter, mm", *_millimetres(summary.scatter))
+    table.add_row("sigma of the filter, mm", *_millimetres(summary.sigma))
+    for name, errors in (
+        ("since the first fix", summary.errors),
+        ("after 10 min", summary.errors_converged),
+    ):
+        if errors is not None:
+            label = f"error {name} ({errors.epochs} epochs)"
+            table.add_row(label)
+            table.add_row("  mean, mm", *_millimetres(errors.mean)[:3])
+            table.add_row("  RMS, mm", *_millimetres(errors.rms))
+            table.add_row("  largest, mm", "", "", "", f"{1e3 * errors.largest_3d:.3f}")
+    return table
+
+
+def _millimetres(lengths: tuple[float, ...] | None) -> list[str]:
+    """Return three lengths and their root sum square."""
+    if lengths is None:
+        return []
+    total = math.hypot(*lengths)
+    return [f"{1e3 * length:.3f}" for length in (*lengths, total)]
