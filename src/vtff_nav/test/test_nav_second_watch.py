@@ -64,6 +64,10 @@ def test_silence_ends_a_second_and_then_sooner():
     assert not watch.is_done(1.0 + 0.9 * 0.3 * SHORTER_WAIT)
     assert watch.is_done(1.0 + 1.1 * 0.3 * SHORTER_WAIT)
     assert watch.silent_seconds == 1
+    watch.begin(FIRST + 1, 1.5)
+    watch.read(10, [], 1.5)  # it is back: patience for the rest of the second
+    assert not watch.is_done(1.5 + 0.9 * 0.3)
+    assert watch.is_done(1.5 + 1.1 * 0.3)
     watch.begin(FIRST + 2, 2.0)
     watch.read(10, [time_log(2)], 2.0)
     assert watch.is_done(2.0)

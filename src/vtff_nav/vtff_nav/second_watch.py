@@ -34,8 +34,8 @@ class SecondWatch:
     end_log : str
         Name in `END_OF_SECOND_LOGS`.
     silence_timeout : float
-        Wall time, s, without a byte after which nothing more is expected; a fifth of it once a
-        second has ended by silence, until one ends by its log.
+        Wall time, s, without a byte after which nothing more is expected. A fifth of it where not
+        a single byte has come, if the second before had ended by silence too.
 
     Attributes
     ----------
@@ -77,7 +77,8 @@ class SecondWatch:
 
     def is_quiet(self, now: float) -> bool:
         """Whether nothing has come for long enough that nothing more is expected."""
-        wait = self._silence_timeout * (SHORTER_WAIT if self._ended_by_silence else 1.0)
+        is_dead = self._ended_by_silence and not self._is_heard
+        wait = self._silence_timeout * (SHORTER_WAIT if is_dead else 1.0)
         return now - self._quiet_since > wait
 
     def is_done(self, now: float) -> bool:

@@ -247,6 +247,10 @@ class SimgenBridgeNode(VtffNode):
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
         self._receive_replies()
         self._send_motion()
+        if self.lockstep and self.parameters.lockstep_preparing:
+            # SimGEN replies when the bytes of this step are on the receivers' ports. With /clock
+            # after that, a driver never takes a slow emulator for a silent receiver.
+            self._receive_replies()
         if self._state == SimulatorStatus.STATE_ERROR:
             return
         self._clock_message.clock = stamp
@@ -349,7 +353,7 @@ class SimgenBridgeNode(VtffNode):
             self._fail(str(error))
 
     def _receive_replies(self) -> None:
-        """Take SimGEN's replies to the previous step: by now they wait, so nothing blocks."""
+        """Take SimGEN's replies; those to the previous step wait by now, so nothing blocks."""
         if self._simgen is None or self._state == SimulatorStatus.STATE_ERROR:
             return
         try:
