@@ -22,9 +22,12 @@ from vtff_bringup.baseline.summary import summarise
 from vtff_bringup.baseline.truth import errors_local
 from vtff_bringup.cli import make_app
 from vtff_dynamics.timescales import parse_epoch
+from vtff_gnss.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.rinex_observation import read_rinex_observation
+from vtff_gnss.rinex_write_navigation import write_rinex_navigation
 from vtff_gnss.rinex_write_observation import write_rinex_observation
+from vtff_nav.relative.measurements import MeasurementNoise
 
 SHARED = pathlib.Path(
     os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
@@ -96,6 +99,42 @@ def test_real_static_pair_of_novatel_receivers(tmp_path):
     assert np.linalg.norm(found["scatter"]) <= 5e-3
     assert 1.69 < np.linalg.norm(found["mean"]) < 1.73
     assert "NovAtel RANGECMP" in output and "1 damaged" in output
+
+
+def test_rtklib_finds_the_same_baseline_in_the_files_written_from_the_logs(tmp_path):
+    rtklib = pytest.importorskip("pyrtklib", reason="the referee is not installed")
+    rover, base = shared(OEM / "gavlab_test2_rcvr2.dat", OEM / "gavlab_test2_rcvr1.dat")
+    logs = {"rover": open_observations(rover), "base": open_observations(base)}
+    for name, log in logs.items():
+        write_rinex_observation(tmp_path / name, log.table)
+    write_rinex_navigation(tmp_path / "nav", logs["base"].ephemerides + logs["rover"].ephemerides)
+    options, output, files = rtklib.prcopt_t(), rtklib.solopt_t(), rtklib.filopt_t()
+    rtklib.resetsysopts()
+    rtklib.getsysopts(options, output, files)
+    options.mode, options.nf, options.modear = rtklib.PMODE_KINEMA, 2, 1
+    options.elmin, options.navsys, options.refpos = np.radians(10.0), 1, 0
+    for axis, coordinate in enumerate(logs["base"].approximate_position):
+        options.rb[axis] = coordinate
+    output.posf = 1  # Earth-fixed
+    arguments = [rtklib.gtime_t(), rtklib.gtime_t(), 0.0, 0.0, options, output, rtklib.filopt_t()]
+    inputs = [str(tmp_path / name) for name in ("rover", "base", "nav")]
+    result = rtklib.Arr1Dchar(str(tmp_path / "result"))
+    assert rtklib.postpos(*arguments, inputs, len(inputs), result, "", "") == 0
+    lines = (tmp_path / "result").read_text().splitlines()
+    rows = np.array([line.split()[2:6] for line in lines if line[0] != "%"], dtype=float)
+    assert len(rows) == 429 and (rows[:, 3] == 1).all()
+    theirs = rows[:, :3].mean(axis=0) - logs["base"].approximate_position
+    sources = from_files(rover, base)
+    noise = MeasurementNoise(1.0, 0.003, use_receiver_sigmas=False)
+    position = logs["base"].approximate_position
+    run = process_baseline(
+        sources,
+        BaselineOptions(
+            dynamics="static", noise=noise, position_base_itrf=position, end=sources.base.time(120)
+        ),
+    )
+    assert (run.solution == 4).all()
+    np.testing.assert_allclose(run.baseline_itrf.mean(axis=0), theirs, atol=0.01)
 
 
 @pytest.mark.slow

@@ -10,8 +10,6 @@ import warnings
 import zipfile
 import zlib
 
-import hatanaka
-
 from vtff_gnss.rinex_navigation_records import RinexError
 
 __all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
@@ -19,10 +17,8 @@ __all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
 _VERSION_LABEL = b"RINEX VERSION / TYPE"
 _LABEL_COLUMN = 60
 # What the decompressors raise at damaged or incomplete content.
-_DAMAGES = (
-    *(OSError, EOFError, ValueError, NotImplementedError, zlib.error, zipfile.BadZipFile),
-    hatanaka.HatanakaException,
-)
+# A HatanakaException is a RuntimeError.
+_DAMAGES = (OSError, EOFError, ValueError, RuntimeError, zlib.error, zipfile.BadZipFile)
 
 
 def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
@@ -46,6 +42,8 @@ def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
         if content[:3] == b"BZh":
             return bz2.decompress(content)
         if content[:2] == b"\x1f\x9d":
+            import hatanaka  # here, because it takes a while and few files need it
+
             return bytes(hatanaka.decompress(content))
         if content[:4] == b"PK\x03\x04":
             return _unzip(content, path)
@@ -82,6 +80,8 @@ def decompress_hatanaka(content: bytes, path: str | pathlib.Path) -> tuple[bytes
     RinexError
         If the file is damaged or incomplete.
     """
+    import hatanaka  # see `decompress`
+
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         try:
