@@ -133,6 +133,14 @@ def test_a_bag_alone_gives_the_numbers_of_its_run_folder(bag, page, tmp_path):
     assert alone["run_seed"] == 77 and alone["acceleration_cap_m_per_s2"] == 0.5
 
 
+def test_paths_of_the_machine_stay_out_of_the_bag():
+    texts = {"bridge": "file: /home/me/vtff/config/a.yaml\noutput: /scratch/runs/7/bag\n"}
+    described = RunDescription(parameter_texts=texts)
+    custom = described.as_custom_data("/scratch/runs/7", "/home/me/vtff")
+    assert custom == {"parameters/bridge": "file: config/a.yaml\noutput: ${run_directory}/bag\n"}
+    assert described.as_custom_data("/", "/")["parameters/bridge"] == texts["bridge"]
+
+
 def test_places_of_reports(bag, tmp_path):
     alone = find_run(bag)
     assert (alone.name, alone.output) == ("recorded", bag.with_name("recorded_report"))

@@ -177,7 +177,8 @@ def _run_texts() -> dict[str, str]:
     if not directory:
         return {}
     described = describe_run_folder(pathlib.Path(directory))
-    return dataclasses.replace(described, environment=describe_environment()).as_custom_data()
+    complete = dataclasses.replace(described, environment=describe_environment())
+    return complete.as_custom_data(directory, str(pathlib.Path.cwd()))
 
 
 NODE_CLASS = BagRecorderNode

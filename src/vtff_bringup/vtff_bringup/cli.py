@@ -16,7 +16,17 @@ def make_app() -> typer.Typer:
     # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
     import typer
 
-    from vtff_bringup.commands import bag, baseline, compare, replay, report, reprocess, run, study
+    from vtff_bringup.commands import (
+        bag,
+        baseline,
+        compare,
+        export,
+        replay,
+        report,
+        reprocess,
+        run,
+        study,
+    )
 
     app = typer.Typer(
         name="vtff",
@@ -31,6 +41,7 @@ def make_app() -> typer.Typer:
     app.command("reprocess", no_args_is_help=True)(reprocess.reprocess)
     app.command("report", no_args_is_help=True)(report.report)
     app.command("compare", no_args_is_help=True)(compare.compare)
+    app.command("export", no_args_is_help=True)(export.export)
     app.command("baseline", no_args_is_help=True)(baseline.baseline)
     app.add_typer(bag.app, name="bag")
     app.add_typer(study.app, name="study")

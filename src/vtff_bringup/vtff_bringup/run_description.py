@@ -48,8 +48,15 @@ class RunDescription:
     parameter_texts: dict[str, str] = dataclasses.field(default_factory=dict)
     scenario_text: str = ""
 
-    def as_custom_data(self) -> dict[str, str]:
-        """Return the texts that the recorder puts into the metadata of the bag."""
+    def as_custom_data(self, run_directory: str = "", current_folder: str = "") -> dict[str, str]:
+        """Return the texts that the recorder puts into the metadata of the bag.
+
+        Parameters
+        ----------
+        run_directory, current_folder
+            Absolute paths that are written as ``${run_directory}`` and left out: a bag may be
+            read on another machine, and equal runs should tell the same.
+        """
         texts = {
             f"{PARAMETERS_PREFIX}{name}": text
             for name, text in sorted(self.parameter_texts.items())
@@ -60,7 +67,16 @@ class RunDescription:
             texts[ENVIRONMENT_KEY] = json.dumps(self.environment, default=str)
         if self.scenario_text:
             texts[SCENARIO_KEY] = self.scenario_text
-        return texts
+        return {key: _portable(text, run_directory, current_folder) for key, text in texts.items()}
+
+
+def _portable(text: str, run_directory: str, current_folder: str) -> str:
+    """Return a text without the paths of this machine."""
+    if run_directory.count("/") > 1:
+        text = text.replace(run_directory, "${run_directory}")
+    if current_folder.count("/") > 1:
+        text = text.replace(f"{current_folder}/", "")
+    return text
 
 
 def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -> None:

@@ -1,0 +1,132 @@
+"""`vtff export`: a bag in the formats of other programs."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Callable
+from typing import Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from vtff_bringup.bag.errors import BagError
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run_folder import RunFolderError, chosen_folder
+
+
+def export(
+    bag: Annotated[pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file.")],
+    csv: Annotated[
+        bool, typer.Option("--csv", help="Each topic as CSV: one row a message, or a signal.")
+    ] = False,
+    parquet: Annotated[
+        bool, typer.Option("--parquet", help="Each topic as Parquet: arrays as lists.")
+    ] = False,
+    rinex: Annotated[
+        bool, typer.Option("--rinex", help="Observations and ephemerides as RINEX 3.05.")
+    ] = False,
+    high_rate: Annotated[
+        bool, typer.Option("--high-rate", help="RINEX of gnss/high_rate instead of gnss/epoch.")
+    ] = False,
+    sp3: Annotated[bool, typer.Option("--sp3", help="Orbits as SP3-d (ITRF, GPS time).")] = False,
+    oem: Annotated[
+        bool, typer.Option("--oem", help="Orbits as CCSDS OEM 2.0 (GCRF, UTC).")
+    ] = False,
+    czml: Annotated[bool, typer.Option("--czml", help="Orbits as CZML for Cesium or STK.")] = False,
+    interval: Annotated[
+        Optional[float],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="Shortest time between orbit states to keep, s; default: all.", min=0.0),
+    ] = None,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder to write; default: RUN/export, or BAG_export beside a bag."),
+    ] = None,
+) -> None:
+    """Write a bag in the formats of other programs; name one or several.
+
+    Orbits are the truth where it is recorded, else the receivers' own solutions.
+
+    Example: vtff export bags/mine --rinex --oem
+    """
+    console = Console(highlight=False)
+    chosen = [
+        name
+        for name, wanted in (
+            *(("csv", csv), ("parquet", parquet), ("rinex", rinex)),
+            *(("sp3", sp3), ("oem", oem), ("czml", czml)),
+        )
+        if wanted
+    ]
+    if not chosen:
+        console.print(
+            "[red]error:[/red] name a format: --csv, --parquet, --rinex, --sp3, --oem or --czml"
+        )
+        raise typer.Exit(EXIT_USAGE)
+    # Imports rclpy, which takes a while.
+    from vtff_bringup.export.errors import ExportError
+    from vtff_bringup.report.write import find_run
+
+    try:
+        place = find_run(bag)
+        default = place.output.with_name(place.output.name.replace("report", "export"))
+        folder = chosen_folder(out or default, empty=False)
+        with console.status("exporting") as status:
+            files, notes = _export(place.bag, place.name, folder, chosen, interval, high_rate,
+                                   status.update)  # fmt: skip
+    except (BagError, ExportError, RunFolderError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_USAGE) from error
+    except OSError as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_FAILURE) from error
+    for path in files:
+        console.print(str(path), markup=False, soft_wrap=True)
+    for note in notes:
+        console.print(f"[yellow]note:[/yellow] {escape(note)}", soft_wrap=True)
+
+
+def _export(
+    bag: pathlib.Path,
+    name: str,
+    folder: pathlib.Path,
+    chosen: list[str],
+    interval: float | None,
+    high_rate: bool,
+    progress: Callable[[str], Any],
+) -> tuple[list[pathlib.Path], list[str]]:
+    """Write the chosen formats; return the files and what the user should know."""
+    from vtff_bringup.bag.reader import BagReader
+    from vtff_bringup.export.czml import format_czml
+    from vtff_bringup.export.oem import format_oem
+    from vtff_bringup.export.orbits import read_orbits
+    from vtff_bringup.export.rinex import export_rinex
+    from vtff_bringup.export.sp3 import format_sp3
+    from vtff_bringup.export.tables import export_csv, export_parquet
+    from vtff_bringup.report.summary import key_part
+
+    reader = BagReader(bag)
+    files: list[pathlib.Path] = []
+    notes: list[str] = []
+    for kind, write in (("csv", export_csv), ("parquet", export_parquet)):
+        if kind in chosen:
+            written, remarks = write(reader, folder, progress)
+            files += written
+            notes += remarks
+    if "rinex" in chosen:
+        progress("rinex")
+        files += export_rinex(reader, folder, high_rate=high_rate)
+    if {"sp3", "oem", "czml"} & set(chosen):
+        progress("orbits")
+        orbits = read_orbits(reader, interval)
+        texts: dict[str, str] = {}
+        if "sp3" in chosen:
+            texts["orbits.sp3"] = format_sp3(orbits)
+        if "oem" in chosen:
+            texts |= {f"{key_part(orbit.name)}.oem": format_oem(orbit) for orbit in orbits}
+        if "czml" in chosen:
+            texts["orbits.czml"] = format_czml(orbits, name)
+        for file_name, text in texts.items():
+            (folder / file_name).write_text(text, encoding="utf-8", newline="\n")
+            files.append(folder / file_name)
+    return files, [*reader.notes, *notes]

@@ -1,0 +1,1 @@
+"""Bags in the formats of other programs: tables, RINEX, orbits, CZML."""

@@ -1,0 +1,121 @@
+"""Every topic of a bag as a CSV or Parquet file."""
+
+from __future__ import annotations
+
+import csv
+import pathlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from vtff_bringup.bag.errors import BagReadError, UnknownTypeError
+from vtff_bringup.bag.message_definitions import message_class
+from vtff_bringup.bag.reader import BagReader
+from vtff_bringup.export.columns import exploded, message_columns
+from vtff_bringup.report.summary import key_part
+
+#: Messages turned into rows at once: bounds the memory of a long bag.
+BATCH = 5000
+
+Progress = Callable[[str], None]
+
+
+def export_csv(
+    reader: BagReader, folder: pathlib.Path, progress: Progress | None = None
+) -> tuple[list[pathlib.Path], list[str]]:
+    """Write each topic as ``<topic>.csv``: one row a message, or one a signal.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    folder
+        Where to; must exist.
+    progress
+        Called with the name of each topic.
+
+    Returns
+    -------
+    files, notes
+        The files, and a line for each topic that is left out.
+    """
+    return _export(reader, folder, ".csv", _write_csv, progress)
+
+
+def export_parquet(
+    reader: BagReader, folder: pathlib.Path, progress: Progress | None = None
+) -> tuple[list[pathlib.Path], list[str]]:
+    """Write each topic as ``<topic>.parquet``: one row a message, arrays as lists.
+
+    Parameters and returns are those of `export_csv`.
+    """
+    return _export(reader, folder, ".parquet", _write_parquet, progress)
+
+
+def _export(
+    reader: BagReader,
+    folder: pathlib.Path,
+    suffix: str,
+    write: Callable[[pathlib.Path, Iterator[dict[str, list[Any]]]], None],
+    progress: Progress | None,
+) -> tuple[list[pathlib.Path], list[str]]:
+    files, notes = [], []
+    for name, topic in sorted(reader.topics.items()):
+        if not topic.message_count:
+            continue
+        try:
+            message_class(topic.type)
+        except UnknownTypeError as error:
+            notes.append(f"{name} is left out: {error}")
+            continue
+        if progress is not None:
+            progress(name)
+        path = folder / f"{key_part(name)}{suffix}"
+        try:
+            write(path, _batches(reader, name))
+        except BagReadError as error:
+            notes.append(str(error))
+        if path.exists():
+            files.append(path)
+    return files, notes
+
+
+def _batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]]]:
+    batch: list[tuple[int, Any]] = []
+    for decoded in reader.messages(topic):
+        batch.append((decoded.log_time, decoded.message))
+        if len(batch) == BATCH:
+            yield message_columns(batch)
+            batch = []
+    if batch:
+        yield message_columns(batch)
+
+
+def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]]) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        # repr gives the shortest text that reads back as the same number.
+        writer = csv.writer(file)
+        head: list[str] = []
+        for batch in batches:
+            columns = exploded(batch)
+            if not head:
+                head = list(columns)
+                writer.writerow(head)
+            writer.writerows(zip(*(columns[name] for name in head), strict=True))
+
+
+def _write_parquet(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]]) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    writer = None
+    try:
+        for batch in batches:
+            if writer is None:
+                table = pyarrow.table(batch)
+                writer = pyarrow.parquet.ParquetWriter(path, table.schema)
+            else:
+                table = pyarrow.table(batch, schema=writer.schema)
+            writer.write_table(table)
+    finally:
+        if writer is not None:
+            writer.close()
