@@ -110,8 +110,9 @@ class ArcBook:
             elif _lock_restarted(lock[row], arc.lock_time, gap):
                 reasons[key] = "lock time has restarted"
         reasons.update(self._geometry_free(measured, reasons))
+        present = set(measured.keys)
         for key, arc in self.arcs.items():
-            if time - arc.time > self._longest_gap and key not in reasons:
+            if time - arc.time > self._longest_gap and key not in present:
                 reasons[key] = "not seen any more"
         return reasons
 

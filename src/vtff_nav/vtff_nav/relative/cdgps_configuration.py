@@ -79,7 +79,7 @@ class CdgpsConfiguration:
     force_model_deputy: ForceModel | None = None
     noise_chief: MotionNoise = MotionNoise(empirical_sigma=1e-6)
     noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8)
-    thrust_relative_sigma: float = 0.002
+    thrust_relative_sigma: float = 5e-4
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
     elevation_mask_deg: float = 5.0

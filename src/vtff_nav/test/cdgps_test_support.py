@@ -1,0 +1,252 @@
+"""Runs of the relative filter on epochs of the emulated receivers and on RINEX files."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import pathlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from vtff_dynamics.force_model import ForceModel
+from vtff_dynamics.frames import (
+    kinematics_itrf,
+    relative_state_rtn,
+    rotation_gcrf_to_itrf,
+    rotation_gcrf_to_rtn,
+)
+from vtff_dynamics.propagator import Propagator
+from vtff_dynamics.timescales import GpsTime, parse_epoch
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.novatel import ReceiverLogStream
+from vtff_gnss.novatel.encode_frame import HeaderSettings
+from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.rinex_navigation import read_rinex_navigation
+from vtff_nav.relative.cdgps import CdgpsEstimator
+from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
+from vtff_nav.relative.solution import SOLUTION_FIXED, RelativeSolution
+from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
+from vtff_sim_bridge.gnss.configuration import (
+    ConstellationConfiguration,
+    NoiseModel,
+    TrackingModel,
+    load_gnss_configuration,
+)
+from vtff_sim_bridge.gnss.emulation import ReceiverSet
+from vtff_sim_bridge.gnss.faults import Fault
+from vtff_sim_bridge.gnss.receiver_clock import ClockModel
+from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_sim_bridge.motion import MotionState, VehicleMotion
+from vtff_sim_bridge.receiver_commands import EmulatedReceiver
+
+REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
+SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))
+DATA = SHARED / "data/navigation"
+NAVIGATION = DATA / "spirent_dynamic/RINEX_GN_Spirent.23N"
+START = parse_epoch("2023-01-08T10:00:00 GPS")
+
+# Initial states of paper 004 (Oh et al. 2016), m and m/s.
+CHIEF = np.array([6930000.0, 0.0, 0.0, 0.0, 3810.947, 6600.754])
+DEPUTY_250M = np.array([6930250.0, 0.0, 0.0, 0.0, 3810.815, 6600.525])
+DEPUTY_5KM = np.array([6935000.0, 0.0, 0.0, 0.0, 3808.307, 6596.182])
+J2 = ForceModel(degree=2, order=0)
+
+L1 = {0: (1,)}
+L1_L2 = {0: (1, 2)}
+BIASES = ({"G1C": 0.0, "G2W": 1.2, "G5Q": -0.8}, {"G1C": 0.0, "G2W": -0.9, "G5Q": 0.5})
+SIGNALS = {"G1C": 48.0, "G2W": 42.0}
+
+
+def require_data() -> None:
+    """Skip where the shared data are absent."""
+    if not NAVIGATION.exists():
+        pytest.skip(f"{DATA} is absent")
+
+
+def configuration(**changes: object) -> CdgpsConfiguration:
+    """Return a configuration for the orbits of this module."""
+    return CdgpsConfiguration(**{"force_model": J2, "bands": L1_L2, **changes})
+
+
+@dataclass
+class Scenario:
+    """Epochs of two emulated receivers, and the truth; element k is that of second k."""
+
+    chief: dict[GpsTime, ObservationEpoch]
+    deputy: dict[GpsTime, ObservationEpoch]
+    chief_gcrf: np.ndarray
+    deputy_gcrf: np.ndarray
+    thrust_rtn: np.ndarray
+    ephemerides: Sequence[BroadcastEphemeris]
+
+
+def simulate(
+    seconds: int,
+    deputy: np.ndarray = DEPUTY_250M,
+    seed: int = 1,
+    profile: ElectronDensityProfile | None = None,
+    faults: Sequence[Fault] = (),
+    thrust_rtn: Callable[[int], Sequence[float]] | None = None,
+    signals: dict[str, float] = SIGNALS,
+    empirical_sigma: tuple[float, float] = (0.0, 0.0),
+) -> Scenario:
+    """Simulate both receivers at 1 Hz: 1 mm and 0.3 m noise, steered clocks, receiver biases.
+
+    Parameters
+    ----------
+    seconds : int
+        Number of epochs.
+    deputy : ndarray, shape (6,)
+    seed : int
+    profile : ElectronDensityProfile, optional
+    faults : sequence of Fault
+    thrust_rtn : callable, optional
+        Thrust of the deputy over the second k, m/s2.
+    signals : dict
+        See `ReceiverConfiguration.cn0_zenith_dbhz`.
+    empirical_sigma : tuple of 2 float
+        Gauss-Markov accelerations of the chief and of the difference, m/s2, 900 s.
+    """
+    require_data()
+    random = np.random.default_rng(1000 + seed)
+    crafts = [Propagator(START, state, J2) for state in (CHIEF, deputy)]
+    empirical = [sigma * random.standard_normal(3) for sigma in empirical_sigma]
+    decay = np.exp(-1.0 / 900.0)
+    motions, states, thrusts = [], ([], []), []
+    for second in range(seconds):
+        to_gcrf = rotation_gcrf_to_rtn(crafts[0].state_gcrf).T
+        thrust = np.zeros(3) if thrust_rtn is None else np.asarray(thrust_rtn(second), float)
+        accelerations = [to_gcrf @ empirical[0], to_gcrf @ (thrust + empirical[0] + empirical[1])]
+        step = []
+        for craft, acceleration, kept in zip(crafts, accelerations, states, strict=True):
+            state = craft.state_gcrf
+            kept.append(state)
+            total = craft.acceleration_gcrf() + acceleration
+            motion = kinematics_itrf(craft.time, state[:3], state[3:], total, craft.jerk_gcrf())
+            step.append(MotionState(*(tuple(row.tolist()) for row in motion)))
+            craft.advance(acceleration if acceleration.any() else None)
+        motions.append(step)
+        thrusts.append(thrust)
+        for craft, sigma in enumerate(empirical_sigma):
+            noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(3)
+            empirical[craft] = decay * empirical[craft] + noise
+    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals)
+    return Scenario(
+        chief=chief,
+        deputy=deputy_epochs,
+        chief_gcrf=np.array(states[0]),
+        deputy_gcrf=np.array(states[1]),
+        thrust_rtn=np.array(thrusts),
+        ephemerides=read_rinex_navigation(NAVIGATION).ephemerides,
+    )
+
+
+def _receivers(motions, seed, profile, faults, signals) -> list[dict[GpsTime, ObservationEpoch]]:
+    """Return the epochs that a decoder reads from the bytes of both receivers."""
+    loaded = load_gnss_configuration(REPOSITORY / "config/gnss/noise_free.yaml")
+    receivers = tuple(
+        dataclasses.replace(
+            receiver,
+            cn0_zenith_dbhz=signals,
+            noise=NoiseModel(model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.01),
+            clock=ClockModel(oscillator="TCXO", initial_offset=offset, is_steered=True),
+            tracking=TrackingModel(channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0),
+            biases={name: bias for name, bias in biases.items() if name in signals},
+        )
+        for receiver, offset, biases in zip(loaded.receivers, (-3e-8, 3e-8), BIASES, strict=True)
+    )
+    base = dataclasses.replace(
+        loaded,
+        seed=seed,
+        receivers=receivers,
+        constellation=ConstellationConfiguration(source=str(NAVIGATION)),
+        profile=profile,
+        faults=tuple(faults),
+    )
+    emulated = {
+        receiver.name: EmulatedReceiver(settings=HeaderSettings(generation=receiver.generation))
+        for receiver in receivers
+    }
+    for receiver in emulated.values():
+        receiver.receive(b"LOG RANGEB ONTIME 1\r\n")
+    first = np.array(motions[0][0].position_itrf + motions[0][0].velocity_itrf)
+    end = START + float(len(motions) - 1)
+    receiver_set = ReceiverSet(base, emulated, START, end, first, TruthFile(None))
+    content = {name: bytearray() for name in emulated}
+    vehicles = {"v1_m1": VehicleMotion(), "v2_m1": VehicleMotion()}
+    for second, step in enumerate(motions):
+        time = second * 10**9
+        for vehicle, state in zip(vehicles.values(), step, strict=True):
+            vehicle.command(time, state)
+        receiver_set.advance(
+            time, vehicles.__getitem__, lambda name, sent: content[name].extend(sent)
+        )
+        for vehicle in vehicles.values():
+            vehicle.forget_before(time)
+    return [epochs_of(bytes(content[name])) for name in ("chief", "deputy")]
+
+
+def epochs_of(content: bytes) -> dict[GpsTime, ObservationEpoch]:
+    """Return the observations in the bytes of a receiver by their time tag."""
+    events = ReceiverLogStream().feed(content)
+    return {event.time: event for event in events if isinstance(event, ObservationEpoch)}
+
+
+@dataclass
+class Flight:
+    """Solutions of a run and their errors, one row for each second."""
+
+    solutions: list[RelativeSolution]
+    error_itrf: np.ndarray
+    error_rtn: np.ndarray
+    error_chief: np.ndarray
+
+    @property
+    def error(self) -> np.ndarray:
+        """3-D position errors, m."""
+        return np.linalg.norm(self.error_itrf, axis=1)
+
+    def rms(self, first: int = 60) -> float:
+        """3-D RMS from a second on, m."""
+        return float(np.sqrt(np.mean(self.error[first:] ** 2)))
+
+    def velocity_rms(self, first: int = 60) -> float:
+        """3-D RMS of the relative velocity from a second on, m/s."""
+        return float(np.sqrt(np.mean(np.sum(self.error_rtn[first:, 3:] ** 2, axis=1))))
+
+    @property
+    def is_fixed(self) -> np.ndarray:
+        """Whether each epoch is a fixed solution."""
+        return np.array([s.solution == SOLUTION_FIXED for s in self.solutions])
+
+    def normalised_squares(self) -> np.ndarray:
+        """e' P^-1 e of the position of each epoch."""
+        return np.array(
+            [
+                e @ np.linalg.solve(s.covariance_position_itrf, e)
+                for e, s in zip(self.error_itrf, self.solutions, strict=True)
+            ]
+        )
+
+
+def fly(scenario: Scenario, parameters: CdgpsConfiguration, knows_thrust: bool = True) -> Flight:
+    """Run the filter over a scenario."""
+    estimator = CdgpsEstimator(parameters, scenario.ephemerides)
+    solutions, itrf, rtn, chief_errors = [], [], [], []
+    for second in range(len(scenario.chief_gcrf)):
+        time = START + float(second)
+        solution = estimator.process(time, scenario.chief.get(time), scenario.deputy.get(time))
+        if knows_thrust:
+            estimator.add_thrust(time, 1.0, scenario.thrust_rtn[second])
+        chief, deputy = scenario.chief_gcrf[second], scenario.deputy_gcrf[second]
+        truth = relative_state_rtn(chief, deputy)
+        solutions.append(solution)
+        to_itrf = rotation_gcrf_to_itrf(time)
+        itrf.append(solution.position_itrf - to_itrf @ (deputy - chief)[:3])
+        estimate = np.concatenate((solution.position_rtn, solution.velocity_rtn))
+        rtn.append(estimate - truth)
+        chief_errors.append(solution.position_chief_gcrf - chief[:3])
+    return Flight(solutions, np.array(itrf), np.array(rtn), np.array(chief_errors))
