@@ -130,7 +130,7 @@ def test_rtklib_finds_the_same_baseline_in_the_files_written_from_the_logs(tmp_p
     run = process_baseline(
         sources,
         BaselineOptions(
-            dynamics="static", noise=noise, position_base_itrf=position, end=sources.base.time(120)
+            dynamics="static", noise=noise, position_base_itrf=position, end=sources.base.time(40)
         ),
     )
     assert (run.solution == 4).all()

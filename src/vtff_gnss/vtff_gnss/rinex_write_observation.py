@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pathlib
 from collections.abc import Iterable, Iterator
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -30,6 +31,18 @@ _Signal = tuple[int, int, int]
 def write_rinex_observation(
     path: str | os.PathLike[str],
     observations: ObservationTable | Iterable[ObservationEpoch],
+    **settings: Any,
+) -> None:
+    """Write observations as RINEX 3.05; settings and errors are those of the text.
+
+    See `format_rinex_observation`.
+    """
+    content = format_rinex_observation(observations, **settings)
+    pathlib.Path(path).write_text(content, encoding="ascii", newline="\n")
+
+
+def format_rinex_observation(
+    observations: ObservationTable | Iterable[ObservationEpoch],
     marker_name: str = "",
     approximate_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
     marker_type: str = "",
@@ -38,12 +51,11 @@ def write_rinex_observation(
     interval: float | None = None,
     comments: tuple[str, ...] = (),
     created: str = "",
-) -> None:
-    """Write observations as RINEX 3.05.
+) -> str:
+    """Return observations as the text of a RINEX 3.05 file.
 
     Parameters
     ----------
-    path : path-like
     observations : ObservationTable or iterable of ObservationEpoch
         In the order of time.
     marker_name, marker_type : str
@@ -74,25 +86,6 @@ def write_rinex_observation(
       digit; the absence of ``FLAG_PARITY_KNOWN`` sets bit 1.
     - Phases are written as the receiver gives them; the phase shift records say so.
     """
-    content = format_rinex_observation(
-        observations, marker_name, approximate_position, marker_type, receiver, antenna,
-        interval, comments, created,
-    )  # fmt: skip
-    pathlib.Path(path).write_text(content, encoding="ascii", newline="\n")
-
-
-def format_rinex_observation(
-    observations: ObservationTable | Iterable[ObservationEpoch],
-    marker_name: str = "",
-    approximate_position: tuple[float, float, float] = (0.0, 0.0, 0.0),
-    marker_type: str = "",
-    receiver: tuple[str, str, str] = ("", "", ""),
-    antenna: tuple[str, str] = ("", ""),
-    interval: float | None = None,
-    comments: tuple[str, ...] = (),
-    created: str = "",
-) -> str:
-    """Return the text of the file; see `write_rinex_observation`."""
     table = observations
     if not isinstance(table, ObservationTable):
         table = ObservationTable.from_epochs(table)
@@ -117,18 +110,26 @@ def format_rinex_observation(
         *(line for letter in systems for line in _type_lines(letter, layout.types[letter])),
         header_line("DBHZ", "SIGNAL STRENGTH UNIT"),
     ]
+    lines += _description_lines(table, systems, interval)
+    lines += _epoch_lines(table, layout)
+    return "".join(lines)
+
+
+def _description_lines(
+    table: ObservationTable, systems: list[str], interval: float | None
+) -> Iterator[str]:
+    """Return the header lines that the observations themselves determine, and the last one."""
     if interval is not None:
-        lines.append(header_line(f"{interval:10.3f}", "INTERVAL"))
+        yield header_line(f"{interval:10.3f}", "INTERVAL")
     for index, label in ((0, "TIME OF FIRST OBS"), (len(table) - 1, "TIME OF LAST OBS")):
         *date, second = time_fields(table.time(index))
         text = "".join(f"{number:6d}" for number in date) + f"{second:13.7f}{'':5}GPS"
-        lines.append(header_line(text, label))
-    lines += [header_line(letter, "SYS / PHASE SHIFT") for letter in systems]
+        yield header_line(text, label)
+    for letter in systems:
+        yield header_line(letter, "SYS / PHASE SHIFT")
     if "R" in systems:
-        lines += _glonass_lines(table)
-    lines.append(header_line("", "END OF HEADER"))
-    lines += _epoch_lines(table, layout)
-    return "".join(lines)
+        yield from _glonass_lines(table)
+    yield header_line("", "END OF HEADER")
 
 
 class _Layout:
