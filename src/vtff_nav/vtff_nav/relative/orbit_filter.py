@@ -172,11 +172,12 @@ def single_point(
     directions = table.states(time).position_itrf[rows].sum(axis=0)
     position = 6.9e6 * directions / np.linalg.norm(directions)
     clocks = (measured.satellite[:, None] >> 8 == systems[None, :]).astype(float)
-    clock, is_used = 0.0, np.ones(len(measured), dtype=bool)
+    clock, is_used = np.zeros(len(systems)), np.ones(len(measured), dtype=bool)
     for iteration in range(_POINT_ITERATIONS):
         states = np.zeros((2, 6))
         states[:, :3] = position
-        offset = np.full(2, -clock / SPEED_OF_LIGHT)
+        # The clock of the first system stands for the time of reception.
+        offset = np.full(2, -clock[0] / SPEED_OF_LIGHT)
         seen = geometry(table, time, offset, states, np.eye(3))
         if iteration > 5:
             is_used = seen.elevation[0, rows] > elevation_mask
@@ -184,7 +185,7 @@ def single_point(
                 return None
         direction = seen.direction[0, rows]
         design = np.hstack((-direction, clocks)) / measured.code_sigma[:, None]
-        predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
+        predicted = seen.range[0, rows] - seen.clock[0, rows] + clocks @ clock
         if has_troposphere and iteration > 5:
             predicted = predicted + troposphere_delay(position, seen.elevation[0, rows])
         residual = (measured.code - predicted) / measured.code_sigma
@@ -193,8 +194,7 @@ def single_point(
             return None
         change = np.linalg.solve(normal, design[is_used].T @ residual[is_used])
         position = position + change[:3]
-        # The clock of the first system stands for the time of reception.
-        clock += float(change[3])
+        clock = clock + change[3:]
         if float(np.abs(change).max()) < 1e-3 and iteration > 6:
             break
     else:
@@ -202,9 +202,8 @@ def single_point(
     velocity, velocity_sigma = _doppler_velocity(
         measured.taken(is_used), direction[is_used], position, table, time
     )
-    # The clocks are not well known before the others are: their share is in the covariance.
     covariance = np.linalg.inv(normal)[:3, :3]
-    return SinglePoint(time, position, velocity, covariance, velocity_sigma, clock)
+    return SinglePoint(time, position, velocity, covariance, velocity_sigma, float(clock[0]))
 
 
 def _doppler_velocity(
