@@ -134,9 +134,9 @@ def test_a_bag_alone_gives_the_numbers_of_its_run_folder(bag, page, tmp_path):
 
 
 def test_paths_of_the_machine_stay_out_of_the_bag():
-    texts = {"bridge": "file: /home/me/vtff/config/a.yaml\noutput: /scratch/runs/7/bag\n"}
+    texts = {"bridge": "file: /data/me/vtff/config/a.yaml\noutput: /scratch/runs/7/bag\n"}
     described = RunDescription(parameter_texts=texts)
-    custom = described.as_custom_data("/scratch/runs/7", "/home/me/vtff")
+    custom = described.as_custom_data("/scratch/runs/7", "/data/me/vtff")
     assert custom == {"parameters/bridge": "file: config/a.yaml\noutput: ${run_directory}/bag\n"}
     assert described.as_custom_data("/", "/")["parameters/bridge"] == texts["bridge"]
 

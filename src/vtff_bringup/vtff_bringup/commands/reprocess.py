@@ -133,7 +133,7 @@ def _compare(
         console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
         return EXIT_FAILURE
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
-    table.add_column("recomputed topic")
+    table.add_column("recomputed topic", overflow="fold")
     for title in ("recorded", "recomputed"):
         table.add_column(title, justify="right")
     table.add_column("")
