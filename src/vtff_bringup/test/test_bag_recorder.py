@@ -218,6 +218,29 @@ def test_messages_that_never_get_a_time_are_kept(recording):
     assert [topic for topic, _ in close_and_read(recording)] == ["/text"]
 
 
+@pytest.mark.parametrize("clock_first", [True, False])
+def test_in_lockstep_messages_without_a_time_stay_before_those_of_their_topic(
+    tmp_path, clock_first
+):
+    """Whatever comes first on other topics: a thrust is stamped a second ahead."""
+    pytest.importorskip("rclpy")
+    node = FakeNode({**TOPICS, "/thrust": "geometry_msgs/msg/AccelStamped"})
+    writer = BagWriter(tmp_path / "bag")
+    acknowledger = Acknowledger(lambda stamp: None, 1)
+    recorder = Recorder(node, writer, TopicSelection(), acknowledger)
+    recorder.tick()
+    node.callbacks["/state"](stamped(0))
+    node.callbacks["/thrust"](stamped(101))
+    if clock_first:
+        node.callbacks["/clock"](stamped(100))
+    node.callbacks["/state"](stamped(100))
+    recorder.finish()
+    writer.close()
+    items = BagReader(tmp_path / "bag").raw_messages()
+    on_topic = [(m.log_time // SECOND, m.serialized) for m in items if m.topic == "/state"]
+    assert on_topic == [(100, stamped(0)), (100, stamped(100))]
+
+
 def test_unknown_type_is_named_once_and_skipped(recording):
     recording.node.topics["/foreign"] = "absent_msgs/msg/Thing"
     recording.recorder._next_search = 0.0

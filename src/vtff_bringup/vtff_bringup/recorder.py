@@ -60,10 +60,18 @@ def leading_stamp(serialized: bytes) -> int:
 
 
 class ScenarioTime:
-    """Scenario time as the recorder knows it: the newest /clock, else the newest stamp."""
+    """Scenario time as the recorder knows it: the newest /clock, else the newest stamp.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    only_clock
+        Stamps tell nothing: in lockstep a thrust is stamped with the time at which it begins, and
+        which message comes first differs between runs.
+    """
+
+    def __init__(self, only_clock: bool = False) -> None:
         self.nanoseconds = 0
+        self._only_clock = only_clock
         self._has_clock = False
 
     def clock(self, nanoseconds: int) -> None:
@@ -73,7 +81,7 @@ class ScenarioTime:
 
     def stamp(self, nanoseconds: int) -> None:
         """Note the stamp of a message; without effect once there is a /clock."""
-        if not self._has_clock and nanoseconds > self.nanoseconds:
+        if not (self._only_clock or self._has_clock) and nanoseconds > self.nanoseconds:
             self.nanoseconds = nanoseconds
 
 
@@ -203,7 +211,7 @@ class Recorder:
         self._missing_nodes = set(expected_nodes)
         self._topics: dict[str, _RecordedTopic] = {}
         self._refused: set[str] = set()
-        self._scenario_time = ScenarioTime()
+        self._scenario_time = ScenarioTime(only_clock=acknowledger is not None)
         self._held: list[tuple[int, bytes]] = []
         self._held_since = 0.0
         self._next_search = 0.0
@@ -365,7 +373,9 @@ class Recorder:
             self._hold(number, serialized)
             return
         if self._held:
-            self._release_held(log_time)
+            # Before the first /clock only the times of its own topic order a message.
+            known = self._scenario_time.nanoseconds
+            self._release_held(known or log_time, None if known else number)
         try:
             self._writer.write(number, serialized, log_time)
         except BagWriteError as error:
@@ -378,8 +388,12 @@ class Recorder:
         if len(self._held) >= HOLD_LIMIT_MESSAGES:
             self._release_held(time.time_ns())
 
-    def _release_held(self, log_time: int) -> None:
+    def _release_held(self, log_time: int, only_number: int | None = None) -> None:
+        """Write the messages that wait for a time, all or those of one topic."""
         held, self._held = self._held, []
+        if only_number is not None:
+            self._held = [item for item in held if item[0] != only_number]
+            held = [item for item in held if item[0] == only_number]
         for number, serialized in held:
             if not self._failed:
                 self._guarded(functools.partial(self._writer.write, number, serialized, log_time))
