@@ -23,7 +23,6 @@ from vtff_msgs.msg import (
     StepDone,
 )
 from vtff_nav.conversions import ephemeris_from_message, observations_from_message
-from vtff_nav.epoch_join import EpochJoin, JoinedEpoch
 from vtff_nav.relative.cdgps import CdgpsEstimator
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.dynamics import DYNAMICS, MotionNoise
@@ -43,6 +42,7 @@ from vtff_nav.relative_conversions import (
     relative_state_to_message,
 )
 from vtff_node import diagnostics
+from vtff_node.epoch_join import EpochJoin, JoinedEpoch
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import ParameterError, parameter

@@ -6,7 +6,7 @@ import random
 
 import pytest
 
-from vtff_nav.epoch_join import EpochJoin
+from vtff_node.epoch_join import EpochJoin
 
 
 def taken(join, now):
