@@ -50,14 +50,13 @@ from vtff_nav.relative.dynamics import (
 from vtff_nav.relative.measurements import (
     Geometry,
     SignalKey,
+    SignalReader,
     SignalTable,
     SingleDifferences,
-    band_mask,
     geometry,
     satellite_mask,
     satellite_rows,
     single_differences,
-    usable_signals,
 )
 from vtff_nav.relative.orbit_filter import AbsoluteFilter, combinations, single_point
 from vtff_nav.relative.solution import (
@@ -111,7 +110,9 @@ class CdgpsEstimator:
         self._has_new_ephemeris = False
         self._thrust: list[ThrustInterval] = []
         self._absolute = AbsoluteFilter(self.configuration)
-        self._is_wanted = band_mask(self.configuration.bands)
+        self._signal_reader = SignalReader(
+            self.configuration.measurement_noise, self.configuration.bands
+        )
         self._known: tuple[EphemerisTable, npt.NDArray[np.bool_]] | None = None
         self._subset: tuple[EphemerisTable, npt.NDArray[np.bool_], EphemerisTable] | None = None
         self.reset()
@@ -201,8 +202,7 @@ class CdgpsEstimator:
             return None
         if self._known is None or self._known[0] is not table:
             self._known = (table, satellite_mask(satellite_rows(table)))
-        noise = self.configuration.measurement_noise
-        signals = usable_signals(epoch, noise, self._is_wanted, self._known[1])
+        signals = self._signal_reader.read(epoch, self._known[1])
         return signals if len(signals) else None
 
     def _table_of(self, table: EphemerisTable, signals: list[SignalTable | None]) -> EphemerisTable:
@@ -306,10 +306,11 @@ class CdgpsEstimator:
             for name, of_one in zip(("chief", "deputy"), signals, strict=True)
             if of_one is None
         ]
-        seen = None
+        seen, states = None, np.zeros((2, 6))
         if signals[0] is not None or signals[1] is not None:
             table = self._table_of(table, signals)
-            seen = self._synchronised(time, epochs, signals, table)
+            states = self._states_itrf(time)
+            seen = self._synchronised(time, epochs, signals, table, states)
         if seen is not None and signals[0] is not None:
             before = self._absolute.mean[:3].copy()
             self._absolute.update(time, signals[0], table, seen)
@@ -329,7 +330,7 @@ class CdgpsEstimator:
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, None, None, degraded, {}, laser)
-        sky = sky_of(measured, seen, self._states_itrf(time)[:, :3], self.configuration)
+        sky = sky_of(measured, seen, states[:, :3], self.configuration)
         return self._update(time, interval, measured, sky, degraded, laser)
 
     def _states_itrf(self, time: GpsTime) -> FloatArray:
@@ -345,9 +346,9 @@ class CdgpsEstimator:
         epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
         signals: list[SignalTable | None],
         table: EphemerisTable,
+        states: FloatArray,
     ) -> Geometry:
         """Return the lines of sight at the true times of reception; sets the clocks."""
-        states = self._states_itrf(time)
         to_itrf = self._motion.to_itrf(time)
         clocks = [self._absolute.clock, self._absolute.clock + self._clock]
         for _ in range(3):
@@ -551,14 +552,12 @@ class CdgpsEstimator:
         state, absolute = self._state, self._absolute
         assert state is not None
         chief, relative = self._gcrf(time)
-        to_gcrf = np.eye(3)
+        covariance_chief, covariance = absolute.covariance, state.covariance[:6, :6]
         if self.configuration.dynamics != "orbital":
-            to_gcrf = state_axes_gcrf(time)
-        both = np.kron(np.eye(2), to_gcrf)
-        covariance_chief = both @ absolute.covariance @ both.T
-        state_rtn, covariance_rtn = relative_rtn(
-            chief, relative, covariance_chief, both @ state.covariance[:6, :6] @ both.T
-        )
+            both = np.kron(np.eye(2), OrbitalMotion.to_itrf(time).T)
+            covariance_chief = both @ covariance_chief @ both.T
+            covariance = both @ covariance @ both.T
+        state_rtn, covariance_rtn = relative_rtn(chief, relative, covariance_chief, covariance)
         to_itrf = self._motion.to_itrf(time)
         kind, satellites, integers = self._kind(measured, innovation)
         if kind < SOLUTION_FIXED and measured is not None and self._attempt.reason:
@@ -643,11 +642,6 @@ class CdgpsEstimator:
         return laser.range - distance - latency * float(position @ velocity) / distance
 
 
-def state_axes_gcrf(time: GpsTime) -> FloatArray:
-    """Return the rotation matrix from ITRF to GCRF."""
-    return OrbitalMotion.to_itrf(time).T
-
-
 def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMotion:
     """Return the motion model of a configuration."""
     noises = configuration.noise_chief, configuration.noise_relative
@@ -690,6 +684,7 @@ def _statistics(innovation: Innovation | None) -> tuple[float, float, int]:
     """Return the normalised RMS, the normalised square and its degrees of freedom."""
     if innovation is None or innovation.degrees_of_freedom <= 0:
         return 0.0, 0.0, 0
-    normalised = innovation.normalised[innovation.is_used]
-    rms = float(np.sqrt(np.mean(normalised**2)))
+    normalised = innovation.normalised
+    count = np.count_nonzero(innovation.is_used)
+    rms = math.sqrt(float(normalised @ normalised) / count)
     return rms, innovation.squared_norm, innovation.degrees_of_freedom

@@ -196,20 +196,21 @@ class GaussianState:
         """
         cross = self.covariance @ design.T
         covariance = design @ cross
-        covariance[np.diag_indices_from(covariance)] += variances
+        covariance.flat[:: len(values) + 1] += variances
         factor, info = lapack.dpotrf(covariance, lower=1)
         if info != 0:
             raise ValueError("the innovation covariance is not positive definite")
         inverse, _ = lapack.dpotri(factor, lower=1)
         # Only the lower half is filled.
         weight = inverse + inverse.T
-        weight[np.diag_indices_from(weight)] *= 0.5
+        weight.flat[:: len(values) + 1] *= 0.5
         if nuisance.shape[1]:
             weighted = weight @ nuisance
             normal = nuisance.T @ weighted
             if not np.all(np.diagonal(normal) > 0.0):
                 raise ValueError("a nuisance parameter has no measurement")
-            nuisance_covariance = np.linalg.inv(normal)
+            one = len(normal) == 1
+            nuisance_covariance = 1.0 / normal if one else np.linalg.inv(normal)
             gain = nuisance_covariance @ weighted.T
             weight = weight - weighted @ gain
         else:
@@ -236,7 +237,7 @@ class GaussianState:
         change: FloatArray = gain @ innovation.values
         self.mean += change
         left = -gain @ innovation.design
-        left[np.diag_indices_from(left)] += 1.0
+        left.flat[:: len(self) + 1] += 1.0
         noise = (gain * innovation.noise) @ gain.T
         self._set_covariance(left @ self.covariance @ left.T + noise)
         return change

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -23,16 +24,15 @@ __all__ = [
     "Geometry",
     "MeasurementNoise",
     "SignalKey",
+    "SignalReader",
     "SignalTable",
     "SingleDifferences",
-    "band_mask",
     "code_group_delay",
     "geometry",
     "satellite_mask",
     "satellite_rows",
     "signal_key",
     "single_differences",
-    "usable_signals",
 ]
 
 DEFAULT_BANDS: dict[int, tuple[int, ...]] = {c.SYSTEM_GPS: (1, 2, 5), c.SYSTEM_GALILEO: (1, 5, 7)}
@@ -45,6 +45,7 @@ _ATTRIBUTE_RANK = np.full(256, len(_ATTRIBUTE_ORDER), dtype=np.int64)
 for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
     _ATTRIBUTE_RANK[ord(_letter)] = _rank
 
+_LAYOUTS_KEPT = 16
 _BOTH_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
 
 
@@ -91,14 +92,16 @@ class MeasurementNoise:
     smallest_code_sigma: float = 0.05
     smallest_phase_sigma: float = 0.0002
 
-    def sigmas(self, epoch: ObservationEpoch, wavelength: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the sigmas of code and phase, m, shape (n,)."""
+    def sigmas(
+        self, epoch: ObservationEpoch, rows: npt.NDArray[np.intp], wavelength: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the sigmas of code and phase of some rows of an epoch, m, shape (n,)."""
         size = len(wavelength)
         code, phase = np.full(size, self.code_sigma), np.full(size, self.phase_sigma)
         if self.use_receiver_sigmas:
-            stated = epoch.pseudorange_sigma.astype(float)
+            stated = epoch.pseudorange_sigma[rows].astype(float)
             code = np.where(stated > 0.0, np.maximum(stated, self.smallest_code_sigma), code)
-            stated = epoch.carrier_phase_sigma_cycles.astype(float) * wavelength
+            stated = epoch.carrier_phase_sigma_cycles[rows].astype(float) * wavelength
             phase = np.where(stated > 0.0, np.maximum(stated, self.smallest_phase_sigma), phase)
         return code, phase
 
@@ -147,14 +150,6 @@ class SignalTable:
         return self.number >> 16
 
 
-def band_mask(bands: Mapping[int, tuple[int, ...]]) -> npt.NDArray[np.bool_]:
-    """Return which systems and frequency digits are wanted, shape (256, 10)."""
-    is_wanted = np.zeros((256, 10), dtype=bool)
-    for wanted, digits in bands.items():
-        is_wanted[wanted, list(digits)] = True
-    return is_wanted
-
-
 def satellite_mask(satellites: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     """Return which of all satellite numbers (system and number as one) are given, (65536,)."""
     mask = np.zeros(1 << 16, dtype=bool)
@@ -162,52 +157,89 @@ def satellite_mask(satellites: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
     return mask
 
 
-def usable_signals(
-    epoch: ObservationEpoch,
-    noise: MeasurementNoise,
-    is_wanted: npt.NDArray[np.bool_],
-    is_known: npt.NDArray[np.bool_],
-) -> SignalTable:
-    """Return the signals of an epoch that have valid code and phase.
+@dataclass(frozen=True, eq=False)
+class _Layout:
+    """What depends only on which signals a log holds, in the order of their numbers; shape (n,)."""
+
+    order: npt.NDArray[np.intp]
+    number: npt.NDArray[np.int64]
+    frequency_hz: FloatArray
+    wavelength: FloatArray
+
+
+class SignalReader:
+    """Takes the usable signals out of epochs.
 
     Parameters
     ----------
-    epoch : ObservationEpoch
     noise : MeasurementNoise
-    is_wanted : ndarray of bool
-        See `band_mask`.
-    is_known : ndarray of bool
-        See `satellite_mask`: satellites with an ephemeris.
+    bands : mapping of int to tuple of int
+        Frequency digits wanted of each system.
     """
-    system = epoch.system.astype(np.int64)
-    prn, band = epoch.prn.astype(np.int64), epoch.band.astype(np.int64)
-    attribute = epoch.attribute.astype(np.int64)
-    is_usable = (epoch.flags & _BOTH_VALID) == _BOTH_VALID
-    is_usable &= is_wanted[system, band]
-    is_usable &= is_known[(system << 8) | prn]
-    is_usable &= np.isfinite(epoch.pseudorange) & np.isfinite(epoch.carrier_phase_cycles)
-    carrier = (system << 16) | (prn << 8) | band
-    order = np.lexsort((_ATTRIBUTE_RANK[attribute], carrier))
-    order = order[is_usable[order]]
-    is_first = np.ones(len(order), dtype=bool)
-    is_first[1:] = carrier[order][1:] != carrier[order][:-1]
-    rows = order[is_first]
-    frequency = carrier_frequency_hz(epoch.system, epoch.band)
-    wavelength = SPEED_OF_LIGHT / frequency
-    code_sigma, phase_sigma = noise.sigmas(epoch, wavelength)
-    table = SignalTable(
-        number=(carrier << 8) | attribute,
-        wavelength=wavelength,
-        frequency_hz=frequency,
-        pseudorange=epoch.pseudorange,
-        carrier_range=wavelength * epoch.carrier_phase_cycles,
-        code_sigma=code_sigma,
-        phase_sigma=phase_sigma,
-        range_rate=-wavelength * epoch.doppler_hz.astype(float),
-        flags=epoch.flags,
-        lock_time=epoch.lock_time.astype(float),
-    )
-    return table.taken(rows)
+
+    def __init__(self, noise: MeasurementNoise, bands: Mapping[int, tuple[int, ...]]) -> None:
+        self._noise = noise
+        self._is_wanted = np.zeros((256, 10), dtype=bool)
+        for wanted, digits in bands.items():
+            self._is_wanted[wanted, list(digits)] = True
+        # A log holds the same signals for minutes: one layout for each receiver and some more.
+        self._layouts: dict[bytes, _Layout] = {}
+
+    def read(self, epoch: ObservationEpoch, is_known: npt.NDArray[np.bool_]) -> SignalTable:
+        """Return the signals of an epoch that have valid code and phase.
+
+        Parameters
+        ----------
+        epoch : ObservationEpoch
+        is_known : ndarray of bool
+            See `satellite_mask`: satellites with an ephemeris.
+        """
+        layout = self._layout(epoch)
+        order = layout.order
+        flags = epoch.flags[order]
+        is_usable = (flags & _BOTH_VALID) == _BOTH_VALID
+        is_usable &= is_known[layout.number >> 16]
+        pseudorange = epoch.pseudorange[order]
+        carrier_range = layout.wavelength * epoch.carrier_phase_cycles[order]
+        is_usable &= np.isfinite(pseudorange + carrier_range)
+        rows = np.flatnonzero(is_usable)
+        carrier = layout.number[rows] >> 8
+        rows = rows[np.append(True, carrier[1:] != carrier[:-1])] if len(rows) else rows
+        chosen, wavelength = order[rows], layout.wavelength[rows]
+        code_sigma, phase_sigma = self._noise.sigmas(epoch, chosen, wavelength)
+        return SignalTable(
+            number=layout.number[rows],
+            wavelength=wavelength,
+            frequency_hz=layout.frequency_hz[rows],
+            pseudorange=pseudorange[rows],
+            carrier_range=carrier_range[rows],
+            code_sigma=code_sigma,
+            phase_sigma=phase_sigma,
+            range_rate=-wavelength * epoch.doppler_hz[chosen].astype(float),
+            flags=flags[rows],
+            lock_time=epoch.lock_time[chosen].astype(float),
+        )
+
+    def _layout(self, epoch: ObservationEpoch) -> _Layout:
+        names = epoch.system, epoch.prn, epoch.band, epoch.attribute
+        key = b"".join(column.tobytes() for column in names)
+        layout = self._layouts.get(key)
+        if layout is None:
+            if len(self._layouts) >= _LAYOUTS_KEPT:
+                self._layouts.clear()
+            system, prn, band, attribute = (column.astype(np.int64) for column in names)
+            carrier = (system << 16) | (prn << 8) | band
+            order = np.lexsort((_ATTRIBUTE_RANK[attribute], carrier))
+            order = order[self._is_wanted[system[order], band[order]]]
+            frequency = carrier_frequency_hz(system[order], band[order])
+            layout = _Layout(
+                order=order,
+                number=(carrier[order] << 8) | attribute[order],
+                frequency_hz=frequency,
+                wavelength=SPEED_OF_LIGHT / frequency,
+            )
+            self._layouts[key] = layout
+        return layout
 
 
 def signal_key(number: int) -> SignalKey:
@@ -372,16 +404,17 @@ def _acceleration(states_itrf: FloatArray) -> FloatArray:
     return np.where(is_orbiting, inertial + centrifugal, 0.0)
 
 
-def code_group_delay(table: EphemerisTable, rows: npt.NDArray[np.intp], band: int) -> FloatArray:
-    """Return by how much codes leave later than the broadcast clock tells, m, shape (k,).
+@functools.lru_cache(maxsize=32)
+def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
+    """Return by how much codes leave later than the broadcast clock tells, m, of all satellites.
 
     With gamma = (f1 / f)^2: GPS gamma TGD (IS-GPS-200, 20.3.3.3.3.2; inter-signal corrections of
     L2C and L5 are not in LNAV and taken as zero). Galileo with the I/NAV clock: E1 and E5b gamma
     BGD(E1,E5b), E5a BGD(E1,E5b) + (gamma - 1) BGD(E1,E5a) (OS SIS ICD, 5.1.5).
     """
-    system = table.system[rows]
-    gamma = (c.FREQUENCY_L1 / carrier_frequency_hz(system, np.full(len(rows), band))) ** 2
-    first, second = table.group_delay[rows], table.group_delay_secondary[rows]
+    frequency = carrier_frequency_hz(table.system, np.full(len(table), band))
+    gamma = (c.FREQUENCY_L1 / frequency) ** 2
+    first, second = table.group_delay, table.group_delay_secondary
     galileo = second + (gamma - 1.0) * first if band == 5 else gamma * second
-    delay = np.where(system == c.SYSTEM_GALILEO, galileo, gamma * first)
+    delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * first)
     return SPEED_OF_LIGHT * delay

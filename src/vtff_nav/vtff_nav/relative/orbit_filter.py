@@ -125,9 +125,9 @@ def _corrected_code(
     """Return codes without the group delay that the message tells, m."""
     code = signals.pseudorange[rows]
     bands = (signals.number[rows] >> 8) & 255
-    for band in np.unique(bands).tolist():
+    for band in set(bands.tolist()):
         chosen = bands == band
-        code[chosen] -= code_group_delay(table, satellites[chosen], band)
+        code[chosen] -= code_group_delay(table, band)[satellites[chosen]]
     return code
 
 
