@@ -39,14 +39,12 @@ from vtff_nav.relative.dynamics import DYNAMIC_STATES, OrbitalMotion, ThrustInte
 from vtff_nav.relative.measurements import (
     DEFAULT_BANDS,
     Geometry,
-    SignalTable,
+    SignalReader,
     SingleDifferences,
-    band_mask,
     geometry,
     satellite_mask,
     satellite_rows,
     single_differences,
-    usable_signals,
 )
 from vtff_nav.relative.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.paper_configuration import PaperConfiguration
@@ -71,8 +69,6 @@ from vtff_nav.relative.solution import (
 )
 
 __all__ = ["PaperConfiguration", "PaperEstimator"]
-
-_CHIEF_BANDS = band_mask(DEFAULT_BANDS)
 
 _CLOCK_JUMP = 30.0
 """m; codes tell a clock to below 1 m, steered clocks change by less in a second. A clock that
@@ -111,7 +107,9 @@ class PaperEstimator:
             self.configuration.force_model, orbit.noise_chief, orbit.noise_relative, 0.0
         )
         self._chief = AbsoluteFilter(orbit)
-        self._is_wanted = band_mask(self.configuration.bands)
+        noise = self.configuration.measurement_noise
+        self._chief_signals = SignalReader(noise, DEFAULT_BANDS)
+        self._signals = SignalReader(noise, self.configuration.bands)
         self._ephemerides: dict[BroadcastEphemeris, None] = {}
         self._store: EphemerisStore | None = None
         self.reset()
@@ -225,19 +223,13 @@ class PaperEstimator:
         )
         self._filter.predict_to(mean, expm(duration * jacobian), noise)
 
-    def _signals(
-        self, epoch: ObservationEpoch, is_wanted: npt.NDArray[np.bool_], table: EphemerisTable
-    ) -> SignalTable:
-        is_known = satellite_mask(satellite_rows(table))
-        return usable_signals(epoch, self.configuration.measurement_noise, is_wanted, is_known)
-
     def _update_chief(
         self, time: GpsTime, epoch: ObservationEpoch | None, table: EphemerisTable
     ) -> None:
         """Improve the chief's orbit and clock, or begin with them."""
         if epoch is None:
             return
-        signals = self._signals(epoch, _CHIEF_BANDS, table)
+        signals = self._chief_signals.read(epoch, satellite_mask(satellite_rows(table)))
         if not len(signals):
             return
         if self._chief.state is None:
@@ -268,7 +260,8 @@ class PaperEstimator:
         """Return the phases in common view; ambiguities of those that slipped are forgotten."""
         if chief is None or deputy is None:
             return None
-        both = [self._signals(epoch, self._is_wanted, table) for epoch in (chief, deputy)]
+        is_known = satellite_mask(satellite_rows(table))
+        both = [self._signals.read(epoch, is_known) for epoch in (chief, deputy)]
         # Without parity the phase may be off by half a cycle.
         whole = [s.taken(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
         differences = single_differences(*whole)
