@@ -23,6 +23,8 @@ setup(
                 "config/params",
                 "config/dds",
                 "config/can",
+                "config/gnss",
+                "config/ionosphere",
             )
         ),
     ],

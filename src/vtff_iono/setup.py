@@ -19,4 +19,9 @@ setup(
     maintainer_email="maintainers@vtff.example",
     description="Ionosphere processing: total electron content, scintillation, electron density.",
     license="Apache-2.0",
+    entry_points={
+        "console_scripts": [
+            "ionosphere_processor = vtff_iono.ionosphere_processor_node:main",
+        ],
+    },
 )

@@ -4,6 +4,8 @@ A system file (``config/system/*.yaml``) has these keys:
 
 ``description``
     One line.
+``extends``
+    A system file, relative to this one, to which this one adds, see `vtff_bringup.system_extension`.
 ``arguments``
     What the command line may set with ``key:=value``: name -> ``default``,
     ``description``, ``file: true`` for a path relative to the system file.
@@ -41,6 +43,7 @@ from typing import Any
 import yaml
 
 from vtff_bringup.executables import ExecutableNotFoundError, share_folder
+from vtff_bringup.system_extension import SystemFileError, joined_system
 
 REFERENCE = re.compile(r"\$\{([A-Za-z_][\w.]*)\}")
 LOCKSTEP_ROLES = ("participant", "side_branch")
@@ -61,10 +64,6 @@ NODE_KEYS = {
     "ends_run",
     "own_process",
 }
-
-
-class SystemFileError(ValueError):
-    """A system file or an override is wrong; the text names file, entry and key."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -239,7 +238,7 @@ class _Loader:
         self._scenario: dict[str, Any] | None = None
 
     def load(self, overrides: Sequence[str]) -> SystemDescription:
-        content = _read_yaml(self._path)
+        content = joined_system(self._path, _read_yaml)
         self._check_keys(content, SYSTEM_KEYS, "system file")
         argument_entries = self._mapping(content, "arguments", "system file")
         process_entries = self._sequence(content, "processes", "system file")

@@ -30,7 +30,7 @@ from vtff_iono.receiver_bias import (
     ReceiverBiasError,
     estimate_receiver_biases,
 )
-from vtff_iono.satellite_geometry import SatelliteGeometry, satellite_geometry
+from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 from vtff_iono.slant_tec import (
     ArcLevels,
@@ -96,29 +96,15 @@ def geometry_by_system(
     columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
     position_receiver_itrf: npt.ArrayLike,
 ) -> SatelliteGeometry:
-    """Return the geometry of all observations, one system after the other.
-
-    Galileo changes its ephemerides every ten minutes; a store of its own spares GPS the changes.
-    Arguments as in `satellite_geometry`.
-    """
-    count = len(columns["prn"])
-    position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (count, 3))
-    result = SatelliteGeometry(
-        np.full(count, np.nan), np.full(count, np.nan), np.full((count, 3), np.nan)
+    """Return the geometry of all observations; arguments as in `geometry_from_stores`."""
+    # An unhealthy satellite is where it says, and its signals pass the same ionosphere.
+    stores = {
+        system: EphemerisStore([e for e in ephemerides if e.system == system], healthy_only=False)
+        for system in np.unique(columns["system"]).tolist()
+    }
+    return geometry_from_stores(
+        stores, time, columns["system"], columns["prn"], position_receiver_itrf
     )
-    for system in np.unique(columns["system"]).tolist():
-        # An unhealthy satellite is where it says, and its signals pass the same ionosphere.
-        store = EphemerisStore([e for e in ephemerides if e.system == system], healthy_only=False)
-        rows = np.flatnonzero(columns["system"] == system)
-        if not len(store):
-            continue
-        part = satellite_geometry(
-            store, time[rows], columns["system"][rows], columns["prn"][rows], position[rows]
-        )
-        result.elevation[rows] = part.elevation
-        result.azimuth[rows] = part.azimuth
-        result.direction_itrf[rows] = part.direction_itrf
-    return result
 
 
 def absolute_tec(
@@ -221,6 +207,7 @@ def _receiver_biases(
         elevation=rows.elevation[chosen],
         direction_itrf=direction[chosen],
         position_receiver_itrf=position[chosen],
+        arc=(rows.pairs.link << 32 | rows.arc)[chosen],
     )
     try:
         estimated = estimate_receiver_biases(samples)

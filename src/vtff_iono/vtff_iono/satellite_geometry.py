@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +14,7 @@ from vtff_gnss.broadcast_orbit import EphemerisTable
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.line_of_sight import lines_of_sight
 
-__all__ = ["SatelliteGeometry", "satellite_geometry"]
+__all__ = ["SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
 
 # Epochs that are computed together; bounds the memory.
 _MOST_EPOCHS = 1000
@@ -81,6 +82,38 @@ def satellite_geometry(
             system[part].astype(np.int64) << 8 | prn[part],
         )
         first = last
+    return result
+
+
+def geometry_from_stores(
+    stores: Mapping[int, EphemerisStore],
+    time: npt.NDArray[np.int64],
+    system: npt.NDArray[np.uint8],
+    prn: npt.NDArray[np.uint8],
+    position_receiver_itrf: npt.ArrayLike,
+) -> SatelliteGeometry:
+    """Return the geometry of observations of several systems.
+
+    Galileo changes its ephemerides every ten minutes; a store of its own spares GPS the changes.
+
+    Parameters
+    ----------
+    stores : mapping of int to EphemerisStore
+        By ``SYSTEM_*``; a system without one has no geometry.
+    time, system, prn, position_receiver_itrf
+        As in `satellite_geometry`.
+    """
+    position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (len(prn), 3))
+    result = SatelliteGeometry(
+        np.full(len(prn), np.nan), np.full(len(prn), np.nan), np.full((len(prn), 3), np.nan)
+    )
+    for number, store in stores.items():
+        rows = np.flatnonzero(system == number)
+        if len(rows) and len(store):
+            part = satellite_geometry(store, time[rows], system[rows], prn[rows], position[rows])
+            result.elevation[rows] = part.elevation
+            result.azimuth[rows] = part.azimuth
+            result.direction_itrf[rows] = part.direction_itrf
     return result
 
 

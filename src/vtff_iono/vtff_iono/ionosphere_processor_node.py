@@ -1,0 +1,342 @@
+"""Node `ionosphere_processor`: TEC, scintillation and electron density from two spacecraft."""
+
+from __future__ import annotations
+
+import functools
+import math
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from rosgraph_msgs.msg import Clock
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.timescales import GpsTime
+from vtff_iono.bias_files import read_code_biases
+from vtff_iono.code_biases import BiasFileError
+from vtff_iono.conversions import (
+    block_from_messages,
+    density_to_message,
+    ephemeris_from_message,
+    integers_from_message,
+    scintillation_to_message,
+    slant_tec_to_message,
+    state_from_fix,
+    states_from_relative_state,
+)
+from vtff_iono.electron_density import DensitySettings
+from vtff_iono.formation_ionosphere import (
+    FormationIonosphere,
+    FormationResult,
+    FormationSecond,
+    FormationSettings,
+)
+from vtff_iono.scintillation import ScintillationSettings
+from vtff_iono.slant_tec import SlantTecSettings
+from vtff_iono.spacecraft_ionosphere import SpacecraftSettings
+from vtff_msgs.msg import (
+    AmbiguityStatus,
+    ElectronDensity,
+    GnssEphemeris,
+    GnssFix,
+    GnssObservations,
+    RelativeState,
+    Scintillation,
+    SlantTec,
+    StepDone,
+)
+from vtff_node import diagnostics
+from vtff_node.epoch_join import EpochJoin, JoinedEpoch
+from vtff_node.main import run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import ParameterError, parameter
+from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
+
+LOOK_INTERVAL = 0.02  # s of wall time between looks at seconds that wait for a source
+LOCKSTEP_PATIENCE = 0.2  # s for messages that the end of their step has overtaken
+
+AMBIGUITIES = "ambiguities"
+RELATIVE_STATE = "relative state"
+
+
+@dataclass(frozen=True)
+class IonosphereProcessorParameters:
+    """Parameters of `ionosphere_processor`."""
+
+    chief: str = parameter("chief", "spacecraft that the other one is compared with")
+    deputy: str = parameter("deputy", "the other spacecraft")
+    elevation_mask_deg: float = parameter(
+        10.0, "satellites below are marked and not used", unit="deg", minimum=0.0, maximum=60.0
+    )
+    cn0_minimum_dbhz: float = parameter(
+        15.0, "signals below are marked and not used", unit="dB-Hz", minimum=0.0
+    )
+    code_sigma: float = parameter(0.3, "noise of a pseudorange", unit="m", minimum=1e-3)
+    phase_sigma: float = parameter(
+        0.001, "noise of a carrier phase at the full rate", unit="m", minimum=1e-5
+    )
+    bias_file: str = parameter(
+        "", "satellite biases, Bias-SINEX or DCB; empty = those that the satellites broadcast"
+    )
+    bias_interval: float = parameter(
+        300.0, "time between estimates of the receiver biases", unit="s", minimum=10.0
+    )
+    bias_delay: float = parameter(
+        600.0, "observations before the first estimate of the receiver biases", unit="s", minimum=0
+    )
+    window: float = parameter(60.0, "window of the scintillation indices", unit="s", minimum=1.0)
+    phase_cutoff_hz: float = parameter(
+        1.0, "high-pass cut-off of sigma-phi; 1 Hz is 7.5 km in low orbit", unit="Hz", minimum=0.01
+    )
+    roti_interval: float = parameter(
+        1.0, "interval of the rates that ROTI is made of", unit="s", minimum=0.05
+    )
+    source_nodes: list[str] = parameter(
+        [],
+        "in lockstep, the receiver drivers of chief and deputy and the relative navigation: a "
+        "second is processed without their messages once they have finished the step",
+    )
+    patience: float = parameter(
+        0.5, "without lockstep, wall time that a second waits for messages", unit="s", minimum=0.0
+    )
+
+
+def formation_settings(given: IonosphereProcessorParameters) -> FormationSettings:
+    """Return the settings of the algorithms."""
+    mask = math.radians(given.elevation_mask_deg)
+    return FormationSettings(
+        spacecraft=SpacecraftSettings(
+            slant_tec=SlantTecSettings(
+                elevation_minimum=mask,
+                cn0_minimum_dbhz=given.cn0_minimum_dbhz,
+                pseudorange_sigma=given.code_sigma,
+                carrier_phase_sigma=given.phase_sigma,
+            ),
+            scintillation=ScintillationSettings(given.window, given.phase_cutoff_hz),
+            roti_interval=given.roti_interval,
+            bias_interval=given.bias_interval,
+            bias_delay=given.bias_delay,
+        ),
+        density=DensitySettings(elevation_minimum=mask),
+        carrier_phase_sigma=given.phase_sigma,
+    )
+
+
+class IonosphereProcessorNode(VtffNode):
+    """The ionosphere that two spacecraft see.
+
+    Subscribes to <craft>/gnss/high_rate, <craft>/gnss/ephemeris and <craft>/gnss/fix of chief and
+    deputy, formation/ambiguities and formation/relative_state, and /clock. Publishes
+    <craft>/iono/slant_tec (SlantTec, TECU, once a second), <craft>/iono/scintillation
+    (Scintillation, once a window) and formation/electron_density (ElectronDensity, electrons/m^3,
+    once a second, stamped with the mean time of the samples).
+    """
+
+    Parameters = IonosphereProcessorParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("ionosphere_processor", **node_arguments)
+        given: IonosphereProcessorParameters = self.parameters
+        self._crafts = (given.chief, given.deputy)
+        self._code_biases = None
+        if given.bias_file:
+            try:
+                self._code_biases = read_code_biases(given.bias_file)
+            except (BiasFileError, OSError) as error:
+                raise ParameterError(f"parameter 'bias_file': {error}") from error
+        self._formation = self._new_formation()
+        self._sources_of_node = self._sources_by_node(given.source_nodes)
+        waits_for_closing = self.lockstep and bool(given.source_nodes)
+        sources = [*self._crafts, *map(_fix, self._crafts), AMBIGUITIES, RELATIVE_STATE]
+        self._join = EpochJoin(
+            sources, LOCKSTEP_PATIENCE if waits_for_closing else given.patience, waits_for_closing
+        )
+        self._pending: dict[str, list[GnssObservations]] = {craft: [] for craft in self._crafts}
+        self._newest = -1
+        self._compute_time = 0.0
+        self._counts = {"seconds": 0, "seconds with density": 0, "samples": 0}
+        self._result: FormationResult | None = None
+        self._tec_publishers = [
+            self.publisher(SlantTec, f"{craft}/iono/slant_tec") for craft in self._crafts
+        ]
+        self._scintillation_publishers = [
+            self.publisher(Scintillation, f"{craft}/iono/scintillation") for craft in self._crafts
+        ]
+        self._density_publisher = self.publisher(ElectronDensity, "formation/electron_density")
+        self._subscribe()
+        self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
+
+    def _new_formation(self) -> FormationIonosphere:
+        return FormationIonosphere(formation_settings(self.parameters), self._code_biases)
+
+    def _sources_by_node(self, nodes: list[str]) -> dict[str, tuple[str, ...]]:
+        if nodes and len(nodes) != 3:
+            raise ParameterError(
+                f"parameter 'source_nodes' names {len(nodes)} nodes; it must name the receiver "
+                "drivers of chief and deputy and the relative navigation"
+            )
+        sources = [*((craft, _fix(craft)) for craft in self._crafts), (AMBIGUITIES, RELATIVE_STATE)]
+        return dict(zip(nodes, sources, strict=False))
+
+    def _subscribe(self) -> None:
+        for craft in self._crafts:
+            self.subscribe(
+                GnssObservations,
+                f"{craft}/gnss/high_rate",
+                functools.partial(self._on_observations, craft),
+            )
+            self.subscribe(
+                GnssEphemeris, f"{craft}/gnss/ephemeris", self._on_ephemeris, latched=True
+            )
+            self.subscribe(GnssFix, f"{craft}/gnss/fix", functools.partial(self._add, _fix(craft)))
+        self.subscribe(
+            AmbiguityStatus, "formation/ambiguities", functools.partial(self._add, AMBIGUITIES)
+        )
+        self.subscribe(
+            RelativeState, "formation/relative_state", functools.partial(self._add, RELATIVE_STATE)
+        )
+        if self._sources_of_node and self.lockstep:
+            self.subscribe(StepDone, "/sim/step_done", self._on_step_done)
+        self.subscribe(Clock, "/clock", self._on_clock)
+
+    # ---- input -------------------------------------------------------------------------------
+
+    def _on_ephemeris(self, message: GnssEphemeris) -> None:
+        self._formation.add_ephemeris(ephemeris_from_message(message))
+
+    def _on_observations(self, craft: str, message: GnssObservations) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        self._follow(stamp)
+        self._pending[craft].append(message)
+        # The last epoch of a second tells that all of it is here: messages of a topic keep order.
+        if stamp % NANOSECONDS_PER_SECOND == 0:
+            self._join.add(craft, stamp, True, time.monotonic())
+            self._process_complete()
+
+    def _add(self, source: str, message: Any) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        if stamp % NANOSECONDS_PER_SECOND == 0:
+            self._follow(stamp)
+            self._join.add(source, stamp, message, time.monotonic())
+            self._process_complete()
+
+    def _on_clock(self, message: Clock) -> None:
+        stamp = to_nanoseconds(message.clock)
+        if stamp % NANOSECONDS_PER_SECOND == 0:
+            self._follow(stamp)
+            self._join.expect(stamp, time.monotonic())
+            self._process_complete()
+
+    def _on_step_done(self, message: StepDone) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        for source in self._sources_of_node.get(message.node, ()):
+            self._join.close(source, stamp, time.monotonic())
+        self._process_complete()
+
+    def _follow(self, stamp: int) -> None:
+        """Start anew when time has jumped back, as in a log that begins again."""
+        if stamp < self._newest - StampOrder.JUMP_BACK:
+            self.get_logger().warning("time has jumped back: ionosphere processing starts anew")
+            self._formation = self._new_formation()
+            self._join.restart()
+            self._pending = {craft: [] for craft in self._crafts}
+            self._newest = -1
+        self._newest = max(self._newest, stamp)
+
+    # ---- work --------------------------------------------------------------------------------
+
+    def _process_complete(self) -> None:
+        while (epoch := self._join.take(time.monotonic())) is not None:
+            self._process(epoch)
+
+    def _process(self, epoch: JoinedEpoch) -> None:
+        started = time.perf_counter()
+        result = self._formation.process(self._second(epoch))
+        self._result = result
+        self._counts["seconds"] += 1
+        self._counts["seconds with density"] += bool(result.density)
+        self._publish(result)
+        self._compute_time = time.perf_counter() - started
+        self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
+
+    def _second(self, epoch: JoinedEpoch) -> FormationSecond:
+        blocks = []
+        for craft in self._crafts:
+            pending = self._pending[craft]
+            # Epochs of the next second may be here already.
+            count = sum(
+                to_nanoseconds(message.header.stamp) <= epoch.stamp_nanoseconds
+                for message in pending
+            )
+            blocks.append(block_from_messages(pending[:count]))
+            self._pending[craft] = pending[count:]
+            self._counts["samples"] += count
+        measured = epoch.measured
+        states = None
+        if RELATIVE_STATE in measured:
+            states = states_from_relative_state(measured[RELATIVE_STATE])
+        if states is None:
+            fixes = [measured.get(_fix(craft)) for craft in self._crafts]
+            states = tuple(None if fix is None else state_from_fix(fix) for fix in fixes)
+        ambiguities = measured.get(AMBIGUITIES)
+        return FormationSecond(
+            time=GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds).nanoseconds,
+            observations=(blocks[0], blocks[1]),
+            states_itrf=(states[0], states[1]),
+            integers={} if ambiguities is None else integers_from_message(ambiguities),
+        )
+
+    def _publish(self, result: FormationResult) -> None:
+        given: IonosphereProcessorParameters = self.parameters
+        for number, (craft, part) in enumerate(zip(self._crafts, result.spacecraft, strict=True)):
+            frame = f"{craft}/gnss_antenna"
+            if part.epoch is not None:
+                self._tec_publishers[number].publish(slant_tec_to_message(part.epoch, frame))
+            for window, roti in part.scintillation:
+                self._scintillation_publishers[number].publish(
+                    scintillation_to_message(window, roti, given.window, given.roti_interval, frame)
+                )
+        for density in result.density:
+            self._density_publisher.publish(density_to_message(density))
+
+    # ---- health ------------------------------------------------------------------------------
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report whether there are contents and densities, and the receiver biases."""
+        level, text = diagnostics.OK, "contents and density"
+        if self._result is None:
+            level, text = diagnostics.WARN, "no observations yet"
+        elif not self._result.density:
+            level, text = diagnostics.WARN, "no density: no integers on two signals in common"
+        biases = {
+            f"receiver bias {craft} {key[1]}-{key[2]} (TECU)": round(bias.bias_tecu, 3)
+            for craft, part in zip(self._crafts, self._formation.spacecraft, strict=True)
+            for key, bias in part.receiver_biases.items()
+        }
+        return [
+            diagnostics.status(
+                f"{self.get_name()}: ionosphere",
+                level,
+                text,
+                {
+                    **self._counts,
+                    **{f"seconds without {k}": n for k, n in self._join.incomplete.items()},
+                    "messages too late": self._join.late,
+                    "compute time of the last second": self._compute_time,
+                    **biases,
+                },
+                hardware_id=self.parameters.deputy,
+            )
+        ]
+
+
+def _fix(craft: str) -> str:
+    return f"{craft} fix"
+
+
+NODE_CLASS = IonosphereProcessorNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(IonosphereProcessorNode)
