@@ -26,6 +26,7 @@ from vtff_nav.conversions import ephemeris_from_message, observations_from_messa
 from vtff_nav.relative.cdgps import CdgpsEstimator
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.dynamics import DYNAMICS, MotionNoise
+from vtff_nav.relative.integer_least_squares import compile_kernels
 from vtff_nav.relative.measurements import MeasurementNoise
 from vtff_nav.relative.paper_ekf import PaperConfiguration, PaperEstimator
 from vtff_nav.relative.signal_bands import bands_of
@@ -144,6 +145,7 @@ def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
         common["bands"] = bands_of(given.signals)
     if given.estimator == "paper":
         return PaperEstimator(PaperConfiguration(**common))
+    compile_kernels()  # takes seconds where nothing is cached: now, not at the first epoch
     return CdgpsEstimator(
         CdgpsConfiguration(
             dynamics=given.dynamics,
