@@ -83,13 +83,21 @@ def publish(steps: int) -> float:
     return steps * TOPICS / elapsed
 
 
-def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int]:
-    """Record a publishing process; return messages a second and messages in the bag."""
+def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int, float]:
+    """Record a publishing process.
+
+    Returns messages a second, messages in the bag, and peak memory of the recorder in MB.
+    """
     from vtff_bringup.bag.reader import BagReader
 
     environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
     command = [sys.executable, "-m", "vtff_bringup.bag_recorder_node", "--ros-args"]
-    for setting in (f"output:={bag}", "lockstep:=true", f"compression:={compression}"):
+    for setting in (
+        f"output:={bag}",
+        "lockstep:=true",
+        "acknowledge_steps:=true",
+        f"compression:={compression}",
+    ):
         command += ["-p", setting]
     command += ["-p", "wait_for_nodes:=['/bench_source']"]
     recorder = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
@@ -101,6 +109,7 @@ def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int]:
             capture_output=True,
             text=True,
         ).stdout
+        memory = peak_memory(recorder.pid)
         recorder.send_signal(signal.SIGINT)
         recorder.wait(timeout=30)
     finally:
@@ -111,7 +120,17 @@ def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int]:
         for name, topic in counts.items()
         if name == "/clock" or name.startswith("/bench/")
     )
-    return float(output), recorded
+    return float(output), recorded, memory
+
+
+def peak_memory(process_id: int) -> float:
+    """Return the largest resident memory of a running process so far, MB; NaN where unknown."""
+    try:
+        status = Path(f"/proc/{process_id}/status").read_text(encoding="ascii")
+    except OSError:
+        return float("nan")
+    lines = (line.split() for line in status.splitlines() if line.startswith("VmHWM"))
+    return next((int(words[1]) / 1e3 for words in lines), float("nan"))
 
 
 def writer_alone(bag: Path, count: int, compression: str) -> float:
@@ -146,14 +165,21 @@ def main() -> None:
         return
     steps = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
     print(f"{TOPICS} topics, {PAYLOAD} B payload, {steps} steps, {os.cpu_count()} CPUs")
-    print(f"{'compression':12} {'recorder':>12} {'lost':>6} {'writer alone':>14} {'reader':>12}")
+    print(
+        f"{'compression':12} {'recorder':>12} {'lost':>6} {'memory':>9} {'writer alone':>14} "
+        f"{'reader':>12}"
+    )
     for compression in ("zstd", "lz4", "none"):
         with tempfile.TemporaryDirectory() as folder:
-            rate, recorded = through_dds(Path(folder) / "bag", steps, compression)
+            rate, recorded, memory = through_dds(Path(folder) / "bag", steps, compression)
             alone = writer_alone(Path(folder) / "alone", steps * TOPICS, compression)
             read = reading(Path(folder) / "bag")
         lost = steps * TOPICS - recorded
-        print(f"{compression:12} {rate:10.0f}/s {lost:6d} {alone:12.0f}/s {read:10.0f}/s")
+        print(
+            f"{compression:12} {rate:10.0f}/s {lost:6d} {memory:6.0f} MB {alone:12.0f}/s "
+            f"{read:10.0f}/s",
+            flush=True,
+        )
 
 
 if __name__ == "__main__":

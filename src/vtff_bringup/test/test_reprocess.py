@@ -114,3 +114,15 @@ def test_navigation_on_recorded_observations_gives_the_recorded_bytes(tmp_path):
     assert result.exit_code == 0, result.output
     for topic in NAVIGATION_TOPICS:
         assert payloads(tmp_path / "again", topic) == payloads(recorded, topic), topic
+
+
+@pytest.mark.slow
+def test_a_recorded_chief_beside_a_live_deputy_flies_the_same(tmp_path):
+    """As the paper ran with one receiver: nothing in the graph can tell the difference."""
+    both = run(tmp_path / "both", "reference", seconds=60)
+    arguments = ["--duration", 60, "--seed", 3, "--composed", "--no-report"]
+    out = tmp_path / "one"
+    result = invoke("run", "recorded_chief", f"bag:={both}", *arguments, "--out", out)
+    assert result.exit_code == 0, result.output
+    for topic in ("/chief/gnss/epoch", "/deputy/gnss/epoch", *NAVIGATION_TOPICS, APPLIED_TOPIC):
+        assert payloads(out, topic) == payloads(both, topic), topic
