@@ -15,9 +15,10 @@ b from above.
 
 Neither the height of the layer nor the lowest useful elevation is known well, and gradients may or
 may not be estimated along. The solution is repeated for the heights, elevations and bases that are
-in use; its value is the mean. Its sigma contains the scatter of these solutions, and the scatter
-that a jackknife over blocks of time finds: the residuals of neighbouring epochs are not
-independent, so that a formal sigma would be far too small.
+in use; its value is the mean. An eccentric orbit measures a density profile, which then takes the
+place of the shells. Its sigma contains the scatter of these solutions, the scatter that a jackknife
+over blocks of time finds (residuals of neighbouring epochs are not independent, so that a formal
+sigma would be far too small), and the errors of the levels, each of which shifts a whole arc.
 
 References
 ----------
@@ -33,14 +34,16 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy import optimize
 
-from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.constants import SPEED_OF_LIGHT, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.mapping import (
     LOWEST_ORBIT,
     foelsche_kirchengast_mapping,
     pierce_point,
+    profile_mapping,
     shell_height,
     thin_shell_mapping,
 )
@@ -55,7 +58,7 @@ _ORBIT_SHELL_FACTORS = (0.8, 0.93, 1.07, 1.25)
 _ELEVATIONS_DEG = (20.0, 25.0, 30.0)
 # Interval of the epochs that are used, and of blocks: gradients, jackknife. s.
 _GROUND_INTERVALS = (900.0, 3600.0)
-_ORBIT_INTERVALS = (20.0, 300.0)
+_ORBIT_INTERVALS = (20.0, 1200.0)
 _SMALLEST_CONTENT = 1.0
 _HUBER = 2.0
 _ITERATIONS = 15
@@ -68,6 +71,14 @@ _GRADIENT_LIMITS = (1e-9, 1e-5)
 _NOISE = 0.3
 _MEDIAN_CHI_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
+# A profile from the orbit itself: smallest range of altitudes, bins, m; scale height of what is
+# above the orbit, as a factor of the one that continues the profile, and its limits, m.
+_SMALLEST_ALTITUDE_RANGE = 100e3
+_PROFILE_STEP = 10e3
+_TOP_BINS = 4
+_TOPSIDE_FACTORS = (0.7, 1.0, 1.4)
+_TOPSIDE_SCALES = (40e3, 600e3)
+_PROFILE_ITERATIONS = 6
 # One in this many contents may be below zero for another reason than the bias.
 _NEGATIVE_PART = 0.01
 
@@ -94,6 +105,9 @@ class BiasSamples:
         Unit vectors to the satellites.
     position_receiver_itrf : ndarray, shape (n, 3)
         m.
+    arc : ndarray of int, optional
+        Samples of equal number share one level, whose error is `stec_sigma_tecu`; without it these
+        errors are taken as independent from epoch to epoch.
     """
 
     time: FloatArray
@@ -103,10 +117,12 @@ class BiasSamples:
     elevation: FloatArray
     direction_itrf: FloatArray
     position_receiver_itrf: FloatArray
+    arc: npt.NDArray[np.int64] | None = None
 
     def part(self, chosen: npt.NDArray[np.bool_]) -> BiasSamples:
         """Return the chosen samples."""
-        return BiasSamples(**{name: getattr(self, name)[chosen] for name in vars(self)})
+        columns = {name: column for name, column in vars(self).items() if column is not None}
+        return BiasSamples(**{name: column[chosen] for name, column in columns.items()})
 
 
 @dataclass(frozen=True)
@@ -118,7 +134,7 @@ class ReceiverBias:
     bias_tecu, sigma_tecu : float
         What the receiver adds to every slant content, and one sigma: sampling and spread, TECU.
     sampling_sigma_tecu, spread_tecu : float
-        Jackknife of the median model; standard deviation over the models.
+        Jackknife and levels, of the median model; standard deviation over the models.
     model_tecu : tuple of float
         Solutions of all models.
     is_bounded : bool
@@ -173,8 +189,25 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     order = np.argsort(samples.time, kind="stable")
     samples, altitude = samples.part(order), altitude[order]
     first, second = _pairs(samples.time)
+    models = _models(samples, altitude, is_ground)
+    solutions, sigmas = _solutions(samples, models, first, second, block)
+    if not is_ground:
+        better = _from_profile(samples, altitude, solutions, first, second, block)
+        if better is not None:
+            solutions, sigmas = better
+    return _combined(samples, solutions, sigmas, len(first))
+
+
+def _solutions(
+    samples: BiasSamples,
+    models: list[tuple[FloatArray, FloatArray]],
+    first: IntArray,
+    second: IntArray,
+    block: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the biases and jackknife sigmas of all models, (models, groups)."""
     solutions, sigmas = [], []
-    for mapping, pierce_altitude in _models(samples, altitude, is_ground):
+    for mapping, pierce_altitude in models:
         equations = _Equations(samples, mapping, pierce_altitude, first, second, block)
         for elevation_deg in _ELEVATIONS_DEG:
             part = equations.above(math.radians(elevation_deg))
@@ -187,7 +220,67 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
                 biases, sigma = _solve(part, with_gradients)
                 solutions.append(biases)
                 sigmas.append(sigma)
-    return _combined(samples, np.array(solutions), np.array(sigmas), len(first))
+    return np.array(solutions), np.array(sigmas)
+
+
+def _from_profile(
+    samples: BiasSamples,
+    altitude: FloatArray,
+    shell_solutions: FloatArray,
+    first: IntArray,
+    second: IntArray,
+    block: float,
+) -> tuple[FloatArray, FloatArray] | None:
+    """Return solutions with mapping through the profile that the orbit itself has measured.
+
+    An eccentric orbit sees the vertical content fall with altitude, which is a density profile, and
+    a profile is a better mapping than any shell. None if the altitude changes too little, or if
+    the solutions for different elevations and bases agree less than with shells: where contents
+    change along the orbit for other reasons than altitude, they make no profile.
+    """
+    if np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
+        return None
+    solutions = sigmas = shell_solutions
+    biases = shell_solutions.mean(axis=0)
+    for _ in range(_PROFILE_ITERATIONS):
+        models = [_profile_model(samples, altitude, biases, factor) for factor in _TOPSIDE_FACTORS]
+        solutions, sigmas = _solutions(samples, models, first, second, block)
+        change = np.abs(solutions.mean(axis=0) - biases).max()
+        biases = solutions.mean(axis=0)
+        if change < _CONVERGED:
+            break
+    agrees = np.std(solutions, axis=0).sum() < np.std(shell_solutions, axis=0).sum()
+    return (solutions, sigmas) if agrees else None
+
+
+def _profile_model(
+    samples: BiasSamples, altitude: FloatArray, biases: FloatArray, topside_factor: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return mapping factors and pierce altitudes from contents that fall with altitude."""
+    radius = WGS84_SEMI_MAJOR_AXIS + altitude
+    shell = foelsche_kirchengast_mapping(samples.elevation, radius, shell_height(altitude))
+    vertical = (samples.stec_tecu - biases[samples.group]) / shell
+    # Near the zenith the mapping hardly matters.
+    weight = np.sin(samples.elevation) ** 8
+    bins = np.floor(altitude / _PROFILE_STEP).astype(np.int64)
+    number, inverse = np.unique(bins, return_inverse=True)
+    total = np.bincount(inverse, weight)
+    content = np.bincount(inverse, weight * vertical) / total
+    edges = (number + 0.5) * _PROFILE_STEP
+    content = np.maximum(
+        optimize.isotonic_regression(content, weights=total, increasing=False).x, 0.0
+    )
+    density = np.maximum(-np.gradient(content, edges), 0.0)
+    # What is above the orbit decays as it does at its top, or as much as its content asks for.
+    top = float(np.mean(density[-_TOP_BINS:]))
+    scale = content[-1] / top if top > 0.0 else 0.0
+    scale = float(np.clip(scale * topside_factor, *_TOPSIDE_SCALES))
+    above = edges[-1] + np.arange(1.0, 80.0) * 20e3
+    topside = content[-1] / scale * np.exp(-(above - edges[-1]) / scale)
+    grid = np.concatenate((edges, above))
+    profile = np.concatenate((density, topside))
+    factor = profile_mapping(samples.elevation, radius, grid, np.maximum(profile, 1e-12))
+    return factor, altitude + 0.5 * shell_height(altitude)
 
 
 def _combined(
@@ -277,6 +370,7 @@ class _Equations:
         point = pierce_point(
             samples.position_receiver_itrf, samples.direction_itrf, pierce_altitude
         )
+        self.level_shift = _level_shifts(samples, inverse, first, second)
         self.elevation = np.minimum(samples.elevation[first], samples.elevation[second])
         self.design = columns[first] - columns[second]
         self.mean_design = 0.5 * (columns[first] + columns[second])
@@ -295,6 +389,35 @@ class _Equations:
             setattr(part, name, value[chosen])
         return part
 
+    def level_sigma(self, weight: FloatArray, matrix: FloatArray) -> FloatArray:
+        """Return what the errors of the levels make of the biases, TECU, shape (groups,).
+
+        `weight` (n,) is that of the equations, `matrix` their normal matrix.
+        """
+        arcs = self.level_shift[:, :2].astype(np.int64)
+        if arcs.size == 0 or arcs.max() < 0:
+            return np.zeros(len(matrix))
+        influence = self.design * weight[:, np.newaxis]
+        shift = np.zeros((arcs.max() + 1, len(matrix)))
+        for side in (0, 1):
+            moved = influence * self.level_shift[:, 2 + side, np.newaxis]
+            np.add.at(shift, arcs[:, side], moved if side == 0 else -moved)
+        return np.asarray(np.sqrt(((np.linalg.pinv(matrix) @ shift.T) ** 2).sum(axis=1)))
+
+
+def _level_shifts(
+    samples: BiasSamples, inverse: FloatArray, first: IntArray, second: IntArray
+) -> FloatArray:
+    """Return arcs of both samples and what one sigma of their levels does to them, (n, 4).
+
+    The arcs are -1 if they are not known.
+    """
+    number = np.full(len(inverse), -1)
+    if samples.arc is not None:
+        number = np.unique(samples.arc, return_inverse=True)[1]
+    moved = samples.stec_sigma_tecu * inverse
+    return np.stack((number[first], number[second], moved[first], moved[second]), axis=-1)
+
 
 def _gradient_columns(point: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
     """Return the separation of pierce points to the east and to the north, 1000 km, (n, 2)."""
@@ -312,7 +435,7 @@ def _solve(equations: _Equations, with_gradients: bool) -> tuple[FloatArray, Flo
     starts = np.flatnonzero(np.diff(equations.block, prepend=equations.block[0] - 1))
     lengths = np.diff(starts, append=len(equations.block))
     biases, gradient = np.zeros(groups), _START_GRADIENT
-    huber = np.ones(len(equations.difference))
+    huber = variance = np.ones(len(equations.difference))
     matrices = vectors = np.zeros(0)
     for _ in range(_ITERATIONS):
         content = equations.mean_vertical - equations.mean_design @ biases
@@ -339,7 +462,8 @@ def _solve(equations: _Equations, with_gradients: bool) -> tuple[FloatArray, Flo
         if np.abs(biases - previous).max() < _CONVERGED:
             break
     matrix, vector, _ = _without_gradients(matrices, vectors, groups)
-    return biases, _jackknife(matrix, vector)
+    level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
+    return biases, np.hypot(_jackknife(matrix, vector), level)
 
 
 def _without_gradients(matrices: FloatArray, vectors: FloatArray, groups: int):  # type: ignore[no-untyped-def]
