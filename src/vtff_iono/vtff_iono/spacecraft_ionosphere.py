@@ -324,6 +324,7 @@ class SpacecraftIonosphere:
             elevation=np.concatenate(kept.elevation),
             direction_itrf=np.concatenate(kept.direction),
             position_receiver_itrf=np.concatenate(kept.position),
+            arc=link << 32 | arc,
         )
         try:
             biases = estimate_receiver_biases(samples)
