@@ -342,7 +342,15 @@ class RelativeEkfNode(VtffNode):
 
 
 def _numbers(solution: RelativeSolution) -> dict[str, object]:
+    estimated = {
+        "laser latency, s": solution.laser_latency,
+        "sigma of laser latency, s": solution.laser_latency_sigma,
+        "laser residual, m": solution.laser_residual,
+        "local electron density, per m3": solution.local_electron_density,
+        "sigma of local electron density, per m3": solution.local_electron_density_sigma,
+    }
     return {
+        **{name: value for name, value in estimated.items() if math.isfinite(value)},
         "satellites": solution.satellites_used,
         "ambiguities fixed": solution.ambiguities_fixed,
         "ratio": round(solution.ratio, 2),
