@@ -32,7 +32,6 @@ STYLE_FILE = pathlib.Path(__file__).with_name("report.css")
 
 _LEVEL_NAMES = ("ok", "warning", "error", "stale")
 
-# What a reader who was not there needs to know of each system and scenario.
 _AXES_TEXT = (
     "Positions are those of the deputy relative to the chief in the chief's rotating frame: "
     "radial (outward), in-track (along the motion) and cross-track (along the orbit normal)."
@@ -183,7 +182,7 @@ def _formation(summary: Mapping[str, Any], deputies: Sequence[str]) -> str:
         heads = ["", "measured", *[column.title.replace("\n", " ") for column in columns]]
         rows: list[Sequence[str]] = []
         for heading, section in formation_rows(own, columns):
-            rows.append([f"§{heading}"])
+            rows.append(heading)
             rows.extend([label, measured, *printed] for label, measured, printed in section)
         title = f"<h3>{_text(name)}</h3>" if len(deputies) > 1 else ""
         remarks = " ".join(_sentence(line) for line in formation_remarks(own, columns))
@@ -334,7 +333,7 @@ def _encoded(path: pathlib.Path) -> str:
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = True) -> str:
-    """Return a table; columns after the first are numbers, a row ``§text`` is a heading."""
+    """Return a table; columns after the first are numbers, a row that is a text is a heading."""
 
     def cell(tag: str, place: int, value: str) -> str:
         style = ' class="number"' if numbers and place else ""
@@ -343,8 +342,8 @@ def _table(heads: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool
     head = "".join(cell("th", place, value) for place, value in enumerate(heads))
     lines = []
     for row in rows:
-        if row[0].startswith("§"):
-            lines.append(f'<tr class="part"><th colspan="{len(heads)}">{_text(row[0][1:])}</th>')
+        if isinstance(row, str):
+            lines.append(f'<tr class="part"><th colspan="{len(heads)}">{_text(row)}</th>')
         else:
             lines.append("<tr>" + "".join(cell("td", place, v) for place, v in enumerate(row)))
         lines.append("</tr>")
