@@ -27,7 +27,7 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex_navigation import read_rinex_navigation
 from vtff_nav.relative.cdgps import CdgpsEstimator
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
-from vtff_nav.relative.solution import SOLUTION_FIXED, RelativeSolution
+from vtff_nav.relative.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.gnss.configuration import (
     ConstellationConfiguration,
@@ -232,16 +232,42 @@ class Flight:
         )
 
 
-def fly(scenario: Scenario, parameters: CdgpsConfiguration, knows_thrust: bool = True) -> Flight:
+@dataclass(frozen=True)
+class Laser:
+    """An emulated laser between the spacecraft: sigma (m) and latency (s)."""
+
+    sigma: float
+    latency: float = -5.15e-3
+
+    def measure(
+        self, time: GpsTime, difference: np.ndarray, random: np.random.Generator
+    ) -> LaserMeasurement:
+        """Return the range of a relative state (6,), late and noisy."""
+        distance = float(np.linalg.norm(difference[:3]))
+        rate = float(difference[:3] @ difference[3:]) / distance
+        noise = self.sigma * float(random.standard_normal())
+        return LaserMeasurement(time, distance + self.latency * rate + noise, self.sigma)
+
+
+def fly(
+    scenario: Scenario,
+    parameters: CdgpsConfiguration,
+    knows_thrust: bool = True,
+    laser: Laser | None = None,
+) -> Flight:
     """Run the filter over a scenario."""
+    random = np.random.default_rng(3)
     estimator = CdgpsEstimator(parameters, scenario.ephemerides)
     solutions, itrf, rtn, chief_errors = [], [], [], []
     for second in range(len(scenario.chief_gcrf)):
         time = START + float(second)
-        solution = estimator.process(time, scenario.chief.get(time), scenario.deputy.get(time))
+        chief, deputy = scenario.chief_gcrf[second], scenario.deputy_gcrf[second]
+        measurement = None if laser is None else laser.measure(time, deputy - chief, random)
+        solution = estimator.process(
+            time, scenario.chief.get(time), scenario.deputy.get(time), measurement
+        )
         if knows_thrust:
             estimator.add_thrust(time, 1.0, scenario.thrust_rtn[second])
-        chief, deputy = scenario.chief_gcrf[second], scenario.deputy_gcrf[second]
         truth = relative_state_rtn(chief, deputy)
         solutions.append(solution)
         to_itrf = rotation_gcrf_to_itrf(time)

@@ -196,7 +196,8 @@ def measurement_innovation(
     if count:
         nuisance[code, 0] = nuisance[phase, 0] = sky.clock_rate
     if laser is not None:
-        values[-1], variances[-1] = laser.range, laser.range_sigma**2
+        values[-1] = laser.range
+        variances[-1] = laser.range_sigma**2 + _laser_curvature(state)
         predicted[-1] = _laser_row(design[-1], state)
     return state.innovation(design, values - predicted, variances, nuisance)
 
@@ -257,3 +258,16 @@ def _laser_row(design: FloatArray, state: GaussianState) -> float:
     design[3:6] = latency * along
     design[place] = rate
     return distance + latency * rate
+
+
+def _laser_curvature(state: GaussianState) -> float:
+    """Return the variance (m2) of what the linear row of the laser leaves out.
+
+    While position and velocity are known to metres only, the curvature of the range and the
+    product of the errors of latency and velocity are far above the noise of a laser; used as if
+    it were exact, it would tie the latency to a wrong value for good.
+    """
+    variance = np.diagonal(state.covariance)
+    across = float(variance[:3].sum()) / float(np.linalg.norm(state.mean[:3]))
+    product = float(variance[3:6].sum() * variance[state.index(("laser_latency",))])
+    return across**2 + product
