@@ -26,6 +26,7 @@ def make_app() -> typer.Typer:
         reprocess,
         run,
         study,
+        tec,
     )
 
     app = typer.Typer(
@@ -43,6 +44,7 @@ def make_app() -> typer.Typer:
     app.command("compare", no_args_is_help=True)(compare.compare)
     app.command("export", no_args_is_help=True)(export.export)
     app.command("baseline", no_args_is_help=True)(baseline.baseline)
+    app.command("tec", no_args_is_help=True)(tec.tec)
     app.add_typer(bag.app, name="bag")
     app.add_typer(study.app, name="study")
     return app

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_iono.mapping import (
@@ -221,7 +222,8 @@ def _receiver_biases(
         reference = [p for p in primary if groups[p][0] == key[0]]
         found = _compared(rows, levels, number, g, reference, biases, groups)
         if found is None:
-            remarks.append(f"receiver bias {key[1]}-{key[2]}: no samples to compare")
+            letter = SYSTEM_LETTERS[key[0]]
+            remarks.append(f"receiver bias {letter} {key[1]}-{key[2]}: no samples to tell it")
         else:
             biases[key] = found
     return biases, tuple(remarks)

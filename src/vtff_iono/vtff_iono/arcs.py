@@ -198,14 +198,13 @@ def _tested(
         return 4
     if interval > settings[1] and interval > settings[0] * nominal:
         return 2
-    if state[_COUNT] >= 2.0:
-        jump = abs(content - state[_VALUE] - state[_RATE] * interval)
-        limit = _geometry_free_limit(state, interval, settings)
-        # Until the rate is known, only what no ionosphere does is a jump.
-        if state[_COUNT] < _SETTLING_SAMPLES:
-            limit = settings[4] + settings[5] * interval
-        if jump > limit:
-            return 5
+    jump = abs(content - state[_VALUE] - state[_RATE] * interval)
+    limit = _geometry_free_limit(state, interval, settings)
+    # Until the rate is known, only what no ionosphere does is a jump.
+    if state[_COUNT] < _SETTLING_SAMPLES:
+        limit = settings[4] + settings[5] * interval
+    if jump > limit:
+        return 5
     if has_code and state[_WIDE_COUNT] >= 2.0:
         gain = min(1.0, interval / settings[9])
         fast = state[_WIDE_FAST] + gain * (wide_lane - state[_WIDE_FAST])

@@ -59,6 +59,7 @@ _ELEVATIONS_DEG = (20.0, 25.0, 30.0)
 # Interval of the epochs that are used, and of blocks: gradients, jackknife. s.
 _GROUND_INTERVALS = (900.0, 3600.0)
 _ORBIT_INTERVALS = (20.0, 1200.0)
+_SHORTEST_INTERVAL = 20.0
 _SMALLEST_CONTENT = 1.0
 _HUBER = 2.0
 _ITERATIONS = 15
@@ -179,6 +180,10 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
     is_ground = bool(np.median(altitude) < LOWEST_ORBIT)
     interval, block = _GROUND_INTERVALS if is_ground else _ORBIT_INTERVALS
+    duration = float(np.ptp(samples.time)) if len(samples.time) else 0.0
+    # Short data: more of the epochs, and six blocks, so that a jackknife can leave some out.
+    interval = min(interval, max(_SHORTEST_INTERVAL, duration / 40.0))
+    block = min(block, max(interval, duration / 6.0))
     usable = (
         np.isfinite(samples.stec_tecu)
         & np.isfinite(samples.stec_sigma_tecu)
@@ -211,10 +216,10 @@ def _solutions(
         equations = _Equations(samples, mapping, pierce_altitude, first, second, block)
         for elevation_deg in _ELEVATIONS_DEG:
             part = equations.above(math.radians(elevation_deg))
-            if len(part.difference) < _FEWEST_PAIRS:
+            if len(part.difference) < _FEWEST_PAIRS or part.block[0] == part.block[-1]:
                 raise ReceiverBiasError(
                     f"receiver bias: only {len(part.difference)} pairs of satellites above "
-                    f"{elevation_deg:g} deg, {_FEWEST_PAIRS} are needed"
+                    f"{elevation_deg:g} deg, {_FEWEST_PAIRS} are needed at two times at least"
                 )
             for with_gradients in (False, True):
                 biases, sigma = _solve(part, with_gradients)

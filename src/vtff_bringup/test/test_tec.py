@@ -1,0 +1,118 @@
+"""`vtff tec`: real and damaged files, a bag, tables, plots and messages."""
+
+import gzip
+import json
+import os
+import pathlib
+
+import numpy as np
+import pytest
+from pyarrow import csv, parquet
+from typer.testing import CliRunner
+
+from vtff_bringup.cli import make_app
+from vtff_gnss.observation_files import open_observations
+from vtff_gnss.rinex_file import decompress_hatanaka
+from vtff_gnss.rinex_write_observation import write_rinex_observation
+
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", ROOT.parent / "shared"))
+BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
+
+
+def bele(name):
+    path = BELE / name
+    if not path.is_file():
+        pytest.skip(f"reference data {path} is not there")
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(make_app(), ["tec", *(str(part) for part in arguments)])
+
+
+@pytest.fixture(scope="module")
+def hours(tmp_path_factory):
+    """Return three quiet hours of the day at Belem with the signals of GPS and Galileo only."""
+    path = bele("BELE00BRA_R_20240100000_01D_30S_MO.crx.gz")
+    content, _ = decompress_hatanaka(gzip.decompress(path.read_bytes()), path)
+    lines = content.decode().splitlines(keepends=True)
+    end = next(i for i, line in enumerate(lines) if "END OF HEADER" in line) + 1
+    kept, inside = lines[:end], False
+    for line in lines[end:]:
+        if line.startswith(">"):
+            inside = 4 <= int(line[13:15]) < 7
+        if inside:
+            kept.append(line)
+    folder = tmp_path_factory.mktemp("bele")
+    path = folder / "bele.rnx"
+    path.write_text("".join(kept))
+    return path
+
+
+def test_a_batch_with_broken_files(tmp_path, hours):
+    """The good file is processed; each of the others has one message that names it."""
+    junk = tmp_path / "junk.obs"
+    junk.write_text("no RINEX\n")
+    cut = tmp_path / "cut.rnx"
+    cut.write_text(hours.read_text()[:-300])
+    out = tmp_path / "out"
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    biases = bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz")
+    result = run(
+        junk, hours, cut, tmp_path / "absent.rnx", "--nav", nav, "--biases", biases, "--out", out
+    )
+    assert result.exit_code == 1, result.output
+    for name in ("junk.obs", "cut.rnx", "absent.rnx"):
+        assert any(
+            name in line and line.startswith("error:") for line in result.output.splitlines()
+        ), result.output
+    assert "1 receivers, 3 failed" in result.output
+    (found,) = json.loads((out / "tec.json").read_text())
+    assert found["good_samples"] > 5_000
+    assert {bias["pair"] for bias in found["receiver_biases"]} >= {"G C1C-C2W", "E C1X-C5X"}
+    table = csv.read_csv(out / "bele_tec.csv")
+    assert table.num_rows > found["good_samples"]
+    good = np.array(table["rejected"]) == 0
+    assert np.isfinite(np.array(table["stec_tecu"])[good]).all()
+    assert (np.array(table["stec_sigma_tecu"])[good] > 0.0).all()
+    assert (out / "bele_roti.csv").is_file() and (out / "bele_tec.png").stat().st_size > 20_000
+
+
+def test_biases_of_another_year(tmp_path, hours):
+    other = tmp_path / "CAS_2023.BIA"
+    text = gzip.decompress(bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz").read_bytes())
+    other.write_text(text.decode().replace("2024:01", "2023:01"))
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    result = run(hours, "--nav", nav, "--biases", other, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "valid from 2023-01-10" in result.output and "2024-01-10" in result.output
+
+
+def test_one_frequency_is_not_enough(tmp_path, hours):
+    path = tmp_path / "single.rnx"
+    write_rinex_observation(path, open_observations(hours, signals=("1C", "1X")).table)
+    result = run(path, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "single.rnx" in result.output and "no second frequency" in result.output
+
+
+def test_what_is_asked_for_wrongly(tmp_path, hours):
+    assert run(hours, "--format", "xlsx").exit_code == 2
+    result = run(hours, "--nav", tmp_path / "absent.nav")
+    assert result.exit_code == 2 and "absent.nav" in result.output
+    result = run(hours, "--out", tmp_path / "out")
+    assert result.exit_code == 1 and "--nav" in result.output
+
+
+def test_a_bag_of_two_receivers(tmp_path):
+    bag = ROOT / "bags" / "sample"
+    if not bag.is_dir():
+        pytest.skip("the sample bag is not there")
+    out = tmp_path / "out"
+    result = run(bag, "--format", "parquet", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert len(json.loads((out / "tec.json").read_text())) == 2
+    for name in ("sample_chief", "sample_deputy"):
+        assert parquet.read_table(out / f"{name}_tec.parquet").num_rows > 1000
+        assert parquet.read_table(out / f"{name}_scintillation.parquet").num_rows >= 0

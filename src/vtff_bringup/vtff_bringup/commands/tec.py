@@ -1,0 +1,198 @@
+"""`vtff tec`: electron content from recorded observations."""
+
+from __future__ import annotations
+
+import pathlib
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from vtff_bringup.tec.sources import TecSource
+    from vtff_gnss.ephemeris import BroadcastEphemeris
+    from vtff_iono.code_biases import CodeBiasTable
+
+_FORMS = ("csv", "parquet")
+
+
+def tec(
+    files: Annotated[
+        list[pathlib.Path],
+        typer.Argument(help="Observation files and bags, each processed for itself."),
+    ],
+    nav: Annotated[
+        Optional[list[pathlib.Path]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Option(help="RINEX navigation file or log with ephemerides; may be repeated."),
+    ] = None,
+    biases: Annotated[
+        str,
+        typer.Option(
+            help="Satellite biases: a Bias-SINEX or DCB file, 'broadcast' (group delays of the "
+            "navigation message) or 'none' (simulated signals without biases)."
+        ),
+    ] = "broadcast",
+    form: Annotated[str, typer.Option("--format", help="csv or parquet.")] = "csv",
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Use a damaged RINEX file up to the damage.")
+    ] = False,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for tables and plots; default: tec_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Compute absolute slant and vertical TEC, ROTI and scintillation of recorded receivers.
+
+    Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed, and
+    bags with /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a
+    receiver without a stated position is located from its codes. The receiver bias is estimated,
+    with a sigma. A file that cannot be used is reported, the others are processed; the exit code
+    is then 1.
+
+    Examples
+    --------
+    vtff tec BELE.crx.gz --nav BRDC.rnx.gz --biases CAS.BIA.gz
+
+    vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
+    """
+    # Imported here, because numpy, numba and matplotlib take a while.
+    from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+    from vtff_bringup.tec.output import write_summary
+
+    console = Console(highlight=False)
+    if form not in _FORMS:
+        _fail(console, f"--format {form!r}: one of {', '.join(_FORMS)} expected")
+    ephemerides = _ephemerides(console, nav or [])
+    known = _biases(console, biases)
+    try:
+        folder = (
+            new_folder(pathlib.Path(dated_name("tec")))
+            if out is None
+            else chosen_folder(out, empty=False)
+        )
+    except RunFolderError as error:
+        _fail(console, str(error))
+    done: list[dict[str, Any]] = []
+    failed = 0
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        task = bar.add_task("reading", total=len(files))
+        for path in files:
+            bar.update(task, description=path.name)
+            found, failures = _process_file(
+                console, path, partial, ephemerides, known, folder, form
+            )
+            done += found
+            failed += failures
+            bar.advance(task)
+    if done:
+        write_summary(done, folder / "tec.json")
+    console.print(f"{len(done)} receivers, {failed} failed; folder: {folder}", markup=False)
+    if failed:
+        raise typer.Exit(EXIT_FAILURE)
+
+
+def _process_file(
+    console: Console,
+    path: pathlib.Path,
+    partial: bool,
+    ephemerides: tuple[BroadcastEphemeris, ...],
+    biases: str | CodeBiasTable,
+    folder: pathlib.Path,
+    form: str,
+) -> tuple[list[dict[str, Any]], int]:
+    """Process the receivers of a file; return their summaries and how many failed."""
+    from vtff_bringup.bag.errors import BagError
+    from vtff_bringup.tec.output import summary, write_plots, write_tables
+    from vtff_bringup.tec.processing import process
+    from vtff_bringup.tec.sources import TecError, from_bag, from_file, is_bag
+    from vtff_gnss.observation_files import ObservationFileError
+    from vtff_iono.code_biases import BiasFileError
+
+    done: list[dict[str, Any]] = []
+    failed = 0
+    sources: list[TecSource] = []
+    try:
+        sources = from_bag(path) if is_bag(path) else [from_file(path, partial)]
+    except (BagError, TecError, ObservationFileError) as error:
+        _report(console, str(error))
+        failed += 1
+    except OSError as error:
+        _report(console, f"{error.filename or path}: {error.strerror or error}")
+        failed += 1
+    for source in sources:
+        try:
+            result = process(source, ephemerides, biases)
+            write_tables(result, folder, form)
+            write_plots(result, folder)
+            done.append(summary(result))
+            _show(console, done[-1])
+        except (TecError, BiasFileError) as error:
+            message = str(error)
+            prefix = "" if path.name in message else f"{path}: "
+            _report(console, prefix + message)
+            failed += 1
+    return done, failed
+
+
+def _ephemerides(console: Console, paths: list[pathlib.Path]) -> tuple[BroadcastEphemeris, ...]:
+    from vtff_gnss.observation_files import ObservationFileError, open_ephemerides
+
+    found: list[BroadcastEphemeris] = []
+    for path in paths:
+        try:
+            found += open_ephemerides(path)
+        except ObservationFileError as error:
+            _fail(console, str(error))
+        except OSError as error:
+            _fail(console, f"{error.filename or path}: {error.strerror or error}")
+    return tuple(found)
+
+
+def _biases(console: Console, text: str) -> str | CodeBiasTable:
+    from vtff_iono.bias_files import read_code_biases
+    from vtff_iono.code_biases import BiasFileError
+
+    if text in ("broadcast", "none"):
+        return text
+    try:
+        return read_code_biases(text)
+    except BiasFileError as error:
+        _fail(console, str(error))
+    except OSError as error:
+        _fail(console, f"{error.filename or text}: {error.strerror or error}")
+    raise AssertionError("unreachable")
+
+
+def _show(console: Console, found: dict[str, Any]) -> None:
+    console.print(
+        f"{found['source']}: {found['good_samples']} of {found['samples']} samples good",
+        markup=False,
+        soft_wrap=True,
+    )
+    for bias in found["receiver_biases"]:
+        console.print(
+            f"  receiver bias {bias['pair']}: {bias['bias_ns']:.2f} +- {bias['sigma_ns']:.2f} ns",
+            markup=False,
+        )
+    if found["vtec_tecu"]:
+        vertical = found["vtec_tecu"]
+        console.print(
+            f"  vertical TEC {vertical['minimum']:.1f} to {vertical['maximum']:.1f} TECU, "
+            f"median {vertical['median']:.1f}",
+            markup=False,
+        )
+    for remark in found["remarks"]:
+        console.print(f"  [yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
+
+
+def _report(console: Console, message: str) -> None:
+    console.print(f"[red]error:[/red] {escape(message)}", soft_wrap=True)
+
+
+def _fail(console: Console, message: str) -> None:
+    _report(console, message)
+    raise typer.Exit(EXIT_USAGE)

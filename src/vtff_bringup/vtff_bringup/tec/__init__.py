@@ -1,0 +1,1 @@
+"""Total electron content of recorded receivers: `vtff tec`."""

@@ -1,0 +1,177 @@
+"""Receivers whose electron content is asked for: observation files and bags."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.timescales import GpsTime
+from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.ephemeris_selection import EphemerisStore
+from vtff_gnss.observation_files import open_observations
+from vtff_gnss.observation_table import ObservationTable
+from vtff_gnss.observations import ObservationEpoch
+from vtff_nav.relative.measurements import MeasurementNoise, SignalReader, satellite_mask
+from vtff_nav.relative.orbit_filter import combinations, single_point
+
+__all__ = ["TecError", "TecSource", "from_bag", "from_file", "is_bag", "receiver_positions"]
+
+_BANDS = {SYSTEM_GPS: (1, 2), SYSTEM_GALILEO: (1, 5)}
+_POINT_INTERVAL = 30.0
+_LARGEST_JUMP = 1e3
+_MASK = math.radians(5.0)
+_FEWEST_POINTS = 4
+
+
+class TecError(ValueError):
+    """A file cannot be processed; the message names it and says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class TecSource:
+    """Observations of one receiver.
+
+    Parameters
+    ----------
+    name : str
+        For file names: that of the file or the receiver.
+    description : str
+        For people.
+    table : ObservationTable
+    ephemerides : tuple of BroadcastEphemeris
+        Those that came with the observations.
+    position_itrf : tuple of 3 float or None
+        Of a receiver at rest, m.
+    remarks : tuple of str
+    """
+
+    name: str
+    description: str
+    table: ObservationTable
+    ephemerides: tuple[BroadcastEphemeris, ...]
+    position_itrf: tuple[float, float, float] | None
+    remarks: tuple[str, ...]
+
+
+def is_bag(path: pathlib.Path) -> bool:
+    """Return whether a path is a bag: a folder or an ``.mcap`` file."""
+    return path.is_dir() or path.suffix == ".mcap"
+
+
+def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
+    """Read an observation file of any kind that `open_observations` knows.
+
+    Raises
+    ------
+    vtff_gnss.observation_files.ObservationFileError, OSError
+        As there.
+    TecError
+        If no satellite has a second frequency.
+    """
+    file = open_observations(path, partial=partial)
+    bands = np.unique(file.table.columns["system"].astype(int) * 10 + file.table.columns["band"])
+    if len(bands) == len(np.unique(bands // 10)):
+        raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
+    name = path.name.split(".")[0]
+    return TecSource(
+        name=name,
+        description=f"{path.name}, {file.format_name}",
+        table=file.table,
+        ephemerides=file.ephemerides,
+        position_itrf=file.approximate_position,
+        remarks=file.remarks,
+    )
+
+
+def from_bag(path: pathlib.Path) -> list[TecSource]:
+    """Read all receivers of a bag: topics ``/NAME/gnss/high_rate``, else ``/NAME/gnss/epoch``.
+
+    Raises
+    ------
+    vtff_bringup.bag.errors.BagError
+        If the bag cannot be read.
+    TecError
+        If it holds no observations.
+    """
+    # Imported here, because these need rclpy.
+    from vtff_bringup.bag.reader import BagReader
+    from vtff_nav.conversions import ephemeris_from_message, observations_from_message
+
+    reader = BagReader(path)
+    topics = {}
+    for kind in ("epoch", "high_rate"):
+        for topic in reader.topics:
+            if topic.endswith(f"/gnss/{kind}"):
+                topics[topic.removesuffix(f"/gnss/{kind}")] = topic
+    if not topics:
+        raise TecError(f"{path}: no topic NAME/gnss/high_rate or NAME/gnss/epoch in this bag")
+
+    def epochs(topic: str) -> Iterator[ObservationEpoch]:
+        last: GpsTime | None = None
+        for decoded in reader.messages(topic):
+            epoch = observations_from_message(decoded.message)
+            if last is None or epoch.time > last:
+                last = epoch.time
+                yield epoch
+
+    sources = []
+    for receiver, topic in sorted(topics.items()):
+        latched = f"{receiver}/gnss/ephemeris"
+        found = reader.messages(latched) if latched in reader.topics else []
+        sources.append(
+            TecSource(
+                name=f"{path.resolve().name}{receiver.replace('/', '_')}",
+                description=f"{topic} of {path.name}",
+                table=ObservationTable.from_epochs(epochs(topic)),
+                ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
+                position_itrf=None,
+                remarks=tuple(reader.notes),
+            )
+        )
+    return sources
+
+
+def receiver_positions(
+    table: ObservationTable, ephemerides: Sequence[BroadcastEphemeris]
+) -> npt.NDArray[np.float64]:
+    """Return the positions of a moving receiver at all epochs, ITRF, m, shape (m, 3).
+
+    Positions from code each 30 s, joined by cubic splines: in orbit that leaves the noise of the
+    codes, some metres, which is nothing to an elevation.
+
+    Raises
+    ------
+    TecError
+        If fewer than four epochs give a position.
+    """
+    store = EphemerisStore(ephemerides)
+    reader = SignalReader(MeasurementNoise(), _BANDS)
+    seconds = 1e-9 * (table.time_nanoseconds - table.time_nanoseconds[0])
+    step = round(_POINT_INTERVAL * NANOSECONDS_PER_SECOND)
+    chosen = np.flatnonzero(np.diff(table.time_nanoseconds // step, prepend=-1))
+    times, positions = [], []
+    for index in np.unique(np.append(chosen, len(table) - 1)).tolist():
+        epoch = table.epoch(index)
+        orbits = store.table(epoch.time)
+        known = orbits.system.astype(np.int64) << 8 | orbits.prn
+        signals = reader.read(epoch, satellite_mask(known))
+        if len(signals) == 0:
+            continue
+        point = single_point(combinations(signals, orbits), orbits, epoch.time, _MASK, False)
+        if point is not None:
+            times.append(seconds[index])
+            positions.append(point.position_itrf)
+    if len(times) < _FEWEST_POINTS:
+        raise TecError("the position of the receiver is not stated and cannot be computed")
+    spline = CubicSpline(np.array(times), np.array(positions))
+    inside = (seconds >= times[0] - _POINT_INTERVAL) & (seconds <= times[-1] + _POINT_INTERVAL)
+    result: npt.NDArray[np.float64] = np.where(inside[:, np.newaxis], spline(seconds), np.nan)
+    return result
