@@ -15,7 +15,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_iono.formation_ionosphere import DensityResult
-from vtff_iono.integer_datum import FixedInteger, Group
+from vtff_iono.integer_datum import Group
 from vtff_iono.scintillation import ScintillationWindow
 from vtff_iono.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
 from vtff_msgs.msg import (
@@ -75,13 +75,13 @@ def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
     )
 
 
-def integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], FixedInteger]:
-    """Return the fixed integers of a message."""
-    names = ("system", "band", "attribute", "prn", "ambiguity_cycles", "state", "fixed_since")
+def integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], float]:
+    """Return the integers of a message, cycles relative to the reference of their group."""
+    names = ("system", "band", "attribute", "prn", "ambiguity_cycles", "state")
     rows = zip(*(getattr(message, name).tolist() for name in names), strict=True)
     return {
-        ((system, band, attribute), prn): FixedInteger(cycles, fixed_since)
-        for system, band, attribute, prn, cycles, state, fixed_since in rows
+        ((system, band, attribute), prn): cycles
+        for system, band, attribute, prn, cycles, state in rows
         if state != AmbiguityStatus.STATE_FLOAT
     }
 

@@ -164,12 +164,8 @@ class ElectronDensityEstimator:
         nothing = np.full(len(observed), np.nan)
         if not used.any() or abs(separation) < settings.separation_minimum:
             return self._result(middle, separation, math.nan, math.nan, nothing, nothing)
-        modelled = self.profile.mean_density(altitude_chief, altitude_deputy)
-        modelled /= ELECTRONS_PER_TECU
-        path = separation / np.sin(elevations[:, used].mean(axis=0))
-        geometric = self._geometric(elevations[:, used], altitude_chief, altitude_deputy)
-        geometric += modelled * path
-        design = np.stack((np.ones(len(path)), geometric, -path), axis=-1)
+        design = self._design(elevations[:, used], altitude_chief, altitude_deputy)
+        geometric = design[:, 1]
         residual = observed[used] - geometric
         variance = sigma[used] ** 2 + (settings.mapping_noise * geometric) ** 2
         self._predict(time)
@@ -183,6 +179,34 @@ class ElectronDensityEstimator:
         single = nothing.copy()
         single[used], single_sigma[used] = self._single(design, residual, variance)
         return self._result(middle, separation, density, density_sigma, single, single_sigma)
+
+    def predicted_stec(
+        self,
+        altitude_chief: float,
+        altitude_deputy: float,
+        elevation_chief: npt.ArrayLike,
+        elevation_deputy: npt.ArrayLike,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what the state of the last update makes of other satellites, and its sigma, TECU.
+
+        Arguments as in `update`.
+        """
+        elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
+        design = self._design(elevations, altitude_chief, altitude_deputy)
+        variance = np.einsum("ni,ij,nj->n", design, self._covariance, design)
+        variance += (self._settings.mapping_noise * design[:, 1]) ** 2
+        return design[:, 1] + design @ self._state, np.sqrt(variance)
+
+    def _design(
+        self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
+    ) -> FloatArray:
+        """Return the derivatives with respect to b, a and density; a's is what is modelled."""
+        separation = altitude_deputy - altitude_chief
+        modelled = self.profile.mean_density(altitude_chief, altitude_deputy)
+        path = separation / np.sin(elevations.mean(axis=0))
+        geometric = self._geometric(elevations, altitude_chief, altitude_deputy)
+        geometric += modelled / ELECTRONS_PER_TECU * path
+        return np.stack((np.ones(len(path)), geometric, -path), axis=-1)
 
     def _geometric(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float

@@ -25,7 +25,8 @@ from vtff_iono.code_biases import CodeBiasTable
 from vtff_iono.differential_tec import SecondAverage, differential_stec
 from vtff_iono.electron_density import DensityEpoch, DensitySettings, ElectronDensityEstimator
 from vtff_iono.geometry_free import tecu_per_metre
-from vtff_iono.integer_datum import FixedInteger, Group, IntegerDatum
+from vtff_iono.integer_datum import Group, IntegerDatum
+from vtff_iono.integer_resolution import IntegerResolver
 from vtff_iono.signal_pairs import Link
 from vtff_iono.slant_tec import Rejection, SlantTecRows
 from vtff_iono.spacecraft_ionosphere import (
@@ -44,7 +45,8 @@ __all__ = [
     "Integers",
 ]
 
-Integers = Mapping[tuple[Group, int], FixedInteger]
+Integers = Mapping[tuple[Group, int], float]
+"""Integers, cycles relative to a reference satellite of each group, by group and satellite."""
 
 # A phase with one of these does not belong to its integer.
 _NO_PHASE = np.uint16(
@@ -52,8 +54,10 @@ _NO_PHASE = np.uint16(
 )
 _FEWEST_SAMPLES = 2
 _VTEC_ELEVATION = math.radians(40.0)
-# What tells apart two integers of a satellite in one second.
-_GENERATION = 1000
+# Scintillation: a scatter that exceeds the variance of the noise by this factor, and how many fades
+# that do not depend on each other there are in a second.
+_LARGE_SCATTER = 2.0
+_INDEPENDENT_FADES = 2.0
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,25 @@ class FormationResult:
     density: tuple[DensityResult, ...]
 
 
+@dataclass(frozen=True)
+class _Piece:
+    """A stretch of a link over which single differences may be averaged.
+
+    Parameters
+    ----------
+    key : int
+        Satellite and attributes of the signals.
+    arcs : tuple of int
+        Arcs of chief and deputy.
+    integers : tuple of float or None
+        Of both signals.
+    """
+
+    key: int
+    arcs: tuple[int, int]
+    integers: tuple[float, float] | None
+
+
 class _Track:
     """Motion of a spacecraft between its last two states."""
 
@@ -194,11 +217,14 @@ class FormationIonosphere:
         self._tracks = (_Track(), _Track())
         self._datum = IntegerDatum()
         self._datum_number = 0
-        self._generation: dict[int, tuple[tuple[float, float], int]] = {}
+        self._pieces: list[_Piece] = []
+        self._piece_numbers: dict[_Piece, int] = {}
+        self._piece_of_key: dict[int, int] = {}
         self._average = SecondAverage(_FEWEST_SAMPLES)
         self._density = ElectronDensityEstimator(settings.density)
         frequencies = carrier_frequency_hz([SYSTEM_GPS] * 2, settings.density_bands)
         self._frequencies = (float(frequencies[0]), float(frequencies[1]))
+        self._resolver = IntegerResolver(*self._frequencies)
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
         """Take a broadcast ephemeris that either receiver has decoded."""
@@ -216,22 +242,63 @@ class FormationIonosphere:
             results.append(spacecraft.process(block, position))
             positions.append(position)
         chief, deputy = results
-        integers = self._datum.update(second.integers)
-        density = tuple(self._densities(second, (chief, deputy), integers))
+        density = tuple(self._densities(second, (chief, deputy)))
         return FormationResult((chief, deputy), density)
 
     # ---- density -----------------------------------------------------------------------------
 
+    def _arcs_at_end(
+        self, results: tuple[SpacecraftResult, SpacecraftResult]
+    ) -> dict[int, tuple[int, int]]:
+        """Return the arcs that both spacecraft have at the end of the second, by link key."""
+        latest: list[dict[int, int]] = []
+        for craft, result in zip(self.spacecraft, results, strict=True):
+            rows = result.rows
+            pairs = zip(rows.pairs.link.tolist(), rows.arc.tolist(), strict=True)
+            last = {link: arc for link, arc in pairs if link >= 0}
+            keys = {link: self._link_key(craft.links[link]) for link in last}
+            latest.append({keys[n]: arc for n, arc in last.items() if keys[n] >= 0 and arc > 0})
+        return {
+            key: (latest[0][key], latest[1][key])
+            for key in sorted(latest[0].keys() & latest[1].keys())
+        }
+
+    def _signals(self, key: int) -> tuple[tuple[Group, int], tuple[Group, int]]:
+        """Return the two signals of a link key as group and satellite."""
+        prn, first, second = key >> 16, key >> 8 & 0xFF, key & 0xFF
+        one, two = self._settings.density_bands
+        return ((SYSTEM_GPS, one, first), prn), ((SYSTEM_GPS, two, second), prn)
+
+    def _link_key(self, link: Link) -> int:
+        """Return prn and attributes of a link of the density bands as one number, else -1."""
+        bands = (link.band_first, link.band_second)
+        if link.system != SYSTEM_GPS or bands != self._settings.density_bands:
+            return -1
+        return link.prn << 16 | ord(link.attribute_first) << 8 | ord(link.attribute_second)
+
+    def _current_pieces(self, second: FormationSecond, arcs: dict[int, tuple[int, int]]) -> None:
+        """Give each link its piece: satellite, arcs and integers that hold now."""
+        continuity = {signal: both for key, both in arcs.items() for signal in self._signals(key)}
+        integers = self._datum.update(second.integers, continuity)
+        self._piece_of_key = {}
+        for key, both in arcs.items():
+            one, two = (integers.get(signal) for signal in self._signals(key))
+            known = None if one is None or two is None else (one, two)
+            piece = _Piece(key, both, known)
+            number = self._piece_numbers.setdefault(piece, len(self._pieces))
+            if number == len(self._pieces):
+                self._pieces.append(piece)
+            self._piece_of_key[key] = number
+
     def _densities(
-        self,
-        second: FormationSecond,
-        results: tuple[SpacecraftResult, SpacecraftResult],
-        integers: Mapping[tuple[Group, int], float],
+        self, second: FormationSecond, results: tuple[SpacecraftResult, SpacecraftResult]
     ) -> list[DensityResult]:
-        time, satellite, columns = self._differences(second, results, integers)
+        arcs = self._arcs_at_end(results)
+        self._current_pieces(second, arcs)
+        time, number, columns = self._differences(second, results)
         found = []
-        for middle, satellites, means, samples in self._average.update(time, satellite, columns):
-            result = self._density_of(round(middle), satellites, means, samples, results[0])
+        for middle, numbers, means, samples in self._average.update(time, number, columns):
+            result = self._density_of(round(middle), numbers, means, samples, results[0])
             if result is not None:
                 found.append(result)
         return found
@@ -240,9 +307,8 @@ class FormationIonosphere:
         self,
         second: FormationSecond,
         results: tuple[SpacecraftResult, SpacecraftResult],
-        integers: Mapping[tuple[Group, int], float],
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], dict[str, FloatArray]]:
-        """Return times, satellites and differential contents; both signals must have integers."""
+        """Return times, pieces and single differences of what both spacecraft have observed."""
         keys, usable = [], []
         for craft, result in zip(self.spacecraft, results, strict=True):
             rows = result.rows
@@ -255,41 +321,42 @@ class FormationIonosphere:
         common, one, other = np.intersect1d(
             keys[0][usable[0]], keys[1][usable[1]], return_indices=True
         )
-        row_chief, row_deputy = usable[0][one], usable[1][other]
+        chosen = usable[0][one], usable[1][other]
         unique, place = np.unique(common & 0xFFFFFF, return_inverse=True)
-        # Columns: integers of both signals, number of satellite and integers; NaN without.
-        table = np.array([self._numbered(key, integers) for key in unique.tolist()])
-        table = table.reshape(-1, 3)[place]
-        fixed = np.isfinite(table[:, 0])
-        row_chief, row_deputy, table = row_chief[fixed], row_deputy[fixed], table[fixed]
-        phases = []
-        for name in ("row_first", "row_second"):
-            rows_both = [
-                getattr(result.rows.pairs, name)[row]
-                for result, row in zip(results, (row_chief, row_deputy), strict=True)
-            ]
-            chief_phase, deputy_phase = (
-                block.columns["carrier_phase_cycles"][rows]
-                for block, rows in zip(second.observations, rows_both, strict=True)
-            )
-            phases.append(deputy_phase - chief_phase)
-        stec = differential_stec(*phases, table[:, 0], table[:, 1], *self._frequencies)
-        time = results[0].rows.pairs.time[row_chief]
+        numbers = np.array([self._piece_of_key[key] for key in unique.tolist()], dtype=np.int64)
+        known = [self._pieces[number].integers or (0.0, 0.0) for number in numbers.tolist()]
+        integers = np.array(known).reshape(-1, 2)[place]
+        phases = [
+            self._single_difference(second, results, chosen, name)
+            for name in ("row_first", "row_second")
+        ]
+        chief, deputy = (
+            result.rows.pairs.wide_lane_cycles[row]
+            for result, row in zip(results, chosen, strict=True)
+        )
+        stec = differential_stec(*phases, integers[:, 0], integers[:, 1], *self._frequencies)
         columns = {
             "stec": stec,
-            "elevation_chief": results[0].rows.elevation[row_chief],
-            "elevation_deputy": results[1].rows.elevation[row_deputy],
+            "stec_squared": stec * stec,
+            "wide_lane": deputy - chief - (integers[:, 0] - integers[:, 1]),
+            "elevation_chief": results[0].rows.elevation[chosen[0]],
+            "elevation_deputy": results[1].rows.elevation[chosen[1]],
         }
-        return time, table[:, 2].astype(np.int64), columns
+        return results[0].rows.pairs.time[chosen[0]], numbers[place], columns
 
-    def _link_key(self, link: Link) -> int:
-        """Return prn and attributes of a link of the density bands as one number, else -1."""
-        if (
-            link.system != SYSTEM_GPS
-            or (link.band_first, link.band_second) != self._settings.density_bands
-        ):
-            return -1
-        return link.prn << 16 | ord(link.attribute_first) << 8 | ord(link.attribute_second)
+    @staticmethod
+    def _single_difference(
+        second: FormationSecond,
+        results: tuple[SpacecraftResult, SpacecraftResult],
+        chosen: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+        name: str,
+    ) -> FloatArray:
+        """Return the phases of the first or second signals, deputy less chief, cycles."""
+        chief, deputy = (
+            block.columns["carrier_phase_cycles"][getattr(result.rows.pairs, name)[row]]
+            for block, result, row in zip(second.observations, results, chosen, strict=True)
+        )
+        return np.asarray(deputy - chief)
 
     @staticmethod
     def _in_last_arc(rows: SlantTecRows) -> npt.NDArray[np.bool_]:
@@ -300,61 +367,78 @@ class FormationIonosphere:
         latest[rows.pairs.link] = rows.arc  # the last one stays
         return np.asarray(latest[rows.pairs.link] == rows.arc)
 
-    def _numbered(
-        self, key: int, integers: Mapping[tuple[Group, int], float]
-    ) -> tuple[float, float, float]:
-        """Return the integers of a link and a number that changes with them; NaN without any.
-
-        No mean may span two integers.
-        """
-        prn, first, second = key >> 16, key >> 8 & 0xFF, key & 0xFF
-        one, two = self._settings.density_bands
-        pair = (
-            integers.get(((SYSTEM_GPS, one, first), prn), math.nan),
-            integers.get(((SYSTEM_GPS, two, second), prn), math.nan),
-        )
-        if not math.isfinite(pair[0] + pair[1]):
-            return math.nan, math.nan, math.nan
-        known = self._generation.get(prn)
-        if known is None or known[0] != pair:
-            known = (pair, 0 if known is None else known[1] + 1)
-            self._generation[prn] = known
-        return *pair, float(prn + _GENERATION * known[1])
-
     def _density_of(
         self,
         time: int,
-        satellites: npt.NDArray[np.int64],
+        numbers: npt.NDArray[np.int64],
         means: dict[str, FloatArray],
         samples: npt.NDArray[np.int64],
         chief: SpacecraftResult,
     ) -> DensityResult | None:
         when = np.array([time])
         places = np.concatenate([track.positions(when) for track in self._tracks])
-        if not np.isfinite(places).all() or not len(satellites):
+        if not np.isfinite(places).all():
             return None
-        altitudes = geodetic_from_itrf(places)[:, 2]
+        altitudes = geodetic_from_itrf(places)[:, 2].tolist()
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._density.reset_bias()
-        one_sample = 2.0 * self._settings.carrier_phase_sigma * tecu_per_metre(*self._frequencies)
+            self._resolver.reset()
+        pieces = [self._pieces[number] for number in numbers.tolist()]
+        has_integers = np.array([piece.integers is not None for piece in pieces], dtype=bool)
+        part = {name: column[has_integers] for name, column in means.items()}
         epoch = self._density.update(
             time / NANOSECONDS_PER_SECOND,
-            float(altitudes[0]),
-            float(altitudes[1]),
-            means["elevation_chief"],
-            means["elevation_deputy"],
-            means["stec"],
-            one_sample / np.sqrt(samples),
+            *altitudes,
+            part["elevation_chief"],
+            part["elevation_deputy"],
+            part["stec"],
+            self._sigma(part, samples[has_integers]),
             _vertical_content(chief),
         )
+        if math.isfinite(epoch.density):
+            self._resolve(pieces, has_integers, means, samples, altitudes)
+        if not has_integers.any():
+            return None
         return DensityResult(
             time=time,
             position_itrf=places.mean(axis=0),
-            system=np.full(len(satellites), SYSTEM_GPS),
-            prn=satellites % _GENERATION,
+            system=np.full(len(part["stec"]), SYSTEM_GPS),
+            prn=np.array([p.key >> 16 for p in pieces], dtype=np.int64)[has_integers],
             epoch=epoch,
         )
+
+    def _sigma(self, means: dict[str, FloatArray], samples: npt.NDArray[np.int64]) -> FloatArray:
+        """Return the sigma of means: white noise, and what scintillation adds to it."""
+        one = 2.0 * self._settings.carrier_phase_sigma * tecu_per_metre(*self._frequencies)
+        scatter = means["stec_squared"] - means["stec"] ** 2
+        # What exceeds the noise of one sample by far fluctuates slowly.
+        excess = np.where(scatter > _LARGE_SCATTER * one**2, scatter, 0.0)
+        return np.sqrt(one**2 / samples + excess / _INDEPENDENT_FADES)
+
+    def _resolve(
+        self,
+        pieces: list[_Piece],
+        has_integers: npt.NDArray[np.bool_],
+        means: dict[str, FloatArray],
+        samples: npt.NDArray[np.int64],
+        altitudes: list[float],
+    ) -> None:
+        """Find integers of pieces without from those that have some."""
+        predicted, sigma = self._density.predicted_stec(
+            *altitudes, means["elevation_chief"], means["elevation_deputy"]
+        )
+        for row in np.flatnonzero(has_integers).tolist():
+            self._resolver.add_known(float(means["wide_lane"][row]), int(samples[row]))
+        for row in np.flatnonzero(~has_integers).tolist():
+            piece = pieces[row]
+            excess = float(means["stec"][row] - predicted[row])
+            found = self._resolver.add_unknown(
+                piece, float(means["wide_lane"][row]), int(samples[row]), excess, float(sigma[row])
+            )
+            if found is not None:
+                for (group, prn), cycles in zip(self._signals(piece.key), found, strict=True):
+                    self._datum.resolve(group, prn, cycles, piece.arcs)
 
 
 def _vertical_content(result: SpacecraftResult) -> float:

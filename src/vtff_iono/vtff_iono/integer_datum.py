@@ -1,37 +1,22 @@
-"""Integers of single differences that keep one datum while the reference satellite changes.
+"""Integers of single differences that outlive the filter that found them, in one datum.
 
-Double differences tell the ambiguity of each satellite relative to a reference satellite. That of
-the reference itself is arbitrary: it adds one constant to the differential TEC of all satellites.
-The constant must not change when another satellite becomes the reference, because the electron
-density rests on it.
+Relative navigation tells double differences with a reference satellite. Two things are done with
+them here, because the electron density rests on one constant that all satellites have in common:
+
+- that constant, the ambiguity of the reference, must not change with the reference satellite;
+- an integer holds for as long as the phases of both receivers are continuous, also while the
+  filter, which sees scintillation as errors of millimetres, does not dare to use it.
 """
 
 from __future__ import annotations
 
 import collections
 from collections.abc import Hashable, Mapping
-from dataclasses import dataclass
 
-__all__ = ["FixedInteger", "IntegerDatum"]
+__all__ = ["Group", "IntegerDatum"]
 
 Group = tuple[int, int, int]
 """System, band and attribute."""
-
-
-@dataclass(frozen=True)
-class FixedInteger:
-    """An integer as the relative navigation tells it.
-
-    Parameters
-    ----------
-    cycles : float
-        Double difference with the reference satellite of the group.
-    decision : hashable
-        Changes when the integer is decided anew, e.g. the time at which it was fixed.
-    """
-
-    cycles: float
-    decision: Hashable
 
 
 class IntegerDatum:
@@ -40,7 +25,7 @@ class IntegerDatum:
     Attributes
     ----------
     number : int
-        Number of the datum; it changes when no satellite connects a table with the one before.
+        Number of the datum; it changes when nothing connects a table with the one before.
     """
 
     def __init__(self) -> None:
@@ -48,37 +33,48 @@ class IntegerDatum:
         self._known: dict[Group, dict[int, tuple[float, Hashable]]] = {}
 
     def update(
-        self, table: Mapping[tuple[Group, int], FixedInteger]
+        self,
+        table: Mapping[tuple[Group, int], float],
+        continuity: Mapping[tuple[Group, int], Hashable],
     ) -> dict[tuple[Group, int], float]:
-        """Return the integers of a table, by group and satellite, in the datum.
+        """Return the integers that hold now, by group and satellite, in the datum.
 
         Parameters
         ----------
-        table : mapping of (Group, prn) to FixedInteger
-            All integers that are fixed at an epoch.
+        table : mapping of (Group, prn) to float
+            Integers that relative navigation holds, cycles relative to a reference of each group.
+        continuity : mapping of (Group, prn) to hashable
+            For each signal with continuous phases in both receivers something that changes when
+            the continuity is broken; a signal that is not in it has no integer.
         """
-        by_group: dict[Group, dict[int, FixedInteger]] = {}
-        for (group, prn), entry in table.items():
-            by_group.setdefault(group, {})[prn] = entry
         result: dict[tuple[Group, int], float] = {}
-        for group, entries in by_group.items():
-            before = self._known.get(group, {})
+        for group in sorted({group for group, _ in table} | set(self._known)):
+            held = {
+                prn: cycles
+                for prn, (cycles, unbroken) in self._known.get(group, {}).items()
+                if continuity.get((group, prn)) == unbroken
+            }
+            told = {
+                prn: cycles
+                for (other, prn), cycles in table.items()
+                if other == group and (group, prn) in continuity
+            }
             shifts = collections.Counter(
-                before[prn][0] - entry.cycles
-                for prn, entry in entries.items()
-                if prn in before and before[prn][1] == entry.decision
+                held[prn] - cycles for prn, cycles in told.items() if prn in held
             )
             if shifts:
-                # All agree, unless an integer has been changed without a word.
+                # All agree, unless an integer has been found to be wrong: then the others rule.
                 shift = shifts.most_common(1)[0][0]
-            else:
-                shift = 0.0
+                held |= {prn: cycles + shift for prn, cycles in told.items()}
+            elif len(told) > len(held):
                 self.number += 1
-                before = {}
-            # Satellites that have set stay known: after a short loss of all others they connect.
-            kept = dict(before)
-            for prn, entry in entries.items():
-                kept[prn] = (entry.cycles + shift, entry.decision)
-                result[group, prn] = entry.cycles + shift
-            self._known[group] = kept
+                held = told
+            self._known[group] = {
+                prn: (cycles, continuity[group, prn]) for prn, cycles in held.items()
+            }
+            result |= {(group, prn): cycles for prn, cycles in held.items()}
         return result
+
+    def resolve(self, group: Group, prn: int, cycles: float, unbroken: Hashable) -> None:
+        """Take an integer that was found otherwise, in the datum."""
+        self._known.setdefault(group, {})[prn] = (cycles, unbroken)
