@@ -74,6 +74,42 @@ def test_parquet_has_one_row_a_message(exported):
     assert table["pseudorange"].to_pylist() == expected
 
 
+def test_columns_of_every_message_have_the_declared_types(tmp_path):
+    """Also where the first rows have empty lists, and with numbers that only uint64 can hold."""
+    parquet = pytest.importorskip("pyarrow.parquet")
+    from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+
+    from vtff_bringup.export import tables
+    from vtff_msgs.msg import ReceiverLog, SlantTec
+
+    bag = full_run_samples.BagOfMessages(tmp_path / "bag")
+    for number in range(3):
+        time = full_run_samples.START + number
+        full = number == 2
+        bag.add("/tec", time, SlantTec(stec_tecu=[1.5, 2.5] if full else [], system=[1] * 2 * full))
+        status = DiagnosticStatus(name="a", level=DiagnosticStatus.WARN, message="=")
+        bag.add("/diagnostics", time, DiagnosticArray(status=[status] * full))
+        bag.add("/raw", time, ReceiverLog(name="RANGEB", data=[0, 255] * number))
+    text = bag.writer.add_topic("/text", "std_msgs/msg/String")
+    bag.writer.write(text, bag_samples.string_message("late"), 2**63)
+    bag.writer.close()
+    reader = BagReader(tmp_path / "bag")
+    for batch in (1, 5000):
+        tables.BATCH, before = batch, tables.BATCH
+        try:
+            files, notes = tables.export_parquet(reader, tmp_path)
+        finally:
+            tables.BATCH = before
+        assert notes == [] and len(files) == 4
+    assert parquet.read_table(tmp_path / "tec.parquet")["stec_tecu"].to_pylist() == [
+        *([], [], [1.5, 2.5])
+    ]
+    assert parquet.read_table(tmp_path / "raw.parquet")["data"].to_pylist()[1] == [0, 255]
+    (level,) = parquet.read_table(tmp_path / "diagnostics.parquet")["status"].to_pylist()[2]
+    assert json.loads(level)["level"] == 1
+    assert parquet.read_table(tmp_path / "text.parquet")["log_time_ns"].to_pylist() == [2**63]
+
+
 def test_a_long_topic_is_written_in_batches(exported, monkeypatch, tmp_path):
     from vtff_bringup.export import tables
 

@@ -203,6 +203,18 @@ def test_clock_goes_before_each_message_where_none_is_recorded(graph, tmp_path):
     assert len(graph.of("/latched")) == 50
 
 
+def test_times_that_no_stamp_can_hold_are_replayed_without_clock(graph, tmp_path):
+    with BagWriter(tmp_path / "bag", steady_clock=lambda: 0.0) as writer:
+        number = writer.add_topic("/plain", "std_msgs/msg/String", [offered_qos()])
+        for index in range(5):
+            writer.write(number, bag_samples.string_message(str(index)), 2**62 + index)
+    graph.listen_to_all()
+    graph.start(tmp_path / "bag", delay=0.3)
+    graph.play()
+    assert graph.of("/plain") == recorded(tmp_path / "bag", "/plain")
+    assert graph.of("/clock") == []
+
+
 def test_no_clock_where_none_is_wanted(graph, recording):
     graph.listen_to_all()
     graph.start(recording, rate=1e6, exclude_topics=["/clock"], publish_clock=False)

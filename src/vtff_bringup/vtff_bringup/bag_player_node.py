@@ -32,6 +32,9 @@ POLL_INTERVAL = 0.001  # s of wall time between looks at what is due
 STATE_INTERVAL = 0.2  # s of wall time between messages on ~/state
 DIAGNOSTICS_TOPIC = "/diagnostics"
 
+#: Later times do not fit a ROS stamp (2038-01-19); a foreign or damaged bag may have them.
+LATEST_STAMP = (2**31 - 1) * 1_000_000_000
+
 #: After this many messages on a topic its readers are waited for: a publisher keeps only its
 #: newest `HISTORY_DEPTH`, and a fast replay would overwrite what a slow reader has not got.
 ACKNOWLEDGED_EVERY = HISTORY_DEPTH // 4
@@ -213,14 +216,16 @@ class BagPlayerNode(VtffNode):
                 continue
             profile = PUBLISH if lockstep else publisher_profile(topic.offered_qos_profiles)
             self._replayed[name] = self.publisher(message_class(topic.type), name, profile)
-        if clock and not selection.has_clock:
+        if clock and self.reader.end_time > LATEST_STAMP:
+            self.get_logger().warning("no /clock: the bag has times after 2038")
+        elif clock and not selection.has_clock:
             self._clock_publisher = self.publisher(Clock, CLOCK_TOPIC)
 
     def publish_recorded(self, message: RawMessage) -> None:
         """Publish a recorded message as its bytes are, after a /clock where none is recorded."""
         if self._clock_publisher is not None and not self.lockstep:
             self.publish_clock(message.log_time)
-        self.scenario_nanoseconds = message.log_time
+        self.scenario_nanoseconds = min(message.log_time, LATEST_STAMP)
         publisher = self._replayed[message.topic]
         publisher.publish(message.serialized)
         self._messages_sent += 1

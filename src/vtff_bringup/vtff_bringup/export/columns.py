@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import array
+import json
+import re
 from collections.abc import Iterable
 from typing import Any
 
@@ -12,6 +14,10 @@ LOG_TIME_COLUMN = "log_time_ns"
 
 #: A fixed array up to this long becomes one column an element; 36 is a covariance of six.
 LONGEST_FIXED = 36
+
+_SEQUENCE = re.compile(r"^sequence<(.+?)(?:, \d+)?>$")
+_FIXED = re.compile(r"^(.+)\[\d+\]$")
+_ANYTHING = re.compile(r"^(.+)$")
 
 
 def message_columns(messages: Iterable[tuple[int, Any]]) -> dict[str, list[Any]]:
@@ -39,6 +45,39 @@ def message_columns(messages: Iterable[tuple[int, Any]]) -> dict[str, list[Any]]
             if len(column) == row:
                 column.append(None)
     return columns
+
+
+def column_types(message: Any) -> dict[str, tuple[str, bool]]:
+    """Return the type of each column of `message_columns`, in the same order.
+
+    Parameters
+    ----------
+    message
+        Any message of the type, for example a new one.
+
+    Returns
+    -------
+    dict
+        Column -> name of the element type as ROS tells it (``double``, ``uint8``, ``string``,
+        ...), and whether the column holds lists. A list of messages is one of texts (JSON).
+    """
+    return {LOG_TIME_COLUMN: ("uint64", False), **dict(_types("", message))}
+
+
+def _types(prefix: str, message: Any) -> Iterable[tuple[str, tuple[str, bool]]]:
+    for field, declared in message.get_fields_and_field_types().items():
+        name, value = f"{prefix}{field}", getattr(message, field)
+        sequence, fixed = _SEQUENCE.match(declared), _FIXED.match(declared)
+        element = (sequence or fixed or _ANYTHING.match(declared))[1]  # type: ignore[index]
+        kind = "string" if "string" in element or "/" in element else element
+        if _is_time(value):
+            yield f"{name}_ns", ("int64", False)
+        elif hasattr(value, "get_fields_and_field_types"):
+            yield from _types(f"{name}.", value)
+        elif isinstance(value, np.ndarray) and value.size <= LONGEST_FIXED:
+            yield from ((f"{name}[{i}]", (kind, False)) for i in range(value.size))
+        else:
+            yield name, (kind, bool(sequence or fixed))
 
 
 def exploded(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
@@ -98,9 +137,9 @@ def _plain(value: Any) -> Any:
 
 
 def _plain_item(item: Any) -> Any:
-    """Return an element of a list; a nested message becomes a mapping."""
+    """Return an element of a list; a nested message becomes a JSON text."""
     if hasattr(item, "get_fields_and_field_types"):
-        return dict(_flat("", item))
+        return json.dumps(dict(_flat("", item)), ensure_ascii=False)
     return _plain(item)
 
 

@@ -10,11 +10,19 @@ from typing import Any
 from vtff_bringup.bag.errors import BagReadError, UnknownTypeError
 from vtff_bringup.bag.message_definitions import message_class
 from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.export.columns import exploded, message_columns
+from vtff_bringup.export.columns import column_types, exploded, message_columns
 from vtff_bringup.report.summary import key_part
 
 #: Messages turned into rows at once: bounds the memory of a long bag.
 BATCH = 5000
+
+#: Element type of a ROS field -> name of the type in pyarrow.
+_ARROW_TYPES = {
+    **{name: name for name in ("int8", "int16", "int32", "int64")},
+    **{name: name for name in ("uint8", "uint16", "uint32", "uint64", "string")},
+    **{"boolean": "bool_", "octet": "uint8", "char": "uint8", "float": "float32"},
+    **{"double": "float64"},
+}
 
 Progress = Callable[[str], None]
 
@@ -55,7 +63,7 @@ def _export(
     reader: BagReader,
     folder: pathlib.Path,
     suffix: str,
-    write: Callable[[pathlib.Path, Iterator[dict[str, list[Any]]]], None],
+    write: Callable[[pathlib.Path, Iterator[dict[str, list[Any]]], Any], None],
     progress: Progress | None,
 ) -> tuple[list[pathlib.Path], list[str]]:
     files, notes = [], []
@@ -63,7 +71,7 @@ def _export(
         if not topic.message_count:
             continue
         try:
-            message_class(topic.type)
+            class_of_topic = message_class(topic.type)
         except UnknownTypeError as error:
             notes.append(f"{name} is left out: {error}")
             continue
@@ -71,7 +79,7 @@ def _export(
             progress(name)
         path = folder / f"{key_part(name)}{suffix}"
         try:
-            write(path, _batches(reader, name))
+            write(path, _batches(reader, name), class_of_topic())
         except BagReadError as error:
             notes.append(str(error))
         if path.exists():
@@ -90,32 +98,30 @@ def _batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]]]:
         yield message_columns(batch)
 
 
-def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]]) -> None:
+def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         # repr gives the shortest text that reads back as the same number.
         writer = csv.writer(file)
-        head: list[str] = []
+        head = list(column_types(example))
+        writer.writerow(head)
         for batch in batches:
             columns = exploded(batch)
-            if not head:
-                head = list(columns)
-                writer.writerow(head)
             writer.writerows(zip(*(columns[name] for name in head), strict=True))
 
 
-def _write_parquet(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]]) -> None:
+def _write_parquet(
+    path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any
+) -> None:
     import pyarrow
     import pyarrow.parquet
 
-    writer = None
-    try:
+    # From the definition, not from the first rows: their lists may be empty.
+    kinds = {name: getattr(pyarrow, kind)() for name, kind in _ARROW_TYPES.items()}
+    fields = [
+        (name, pyarrow.list_(kinds[kind]) if is_list else kinds[kind])
+        for name, (kind, is_list) in column_types(example).items()
+    ]
+    schema = pyarrow.schema(fields)
+    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
         for batch in batches:
-            if writer is None:
-                table = pyarrow.table(batch)
-                writer = pyarrow.parquet.ParquetWriter(path, table.schema)
-            else:
-                table = pyarrow.table(batch, schema=writer.schema)
-            writer.write_table(table)
-    finally:
-        if writer is not None:
-            writer.close()
+            writer.write_table(pyarrow.table(batch, schema=schema))
