@@ -52,14 +52,17 @@ class EphemerisStore:
         healthy_only: bool = True,
     ) -> None:
         self._healthy_only = healthy_only
-        self._sets: dict[tuple[int, int], list[BroadcastEphemeris]] = {}
+        # With their validity, which is asked for at every change of any satellite.
+        self._sets: dict[tuple[int, int], list[tuple[GpsTime, GpsTime, BroadcastEphemeris]]] = {}
         changes: set[GpsTime] = set()
         for ephemeris in ephemerides:
             if ephemeris.source in sources:
-                self._sets.setdefault((ephemeris.system, ephemeris.prn), []).append(ephemeris)
-                changes.update(validity_interval(ephemeris))
+                start, end = validity_interval(ephemeris)
+                satellite = (ephemeris.system, ephemeris.prn)
+                self._sets.setdefault(satellite, []).append((start, end, ephemeris))
+                changes.update((start, end))
         for sets in self._sets.values():
-            sets.sort(key=lambda e: (e.time_of_ephemeris, e.time))
+            sets.sort(key=lambda entry: (entry[2].time_of_ephemeris, entry[2].time))
         self._changes = sorted(changes)
         self._interval: int | None = None
         self._table = EphemerisTable(())
@@ -70,8 +73,7 @@ class EphemerisStore:
 
     def ephemeris(self, system: int, prn: int, time: GpsTime) -> BroadcastEphemeris | None:
         """Return the set of one satellite to be used at `time`, or None."""
-        for ephemeris in reversed(self._sets.get((system, prn), [])):
-            start, end = validity_interval(ephemeris)
+        for start, end, ephemeris in reversed(self._sets.get((system, prn), [])):
             if start <= time < end:
                 return None if self._healthy_only and ephemeris.health else ephemeris
         return None
