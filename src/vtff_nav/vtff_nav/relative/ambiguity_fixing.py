@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -137,7 +138,7 @@ def _half_cycles(
     references: dict[tuple[int, int, int], Arc],
     floats: FloatArray,
     covariance: FloatArray,
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[npt.NDArray[np.bool_], FloatArray]:
     """Return which ambiguities are certain by prediction alone, and their (half) integers.
 
     Only against a bias that is known already: each ambiguity is then predicted to a few

@@ -15,7 +15,6 @@ from collections.abc import Iterable
 
 import numpy as np
 import numpy.typing as npt
-from scipy.special import gammaincc
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames import state_itrf_to_gcrf
@@ -25,22 +24,14 @@ from vtff_gnss.broadcast_orbit import EphemerisTable
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.observations import ObservationEpoch
-from vtff_nav.relative.ambiguity_arcs import ArcBook
-from vtff_nav.relative.ambiguity_fixing import FixAttempt, fix_ambiguities
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps_model import (
-    DENSITY_UNIT,
-    Sky,
-    code_biases,
-    measurement_innovation,
-    sky_of,
-)
+from vtff_nav.relative.cdgps_filter import RelativeFilter, Update
+from vtff_nav.relative.cdgps_model import sky_of
 from vtff_nav.relative.cdgps_output import (
     ambiguity_table,
     differential_tec_table,
     relative_rtn,
 )
-from vtff_nav.relative.cdgps_state import GaussianState, Innovation
 from vtff_nav.relative.dynamics import (
     DYNAMIC_STATES,
     OrbitalMotion,
@@ -49,44 +40,33 @@ from vtff_nav.relative.dynamics import (
 )
 from vtff_nav.relative.measurements import (
     Geometry,
-    SignalKey,
     SignalReader,
     SignalTable,
     SingleDifferences,
     geometry,
+    median,
     satellite_mask,
     satellite_rows,
     single_differences,
 )
-from vtff_nav.relative.orbit_filter import AbsoluteFilter, combinations, single_point
+from vtff_nav.relative.orbit_filter import AbsoluteFilter
+from vtff_nav.relative.orbit_single_point import combinations, single_point
 from vtff_nav.relative.solution import (
-    SOLUTION_CODE,
     SOLUTION_FIXED,
-    SOLUTION_FLOAT,
     SOLUTION_PREDICTED,
-    AmbiguityTable,
-    DifferentialTecTable,
     LaserMeasurement,
     RelativeSolution,
 )
 
 __all__ = ["CdgpsEstimator"]
 
-# Start values of what is not known at all; far above what happens, far below lost digits.
-_UNKNOWN_AMBIGUITY_SIGMA = 10.0
-_UNKNOWN_CODE_BIAS_SIGMA = 20.0
+# Codes begin both the state and its first update: the start counts for little.
 _START_INFLATION = 25.0
 _START_VELOCITY_SIGMA = 30.0
 
 # The clocks used for the times of reception are set anew beyond this, s: below, their error is
 # corrected exactly enough by the derivative of the range.
 _CLOCK_TOLERANCE = 3e-7
-
-# Sigmas added to the motion when it is not what was predicted: m, m/s.
-_SURPRISE_SIGMAS = (10.0, 1.0)
-_DETECTION_PASSES = 6
-_GLOBAL_FAILURES = 2
-_FEWEST_FIXED_SATELLITES = 4
 
 
 class CdgpsEstimator:
@@ -126,12 +106,7 @@ class CdgpsEstimator:
 
     def _start_anew(self) -> None:
         """Forget the relative state."""
-        self._state: GaussianState | None = None
-        self._arcs = ArcBook()
-        self._code_reference: tuple[int, int, int] | None = None
-        self._clock = 0.0
-        self._global_failures = 0
-        self._attempt = FixAttempt((), 0.0, 0.0, "")
+        self._relative: RelativeFilter | None = None
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
         """Take a broadcast ephemeris; repetitions cost nothing."""
@@ -184,7 +159,7 @@ class CdgpsEstimator:
             self.reset()
             self._time = time
         reasons = self._start(time, (chief, deputy), signals, table)
-        if self._absolute.state is None or self._state is None:
+        if self._absolute.state is None or self._relative is None:
             return RelativeSolution.none(time, tuple(reasons), self._age(time))
         return self._use(time, interval, (chief, deputy), signals, table, laser)
 
@@ -233,7 +208,7 @@ class CdgpsEstimator:
                 return ["no observations of the chief"]
             if not self._absolute.start(time, chief.time, signals[0], table):
                 return ["the chief has no position: too few satellites or no velocity yet"]
-        if self._state is not None:
+        if self._relative is not None:
             return []
         if deputy is None or signals[1] is None:
             return ["no observations of the deputy"]
@@ -259,37 +234,23 @@ class CdgpsEstimator:
         if self.configuration.dynamics == "orbital":
             sigma = self.configuration.noise_relative.empirical_sigma
             covariance[6:, 6:] = sigma**2 * np.eye(3)
-        labels = [("motion", index) for index in range(DYNAMIC_STATES)]
-        self._state = GaussianState(labels, mean, covariance)
-        self._clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
-        if self.configuration.has_plasma:
-            for layer, sigma in enumerate(self.configuration.layer_sigmas):
-                self._state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
+        clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
+        self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
         return []
 
     def _predict(self, time: GpsTime, interval: float) -> None:
         """Propagate both filters from `time` on."""
-        absolute, state, configuration = self._absolute, self._state, self.configuration
-        relative = state.mean[:DYNAMIC_STATES] if state is not None else np.zeros(DYNAMIC_STATES)
+        absolute = self._absolute
+        relative = np.zeros(DYNAMIC_STATES)
+        if self._relative is not None:
+            relative = self._relative.state.mean[:DYNAMIC_STATES]
         end = time + interval
         thrust = [t for t in self._thrust if t.start < end and t.end > time]
         self._thrust = [t for t in self._thrust if t.end > end]
         predicted = self._motion.predict(time, interval, absolute.mean, relative, thrust)
         absolute.predict(predicted.chief, predicted.transition_chief, predicted.noise_chief)
-        if state is None:
-            return
-        state.predict_leading(
-            predicted.relative, predicted.transition_relative, predicted.noise_relative
-        )
-        if configuration.has_plasma:
-            decay = math.exp(-interval / configuration.electron_density_time)
-            for layer, sigma in enumerate(configuration.layer_sigmas):
-                variance = (sigma / DENSITY_UNIT) ** 2
-                state.predict_gauss_markov(("plasma", layer), decay, variance)
-        walk = configuration.receiver_bias_walk**2 * interval
-        for label in state.labels:
-            if label[0] in ("code_bias", "phase_bias"):
-                state.add_noise(label, walk)
+        if self._relative is not None:
+            self._relative.predict(predicted, interval)
 
     def _use(
         self,
@@ -322,22 +283,29 @@ class CdgpsEstimator:
             shift = seen.direction @ (self._absolute.mean[:3] - before)
             seen = dataclasses.replace(seen, range=seen.range - shift)
         if seen is None or signals[0] is None or signals[1] is None:
-            return self._solution(time, None, None, None, degraded, {}, laser)
+            return self._solution(time, None, degraded, None)
         measured = single_differences(signals[0], signals[1])
         rows = seen.rows(measured.satellite)
         mask = math.radians(self.configuration.elevation_mask_deg)
         measured = _taken(measured, np.flatnonzero(seen.elevation[0, rows] > mask))
         if not len(measured):
             degraded.append("no satellite in common view")
-            return self._solution(time, None, None, None, degraded, {}, laser)
+            return self._solution(time, None, degraded, None)
         sky = sky_of(measured, seen, states[:, :3], self.configuration)
-        return self._update(time, interval, measured, sky, degraded, laser)
+        assert self._relative is not None
+        update = self._relative.update(time, interval, measured, sky, laser)
+        self._last_update = time
+        if update.has_failed:
+            self._start_anew()
+            reason = "innovations too large: starting anew"
+            return RelativeSolution.none(time, (reason,), self._age(time))
+        return self._solution(time, update, degraded, laser)
 
     def _states_itrf(self, time: GpsTime) -> FloatArray:
         """Return position and Earth-fixed velocity of both, shape (2, 6)."""
-        assert self._state is not None
+        assert self._relative is not None
         chief = self._absolute.mean[:6]
-        deputy = chief + self._state.mean[:6]
+        deputy = chief + self._relative.state.mean[:6]
         return np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
 
     def _synchronised(
@@ -350,7 +318,8 @@ class CdgpsEstimator:
     ) -> Geometry:
         """Return the lines of sight at the true times of reception; sets the clocks."""
         to_itrf = self._motion.to_itrf(time)
-        clocks = [self._absolute.clock, self._absolute.clock + self._clock]
+        assert self._relative is not None
+        clocks = [self._absolute.clock, self._absolute.clock + self._relative.clock]
         for _ in range(3):
             offsets = np.array(
                 [
@@ -369,188 +338,20 @@ class CdgpsEstimator:
             if not changed:
                 break
         self._absolute.clock = clocks[0]
-        self._clock = clocks[1] - clocks[0]
+        self._relative.clock = clocks[1] - clocks[0]
         return seen
-
-    def _update(
-        self,
-        time: GpsTime,
-        interval: float,
-        measured: SingleDifferences,
-        sky: Sky,
-        degraded: list[str],
-        laser: LaserMeasurement | None,
-    ) -> RelativeSolution:
-        """Use single differences."""
-        state = self._state
-        assert state is not None
-        excluded: dict[SignalKey, str] = {}
-        for key, reason in self._arcs.broken(time, measured, interval).items():
-            self._end_arc(key)
-            if reason != "not seen any more":
-                excluded[key] = reason
-        if laser is not None and ("laser_latency",) not in state:
-            state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
-        clock = SPEED_OF_LIGHT * self._clock
-        self._begin_arcs(time, measured, sky)
-        innovation = self._without_faults(time, measured, sky, clock, laser, excluded, degraded)
-        state.update(innovation)
-        nuisance = innovation.nuisance_gain @ innovation.values
-        self._clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
-        self._arcs.keep(time, measured)
-        self._last_update = time
-        if self._has_failed(innovation):
-            self._start_anew()
-            return RelativeSolution.none(
-                time, ("innovations too large: starting anew",), self._age(time)
-            )
-        fixed = self._fix(time, measured, sky, innovation)
-        return self._solution(time, measured, sky, innovation, degraded, excluded, laser, fixed)
-
-    def _begin_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
-        """Add arcs and states for signals that have none."""
-        state = self._state
-        assert state is not None
-        if all(key in self._arcs for key in measured.keys):
-            return
-        clock = _median(measured.code - sky.predicted - code_biases(state, measured))
-        for row, key in enumerate(measured.keys):
-            if key in self._arcs:
-                continue
-            if self._code_reference is None:
-                self._code_reference = key.group
-            label = ("code_bias", key.group)
-            if key.group != self._code_reference and label not in state:
-                state.add(label, 0.0, _UNKNOWN_CODE_BIAS_SIGMA**2)
-            expected = float(sky.predicted[row] + clock)
-            arc = self._arcs.start(time, measured, row, expected)
-            wavelength = float(measured.wavelength[row])
-            mean = arc.phase - wavelength * arc.offset_cycles - expected
-            state.add(("ambiguity", key), mean, _UNKNOWN_AMBIGUITY_SIGMA**2)
-
-    def _end_arc(self, key: SignalKey) -> None:
-        """Forget an arc, its state, and the bias of its signal if no integer rests on it."""
-        state = self._state
-        assert state is not None
-        had_integer = key in self._arcs and self._arcs[key].integer is not None
-        self._arcs.end(key)
-        state.remove([("ambiguity", key)])
-        if had_integer and key.group not in self._arcs.fixed_groups():
-            state.remove([("phase_bias", key.group)])
-
-    def _without_faults(
-        self,
-        time: GpsTime,
-        measured: SingleDifferences,
-        sky: Sky,
-        clock: float,
-        laser: LaserMeasurement | None,
-        excluded: dict[SignalKey, str],
-        degraded: list[str],
-    ) -> Innovation:
-        """Return the innovation without faulty measurements.
-
-        A phase that does not fit begins a new arc: at worst its ambiguity is decided anew. If many
-        do not fit, it is the motion that is not what was predicted.
-        """
-        state = self._state
-        assert state is not None
-        count = len(measured)
-        was_surprised = False
-        for _ in range(_DETECTION_PASSES):
-            innovation = measurement_innovation(state, self._arcs, measured, sky, clock, laser)
-            self._leave_out_faults(innovation)
-            left_out = np.flatnonzero(~innovation.is_used).tolist()
-            slipped = [index - count for index in left_out if count <= index < 2 * count]
-            if len(slipped) > max(2, count // 4) and not was_surprised:
-                was_surprised = True
-                degraded.append("the motion was not as predicted")
-                for axis in range(6):
-                    sigma = _SURPRISE_SIGMAS[axis // 3]
-                    if self.configuration.dynamics != "static":
-                        state.add_noise(("motion", axis), sigma**2)
-                continue
-            for row in slipped:
-                key = measured.keys[row]
-                excluded[key] = "cycle slip"
-                self._end_arc(key)
-            if not slipped:
-                break
-            self._begin_arcs(time, measured, sky)
-        for index in left_out:
-            if index < count:
-                excluded.setdefault(measured.keys[index], "code outlier")
-            elif index == 2 * count:
-                degraded.append("laser range left out")
-        return innovation
-
-    def _leave_out_faults(self, innovation: Innovation) -> None:
-        """Leave out one measurement after the other until none is a fault."""
-        limit = self.configuration.fault_sigmas
-        while innovation.degrees_of_freedom > 0:
-            normalised = np.abs(innovation.normalised)
-            worst = int(normalised.argmax())
-            if normalised[worst] <= limit:
-                return
-            innovation.leave_out(worst)
-
-    def _has_failed(self, innovation: Innovation) -> bool:
-        """Return whether the innovations of consecutive epochs are too large as a whole."""
-        freedom = innovation.degrees_of_freedom
-        if freedom <= 0:
-            return False
-        probability = float(gammaincc(0.5 * freedom, 0.5 * max(innovation.squared_norm, 0.0)))
-        is_bad = probability < self.configuration.global_probability
-        self._global_failures = self._global_failures + 1 if is_bad else 0
-        return self._global_failures >= _GLOBAL_FAILURES
-
-    def _fix(
-        self,
-        time: GpsTime,
-        measured: SingleDifferences,
-        sky: Sky,
-        innovation: Innovation,
-    ) -> set[object]:
-        """Make integers of what is certain; return the signals fixed at this epoch."""
-        state, configuration = self._state, self.configuration
-        assert state is not None
-        count = len(measured)
-        is_used = innovation.is_used[count : 2 * count]
-        candidates = [
-            self._arcs[key]
-            for row, key in enumerate(measured.keys)
-            if is_used[row] and measured.is_parity_known[row] and self._arcs[key].integer is None
-        ]
-        if not candidates:
-            return set()
-        wavelength = dict(zip(measured.keys, measured.wavelength.tolist(), strict=True))
-        elevation = dict(zip(measured.keys, sky.elevation.tolist(), strict=True))
-        self._attempt = fix_ambiguities(
-            state,
-            time,
-            candidates,
-            wavelength,
-            elevation,
-            configuration.success_rate,
-            configuration.failure_rate,
-            configuration.smallest_ratio,
-        )
-        return set(self._attempt.fixed)
 
     def _solution(
         self,
         time: GpsTime,
-        measured: SingleDifferences | None,
-        sky: Sky | None,
-        innovation: Innovation | None,
+        update: Update | None,
         degraded: list[str],
-        excluded: dict[SignalKey, str],
-        laser: LaserMeasurement | None = None,
-        fixed: set[object] | None = None,
+        laser: LaserMeasurement | None,
     ) -> RelativeSolution:
-        """Return the solution of an epoch."""
-        state, absolute = self._state, self._absolute
-        assert state is not None
+        """Return the solution of an epoch; without `update` it is predicted."""
+        filter_, absolute = self._relative, self._absolute
+        assert filter_ is not None
+        state = filter_.state
         chief, relative = self._gcrf(time)
         covariance_chief, covariance = absolute.covariance, state.covariance[:6, :6]
         if self.configuration.dynamics != "orbital":
@@ -559,30 +360,11 @@ class CdgpsEstimator:
             covariance = both @ covariance @ both.T
         state_rtn, covariance_rtn = relative_rtn(chief, relative, covariance_chief, covariance)
         to_itrf = self._motion.to_itrf(time)
-        kind, satellites, integers = self._kind(measured, innovation)
-        if kind < SOLUTION_FIXED and measured is not None and self._attempt.reason:
-            degraded.append(f"ambiguities: {self._attempt.reason}")
-        statistics = _statistics(innovation)
-        ambiguities, tec = AmbiguityTable(), DifferentialTecTable()
-        if measured is not None and sky is not None and innovation is not None:
-            count = len(measured)
-            sigmas = np.sqrt(innovation.variances[count : 2 * count])
-            ambiguities = ambiguity_table(state, self._arcs, measured, sigmas, fixed or set())
-            tec = differential_tec_table(state, self._arcs, measured, sky)
-        extras: dict[str, float] = {}
-        layers = [k for k, label in enumerate(state.labels) if label[0] == "plasma"]
-        if layers:
-            variance = float(state.covariance[np.ix_(layers, layers)].sum())
-            extras["local_electron_density"] = DENSITY_UNIT * float(state.mean[layers].sum())
-            extras["local_electron_density_sigma"] = DENSITY_UNIT * math.sqrt(variance)
-        if ("laser_latency",) in state:
-            extras["laser_latency"] = state.value(("laser_latency",))
-            extras["laser_latency_sigma"] = state.sigma(("laser_latency",))
-            if laser is not None:
-                extras["laser_residual"] = self._laser_residual(laser)
-        return RelativeSolution(
+        density, density_sigma = filter_.local_density()
+        latency, latency_sigma, residual = filter_.laser(laser)
+        predicted = RelativeSolution(
             time=time,
-            solution=kind,
+            solution=SOLUTION_PREDICTED,
             position_rtn=state_rtn[:3],
             velocity_rtn=state_rtn[3:],
             covariance_rtn=covariance_rtn,
@@ -591,55 +373,54 @@ class CdgpsEstimator:
             position_chief_gcrf=chief[:3],
             velocity_chief_gcrf=chief[3:],
             covariance_chief_gcrf=covariance_chief,
-            satellites_used=satellites,
-            ambiguities_fixed=integers,
-            ratio=self._attempt.ratio,
-            success_rate=self._attempt.success_rate,
-            innovation_rms=statistics[0],
-            normalised_innovation_squared=statistics[1],
-            innovation_count=statistics[2],
             age=self._age(time),
-            ambiguities=ambiguities,
-            differential_tec=tec,
-            clock_difference=self._clock,
+            local_electron_density=density,
+            local_electron_density_sigma=density_sigma,
+            clock_difference=filter_.clock,
             degraded=tuple(degraded),
-            excluded=tuple(f"{key}: {reason}" for key, reason in excluded.items()),
-            **extras,
+            laser_latency=latency,
+            laser_latency_sigma=latency_sigma,
+            laser_residual=residual,
         )
+        return predicted if update is None else _updated(predicted, filter_, update)
 
     def _gcrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray]:
         """Return chief and difference in GCRF, each (6,)."""
-        assert self._state is not None
-        chief, relative = self._absolute.mean[:6], self._state.mean[:6]
+        assert self._relative is not None
+        chief, relative = self._absolute.mean[:6], self._relative.state.mean[:6]
         if self.configuration.dynamics == "orbital":
             return chief.copy(), relative.copy()
         first = state_itrf_to_gcrf(time, chief)
         return first, state_itrf_to_gcrf(time, chief + relative) - first
 
-    def _kind(
-        self, measured: SingleDifferences | None, innovation: Innovation | None
-    ) -> tuple[int, int, int]:
-        """Return the kind of the solution, the satellites used and the integers it rests on."""
-        if measured is None or innovation is None:
-            return SOLUTION_PREDICTED, 0, 0
-        count = len(measured)
-        code_used = innovation.is_used[:count]
-        phase_used = innovation.is_used[count : 2 * count]
-        satellites = len(np.unique(measured.satellite[code_used | phase_used]))
-        used = [key for key, is_used in zip(measured.keys, phase_used, strict=True) if is_used]
-        with_integer = [key for key in used if self._arcs[key].integer is not None]
-        if len({key.satellite for key in with_integer}) >= _FEWEST_FIXED_SATELLITES:
-            return SOLUTION_FIXED, satellites, len(with_integer)
-        kind = SOLUTION_FLOAT if used else SOLUTION_CODE
-        return kind, satellites, len(with_integer)
 
-    def _laser_residual(self, laser: LaserMeasurement) -> float:
-        """Return the range measured less that of the state with its latency, m."""
-        assert self._state is not None
-        position, velocity = self._state.mean[:3], self._state.mean[3:6]
-        distance = float(np.linalg.norm(position))
-        latency = self._state.value(("laser_latency",))
-        return laser.range - distance - latency * float(position @ velocity) / distance
+def _updated(
+    predicted: RelativeSolution, filter_: RelativeFilter, update: Update
+) -> RelativeSolution:
+    """Return a solution with what is known of the measurements it rests on."""
+    kind, satellites, integers = filter_.kind(update)
+    degraded = [*predicted.degraded, *update.degraded]
+    if kind < SOLUTION_FIXED and filter_.attempt.reason:
+        degraded.append(f"ambiguities: {filter_.attempt.reason}")
+    rms, squared, freedom = update.statistics
+    measured, state, arcs = update.measured, filter_.state, filter_.arcs
+    count = len(measured)
+    sigmas = np.sqrt(update.innovation.variances[count : 2 * count])
+    return dataclasses.replace(
+        predicted,
+        solution=kind,
+        satellites_used=satellites,
+        ambiguities_fixed=integers,
+        ratio=filter_.attempt.ratio,
+        success_rate=filter_.attempt.success_rate,
+        innovation_rms=rms,
+        normalised_innovation_squared=squared,
+        innovation_count=freedom,
+        ambiguities=ambiguity_table(state, arcs, measured, sigmas, update.fixed),
+        differential_tec=differential_tec_table(state, arcs, measured, update.sky),
+        degraded=tuple(degraded),
+        excluded=tuple(f"{key}: {reason}" for key, reason in update.excluded.items()),
+    )
 
 
 def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMotion:
@@ -671,20 +452,4 @@ def _code_clock(signals: SignalTable, seen: Geometry, receiver: int) -> float:
     """Return the receiver clock that codes tell, s; good to the ionosphere."""
     rows = seen.rows(signals.satellite)
     residual = signals.pseudorange - seen.range[receiver, rows] + seen.clock[receiver, rows]
-    return _median(residual) / SPEED_OF_LIGHT
-
-
-def _median(values: FloatArray) -> float:
-    """Return the (upper) median; `numpy.median` takes ten times as long on so few numbers."""
-    ordered = sorted(values.tolist())
-    return ordered[len(ordered) // 2]
-
-
-def _statistics(innovation: Innovation | None) -> tuple[float, float, int]:
-    """Return the normalised RMS, the normalised square and its degrees of freedom."""
-    if innovation is None or innovation.degrees_of_freedom <= 0:
-        return 0.0, 0.0, 0
-    normalised = innovation.normalised
-    count = np.count_nonzero(innovation.is_used)
-    rms = math.sqrt(float(normalised @ normalised) / count)
-    return rms, innovation.squared_norm, innovation.degrees_of_freedom
+    return median(residual) / SPEED_OF_LIGHT

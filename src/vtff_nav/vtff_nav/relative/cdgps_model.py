@@ -16,7 +16,7 @@ from vtff_nav.relative.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps_state import GaussianState, Innovation
 from vtff_nav.relative.measurements import Geometry, SingleDifferences
-from vtff_nav.relative.orbit_filter import troposphere_delay
+from vtff_nav.relative.orbit_single_point import troposphere_delay
 from vtff_nav.relative.solution import LaserMeasurement
 
 __all__ = [
@@ -139,7 +139,7 @@ def plasma_paths(
     for thickness in layers:
         path = np.sqrt((radius + thickness) ** 2 - perigee_squared) - down
         columns.append(path[1] - path[0])
-    return np.array(columns).T * (DENSITY_UNIT / ELECTRONS_PER_TECU)
+    return np.asarray(np.array(columns).T * (DENSITY_UNIT / ELECTRONS_PER_TECU))
 
 
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from vtff_dynamics.frames import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, cross, norm, skew
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps_model import Sky
 from vtff_nav.relative.cdgps_state import GaussianState
-from vtff_nav.relative.measurements import SingleDifferences
+from vtff_nav.relative.measurements import SignalKey, SingleDifferences
 from vtff_nav.relative.solution import (
     AMBIGUITY_FIXED,
     AMBIGUITY_FLOAT,
@@ -68,7 +69,7 @@ def ambiguity_table(
     arcs: ArcBook,
     measured: SingleDifferences,
     sigmas: FloatArray,
-    is_new: set[object],
+    is_new: set[SignalKey],
 ) -> AmbiguityTable:
     """Return the ambiguities of the signals of an epoch.
 
@@ -84,7 +85,7 @@ def ambiguity_table(
     """
     groups = arcs.fixed_groups()
     references = {group: members[0] for group, members in groups.items()}
-    rows = []
+    rows: list[tuple[SignalKey, int, float, float, int, GpsTime | None]] = []
     for row, key in enumerate(measured.keys):
         arc = arcs[key]
         wavelength = float(measured.wavelength[row])

@@ -6,8 +6,9 @@ update is that of an infinite prior variance, without the loss of digits of a la
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -15,7 +16,10 @@ from scipy.linalg import lapack
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["GaussianState", "Innovation"]
+__all__ = ["GaussianState", "Innovation", "Label"]
+
+Label = tuple[Any, ...]
+"""Name of a member: what it is, and of what, such as ``("phase_bias", group)``."""
 
 
 @dataclass(eq=False)
@@ -88,13 +92,13 @@ class GaussianState:
 
     Parameters
     ----------
-    labels : sequence of hashable
+    labels : sequence of Label
     mean : array_like, shape (n,)
     covariance : array_like, shape (n, n)
     """
 
     def __init__(
-        self, labels: Sequence[Hashable], mean: npt.ArrayLike, covariance: npt.ArrayLike
+        self, labels: Sequence[Label], mean: npt.ArrayLike, covariance: npt.ArrayLike
     ) -> None:
         self.labels = list(labels)
         self.mean: FloatArray = np.array(mean, dtype=float)
@@ -108,24 +112,24 @@ class GaussianState:
         """Return the number of members."""
         return len(self.labels)
 
-    def __contains__(self, label: Hashable) -> bool:
+    def __contains__(self, label: Label) -> bool:
         """Return whether there is a member of that label."""
         return label in self._places
 
-    def index(self, label: Hashable) -> int:
+    def index(self, label: Label) -> int:
         """Return the place of a member."""
         return self._places[label]
 
-    def value(self, label: Hashable) -> float:
+    def value(self, label: Label) -> float:
         """Return the mean of a member."""
         return float(self.mean[self._places[label]])
 
-    def sigma(self, label: Hashable) -> float:
+    def sigma(self, label: Label) -> float:
         """Return the sigma of a member."""
         place = self._places[label]
         return float(np.sqrt(max(self.covariance[place, place], 0.0)))
 
-    def add(self, label: Hashable, mean: float, variance: float) -> None:
+    def add(self, label: Label, mean: float, variance: float) -> None:
         """Add a member that is independent of the others."""
         size = len(self.labels)
         covariance = np.zeros((size + 1, size + 1))
@@ -136,7 +140,7 @@ class GaussianState:
         self.labels.append(label)
         self._places[label] = size
 
-    def remove(self, labels: Iterable[Hashable]) -> None:
+    def remove(self, labels: Iterable[Label]) -> None:
         """Remove members (marginalise); labels that are absent are ignored."""
         gone = set(labels)
         kept = [place for place, label in enumerate(self.labels) if label not in gone]
@@ -146,7 +150,7 @@ class GaussianState:
             self.covariance = self.covariance[np.ix_(kept, kept)]
             self._number_labels()
 
-    def rename(self, old: Hashable, new: Hashable) -> None:
+    def rename(self, old: Label, new: Label) -> None:
         """Give a member another label."""
         self.labels[self._places[old]] = new
         self._number_labels()
@@ -160,7 +164,7 @@ class GaussianState:
         covariance[:, :count] = covariance[:, :count] @ transition.T
         covariance[:count, :count] += noise
 
-    def predict_gauss_markov(self, label: Hashable, decay: float, steady_variance: float) -> None:
+    def predict_gauss_markov(self, label: Label, decay: float, steady_variance: float) -> None:
         """Let a member of zero steady mean decay by a factor towards its steady variance."""
         place = self._places[label]
         self.mean[place] *= decay
@@ -168,7 +172,7 @@ class GaussianState:
         self.covariance[:, place] *= decay
         self.covariance[place, place] += (1.0 - decay**2) * steady_variance
 
-    def add_noise(self, label: Hashable, variance: float) -> None:
+    def add_noise(self, label: Label, variance: float) -> None:
         """Let a member walk randomly."""
         place = self._places[label]
         self.covariance[place, place] += variance

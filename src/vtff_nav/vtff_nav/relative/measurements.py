@@ -29,6 +29,7 @@ __all__ = [
     "SingleDifferences",
     "code_group_delay",
     "geometry",
+    "median",
     "satellite_mask",
     "satellite_rows",
     "signal_key",
@@ -418,3 +419,9 @@ def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
     galileo = second + (gamma - 1.0) * first if band == 5 else gamma * second
     delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * first)
     return SPEED_OF_LIGHT * delay
+
+
+def median(values: FloatArray) -> float:
+    """Return the (upper) median; `numpy.median` takes ten times as long on so few numbers."""
+    ordered: list[float] = sorted(values.tolist())
+    return ordered[len(ordered) // 2]
