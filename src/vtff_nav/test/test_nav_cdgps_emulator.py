@@ -118,6 +118,20 @@ def test_faults_do_no_harm():
         assert named == ("clock" not in case), case
 
 
+def test_slips_of_several_satellites_at_once():
+    """With L1 alone, four of eleven satellites: prediction and majority tell."""
+    slips = zip(("G01", "G03", "G07", "G08"), (1, -2, 5, 1), strict=True)
+    faults = [
+        Fault("slip", "deputy", FAULT_TIME, 0.0, satellite, "G1C", cycles=cycles)
+        for satellite, cycles in slips
+    ]
+    flight = fly(simulate(FAULT_TIME + 20, faults=faults), configuration(bands=L1))
+    assert flight.is_fixed[10:].all()
+    assert flight.error[60:].max() < 5e-3
+    excluded = flight.solutions[FAULT_TIME].excluded
+    assert {text[:3] for text in excluded if "slip" in text} == {"G01", "G03", "G07", "G08"}
+
+
 def test_outage():
     """60 s without satellites: predicted with honest sigma, back within 30 s."""
     faults = [Fault("outage", name, FAULT_TIME, duration=60.0) for name in ("chief", "deputy")]
@@ -151,12 +165,12 @@ def test_manoeuvre_at_the_cap():
 
 
 def test_thrust_that_nobody_told():
-    """An unknown manoeuvre is noticed, survived and left behind within 20 s."""
+    """An unknown manoeuvre is noticed, and survived without a wrong integer at its end."""
     scenario = simulate(FAULT_TIME + 60, thrust_rtn=manoeuvre)
     flight = fly(scenario, configuration(), knows_thrust=False)
     assert any(s.degraded for s in flight.solutions[FAULT_TIME : FAULT_TIME + 10])
     assert flight.is_fixed[FAULT_TIME + 20 :].all()
-    assert flight.error[FAULT_TIME + 30 :].max() < 2e-3
+    assert flight.error[FAULT_TIME + 20 :].max() < 5e-3
 
 
 def test_plasma_is_found():

@@ -213,8 +213,8 @@ class RelativeFilter:
     ) -> Innovation:
         """Return the innovation without faulty measurements.
 
-        A phase that does not fit begins a new arc: at worst its ambiguity is decided anew. If many
-        do not fit, it is the motion that is not what was predicted.
+        A phase that does not fit begins a new arc: at worst its ambiguity is decided anew. If those
+        of most satellites do not fit, it is the motion that is not what was predicted.
         """
         state = self.state
         count = len(measured)
@@ -224,7 +224,8 @@ class RelativeFilter:
             self._leave_out_faults(innovation)
             left_out = np.flatnonzero(~innovation.is_used).tolist()
             slipped = [index - count for index in left_out if count <= index < 2 * count]
-            if len(slipped) > max(2, count // 4) and not was_surprised:
+            satellites = np.unique(measured.satellite[slipped])
+            if 2 * len(satellites) > len(np.unique(measured.satellite)) and not was_surprised:
                 was_surprised = True
                 degraded.append("the motion was not as predicted")
                 for axis in range(6):
