@@ -29,7 +29,9 @@ class CdgpsConfiguration:
     force_model, force_model_deputy : ForceModel
         Forces on the chief, and on the deputy if they differ.
     noise_chief, noise_relative : MotionNoise
-        Process noise of the chief's motion and of the relative motion.
+        Process noise of the chief's motion and of the relative motion. That of the chief must
+        cover the forces left out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2 for J2 alone
+        (velocities of the chief wrong by 5 mm/s turn its RTN frame by 0.6 mm at 1 km).
     thrust_relative_sigma : float
         Error of the known thrust relative to its magnitude.
     measurement_noise : MeasurementNoise
@@ -77,7 +79,7 @@ class CdgpsConfiguration:
     position_chief_itrf: tuple[float, float, float] | None = None
     force_model: ForceModel = field(default_factory=ForceModel)
     force_model_deputy: ForceModel | None = None
-    noise_chief: MotionNoise = MotionNoise(empirical_sigma=1e-6)
+    noise_chief: MotionNoise = MotionNoise(empirical_sigma=5e-6)
     noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8)
     thrust_relative_sigma: float = 5e-4
     measurement_noise: MeasurementNoise = MeasurementNoise()
