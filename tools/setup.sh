@@ -187,6 +187,11 @@ COMMAND
   chmod +x "$venv/bin/vtff"
 }
 
+# The globe of `vtff view`. Everything else works without, so no failure here ends the set-up.
+install_viewer() {
+  tools/install_viewer.sh --quiet-retry || true
+}
+
 # Two set-ups at once would delete each other's work; the second waits, and then finds it done.
 wait_for_others() {
   command -v flock >/dev/null || return 0
@@ -208,3 +213,4 @@ if ! workspace_is_built; then
   check_machine
   build_workspace
 fi
+install_viewer

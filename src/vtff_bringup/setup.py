@@ -28,7 +28,7 @@ setup(
             )
         ),
     ],
-    package_data={package_name: ["py.typed", "report/report.css"]},
+    package_data={package_name: ["py.typed", "report/report.css", "view/web/**"]},
     install_requires=["setuptools"],
     zip_safe=True,
     maintainer="vtff developers",

@@ -27,6 +27,7 @@ def make_app() -> typer.Typer:
         run,
         study,
         tec,
+        view,
     )
 
     app = typer.Typer(
@@ -43,6 +44,7 @@ def make_app() -> typer.Typer:
     app.command("report", no_args_is_help=True)(report.report)
     app.command("compare", no_args_is_help=True)(compare.compare)
     app.command("export", no_args_is_help=True)(export.export)
+    app.command("view", no_args_is_help=True)(view.view)
     app.command("baseline", no_args_is_help=True)(baseline.baseline)
     app.command("tec", no_args_is_help=True)(tec.tec)
     app.add_typer(bag.app, name="bag")

@@ -1,0 +1,211 @@
+"""`vtff view`: a run on the globe, in the formation's frame and as plots, in the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import pathlib
+import time
+import webbrowser
+from typing import TYPE_CHECKING, Annotated, Any, Optional
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import Progress
+
+from vtff_bringup.bag.errors import BagError
+from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+
+if TYPE_CHECKING:
+    from vtff_bringup.view.foxglove_server import FoxgloveServer
+    from vtff_bringup.view.scene import Scene
+    from vtff_node.main import StopRequest
+
+POLL_INTERVAL = 0.1  # s of wall time
+TEXT_INTERVAL = 1.0  # s of wall time between lines of a live run
+FOXGLOVE_PORT = 8765  # what Foxglove looks for
+
+
+def view(
+    bag: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
+        typer.Argument(help="Run folder, bag directory or .mcap file."),
+    ] = None,
+    live: Annotated[
+        bool, typer.Option("--live", help="What is being published in ROS_DOMAIN_ID.")
+    ] = False,
+    text: Annotated[
+        bool, typer.Option("--text", help="Lines of text in the terminal instead of a page.")
+    ] = False,
+    no_open: Annotated[
+        bool, typer.Option("--no-open", help="Print the address, start no browser.")
+    ] = False,
+    port: Annotated[
+        int, typer.Option(help="Port of the page; 0: a free one.", min=0, max=65535)
+    ] = 0,
+    foxglove: Annotated[
+        bool,
+        typer.Option(
+            "--foxglove", help="Also offer the topics to Foxglove; a bag is played in a loop."
+        ),
+    ] = False,
+    foxglove_port: Annotated[
+        int, typer.Option(help="Port for Foxglove; 0: a free one.", min=0, max=65535)
+    ] = FOXGLOVE_PORT,
+) -> None:
+    """Show a run: spacecraft, orbits, GNSS links, pierce points and TEC on a globe, and plots.
+
+    The page is served by this program on this machine only, and asks nobody else: it works
+    offline. Space plays and pauses, the arrows go 10 s back and forward, a click in a plot goes
+    there. With --live the page follows a run or a `vtff replay` in the same ROS_DOMAIN_ID; its
+    controls also move the replay. Ctrl-C ends.
+
+    Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live
+    """
+    console = Console(highlight=False)
+    if (bag is None) == (not live):
+        console.print("[red]error:[/red] give a bag, or --live for a run that goes on")
+        raise typer.Exit(EXIT_USAGE)
+    try:
+        if bag is not None:
+            code = _view_bag(console, bag, text, not no_open, port, foxglove, foxglove_port)
+        else:
+            code = _view_live(console, text, not no_open, port, foxglove, foxglove_port)
+    except BagError as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_USAGE) from error
+    except (OSError, RuntimeError, ImportError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        raise typer.Exit(EXIT_FAILURE) from error
+    raise typer.Exit(code)
+
+
+def _view_bag(
+    console: Console,
+    bag: pathlib.Path,
+    text: bool,
+    opens: bool,
+    port: int,
+    foxglove: bool,
+    foxglove_port: int,
+) -> int:
+    from vtff_bringup.view.bag_scene import read_scene
+    from vtff_bringup.view.text import scene_text
+
+    with Progress(console=console, transient=True) as progress:
+        task = progress.add_task("reading the bag", total=1.0)
+        scene = read_scene(bag, lambda part: progress.update(task, completed=part))
+    for note in scene.notes:
+        console.print(f"[yellow]note:[/yellow] {escape(note)}", soft_wrap=True)
+    if text:
+        print(scene_text(scene))
+        return 0
+    from vtff_bringup.view.server import ViewerServer
+    from vtff_node.main import StopRequest
+
+    content = scene.as_json()
+    stop = StopRequest()
+    stop.install()
+    offered = _offer(console, foxglove, foxglove_port)
+    server = ViewerServer(lambda: content, port=port)
+    replay = _replay_for(bag, offered) if offered is not None else None
+    with _serving(console, server, opens):
+        while not stop.requested:
+            if replay is not None:
+                replay.advance()
+            time.sleep(0.005 if replay is not None else POLL_INTERVAL)
+    if offered is not None:
+        offered.stop()
+    return EXIT_INTERRUPTED
+
+
+def _replay_for(bag: pathlib.Path, offered: FoxgloveServer) -> Any:
+    from vtff_bringup.bag.reader import BagReader
+    from vtff_bringup.replay import Replay
+
+    reader = BagReader(bag)
+    return Replay(
+        reader,
+        list(reader.topics),
+        lambda raw: offered.send(raw.topic, raw.type, raw.serialized, raw.log_time),
+        loop=True,
+    )
+
+
+def _view_live(
+    console: Console, text: bool, opens: bool, port: int, foxglove: bool, foxglove_port: int
+) -> int:
+    import rclpy
+    from rclpy.signals import SignalHandlerOptions
+
+    from vtff_bringup.view.live import LiveScene, ViewerNode
+    from vtff_bringup.view.server import ViewerServer
+    from vtff_node.main import StopRequest, make_executor
+
+    stop = StopRequest()
+    stop.install()
+    domain = os.environ.get("ROS_DOMAIN_ID", "0")
+    console.print(f"listening in ROS_DOMAIN_ID {domain}")
+    offered = _offer(console, foxglove, foxglove_port)
+    scene = LiveScene(f"live, domain {domain}")
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+    node = ViewerNode(scene, offered.send if offered is not None else None)
+    executor = make_executor()
+    executor.add_node(node)
+    try:
+        if text:
+            _print_live(console, scene, executor, stop)
+        else:
+            server = ViewerServer(scene.as_json, scene.news, node.command, port)
+            with _serving(console, server, opens):
+                while not stop.requested:
+                    executor.spin_once(timeout_sec=POLL_INTERVAL)
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.try_shutdown()
+        if offered is not None:
+            offered.stop()
+    return EXIT_INTERRUPTED
+
+
+def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -> None:
+    """Print a line a second as long as the scene grows."""
+    from vtff_bringup.view.text import heading, scene_line
+
+    print(heading())
+    shown, due = -1.0, time.monotonic()
+    while not stop.requested:
+        executor.spin_once(timeout_sec=POLL_INTERVAL)
+        scene: Scene = live.scene
+        if time.monotonic() >= due and scene.duration != shown and scene.series:
+            due, shown = time.monotonic() + TEXT_INTERVAL, scene.duration
+            print(scene_line(scene, scene.duration), flush=True)
+
+
+def _offer(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None:
+    if not foxglove:
+        return None
+    from vtff_bringup.view.foxglove_server import FoxgloveServer
+
+    offered = FoxgloveServer(port)
+    console.print(f"Foxglove: open connection {offered.address}")
+    return offered
+
+
+@contextlib.contextmanager
+def _serving(console: Console, server: Any, opens: bool) -> Any:
+    """Serve the page, and show it in a browser if asked to."""
+    from vtff_bringup.view.server import cesium_is_installed
+
+    server.start()
+    try:
+        console.print(f"{server.address}   (Ctrl-C ends)")
+        if not cesium_is_installed():
+            console.print("no globe, a map instead: tools/install_viewer.sh brings Cesium")
+        if opens and not webbrowser.open(server.address):
+            console.print("no browser was found: open the address yourself, or use --text")
+        yield
+    finally:
+        server.stop()

@@ -1,0 +1,1 @@
+"""The viewer: a recorded or live run as a scene, and the page that shows it."""

@@ -1,0 +1,225 @@
+"""Scene of the viewer: what was recorded or is arriving, as named series that become JSON.
+
+All positions are in ITRF, so that the page needs no Earth rotation; times are s after the start of
+the scene. A series only ever grows at its end: a live page gets what is new since it last asked.
+"""
+
+from __future__ import annotations
+
+import bisect
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+SCENE_VERSION = 1
+
+#: Columns of each kind of series, with the decimals that are sent.
+COLUMNS: dict[str, dict[str, int]] = {
+    "orbit": {"x": 1, "y": 1, "z": 1, "vx": 3, "vy": 3, "vz": 3},
+    "satellite": {"x": 0, "y": 0, "z": 0},
+    "link": {"cn0_dbhz": 1},
+    "pierce": {"latitude_deg": 4, "longitude_deg": 4, "stec_tecu": 3, "vtec_tecu": 3},
+    "relative": {"radial": 4, "in_track": 4, "cross_track": 4},
+    "thrust": {"radial": 6, "in_track": 6, "cross_track": 6},
+    "scintillation": {"s4": 4, "sigma_phi": 4},
+    "boundary": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "entry": 0},
+}
+_TIME_DECIMALS = 3
+_TIME_TOLERANCE = 1e-6  # s
+_NANOSECONDS = 1_000_000_000
+
+
+@dataclasses.dataclass
+class Series:
+    """Values over time.
+
+    Attributes
+    ----------
+    kind
+        A key of `COLUMNS`.
+    labels
+        What it is of: ``craft``, ``satellite``, ``source``, ``deputy``.
+    time
+        s after the start of the scene, increasing.
+    values
+        One list for each column of the kind, as long as `time`; m, m/s, m/s2 and what the names
+        of the columns say. Relative positions and thrust are in the RTN axes of the chief.
+    """
+
+    kind: str
+    labels: dict[str, str]
+    time: list[float] = dataclasses.field(default_factory=list)
+    values: list[list[float]] = dataclasses.field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        """Begin with empty columns."""
+        self.values = self.values or [[] for _ in COLUMNS[self.kind]]
+
+    @property
+    def name(self) -> str:
+        """Name within the scene, for example ``link/chief/G05``."""
+        return "/".join((self.kind, *self.labels.values()))
+
+    def at(self, time: float, hold: float = math.inf) -> dict[str, float] | None:
+        """Return the newest sample at a time, by column.
+
+        Parameters
+        ----------
+        time
+            s after the start of the scene.
+        hold
+            Age in s from which a sample no longer counts.
+
+        Returns
+        -------
+        dict or None
+            None before the first sample, or if the newest is too old.
+        """
+        index = bisect.bisect_right(self.time, time + _TIME_TOLERANCE) - 1
+        if index < 0 or time - self.time[index] > hold:
+            return None
+        columns = zip(COLUMNS[self.kind], self.values, strict=True)
+        return {name: column[index] for name, column in columns}
+
+    def as_json(self, first: int = 0) -> dict[str, Any]:
+        """Return the samples from `first` on; what is not finite becomes None."""
+        decimals = COLUMNS[self.kind].values()
+        columns = {
+            name: [_rounded(value, places) for value in column[first:]]
+            for name, places, column in zip(COLUMNS[self.kind], decimals, self.values, strict=True)
+        }
+        time = [round(value, _TIME_DECIMALS) for value in self.time[first:]]
+        return {"name": self.name, "kind": self.kind, **self.labels, "time": time, **columns}
+
+
+def _rounded(value: float, places: int) -> float | None:
+    return round(float(value), places) if math.isfinite(value) else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """A cell of ionospheric irregularities that stands still relative to the Sun.
+
+    Attributes
+    ----------
+    name
+        As in the simulator's configuration.
+    latitude_south_deg, latitude_north_deg
+        Geodetic, deg.
+    longitude_west_deg, width_deg
+        Western side at the start of the scene and extent to the east, deg.
+    longitude_rate_deg
+        Motion of its sides, deg/s; negative is westward.
+    altitude_bottom, altitude_top
+        m above the ellipsoid.
+    s4
+        Of rays on GPS L1 that cross it.
+    """
+
+    name: str
+    latitude_south_deg: float
+    latitude_north_deg: float
+    longitude_west_deg: float
+    width_deg: float
+    longitude_rate_deg: float
+    altitude_bottom: float
+    altitude_top: float
+    s4: float
+
+
+@dataclasses.dataclass
+class Scene:
+    """A run as the page shows it.
+
+    Attributes
+    ----------
+    name
+        Of the run.
+    start
+        ns since 1970 of time 0, in the scale of the ROS stamps; 0 as long as it is unknown.
+    duration
+        s from the start to the newest sample, or to the end of a bag.
+    live
+        Whether it still grows.
+    regions
+        Irregularities of the simulated ionosphere.
+    notes
+        One line for each thing that is missing or could not be read.
+    """
+
+    name: str
+    start: int = 0
+    duration: float = 0.0
+    live: bool = False
+    regions: tuple[Region, ...] = ()
+    notes: list[str] = dataclasses.field(default_factory=list)
+    series: dict[str, Series] = dataclasses.field(default_factory=dict)
+
+    def add(self, kind: str, stamp: int, row: Sequence[float], **labels: str) -> None:
+        """Append a sample to a series; one that is not after the newest is left out.
+
+        Parameters
+        ----------
+        kind
+            A key of `COLUMNS`.
+        stamp
+            ns since 1970.
+        row
+            One value a column.
+        labels
+            What the series is of.
+
+        Raises
+        ------
+        ValueError
+            If the row has not one value a column.
+        """
+        if len(row) != len(COLUMNS[kind]):
+            raise ValueError(f"a sample of '{kind}' has {len(COLUMNS[kind])} values: {row}")
+        name = "/".join((kind, *labels.values()))
+        series = self.series.get(name)
+        if series is None:
+            series = self.series[name] = Series(kind, labels)
+        time = self.seconds(stamp)
+        if series.time and time <= series.time[-1]:
+            return
+        series.time.append(time)
+        for column, value in zip(series.values, row, strict=True):
+            column.append(value)
+
+    def seconds(self, stamp: int) -> float:
+        """Return the time of a stamp (ns since 1970) in s after the start."""
+        return (stamp - self.start) / _NANOSECONDS
+
+    def of_kind(self, kind: str) -> list[Series]:
+        """Return the series of a kind in the order of their names."""
+        return [self.series[name] for name in sorted(self.series) if name.startswith(f"{kind}/")]
+
+    def as_json(self, sent: Mapping[str, int] | None = None) -> dict[str, Any]:
+        """Return what the page loads.
+
+        Parameters
+        ----------
+        sent
+            Samples of each series that the page already has; none if not given.
+        """
+        counts = sent or {}
+        return {
+            "version": SCENE_VERSION,
+            "name": self.name,
+            "start_unix": self.start / _NANOSECONDS,
+            "duration": round(self.duration, _TIME_DECIMALS),
+            "live": self.live,
+            "regions": [dataclasses.asdict(region) for region in self.regions],
+            "notes": list(self.notes),
+            "series": [
+                series.as_json(counts.get(name, 0))
+                for name, series in sorted(self.series.items())
+                if len(series.time) > counts.get(name, 0)
+            ],
+        }
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of samples by series: what `as_json` needs to send only new ones."""
+        return {name: len(series.time) for name, series in self.series.items()}

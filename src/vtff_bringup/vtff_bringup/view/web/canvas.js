@@ -1,0 +1,102 @@
+// Drawing on canvases: sharp on any screen, ticks at round numbers, lines with gaps.
+
+// Fit a canvas to its place; tells whether it was cleared by that.
+export function prepare(canvas) {
+  const scale = window.devicePixelRatio || 1;
+  const [width, height] = [canvas.clientWidth, canvas.clientHeight];
+  const changed = canvas.width !== Math.round(width * scale)
+    || canvas.height !== Math.round(height * scale);
+  if (changed) {
+    canvas.width = Math.round(width * scale);
+    canvas.height = Math.round(height * scale);
+  }
+  const context = canvas.getContext("2d", { willReadFrequently: true });
+  context.setTransform(scale, 0, 0, scale, 0, 0);
+  return { context, width, height, changed };
+}
+
+// Round numbers within a range, about `count` of them.
+export function niceTicks(low, high, count) {
+  const rough = (high - low) / count;
+  const power = 10 ** Math.floor(Math.log10(rough));
+  const step = [1, 2, 5, 10].map((factor) => factor * power).find((value) => value >= 0.7 * rough);
+  const ticks = [];
+  for (let index = Math.ceil(low / step); index * step <= high + 1e-9 * step; index += 1) {
+    ticks.push(index * step);
+  }
+  const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
+  return { ticks, text: (value) => value.toFixed(Math.min(decimals, 8)) };
+}
+
+// Frame, grid and tick labels, and names of the axes where `labels` has them.
+export function drawAxes(context, frame, range, ticks, labels = {}) {
+  context.font = "11px system-ui, sans-serif";
+  context.lineWidth = 1;
+  context.setLineDash([]);
+  context.strokeStyle = "#e3e7eb";
+  context.fillStyle = "#3c444d";
+  context.textAlign = "center";
+  const toX = (value) => frame.x + ((value - range.x[0]) / (range.x[1] - range.x[0])) * frame.width;
+  const toY = (value) => frame.y + frame.height
+    - ((value - range.y[0]) / (range.y[1] - range.y[0])) * frame.height;
+  for (const tick of ticks.x.ticks) {
+    line(context, toX(tick), frame.y, toX(tick), frame.y + frame.height);
+    context.fillText(ticks.x.text(tick), toX(tick), frame.y + frame.height + 14);
+  }
+  context.textAlign = "right";
+  for (const tick of ticks.y.ticks) {
+    line(context, frame.x, toY(tick), frame.x + frame.width, toY(tick));
+    context.fillText(ticks.y.text(tick), frame.x - 5, toY(tick) + 4);
+  }
+  context.strokeStyle = "#9aa4af";
+  context.strokeRect(frame.x, frame.y, frame.width, frame.height);
+  if (labels.x) {
+    context.textAlign = "center";
+    context.fillText(labels.x, frame.x + frame.width / 2, frame.y + frame.height + 28);
+  }
+  if (labels.y) {
+    context.save();
+    context.translate(frame.x - 46, frame.y + frame.height / 2);
+    context.rotate(-Math.PI / 2);
+    context.textAlign = "center";
+    context.fillText(labels.y, 0, 0);
+    context.restore();
+  }
+  return { toX, toY };
+}
+
+// A line over time with gaps where values are missing; as steps where a value holds.
+export function traceLine(context, { series, column, colour, dash }, toX, toY, steps = false) {
+  const values = series.columns[column];
+  const times = series.time;
+  const usual = times.length > 1 ? (times.at(-1) - times[0]) / (times.length - 1) : 1;
+  context.strokeStyle = colour;
+  context.lineWidth = 1.6;
+  context.setLineDash(dash);
+  context.beginPath();
+  let drawing = false;
+  for (let index = 0; index < times.length; index += 1) {
+    if (values[index] === null) {
+      drawing = false;
+      continue;
+    }
+    if (drawing && times[index] - times[index - 1] > 5 * usual) drawing = false;
+    const [x, y] = [toX(times[index]), toY(values[index])];
+    if (!drawing) context.moveTo(x, y);
+    else if (steps) {
+      context.lineTo(x, toY(values[index - 1]));
+      context.lineTo(x, y);
+    } else context.lineTo(x, y);
+    if (!drawing) context.lineTo(x + 0.5, y); // a single sample shows too
+    drawing = true;
+  }
+  context.stroke();
+  context.setLineDash([]);
+}
+
+function line(context, x0, y0, x1, y1) {
+  context.beginPath();
+  context.moveTo(x0, y0);
+  context.lineTo(x1, y1);
+  context.stroke();
+}

@@ -1,0 +1,41 @@
+// Colours that are told apart with any colour vision: Okabe-Ito for names, cividis for amounts.
+
+export const CHIEF = "#56b4e9";
+export const DEPUTY = "#e69f00";
+export const OTHERS = ["#cc79a7", "#009e73", "#f0e442"];
+// On white the same order, darker: radial, in-track, cross-track.
+export const AXES = ["#0072b2", "#d55e00", "#007a5a"];
+export const AXIS_DASHES = [[], [], [6, 3]];
+export const REGION = "#cc79a7";
+export const LINES = ["#0072b2", "#d55e00", "#007a5a", "#cc79a7", "#56b4e9", "#8a6d00", "#444444"];
+
+export const CN0_RANGE = [30, 50]; // dB-Hz
+
+export function craftColour(name, index) {
+  if (name === "chief") return CHIEF;
+  if (name === "deputy") return DEPUTY;
+  return OTHERS[index % OTHERS.length];
+}
+
+// Cividis at equal steps (Nunez, Anderton and Renslow 2018), without its dark end, which would
+// not be seen before the sky.
+const CIVIDIS = [
+  [59, 73, 108], [87, 93, 109], [112, 113, 115], [138, 134, 120],
+  [165, 156, 116], [195, 179, 105], [225, 204, 85], [254, 232, 56],
+];
+
+// Red, green, blue, 0 to 255, of a part 0 to 1.
+export function cividis(part) {
+  const place = Math.min(Math.max(part, 0), 1) * (CIVIDIS.length - 1);
+  const index = Math.min(Math.floor(place), CIVIDIS.length - 2);
+  const rest = place - index;
+  return CIVIDIS[index].map((v, i) => Math.round(v + rest * (CIVIDIS[index + 1][i] - v)));
+}
+
+export function partOf(value, [low, high]) {
+  return (value - low) / (high - low || 1);
+}
+
+export function css(rgb) {
+  return `rgb(${rgb.join(", ")})`;
+}

@@ -1,0 +1,182 @@
+// The scene: series over time as the server sends them, and their values at a time.
+
+const EARTH_RATE = 7.2921151467e-5; // rad/s, WGS 84
+const GRAVITATIONAL_PARAMETER = 3.986004418e14; // m3/s2, WGS 84
+
+export class Series {
+  constructor(content) {
+    const { name, kind, time, craft, satellite, source, deputy, ...columns } = content;
+    Object.assign(this, { name, kind, craft, satellite, source, deputy });
+    this.time = time;
+    this.columns = columns;
+  }
+
+  append(content) {
+    this.time.push(...content.time);
+    for (const [name, column] of Object.entries(this.columns)) column.push(...content[name]);
+  }
+
+  // Index of the last sample at or before a time; -1 before the first.
+  indexAt(time) {
+    let low = 0;
+    let high = this.time.length;
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (this.time[middle] <= time + 1e-6) low = middle + 1;
+      else high = middle;
+    }
+    return low - 1;
+  }
+
+  // Values of the sample that holds at a time, or null: a sample holds until the next one, but no
+  // longer than `longest` s.
+  sampleAt(time, longest = Infinity) {
+    const index = this.indexAt(time);
+    if (index < 0 || time - this.time[index] > longest) return null;
+    const values = {};
+    for (const [name, column] of Object.entries(this.columns)) values[name] = column[index];
+    return values;
+  }
+
+  // Position between samples: cubic where velocities are there, else a straight line; at most
+  // one interval beyond the ends.
+  positionAt(time) {
+    const count = this.time.length;
+    if (count === 0) return null;
+    const index = Math.min(Math.max(this.indexAt(time), 0), Math.max(count - 2, 0));
+    const { x, y, z, vx, vy, vz } = this.columns;
+    if (count === 1) return [x[0], y[0], z[0]];
+    const step = this.time[index + 1] - this.time[index];
+    const part = Math.min(Math.max((time - this.time[index]) / step, -1), 2);
+    return [[x, vx], [y, vy], [z, vz]].map(([place, speed]) => {
+      const [first, last] = [place[index], place[index + 1]];
+      if (!speed) return first + part * (last - first);
+      const [leave, arrive] = [speed[index] * step, speed[index + 1] * step];
+      const [squared, cubed] = [part * part, part * part * part];
+      return (2 * cubed - 3 * squared + 1) * first + (cubed - 2 * squared + part) * leave
+        + (3 * squared - 2 * cubed) * last + (cubed - squared) * arrive;
+    });
+  }
+}
+
+export class Scene {
+  constructor(content) {
+    this.series = new Map();
+    this.cesium = content.cesium; // whether the server has it
+    this.merge(content);
+  }
+
+  // Take a scene, or what is new of it.
+  merge(content) {
+    this.name = content.name;
+    this.startUnix = content.start_unix;
+    this.duration = content.duration;
+    this.live = content.live;
+    this.regions = content.regions;
+    this.notes = content.notes;
+    for (const part of content.series) {
+      const known = this.series.get(part.name);
+      if (known) known.append(part);
+      else this.series.set(part.name, new Series(part));
+    }
+  }
+
+  ofKind(kind) {
+    return [...this.series.values()].filter((series) => series.kind === kind);
+  }
+
+  get(...labels) {
+    return this.series.get(labels.join("/"));
+  }
+
+  // Spacecraft with an orbit, the chief first: truth where it is known, else the receiver's.
+  spacecraft() {
+    const names = [...new Set(this.ofKind("orbit").map((series) => series.craft))];
+    return names.sort((a, b) => (b === "chief") - (a === "chief") || a.localeCompare(b));
+  }
+
+  orbit(craft) {
+    return this.get("orbit", craft, "truth") ?? this.get("orbit", craft, "receiver");
+  }
+
+  // Longest time that an observation holds: epochs may be decimated.
+  observationHold() {
+    const link = this.ofKind("link").find((series) => series.time.length > 1);
+    return link ? 1.6 * Math.max(1, (link.time.at(-1) - link.time[0]) / (link.time.length - 1)) : 2;
+  }
+
+  // Links that a receiver tracks at a time, with the positions of both ends in ITRF, m.
+  linksAt(time) {
+    const hold = Math.min(this.observationHold(), 10);
+    const found = [];
+    for (const link of this.ofKind("link")) {
+      const sample = link.sampleAt(time, hold);
+      const satellite = this.get("satellite", link.satellite);
+      const orbit = this.orbit(link.craft);
+      if (!sample || !satellite || !orbit) continue;
+      found.push({
+        name: link.name, craft: link.craft, satellite: link.satellite, cn0: sample.cn0_dbhz,
+        from: orbit.positionAt(time), to: satellite.positionAt(time),
+      });
+    }
+    return found;
+  }
+
+  // Local time does not turn with the Earth: western side of a region at a time, deg.
+  static westOf(region, time) {
+    const west = region.longitude_west_deg + region.longitude_rate_deg * time;
+    return ((((west + 180) % 360) + 360) % 360) - 180;
+  }
+
+  // One revolution of the osculating orbit, seen in the axes of the Earth at this time: (n) [x, y, z].
+  static osculatingOrbit(series, time, count = 181) {
+    const sample = series.sampleAt(time) ?? series.sampleAt(series.time[0]);
+    const place = series.positionAt(time);
+    if (!place || !series.columns.vx) return [];
+    const velocity = [sample.vx - EARTH_RATE * place[1], sample.vy + EARTH_RATE * place[0], sample.vz];
+    const radius = Math.hypot(...place);
+    const momentum = cross(place, velocity);
+    const momentumSize = Math.hypot(...momentum);
+    const eccentricityVector = cross(velocity, momentum)
+      .map((value, axis) => value / GRAVITATIONAL_PARAMETER - place[axis] / radius);
+    const eccentricity = Math.hypot(...eccentricityVector);
+    if (!(eccentricity < 0.95)) return [];
+    const parameter = momentumSize ** 2 / GRAVITATIONAL_PARAMETER;
+    const along = place.map((value) => value / radius);
+    const across = cross(momentum, along).map((value) => value / momentumSize);
+    const points = [];
+    for (let step = 0; step < count; step += 1) {
+      const angle = (2 * Math.PI * step) / (count - 1);
+      const direction = along.map((v, axis) => v * Math.cos(angle) + across[axis] * Math.sin(angle));
+      const distance = parameter / (1 + dot(direction, eccentricityVector));
+      points.push(direction.map((value) => value * distance));
+    }
+    return points;
+  }
+}
+
+// Geodetic longitude and latitude, deg, and height, m, of a position in ITRF (WGS 84, Bowring).
+export function geodetic([x, y, z]) {
+  const major = 6378137.0;
+  const flattening = 1 / 298.257223563;
+  const minor = major * (1 - flattening);
+  const squared = flattening * (2 - flattening);
+  const across = Math.hypot(x, y);
+  const angle = Math.atan2(z * major, across * minor);
+  const latitude = Math.atan2(
+    z + (squared * major * major / minor) * Math.sin(angle) ** 3,
+    across - squared * major * Math.cos(angle) ** 3,
+  );
+  const normal = major / Math.sqrt(1 - squared * Math.sin(latitude) ** 2);
+  const height = across * Math.cos(latitude) + z * Math.sin(latitude) - (major * major) / normal;
+  const degrees = 180 / Math.PI;
+  return { longitude: Math.atan2(y, x) * degrees, latitude: latitude * degrees, height };
+}
+
+function cross(a, b) {
+  return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+function dot(a, b) {
+  return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
