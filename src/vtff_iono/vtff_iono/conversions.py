@@ -4,16 +4,23 @@ from __future__ import annotations
 
 import array
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from vtff_dynamics.frames import deputy_state_gcrf, state_gcrf_to_itrf
+from vtff_dynamics.frames import (
+    deputy_state_gcrf,
+    geodetic_from_itrf,
+    mean_solar_local_time_hours,
+    state_gcrf_to_itrf,
+)
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
+from vtff_iono.formation_boundaries import Boundary
 from vtff_iono.formation_ionosphere import DensityResult
 from vtff_iono.integer_datum import Group
 from vtff_iono.scintillation import ScintillationWindow
@@ -24,6 +31,7 @@ from vtff_msgs.msg import (
     GnssEphemeris,
     GnssFix,
     GnssObservations,
+    IrregularityBoundary,
     RelativeState,
     Scintillation,
     SlantTec,
@@ -33,6 +41,7 @@ from vtff_node.stamps import to_nanoseconds, to_stamp
 __all__ = [
     "COMBINED_SYSTEM",
     "block_from_messages",
+    "boundary_to_message",
     "density_to_message",
     "ephemeris_from_message",
     "integers_from_message",
@@ -177,6 +186,29 @@ def density_to_message(result: DensityResult) -> ElectronDensity:
             "density_sigma": ("d", [*epoch.sigma_satellite[used], epoch.sigma]),
         },
     )
+    return message
+
+
+def boundary_to_message(boundary: Boundary, spacecraft: str) -> IrregularityBoundary:
+    """Return the message of an edge; `spacecraft` is the name of the one that tells it."""
+    latitude, longitude, altitude = geodetic_from_itrf(boundary.position_itrf)
+    time = GpsTime(boundary.time)
+    message = IrregularityBoundary(
+        kind=int(boundary.kind),
+        source=int(boundary.source),
+        entry=boundary.is_entry,
+        system=boundary.system,
+        prn=boundary.prn,
+        time_sigma=boundary.time_sigma,
+        position=boundary.position_itrf,
+        latitude_deg=math.degrees(latitude),
+        longitude_deg=math.degrees(longitude),
+        altitude=float(altitude),
+        local_time_hours=mean_solar_local_time_hours(time, float(longitude)),
+        confidence=boundary.confidence,
+        spacecraft=spacecraft,
+    )
+    _set_header(message, boundary.time, EARTH_FRAME)
     return message
 
 

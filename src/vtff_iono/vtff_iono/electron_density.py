@@ -186,16 +186,14 @@ class ElectronDensityEstimator:
         altitude_deputy: float,
         elevation_chief: npt.ArrayLike,
         elevation_deputy: npt.ArrayLike,
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return what the state of the last update makes of other satellites, and its sigma, TECU.
+    ) -> FloatArray:
+        """Return the differential content that the last update makes of other satellites, TECU.
 
         Arguments as in `update`.
         """
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         design = self._design(elevations, altitude_chief, altitude_deputy)
-        variance = np.einsum("ni,ij,nj->n", design, self._covariance, design)
-        variance += (self._settings.mapping_noise * design[:, 1]) ** 2
-        return design[:, 1] + design @ self._state, np.sqrt(variance)
+        return np.asarray(design[:, 1] + design @ self._state)
 
     def _design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float

@@ -24,6 +24,12 @@ from vtff_gnss.signals import carrier_frequency_hz
 from vtff_iono.code_biases import CodeBiasTable
 from vtff_iono.differential_tec import SecondAverage, differential_stec
 from vtff_iono.electron_density import DensityEpoch, DensitySettings, ElectronDensityEstimator
+from vtff_iono.formation_boundaries import (
+    Boundary,
+    BoundarySettings,
+    DensitySample,
+    FormationBoundaries,
+)
 from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.integer_datum import Group, IntegerDatum
 from vtff_iono.integer_resolution import IntegerResolver
@@ -54,10 +60,15 @@ _NO_PHASE = np.uint16(
 )
 _FEWEST_SAMPLES = 2
 _VTEC_ELEVATION = math.radians(40.0)
-# Scintillation: a scatter that exceeds the variance of the noise by this factor, and how many fades
-# that do not depend on each other there are in a second.
+# Scintillation: a scatter that exceeds the variance of the noise by this factor. Of fades that last
+# half a second a third of the variance shows as scatter within a second, the rest is in the mean.
 _LARGE_SCATTER = 2.0
-_INDEPENDENT_FADES = 2.0
+_MEAN_OVER_SCATTER = 2.0
+_SCATTER_MEMORY = 15.0  # seconds
+# Integers are wrong when their satellite is off by so much for so many seconds.
+_WRONG_SIGMAS = 3.0
+_WRONG_TECU = 0.1
+_MOST_DOUBTS = 3
 
 
 @dataclass(frozen=True)
@@ -69,6 +80,7 @@ class FormationSettings:
     spacecraft : SpacecraftSettings
         Of both.
     density : DensitySettings
+    boundaries : BoundarySettings
     density_bands : tuple of int
         RINEX frequency digits of the GPS signals that the density is made of.
     carrier_phase_sigma : float
@@ -77,6 +89,7 @@ class FormationSettings:
 
     spacecraft: SpacecraftSettings = SpacecraftSettings()
     density: DensitySettings = DensitySettings()
+    boundaries: BoundarySettings = BoundarySettings()
     density_bands: tuple[int, int] = (1, 2)
     carrier_phase_sigma: float = 0.001
 
@@ -135,10 +148,13 @@ class FormationResult:
         Chief and deputy.
     density : tuple of DensityResult
         Of the seconds that have ended: one, as a rule, whose samples reach up to one before `time`.
+    boundaries : tuple of Boundary
+        Edges that have been confirmed.
     """
 
     spacecraft: tuple[SpacecraftResult, SpacecraftResult]
     density: tuple[DensityResult, ...]
+    boundaries: tuple[Boundary, ...]
 
 
 @dataclass(frozen=True)
@@ -222,8 +238,12 @@ class FormationIonosphere:
         self._piece_of_key: dict[int, int] = {}
         self._average = SecondAverage(_FEWEST_SAMPLES)
         self._density = ElectronDensityEstimator(settings.density)
+        self._boundaries = FormationBoundaries(settings.boundaries)
         frequencies = carrier_frequency_hz([SYSTEM_GPS] * 2, settings.density_bands)
         self._frequencies = (float(frequencies[0]), float(frequencies[1]))
+        # Variance that scintillation adds to the samples of each satellite, TECU^2.
+        self._excess: dict[int, float] = {}
+        self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
@@ -243,7 +263,20 @@ class FormationIonosphere:
             positions.append(position)
         chief, deputy = results
         density = tuple(self._densities(second, (chief, deputy)))
-        return FormationResult((chief, deputy), density)
+        samples = [
+            DensitySample(
+                one.time,
+                one.epoch.altitude,
+                one.epoch.separation,
+                one.epoch.density,
+                one.epoch.sigma,
+            )
+            for one in density
+        ]
+        boundaries = self._boundaries.update(
+            second.observations, (positions[0], positions[1]), (chief, deputy), samples
+        )
+        return FormationResult((chief, deputy), density, tuple(boundaries))
 
     # ---- density -----------------------------------------------------------------------------
 
@@ -387,13 +420,14 @@ class FormationIonosphere:
         pieces = [self._pieces[number] for number in numbers.tolist()]
         has_integers = np.array([piece.integers is not None for piece in pieces], dtype=bool)
         part = {name: column[has_integers] for name, column in means.items()}
+        satellites = [piece.key >> 16 for piece in pieces if piece.integers is not None]
         epoch = self._density.update(
             time / NANOSECONDS_PER_SECOND,
             *altitudes,
             part["elevation_chief"],
             part["elevation_deputy"],
             part["stec"],
-            self._sigma(part, samples[has_integers]),
+            self._sigma(satellites, part, samples[has_integers]),
             _vertical_content(chief),
         )
         if math.isfinite(epoch.density):
@@ -404,17 +438,24 @@ class FormationIonosphere:
             time=time,
             position_itrf=places.mean(axis=0),
             system=np.full(len(part["stec"]), SYSTEM_GPS),
-            prn=np.array([p.key >> 16 for p in pieces], dtype=np.int64)[has_integers],
+            prn=np.array(satellites, dtype=np.int64),
             epoch=epoch,
         )
 
-    def _sigma(self, means: dict[str, FloatArray], samples: npt.NDArray[np.int64]) -> FloatArray:
+    def _sigma(
+        self, satellites: list[int], means: dict[str, FloatArray], samples: npt.NDArray[np.int64]
+    ) -> FloatArray:
         """Return the sigma of means: white noise, and what scintillation adds to it."""
         one = 2.0 * self._settings.carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         scatter = means["stec_squared"] - means["stec"] ** 2
-        # What exceeds the noise of one sample by far fluctuates slowly.
+        # What exceeds the noise of one sample by far fluctuates slowly. One second alone may be
+        # quiet by chance, so that those before it count too.
         excess = np.where(scatter > _LARGE_SCATTER * one**2, scatter, 0.0)
-        return np.sqrt(one**2 / samples + excess / _INDEPENDENT_FADES)
+        for place, (prn, value) in enumerate(zip(satellites, excess.tolist(), strict=True)):
+            mean = self._excess.get(prn, value)
+            self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
+            excess[place] = max(value, self._excess[prn])
+        return np.sqrt(one**2 / samples + excess * _MEAN_OVER_SCATTER)
 
     def _resolve(
         self,
@@ -425,16 +466,28 @@ class FormationIonosphere:
         altitudes: list[float],
     ) -> None:
         """Find integers of pieces without from those that have some."""
-        predicted, sigma = self._density.predicted_stec(
+        predicted = self._density.predicted_stec(
             *altitudes, means["elevation_chief"], means["elevation_deputy"]
         )
+        one = 2.0 * self._settings.carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         for row in np.flatnonzero(has_integers).tolist():
-            self._resolver.add_known(float(means["wide_lane"][row]), int(samples[row]))
+            prn = pieces[row].key >> 16
+            error = float(means["stec"][row] - predicted[row])
+            scatter = self._excess.get(prn, 0.0) * _MEAN_OVER_SCATTER + one**2
+            wrong = abs(error) > _WRONG_SIGMAS * math.sqrt(scatter) + _WRONG_TECU
+            self._doubts[prn] = self._doubts.get(prn, 0) + 1 if wrong else 0
+            if self._doubts[prn] >= _MOST_DOUBTS:
+                # A slip that no test has seen: the integers belong to another arc.
+                self._doubts[prn] = 0
+                for group, _ in self._signals(pieces[row].key):
+                    self._datum.forget(group, prn)
+            elif not wrong:
+                self._resolver.add_known(float(means["wide_lane"][row]), int(samples[row]))
         for row in np.flatnonzero(~has_integers).tolist():
             piece = pieces[row]
             excess = float(means["stec"][row] - predicted[row])
             found = self._resolver.add_unknown(
-                piece, float(means["wide_lane"][row]), int(samples[row]), excess, float(sigma[row])
+                piece, float(means["wide_lane"][row]), int(samples[row]), excess
             )
             if found is not None:
                 for (group, prn), cycles in zip(self._signals(piece.key), found, strict=True):

@@ -31,6 +31,7 @@ class IntegerDatum:
     def __init__(self) -> None:
         self.number = 0
         self._known: dict[Group, dict[int, tuple[float, Hashable]]] = {}
+        self._refused: dict[Group, dict[int, tuple[float, Hashable]]] = {}
 
     def update(
         self,
@@ -59,13 +60,18 @@ class IntegerDatum:
                 for (other, prn), cycles in table.items()
                 if other == group and (group, prn) in continuity
             }
+            refused = self._refused.get(group, {})
             shifts = collections.Counter(
                 held[prn] - cycles for prn, cycles in told.items() if prn in held
             )
             if shifts:
                 # All agree, unless an integer has been found to be wrong: then the others rule.
                 shift = shifts.most_common(1)[0][0]
-                held |= {prn: cycles + shift for prn, cycles in told.items()}
+                held |= {
+                    prn: cycles + shift
+                    for prn, cycles in told.items()
+                    if refused.get(prn) != (cycles + shift, continuity[group, prn])
+                }
             elif len(told) > len(held):
                 self.number += 1
                 held = told
@@ -78,3 +84,10 @@ class IntegerDatum:
     def resolve(self, group: Group, prn: int, cycles: float, unbroken: Hashable) -> None:
         """Take an integer that was found otherwise, in the datum."""
         self._known.setdefault(group, {})[prn] = (cycles, unbroken)
+        self._refused.get(group, {}).pop(prn, None)
+
+    def forget(self, group: Group, prn: int) -> None:
+        """Give up an integer that has proved wrong, for as long as its phases are continuous."""
+        known = self._known.get(group, {}).pop(prn, None)
+        if known is not None:
+            self._refused.setdefault(group, {})[prn] = known

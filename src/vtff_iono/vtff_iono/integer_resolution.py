@@ -87,7 +87,6 @@ class IntegerResolver:
         wide_lane_cycles: float,
         samples: int,
         excess_tecu: float,
-        excess_sigma_tecu: float,
     ) -> tuple[float, float] | None:
         """Take a second of an arc without integers and return both once they are certain.
 
@@ -97,10 +96,11 @@ class IntegerResolver:
             Satellite and arcs of both receivers.
         wide_lane_cycles, samples : float, int
             Mean of the single difference, and how many samples it is of.
-        excess_tecu, excess_sigma_tecu : float
-            Differential TEC of the phases without integers less the prediction of the others.
+        excess_tecu : float
+            Differential TEC of the phases without integers less the prediction of the others. The
+            noise of both shows in its scatter.
         """
-        if not math.isfinite(wide_lane_cycles + excess_tecu + excess_sigma_tecu):
+        if not math.isfinite(wide_lane_cycles + excess_tecu):
             return None
         wide_lane, excess = self._open.setdefault(arc, (_Mean(), _Mean()))
         wide_lane.add(wide_lane_cycles, float(samples))
@@ -113,7 +113,7 @@ class IntegerResolver:
             return None
         # S = K (l1 n1 - l2 n2) with n1 = wide + n2.
         second = (excess.mean - self._first_tecu * wide) / self._both_tecu
-        sigma = math.hypot(excess.sigma(), excess_sigma_tecu + _PREDICTION_FLOOR)
+        sigma = math.hypot(excess.sigma(), _PREDICTION_FLOOR)
         found = _certain(second, sigma / abs(self._both_tecu))
         if found is None:
             return None

@@ -16,6 +16,7 @@ from vtff_iono.bias_files import read_code_biases
 from vtff_iono.code_biases import BiasFileError
 from vtff_iono.conversions import (
     block_from_messages,
+    boundary_to_message,
     density_to_message,
     ephemeris_from_message,
     integers_from_message,
@@ -25,6 +26,7 @@ from vtff_iono.conversions import (
     states_from_relative_state,
 )
 from vtff_iono.electron_density import DensitySettings
+from vtff_iono.formation_boundaries import BoundarySettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
@@ -40,6 +42,7 @@ from vtff_msgs.msg import (
     GnssEphemeris,
     GnssFix,
     GnssObservations,
+    IrregularityBoundary,
     RelativeState,
     Scintillation,
     SlantTec,
@@ -91,6 +94,9 @@ class IonosphereProcessorParameters:
     roti_interval: float = parameter(
         1.0, "interval of the rates that ROTI is made of", unit="s", minimum=0.05
     )
+    irregularity_altitude: float = parameter(
+        320e3, "altitude at which rays are said to meet an irregularity", unit="m", minimum=1e5
+    )
     source_nodes: list[str] = parameter(
         [],
         "in lockstep, the receiver drivers of chief and deputy and the relative navigation: a "
@@ -118,6 +124,9 @@ def formation_settings(given: IonosphereProcessorParameters) -> FormationSetting
             bias_delay=given.bias_delay,
         ),
         density=DensitySettings(elevation_minimum=mask),
+        boundaries=BoundarySettings(
+            irregularity_altitude=given.irregularity_altitude, elevation_minimum=mask
+        ),
         carrier_phase_sigma=given.phase_sigma,
     )
 
@@ -129,7 +138,8 @@ class IonosphereProcessorNode(VtffNode):
     deputy, formation/ambiguities and formation/relative_state, and /clock. Publishes
     <craft>/iono/slant_tec (SlantTec, TECU, once a second), <craft>/iono/scintillation
     (Scintillation, once a window) and formation/electron_density (ElectronDensity, electrons/m^3,
-    once a second, stamped with the mean time of the samples).
+    once a second, stamped with the mean time of the samples) and formation/irregularity_boundary
+    (IrregularityBoundary, each edge once it is confirmed, stamped with the time of its crossing).
     """
 
     Parameters = IonosphereProcessorParameters
@@ -163,6 +173,9 @@ class IonosphereProcessorNode(VtffNode):
             self.publisher(Scintillation, f"{craft}/iono/scintillation") for craft in self._crafts
         ]
         self._density_publisher = self.publisher(ElectronDensity, "formation/electron_density")
+        self._boundary_publisher = self.publisher(
+            IrregularityBoundary, "formation/irregularity_boundary"
+        )
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 
@@ -298,6 +311,9 @@ class IonosphereProcessorNode(VtffNode):
                 )
         for density in result.density:
             self._density_publisher.publish(density_to_message(density))
+        for boundary in result.boundaries:
+            craft = self._crafts[boundary.spacecraft]
+            self._boundary_publisher.publish(boundary_to_message(boundary, craft))
 
     # ---- health ------------------------------------------------------------------------------
 

@@ -142,6 +142,8 @@ class SpacecraftResult:
     ----------
     rows : SlantTecRows
         All epochs, receiver biases not removed.
+    direction_itrf : ndarray, shape (n, 3)
+        Unit vectors to the satellites of all observations.
     epoch : SlantTecEpoch or None
         The last one of the block; None without observations.
     scintillation : tuple of (ScintillationWindow, ndarray)
@@ -149,6 +151,7 @@ class SpacecraftResult:
     """
 
     rows: SlantTecRows
+    direction_itrf: FloatArray
     epoch: SlantTecEpoch | None
     scintillation: tuple[tuple[ScintillationWindow, FloatArray], ...]
 
@@ -247,7 +250,7 @@ class SpacecraftIonosphere:
             last = rows.pairs.time == rows.pairs.time[-1]
             self._collect(rows, geometry, position_itrf, last)
             epoch = self._epoch(rows, geometry, position_itrf, np.flatnonzero(last))
-        return SpacecraftResult(rows, epoch, scintillation)
+        return SpacecraftResult(rows, geometry.direction_itrf, epoch, scintillation)
 
     def _satellite_bias(self, link: Link, time: GpsTime) -> tuple[float, float]:
         return self._code_biases.satellite_bias(
