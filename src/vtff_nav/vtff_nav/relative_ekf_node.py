@@ -82,7 +82,11 @@ class RelativeEkfParameters:
         "of GPS and Galileo (cdgps), G1 (paper)",
     )
     elevation_mask_deg: float = parameter(
-        5.0, "satellites below are not used", unit="deg", minimum=-90.0, maximum=90.0
+        CdgpsConfiguration.elevation_mask_deg,
+        "satellites below are not used",
+        unit="deg",
+        minimum=-90.0,
+        maximum=90.0,
     )
     gravity: str = parameter(
         "spherical_harmonics", "gravity of the filter's motion model", choices=GRAVITY_MODELS
@@ -90,26 +94,41 @@ class RelativeEkfParameters:
     gravity_degree: int = parameter(8, "degree of the harmonics", minimum=2, maximum=70)
     gravity_order: int = parameter(8, "order of the harmonics", minimum=0, maximum=70)
     code_sigma: float = parameter(
-        0.3, "noise of the pseudorange where the receiver states none", unit="m", minimum=1e-3
+        MeasurementNoise.code_sigma,
+        "noise of the pseudorange where the receiver states none",
+        unit="m",
+        minimum=1e-3,
     )
     phase_sigma: float = parameter(
-        0.001, "noise of the phase where the receiver states none", unit="m", minimum=1e-5
+        MeasurementNoise.phase_sigma,
+        "noise of the phase where the receiver states none",
+        unit="m",
+        minimum=1e-5,
     )
     use_receiver_sigmas: bool = parameter(True, "take the sigmas that the receiver states")
     empirical_acceleration_sigma: float = parameter(
-        5e-8,
+        CdgpsConfiguration.noise_relative.empirical_sigma,
         "cdgps: unmodelled relative acceleration, Gauss-Markov on each axis",
         unit="m/s^2",
         minimum=0.0,
     )
     thrust_sigma: float = parameter(
-        0.01, "cdgps: error of the thrust as a part of its magnitude", minimum=0.0, maximum=1.0
+        CdgpsConfiguration.thrust_relative_sigma,
+        "cdgps: error of the thrust as a part of its magnitude",
+        minimum=0.0,
+        maximum=1.0,
     )
     success_rate: float = parameter(
-        0.999, "cdgps: success rate that integers must have", minimum=0.9, maximum=0.999999
+        CdgpsConfiguration.success_rate,
+        "cdgps: success rate that integers must have",
+        minimum=0.9,
+        maximum=0.999999,
     )
     longest_prediction: float = parameter(
-        600.0, "time without measurements after which navigation starts anew", unit="s", minimum=1.0
+        CdgpsConfiguration.longest_prediction,
+        "time without measurements after which navigation starts anew",
+        unit="s",
+        minimum=1.0,
     )
     use_laser: bool = parameter(False, "use formation/laser_range (cdgps)")
     receiver_nodes: list[str] = parameter(
