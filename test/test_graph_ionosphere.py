@@ -1,0 +1,261 @@
+"""`vtff run esf` and `plumex`: the ionosphere that two spacecraft see, against the true one."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+
+import numpy as np
+import pytest
+from graph_support import ROOT
+from rclpy.serialization import serialize_message
+
+from vtff_bringup.bag.reader import BagReader
+from vtff_bringup.formation_recording import formation_seconds
+from vtff_dynamics.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
+from vtff_dynamics.timescales import GpsTime
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.boundary_scores import score_minutes
+from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
+from vtff_iono.density_profile import binned_profile
+from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.ionosphere_processor_node import (
+    IonosphereProcessorParameters,
+    formation_settings,
+)
+from vtff_msgs.msg import IrregularityBoundary
+from vtff_node.stamps import to_nanoseconds
+from vtff_sim_bridge.atmosphere.electron_density import read_profile
+
+CRAFT = ("chief", "deputy")
+BOTTOM, TOP = 290e3, 350e3
+
+
+def messages(run, topic):
+    return [item.message for item in BagReader(run).messages(topic)]
+
+
+def seconds_of(message):
+    return to_nanoseconds(message.header.stamp) * 1e-9
+
+
+class Truth:
+    """True motion of a run, from its bag, and the profile that its receivers saw."""
+
+    def __init__(self, run, table):
+        self.profile = read_profile(ROOT / "config" / "ionosphere" / table)
+        self.start = None
+        self.time, self.altitude = {}, {}
+        for craft in CRAFT:
+            orbit = messages(run, f"/{craft}/truth/orbit")
+            stamps = np.array([to_nanoseconds(m.header.stamp) for m in orbit])
+            self.start = stamps[0] * 1e-9
+            places = np.array(
+                [
+                    rotation_gcrf_to_itrf(GpsTime.from_unix_nanoseconds(int(stamp))) @ m.position
+                    for stamp, m in zip(stamps, orbit, strict=True)
+                ]
+            )
+            self.time[craft] = stamps * 1e-9 - self.start
+            self.altitude[craft] = geodetic_from_itrf(places)[:, 2]
+
+    def at(self, craft, time):
+        return np.interp(time, self.time[craft], self.altitude[craft])
+
+    def crossings(self, craft, altitude):
+        """Return times and vertical speeds of the crossings of an altitude."""
+        time, height = self.time[craft], self.altitude[craft] - altitude
+        before = np.flatnonzero(np.diff(np.sign(height)) != 0)
+        speed = np.diff(height)[before] / np.diff(time)[before]
+        return [(time[i] - height[i] / v, v) for i, v in zip(before, speed, strict=True)]
+
+    def density(self, time):
+        """Return the density averaged over the vertical separation."""
+        chief, deputy = self.at("chief", time), self.at("deputy", time)
+        return self.profile.mean_density(np.minimum(chief, deputy), np.maximum(chief, deputy))
+
+
+def densities(run, truth):
+    """Return time, altitude, combined density, sigma and true density."""
+    table = [
+        (seconds_of(m) - truth.start, m.altitude, m.density[-1], m.density_sigma[-1])
+        for m in messages(run, "/formation/electron_density")
+    ]
+    table = np.array([row for row in table if math.isfinite(row[2])])
+    return (*table.T, truth.density(table[:, 0]))
+
+
+def vertical_boundaries(run):
+    return [
+        m
+        for m in messages(run, "/formation/irregularity_boundary")
+        if m.kind == IrregularityBoundary.KIND_VERTICAL
+    ]
+
+
+# ---- a short run -----------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def short(runs):
+    return runs.make("esf_short", "esf.yaml", "--duration", 12, "--composed", "--no-report")[0]
+
+
+def test_online_and_offline_give_the_same_bytes(short):
+    formation = FormationIonosphere(formation_settings(IonosphereProcessorParameters()))
+    offline = {"slant_tec": [], "density": [], "boundary": []}
+    for ephemerides, second in formation_seconds(BagReader(short)):
+        for ephemeris in ephemerides:
+            formation.add_ephemeris(ephemeris)
+        result = formation.process(second)
+        offline["slant_tec"].append(
+            slant_tec_to_message(result.spacecraft[0].epoch, "chief/gnss_antenna")
+        )
+        offline["density"] += map(density_to_message, result.density)
+        offline["boundary"] += [boundary_to_message(b, "chief") for b in result.boundaries]
+    for name, topic in (
+        ("slant_tec", "/chief/iono/slant_tec"),
+        ("density", "/formation/electron_density"),
+    ):
+        online = messages(short, topic)
+        assert len(online) >= 10
+        pairs = itertools.zip_longest(online, offline[name])
+        assert all(serialize_message(one) == serialize_message(other) for one, other in pairs)
+
+
+def test_the_first_densities_are_right_within_their_sigmas(short):
+    truth = Truth(short, "esf.csv")
+    _, _, density, sigma, true = densities(short, truth)
+    assert len(density) >= 9
+    assert np.abs(density - true)[3:].max() < 5.0 * sigma[3:].max()
+    assert np.abs(density - true)[3:].mean() < 4e10
+
+
+# ---- the paper's scenarios, an hour each --------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def esf(runs):
+    return runs.make("esf", "esf.yaml", "--composed", "--no-report")[0]
+
+
+@pytest.fixture(scope="module")
+def plumex(runs):
+    return runs.make("plumex", "plumex.yaml", "--composed", "--no-report")[0]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFT)
+def test_both_find_both_edges_on_both_passes(esf, craft):
+    truth = Truth(esf, "esf.csv")
+    found = [m for m in vertical_boundaries(esf) if m.spacecraft == craft]
+    assert len(found) == 4
+    wanted = sorted(t for h in (BOTTOM, TOP) for t, _ in truth.crossings(craft, h))
+    for message, time, entry, altitude in zip(
+        sorted(found, key=seconds_of),
+        wanted,
+        (True, False, True, False),
+        (TOP, BOTTOM, BOTTOM, TOP),
+        strict=True,
+    ):
+        assert message.entry == entry
+        assert seconds_of(message) - truth.start == pytest.approx(time, abs=1.0)
+        assert message.altitude == pytest.approx(altitude, abs=100.0)
+
+
+@pytest.mark.slow
+def test_vertical_separation_from_the_times_of_the_edges(esf):
+    truth = Truth(esf, "esf.csv")
+    times = {
+        craft: sorted(
+            seconds_of(m) - truth.start for m in vertical_boundaries(esf) if m.spacecraft == craft
+        )
+        for craft in CRAFT
+    }
+    speeds = [
+        v for _, v in sorted(truth.crossings("chief", BOTTOM) + truth.crossings("chief", TOP))
+    ]
+    for chief, deputy, speed in zip(times["chief"], times["deputy"], speeds, strict=True):
+        middle = 0.5 * (chief + deputy)
+        true = truth.at("deputy", middle) - truth.at("chief", middle)
+        assert (chief - deputy) * speed == pytest.approx(true, rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFT)
+def test_scintillating_minutes_are_those_whose_rays_cross(esf, craft):
+    minutes = {}
+    for line in (esf / "gnss_truth.jsonl").open():
+        if not line.startswith('{"record": "second", "receiver": "' + craft):
+            continue
+        second = json.loads(line)
+        for satellite, s4 in zip(second["satellites"], second["s4_l1"], strict=True):
+            key = satellite, second["time"] // 60 + 1
+            minutes[key] = minutes.get(key, 0.0) + (s4 > 0.2)
+    found, crossing = [], []
+    start = Truth(esf, "esf.csv").start
+    for message in messages(esf, f"/{craft}/iono/scintillation"):
+        # Windows begin at whole minutes of GPS time, as the run does; the stamp is their end.
+        minute = round((seconds_of(message) - start) / 60.0)
+        for prn, band, s4 in zip(message.prn, message.band, message.s4_corrected, strict=True):
+            if band == 1 and math.isfinite(s4):
+                found.append(s4 > 0.2)
+                crossing.append(minutes.get((f"G{prn:02d}", minute), 0.0))
+    score = score_minutes(found, crossing)
+    assert score.detection_rate >= 0.95
+    assert score.false_alarm_rate < 0.01
+
+
+@pytest.mark.slow
+def test_plumex_density(plumex):
+    truth = Truth(plumex, "plumex.csv")
+    time, altitude, density, sigma, true = densities(plumex, truth)
+    # Each leg by itself: both cross the same altitudes.
+    for leg in (time < 1370.0, time > 1370.0):
+        measured = binned_profile(altitude[leg], density[leg], sigma[leg])
+        wanted = binned_profile(altitude[leg], true[leg], np.ones(np.count_nonzero(leg)))
+        error = np.abs(measured.density - wanted.density)
+        whole = (measured.altitude > 236e3) & (measured.altitude < 567e3)
+        assert error[whole].mean() <= 2e10
+        for low, high in ((340e3, 380e3), (395e3, 435e3), (480e3, 520e3)):
+            inside = (measured.altitude > low) & (measured.altitude < high)
+            if inside.any():
+                assert error[inside].mean() <= 2e10
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFT)
+@pytest.mark.parametrize("system", ["esf", "plumex"])
+def test_absolute_slant_tec(craft, system, request):
+    run = request.getfixturevalue(system)
+    truth = {}
+    for line in (run / "gnss_truth.jsonl").open():
+        if line.startswith('{"record": "second", "receiver": "' + craft):
+            second = json.loads(line)
+            truth[round(second["time"])] = dict(
+                zip(second["satellites"], second["slant_tec_tecu"], strict=True)
+            )
+    start = Truth(run, f"{system}.csv").start
+    errors = []
+    for message in messages(run, f"/{craft}/iono/slant_tec"):
+        second = truth.get(round(seconds_of(message) - start), {})
+        rows = zip(message.prn, message.stec_tecu, message.rejected, strict=True)
+        errors += [
+            stec - second[f"G{prn:02d}"]
+            for prn, stec, rejected in rows
+            if not rejected and f"G{prn:02d}" in second
+        ]
+    assert len(errors) > 10_000
+    assert math.sqrt(np.mean(np.square(errors))) <= 0.5
+
+
+@pytest.mark.slow
+def test_differential_tec_at_one_second(plumex):
+    """The noise of the combined density, carried back to the content between the spacecraft."""
+    truth = Truth(plumex, "plumex.csv")
+    time, _, density, _, true = densities(plumex, truth)
+    separation = truth.at("chief", time) - truth.at("deputy", time)
+    later = time > 100.0
+    content = ((density - true) * separation / ELECTRONS_PER_TECU)[later]
+    assert math.sqrt(np.mean(content**2)) <= 0.005
