@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from typing import Any
 
 from vtff_bringup.bag.errors import UnknownTypeError
@@ -33,7 +34,8 @@ class FoxgloveServer:
 
     def __init__(self, port: int = DEFAULT_PORT) -> None:
         try:
-            import foxglove
+            # By name: an optional package is none that package.xml must declare.
+            foxglove = importlib.import_module("foxglove")
         except ImportError as error:
             raise FoxgloveMissingError(
                 "--foxglove needs the package foxglove-sdk: "

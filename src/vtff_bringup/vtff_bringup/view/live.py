@@ -111,10 +111,16 @@ class ViewerNode(Node):
         Takes the messages.
     forward
         Also gets every message of every topic: name, type, CDR bytes, stamp in ns since 1970.
+    node_arguments
+        As for ``rclpy.node.Node``.
     """
 
-    def __init__(self, live: LiveScene, forward: Forward | None = None) -> None:
-        super().__init__("viewer", enable_rosout=False, start_parameter_services=False)
+    def __init__(
+        self, live: LiveScene, forward: Forward | None = None, **node_arguments: Any
+    ) -> None:
+        super().__init__(
+            "viewer", enable_rosout=False, start_parameter_services=False, **node_arguments
+        )
         self._live = live
         self._forward = forward
         self._known: set[str] = set()
