@@ -179,6 +179,17 @@ def test_navigation_error_compares_equal_times():
     assert summary["navigation_error_maximum_m"] == pytest.approx(0.05)
 
 
+def test_the_start_of_navigation_does_not_count_where_the_key_says_so():
+    position = np.tile([3e-4, 0.0, 4e-4], (100, 1))
+    position[:60] = 1.0
+    summary = run_of(
+        {"d": DeputyHistory("d", truth=states(np.zeros((100, 3))), estimate=states(position))}
+    )
+    assert summary["navigation_error_settled_3d_rms_m"] == pytest.approx(5e-4)
+    assert summary["navigation_error_settled_3d_rms_m_per_s"] == 0.0
+    assert summary["navigation_error_radial_rms_m"] > 0.5
+
+
 def receiver(epoch_seconds, observations):
     """Epochs that all have the same (system, prn, band, attribute) observations."""
     count = len(epoch_seconds)

@@ -28,6 +28,7 @@ from vtff_bringup.report.plot_style import (
     save_figure,
     time_unit_of,
 )
+from vtff_bringup.report.summary import is_settled
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import satellite_name
@@ -77,8 +78,13 @@ def plot_navigation_error(
                     )  # fmt: skip
                 panel.plot(error.time * factor, values[:, axis] / scale, color=AXIS_COLOURS[axis])
                 panel.set_ylim(-1.5 * usual / scale, 1.5 * usual / scale)
-                rms = float(np.sqrt(np.mean(values[:, axis] ** 2)))
-                panel.set_title(f"{AXIS_NAMES[axis]} {what}: RMS {rms / scale:.3g} {unit}{per}")
+                counted = is_settled(error.time - error.time[0])
+                counted = counted if counted.any() else ~counted
+                rms = float(np.sqrt(np.mean(values[counted, axis] ** 2)))
+                after = "" if counted.all() else " after 60 s"
+                panel.set_title(
+                    f"{AXIS_NAMES[axis]} {what}: RMS{after} {rms / scale:.3g} {unit}{per}"
+                )
                 panel.set_ylabel(f"error ({unit}{per})")
             axes[2, column].set_xlabel(f"time since the start ({time_unit})")
         if error.position_sigma_rtn.any():

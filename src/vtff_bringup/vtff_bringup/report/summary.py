@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_bringup.report.gnss_summary import summarise_receiver
 from vtff_bringup.report.history import (
@@ -27,6 +28,10 @@ ACQUISITION_DURATION = 125.0
 
 SETTLED_WITHIN = 1.0
 """Largest deviation from the target in m that counts as settled (section 4.1 of the same paper)."""
+
+NAVIGATION_START_DURATION = 60.0
+"""s after its first solution in which the errors of navigation are those of its start; the paper
+starts its filter with as many seconds of code (section 3.4)."""
 
 DEFAULT_STEP = 1.0  # s, where a single message leaves the step open
 
@@ -313,7 +318,21 @@ def _summarise_navigation(history: DeputyHistory) -> Summary:
         summary[f"navigation_error_{axis}_mean_m"] = error[:, column].mean()
         summary[f"navigation_error_{axis}_rms_m"] = _rms(error[:, column])
     summary["navigation_error_maximum_m"] = np.linalg.norm(error, axis=1).max()
+    settled = is_settled(_seconds(history.estimate.time[in_estimate], history.estimate.time[0]))
+    if settled.any():
+        rate = history.estimate.velocity_rtn[in_estimate] - history.truth.velocity_rtn[in_truth]
+        summary["navigation_error_settled_3d_rms_m"] = _rms_3d(error[settled])
+        summary["navigation_error_settled_3d_rms_m_per_s"] = _rms_3d(rate[settled])
     return summary
+
+
+def is_settled(time: FloatArray) -> npt.NDArray[np.bool_]:
+    """Tell which errors of navigation count when its start does not; `time` in s since then."""
+    return time >= NAVIGATION_START_DURATION
+
+
+def _rms_3d(error: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(error**2, axis=1))))
 
 
 def _control_start(controlled: AccelerationHistory | None, start: int) -> float:

@@ -54,6 +54,8 @@ _TOTAL: Section = _axis_rows("dv", "m/s", "delta_v_total_{}_m_per_s", 2)
 _NAVIGATION: Section = [
     *_axis_rows("RMS", "m", "navigation_error_{}_rms_m", 4),
     ("largest, m", "navigation_error_maximum_m", 4),
+    ("3-D RMS after 60 s, m", "navigation_error_settled_3d_rms_m", 5),
+    ("3-D RMS after 60 s, m/s", "navigation_error_settled_3d_rms_m_per_s", 7),
 ]
 
 _RECEIVER: Section = [
