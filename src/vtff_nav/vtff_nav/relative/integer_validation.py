@@ -287,7 +287,7 @@ def _conditioned(
         integers=integers + transformation.T @ nearest.astype(np.int64),
         ambiguities=whole + back[:, :first] @ free,
         covariance=(spread * decorrelation.conditional_variances[:first]) @ spread.T,
-        determined=np.equal(back[:, :first], 0).all(axis=1),
+        determined=np.asarray(np.equal(back[:, :first], 0).all(axis=1)),
         success_rate=solution.success_rate,
         ratio=solution.ratio,
         ratio_threshold=attempt.threshold,
