@@ -23,12 +23,10 @@ from vtff_bringup.report.history import (
     SimulatorReport,
 )
 from vtff_bringup.report.recording_details import DetailCollector
+from vtff_bringup.topics import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_nav.conversions import ephemeris_from_message
 
-TRUTH_TOPIC = "/formation/relative_state_truth"
-ESTIMATE_TOPIC = "/formation/relative_state"
-TARGET_TOPIC = "/formation/target"
 STATUS_TOPIC = "/sim/status"
 
 #: Name of a receiver whose topics have no namespace.

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from vtff_bringup.report.recording import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
+from vtff_bringup.topics import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
 from vtff_bringup.view.satellites import SatellitePositions
 from vtff_bringup.view.scene import Scene
 from vtff_dynamics.frames import geodetic_from_itrf, state_gcrf_to_itrf
@@ -30,11 +31,12 @@ _EARTH_FRAME = "earth"
 _STATUS_NONE = 0  # vtff_msgs/GnssFix.STATUS_NONE
 _SOLUTION_NONE = 0  # vtff_msgs/RelativeState.SOLUTION_NONE
 
-#: Shortest time between samples, s: the globe interpolates, and plots are this wide in pixels.
+#: Shortest time between samples, s, and the number of samples beyond which it grows: plots are
+#: a few hundred pixels wide, and the globe interpolates.
 SHORTEST_INTERVAL = 1.0
-LONGEST_SERIES = 4000
-#: A sample may come this part of the interval early: stamps jitter.
-_EARLY = 0.05
+LONGEST_SERIES = 2000
+#: Slots of one sample begin this part of the interval early: stamps on whole seconds jitter.
+_EARLY = 0.25
 
 _NANOSECONDS = 1_000_000_000
 
@@ -42,8 +44,8 @@ Handler = Callable[[int, Any], None]
 
 
 def sample_interval(duration: float) -> float:
-    """Return the time between samples of a scene of this duration, s."""
-    return max(SHORTEST_INTERVAL, duration / LONGEST_SERIES)
+    """Return the time between samples of a scene of this duration, whole s."""
+    return max(SHORTEST_INTERVAL, float(math.ceil(duration / LONGEST_SERIES)))
 
 
 class SceneBuilder:
@@ -54,12 +56,12 @@ class SceneBuilder:
     scene
         The scene; its start is that of the first message if it has none.
     interval
-        Shortest time between samples that are kept, s.
+        Time for which one sample of each topic is kept, s.
     """
 
     def __init__(self, scene: Scene, interval: float = SHORTEST_INTERVAL) -> None:
         self.scene = scene
-        self._spacing = round(interval * (1.0 - _EARLY) * _NANOSECONDS)
+        self._slot = round(interval * _NANOSECONDS)
         self._newest: dict[str, int] = {}
         self._satellites = SatellitePositions(scene)
 
@@ -89,6 +91,8 @@ class SceneBuilder:
     def wanted(self, topic: str, time: int) -> bool:
         """Tell whether a message of this time is kept, and count on it being given.
 
+        The slots are the same for all topics, so that samples of one time stay together.
+
         Parameters
         ----------
         topic
@@ -96,10 +100,10 @@ class SceneBuilder:
         time
             Log time or time of arrival in the scale of the stamps, ns since 1970.
         """
-        newest = self._newest.get(topic)
-        if newest is not None and 0 <= time - newest < self._spacing:
+        slot = (time + round(_EARLY * self._slot)) // self._slot
+        if self._newest.get(topic) == slot:
             return bool(_NEVER_THINNED.search(topic))
-        self._newest[topic] = time
+        self._newest[topic] = slot
         return True
 
     def put(self, topic: str, time: int, message: Any) -> None:
@@ -142,8 +146,8 @@ class SceneBuilder:
         strongest: dict[tuple[int, int], float] = {}
         columns = (message.system, message.prn, message.cn0_dbhz)
         for system, prn, cn0 in zip(*columns, strict=True):
-            satellite = (int(system), int(prn))
-            strongest[satellite] = max(strongest.get(satellite, 0.0), float(cn0))
+            satellite = (system, prn)
+            strongest[satellite] = max(strongest.get(satellite, 0.0), cn0)
         for (system, prn), cn0 in strongest.items():
             satellite_id = satellite_name(system, prn)
             self.scene.add("link", stamp, [cn0], craft=craft, satellite=satellite_id)
@@ -177,24 +181,23 @@ class SceneBuilder:
     def _slant_tec(self, craft: str, stamp: int, message: Any) -> None:
         names = ("pierce_latitude_deg", "pierce_longitude_deg", "stec_tecu", "vtec_tecu")
         columns = [_column(message, name) for name in names]
-        rejected = np.nan_to_num(_column(message, "rejected"))
-        for row, system in enumerate(message.system):
-            if rejected[row]:
-                continue
-            satellite = satellite_name(int(system), int(message.prn[row]))
-            values = [float(column[row]) for column in columns]
-            self.scene.add("pierce", stamp, values, craft=craft, satellite=satellite)
+        rejected = _column(message, "rejected")
+        rows = zip(message.system, message.prn, rejected, *columns, strict=True)
+        for system, prn, reason, *values in rows:
+            if not reason > 0:  # NaN where it is not told
+                satellite = satellite_name(system, prn)
+                self.scene.add("pierce", stamp, values, craft=craft, satellite=satellite)
 
     def _scintillation(self, craft: str, stamp: int, message: Any) -> None:
         corrected, s4 = _column(message, "s4_corrected"), _column(message, "s4")
         sigma_phi = _column(message, "sigma_phi")
-        worst: dict[str, list[float]] = {}
+        first: dict[str, list[float]] = {}
         for row, system in enumerate(message.system):
             satellite = satellite_name(int(system), int(message.prn[row]))
-            value = corrected[row] if np.isfinite(corrected[row]) else s4[row]
+            value = corrected[row] if math.isfinite(corrected[row]) else s4[row]
             # Of several signals the first: that is L1, whose index the paper shows.
-            worst.setdefault(satellite, [float(value), float(sigma_phi[row])])
-        for satellite, values in worst.items():
+            first.setdefault(satellite, [value, sigma_phi[row]])
+        for satellite, values in first.items():
             self.scene.add("scintillation", stamp, values, craft=craft, satellite=satellite)
 
     def _boundary(self, stamp: int, message: Any) -> None:
@@ -206,8 +209,8 @@ class SceneBuilder:
         self.scene.add("boundary", stamp, [*place, float(message.entry)], craft=craft)
 
 
-def _column(message: Any, name: str) -> Any:
-    """Return a column as floats; NaN where another program has left it out."""
-    column = np.asarray(getattr(message, name), dtype=float)
+def _column(message: Any, name: str) -> list[float]:
+    """Return a column as numbers; NaN where another program has left it out."""
+    column = getattr(message, name)
     count = len(message.system)
-    return column if len(column) == count else np.full(count, np.nan)
+    return list(column) if len(column) == count else [math.nan] * count
