@@ -16,7 +16,7 @@ from vtff_bringup.formation_recording import formation_seconds
 from vtff_dynamics.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.boundary_scores import score_minutes
+from vtff_iono.boundary_scores import fluctuation_lag, score_minutes
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density_profile import binned_profile
 from vtff_iono.formation_ionosphere import FormationIonosphere
@@ -38,6 +38,15 @@ def messages(run, topic):
 
 def seconds_of(message):
     return to_nanoseconds(message.header.stamp) * 1e-9
+
+
+def true_seconds(run, craft):
+    """Yield what the receiver of a spacecraft was given, second by second."""
+    with (run / "gnss_truth.jsonl").open() as lines:
+        for line in lines:
+            record = json.loads(line)
+            if record["record"] == "second" and record["receiver"] == craft:
+                yield record
 
 
 class Truth:
@@ -186,10 +195,7 @@ def test_vertical_separation_from_the_times_of_the_edges(esf):
 @pytest.mark.parametrize("craft", CRAFT)
 def test_scintillating_minutes_are_those_whose_rays_cross(esf, craft):
     minutes = {}
-    for line in (esf / "gnss_truth.jsonl").open():
-        if not line.startswith('{"record": "second", "receiver": "' + craft):
-            continue
-        second = json.loads(line)
+    for second in true_seconds(esf, craft):
         for satellite, s4 in zip(second["satellites"], second["s4_l1"], strict=True):
             key = satellite, second["time"] // 60 + 1
             minutes[key] = minutes.get(key, 0.0) + (s4 > 0.2)
@@ -205,6 +211,34 @@ def test_scintillating_minutes_are_those_whose_rays_cross(esf, craft):
     score = score_minutes(found, crossing)
     assert score.detection_rate >= 0.95
     assert score.false_alarm_rate < 0.01
+
+
+@pytest.mark.slow
+def test_fluctuations_of_the_deputy_come_two_seconds_later(esf):
+    power = {}
+    for craft in CRAFT:
+        fast = messages(esf, f"/{craft}/gnss/high_rate")[1950 * 20 : 2250 * 20]
+        for message in fast:
+            for prn, band, cn0 in zip(message.prn, message.band, message.cn0_dbhz, strict=True):
+                if band == 1:
+                    power.setdefault((craft, prn), []).append(10.0 ** (0.1 * cn0))
+    whole = [p for c, p in power if c == "chief" and len(power[c, p]) == 6000]
+    whole = [prn for prn in whole if len(power.get(("deputy", prn), [])) == 6000]
+    chief, deputy = (np.array([power[craft, prn] for prn in whole]) for craft in CRAFT)
+    assert fluctuation_lag(chief, deputy, 20.0).lag == pytest.approx(2.0, abs=0.2)
+
+
+@pytest.mark.slow
+def test_rays_enter_and_leave_when_they_do(esf):
+    start = Truth(esf, "esf.csv").start
+    crossing = [s["time"] for s in true_seconds(esf, "chief") if max(s["s4_l1"], default=0) > 0.2]
+    edges = [
+        (m.entry, seconds_of(m) - start)
+        for m in messages(esf, "/formation/irregularity_boundary")
+        if m.spacecraft == "chief" and m.source == IrregularityBoundary.SOURCE_S4
+    ]
+    assert min(t for entry, t in edges if entry) == pytest.approx(crossing[0], abs=15.0)
+    assert max(t for entry, t in edges if not entry) == pytest.approx(crossing[-1], abs=15.0)
 
 
 @pytest.mark.slow
@@ -230,12 +264,10 @@ def test_plumex_density(plumex):
 def test_absolute_slant_tec(craft, system, request):
     run = request.getfixturevalue(system)
     truth = {}
-    for line in (run / "gnss_truth.jsonl").open():
-        if line.startswith('{"record": "second", "receiver": "' + craft):
-            second = json.loads(line)
-            truth[round(second["time"])] = dict(
-                zip(second["satellites"], second["slant_tec_tecu"], strict=True)
-            )
+    for second in true_seconds(run, craft):
+        truth[round(second["time"])] = dict(
+            zip(second["satellites"], second["slant_tec_tecu"], strict=True)
+        )
     start = Truth(run, f"{system}.csv").start
     errors = []
     for message in messages(run, f"/{craft}/iono/slant_tec"):

@@ -71,7 +71,7 @@ class BoundarySettings:
     roti_tecu_per_minute: float = 2.0
     gradient_tecu_per_km: float = 0.05
     irregularity_altitude: float = 320e3
-    elevation_minimum: float = math.radians(10.0)
+    elevation_minimum: float = 0.0
     rate_elevation_minimum: float = math.radians(25.0)
 
 

@@ -124,9 +124,7 @@ def formation_settings(given: IonosphereProcessorParameters) -> FormationSetting
             bias_delay=given.bias_delay,
         ),
         density=DensitySettings(elevation_minimum=mask),
-        boundaries=BoundarySettings(
-            irregularity_altitude=given.irregularity_altitude, elevation_minimum=mask
-        ),
+        boundaries=BoundarySettings(irregularity_altitude=given.irregularity_altitude),
         carrier_phase_sigma=given.phase_sigma,
     )
 

@@ -225,6 +225,31 @@ class Boundary:
     altitude: float
 
 
+@dataclass(frozen=True, eq=False)
+class DensityHistory:
+    """Electron density between two spacecraft, all satellites combined; arrays of shape (n,).
+
+    Attributes
+    ----------
+    time
+        ns since 1970.
+    altitude, separation
+        Of the middle, and deputy less chief, m.
+    latitude_deg, longitude_deg
+        Of the middle, geodetic.
+    density, sigma
+        Electrons per cubic metre, finite.
+    """
+
+    time: TimeArray
+    altitude: FloatArray
+    separation: FloatArray
+    latitude_deg: FloatArray
+    longitude_deg: FloatArray
+    density: FloatArray
+    sigma: FloatArray
+
+
 @dataclass(frozen=True)
 class SimulatorReport:
     """The last /sim/status of a run.
@@ -269,6 +294,8 @@ class RunHistory:
         None where no simulator took part.
     slant_tec, scintillation
         By topic.
+    density
+        None where no density was measured.
     boundaries
         In the order of time.
     health
@@ -287,6 +314,7 @@ class RunHistory:
     simulator: SimulatorReport | None = None
     slant_tec: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
     scintillation: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
+    density: DensityHistory | None = None
     boundaries: tuple[Boundary, ...] = ()
     health: tuple[HealthItem, ...] = ()
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)

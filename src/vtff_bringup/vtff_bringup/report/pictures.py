@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pathlib
 from collections.abc import Mapping
 
@@ -15,6 +16,11 @@ from vtff_bringup.report.plots_details import (
     plot_navigation_quality,
     plot_satellite_values,
     plot_sky,
+)
+from vtff_bringup.report.plots_ionosphere import (
+    plot_density_profile,
+    plot_plateau,
+    plot_scintillation_map,
 )
 from vtff_bringup.report.settings import RunSettings
 from vtff_bringup.report.summary import FormationFlight, key_part
@@ -90,6 +96,7 @@ def draw_pictures(
                 "first seen."
             )
             pictures.append(Picture(path, caption, "gnss"))
+    pictures += _density(history, folder, run_name, scenario)
     pictures += _ionosphere(history, folder, run_name)
     if any(times.size for times in history.compute_time.values()):
         path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
@@ -121,6 +128,52 @@ def _navigation(
         )
         caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
         pictures.append(Picture(path, caption, "navigation"))
+    return pictures
+
+
+def _density(
+    history: RunHistory, folder: pathlib.Path, run_name: str, scenario: str
+) -> list[Picture]:
+    """Draw figures 8 to 11 of the paper from a run with two spacecraft."""
+    density = history.density
+    if density is None:
+        return []
+    path, error = plot_density_profile(
+        density,
+        history.boundaries,
+        scenario,
+        folder / "electron_density.png",
+        f"{run_name}: electron density",
+    )
+    caption = (
+        "Density from differential TEC, all satellites combined (figures 9 and 11 of the paper)."
+    )
+    if math.isfinite(error):
+        caption += f" Mean absolute difference {error:.2e} m-3; the paper's, for PLUMEX, 6.56e10."
+    pictures = [Picture(path, caption, "ionosphere")]
+    plateau = plot_plateau(
+        history.slant_tec,
+        history.start_time,
+        folder / "vertical_tec.png",
+        f"{run_name}: vertical TEC of single satellites",
+    )
+    if plateau is not None:
+        caption = (
+            "Vertical TEC above each spacecraft (figure 8 of the paper); dotted: 30.10 and 30.17 "
+            "TECU, the paper's plateau."
+        )
+        pictures.append(Picture(plateau, caption, "ionosphere"))
+    for topic, columns in history.scintillation.items():
+        mapped = plot_scintillation_map(
+            columns,
+            density,
+            scenario,
+            folder / f"{key_part(topic)}_map.png",
+            f"{run_name}: {topic} against place",
+        )
+        if mapped is not None:
+            caption = f"{topic} against altitude and place (figure 10 of the paper)."
+            pictures.append(Picture(mapped, caption, "ionosphere"))
     return pictures
 
 

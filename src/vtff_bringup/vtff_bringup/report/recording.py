@@ -95,6 +95,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         simulator=collector.simulator,
         slant_tec=details.slant_tec(),
         scintillation=details.scintillation(),
+        density=details.density(),
         boundaries=tuple(details.boundaries),
         health=details.health(),
         compute_time=details.compute_time(),

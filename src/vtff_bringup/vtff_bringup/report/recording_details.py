@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from vtff_bringup.report.history import Boundary, FloatArray, HealthItem, SatelliteColumns
+from vtff_bringup.report.history import (
+    Boundary,
+    DensityHistory,
+    FloatArray,
+    HealthItem,
+    SatelliteColumns,
+)
+from vtff_dynamics.frames import geodetic_from_itrf
 
 STEP_TOPIC = "/sim/step_done"
 DIAGNOSTICS_TOPIC = "/diagnostics"
 
 _SLANT_TEC = re.compile(r"/(?:iono/slant_tec|differential_tec)$")
 _SCINTILLATION = re.compile(r"/iono/scintillation$")
+_DENSITY = re.compile(r"/electron_density$")
 _BOUNDARY = re.compile(r"boundar")
 
 _SLANT_TEC_COLUMNS = ("stec_tecu", "stec_sigma_tecu", "vtec_tecu", "elevation", "azimuth")
@@ -92,6 +101,8 @@ class DetailCollector:
 
     def __init__(self) -> None:
         self.boundaries: list[Boundary] = []
+        self._density: list[tuple[float, ...]] = []
+        self._density_time: list[int] = []
         self._slant_tec: dict[str, _Columns] = {}
         self._scintillation: dict[str, _Columns] = {}
         self._health: dict[str, _Health] = {}
@@ -107,6 +118,8 @@ class DetailCollector:
             return self._slant_tec.setdefault(topic, _Columns(_SLANT_TEC_COLUMNS)).add
         if _SCINTILLATION.search(topic):
             return self._scintillation.setdefault(topic, _Columns(_SCINTILLATION_COLUMNS)).add
+        if _DENSITY.search(topic):
+            return self._add_density
         if _BOUNDARY.search(topic):
             return self._boundary
         return None
@@ -118,6 +131,22 @@ class DetailCollector:
     def scintillation(self) -> dict[str, SatelliteColumns]:
         """Return scintillation indices by topic, of topics that have any."""
         return _filled(self._scintillation)
+
+    def density(self) -> DensityHistory | None:
+        """Return the density of all satellites combined, None where there is none."""
+        if not self._density:
+            return None
+        altitude, separation, density, sigma, *position = np.array(self._density).T
+        geodetic = np.degrees(geodetic_from_itrf(np.stack(position, axis=-1))[:, :2])
+        return DensityHistory(
+            time=np.array(self._density_time, dtype=np.int64),
+            altitude=altitude,
+            separation=separation,
+            latitude_deg=geodetic[:, 0],
+            longitude_deg=geodetic[:, 1],
+            density=density,
+            sigma=sigma,
+        )
 
     def health(self) -> tuple[HealthItem, ...]:
         """Return what was reported on /diagnostics, by name."""
@@ -147,6 +176,20 @@ class DetailCollector:
             # Two spacecraft may have nodes of the same name.
             name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
             self._health.setdefault(name, _Health()).add(time, status)
+
+    def _add_density(self, message: Any) -> None:
+        # The last row is that of all satellites.
+        if len(message.density) and math.isfinite(message.density[-1]):
+            self._density_time.append(_nanoseconds(message.header.stamp))
+            self._density.append(
+                (
+                    message.altitude,
+                    message.vertical_separation,
+                    message.density[-1],
+                    message.density_sigma[-1],
+                    *message.position,
+                )
+            )
 
     def _boundary(self, message: Any) -> None:
         self.boundaries.append(
