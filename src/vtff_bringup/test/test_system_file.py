@@ -277,3 +277,36 @@ def test_nodes_that_prepare_are_waited_for_in_any_pacing(tmp_path, pacing):
 def test_without_nodes_that_prepare_nobody_is_told_of_them(settings):
     bridge = by_name(load_system(REFERENCE, (), settings))["simgen_bridge"]
     assert "lockstep_preparing" not in bridge.parameters
+
+
+def test_a_file_that_extends_another_adds_to_it(tmp_path, settings):
+    (tmp_path / "params").mkdir()
+    (tmp_path / "params" / "limits.yaml").write_text("/**:\n  ros__parameters: {cap: 1.0}\n")
+    (tmp_path / "base").mkdir()
+    base = tmp_path / "base" / "base.yaml"
+    base.write_text(
+        "arguments: {scenario: {default: base.yaml, file: true}, speed: {default: 1}}\n"
+        "nodes:\n"
+        "  - {package: p, executable: one, parameters: {a: 1, b: 2},"
+        " parameter_files: [../params/limits.yaml]}\n"
+    )
+    top = write(
+        tmp_path,
+        "extends: base/base.yaml\n"
+        "arguments: {speed: {default: 3}}\n"
+        "nodes:\n"
+        "  - {executable: one, parameters: {b: '${speed}'}}\n"
+        "  - {package: p, executable: two}\n",
+    )
+    system = load_system(top, (), settings)
+    assert system.arguments == {"scenario": str(base), "speed": 3}
+    one, two = system.nodes
+    assert (one.parameters["a"], one.parameters["b"]) == (1, 3)
+    assert one.all_parameters()["cap"] == 1.0
+    assert two.executable == "two"
+
+
+def test_files_must_not_extend_each_other_in_a_circle(tmp_path, settings):
+    top = write(tmp_path, "extends: system.yaml\n")
+    with pytest.raises(SystemFileError, match="circle"):
+        load_system(top, (), settings)
