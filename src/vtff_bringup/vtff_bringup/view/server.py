@@ -5,7 +5,6 @@ It listens on this machine only, and the page asks nobody else: its policy forbi
 
 from __future__ import annotations
 
-import gzip
 import http.server
 import json
 import mimetypes
@@ -140,12 +139,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def _send_json(self, content: dict[str, Any]) -> None:
         body = json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
-        compressed = "gzip" in self.headers.get("Accept-Encoding", "") and len(body) > 10_000
-        if compressed:
-            body = gzip.compress(body, compresslevel=1)
         self.send_response(http.HTTPStatus.OK)
-        if compressed:
-            self.send_header("Content-Encoding", "gzip")
         self.send_header("Cache-Control", "no-store")
         self._send_body("application/json", body)
 

@@ -184,13 +184,13 @@ function drawCursor(plot, context, time, width) {
     context.setLineDash(line.dash);
     context.beginPath();
     context.moveTo(place, 27);
-    context.lineTo(place + 18, 27);
+    context.lineTo(place + 13, 27);
     context.stroke();
     const at = indexAt(line.series.time, time);
     const value = at < 0 ? null : line.series.columns[line.column][at];
     const digits = room < 100 ? 3 : 4;
     const text = room < 75 ? line.name : `${line.name} ${value === null ? "–" : format(value, digits)}`;
-    context.fillText(text, place + 22, 31);
+    context.fillText(text, place + 16, 31);
   });
   context.setLineDash([]);
 }
@@ -208,5 +208,6 @@ function indexAt(times, time) {
 function format(value, digits) {
   const size = Math.abs(value);
   if (size === 0) return "0";
-  return size >= 10 ** digits || size < 0.01 ? value.toExponential(1) : value.toPrecision(digits);
+  if (size >= 1e6 || size < 0.01) return value.toExponential(1);
+  return size >= 10 ** digits ? value.toFixed(0) : value.toPrecision(digits);
 }
