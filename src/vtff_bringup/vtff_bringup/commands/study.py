@@ -77,6 +77,55 @@ def thrust_cap(
     console.print(f"{len(points)} caps; plot and table: {folder}", markup=False)
 
 
+@app.command("radial_offset")
+def radial_offset(
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for plot and CSV; default: studies/radial_offset_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Retrieve the PLUMEX-like density with offsets of 0.1 to 10 km (paper 000, section 4.4).
+
+    The paper's simplified model: noise of 75 dB on the vertical TEC, no flight.
+    """
+    from vtff_bringup.studies.radial_offset import run_offsets, write_csv, write_plot
+    from vtff_sim_bridge.atmosphere.electron_density import ProfileError, read_profile
+
+    console = Console(highlight=False)
+    try:
+        profile = read_profile(share_file("vtff_bringup", "config/ionosphere/plumex.csv"))
+        folder = (
+            new_folder(pathlib.Path("studies") / dated_name("radial_offset"))
+            if out is None
+            else chosen_folder(out, empty=False)
+        )
+    except (ProfileError, OSError, ExecutableNotFoundError, RunFolderError) as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}")
+        raise typer.Exit(EXIT_USAGE) from error
+    with Progress(console=console, transient=True) as bar:
+        task = bar.add_task("retrieving", total=None)
+        results = run_offsets(profile, progress=lambda d, t: bar.update(task, completed=d, total=t))
+    try:
+        write_csv(results, folder / "radial_offset.csv")
+        write_plot(results, folder / "radial_offset.png")
+    except OSError as error:
+        console.print(f"[red]error:[/red] {escape(str(error))}")
+        raise typer.Exit(EXIT_FAILURE) from error
+    table = Table(title="radial offset, PLUMEX-like profile (synthetic)", title_justify="left")
+    for name in ("offset, km", "mean error, cm-3", "departs below, km", "deconvolved, km", "paper"):
+        table.add_column(name, justify="right")
+    for result, paper in zip(results, ("", "6e4 cm-3", "6 km", "20 km"), strict=True):
+        table.add_row(
+            f"{result.offset / 1e3:g}",
+            f"{result.mean_error / 1e6:.3g}",
+            f"{result.departure / 1e3:.2f}",
+            f"{result.departure_deconvolved / 1e3:.2f}",
+            paper,
+        )
+    console.print(table)
+    console.print(f"plot and table: {folder}", markup=False)
+
+
 def _findings_table(found: ThrustCapFindings) -> Table:
     table = Table(title="thrust cap, reference formation, 1 h", title_justify="left")
     table.add_column("")
