@@ -2,6 +2,7 @@
 
 import { AXES, AXIS_DASHES, LINES } from "./colours.js";
 import { drawAxes, niceTicks, prepare, traceLine } from "./canvas.js";
+import { indexAt } from "./scene.js";
 
 const AXIS_NAMES = ["radial", "in_track", "cross_track"];
 const MARGIN = { left: 62, right: 22, top: 40, bottom: 22 };
@@ -193,16 +194,6 @@ function drawCursor(plot, context, time, width) {
     context.fillText(text, place + 16, 31);
   });
   context.setLineDash([]);
-}
-
-function indexAt(times, time) {
-  let [low, high] = [0, times.length];
-  while (low < high) {
-    const middle = (low + high) >> 1;
-    if (times[middle] <= time + 1e-6) low = middle + 1;
-    else high = middle;
-  }
-  return low - 1;
 }
 
 function format(value, digits) {

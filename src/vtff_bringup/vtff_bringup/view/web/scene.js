@@ -3,6 +3,18 @@
 const EARTH_RATE = 7.2921151467e-5; // rad/s, WGS 84
 const GRAVITATIONAL_PARAMETER = 3.986004418e14; // m3/s2, WGS 84
 
+// Index of the last time at or before a time; -1 before the first.
+export function indexAt(times, time) {
+  let low = 0;
+  let high = times.length;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= time + 1e-6) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
 export class Series {
   constructor(content) {
     const { name, kind, time, craft, satellite, source, deputy, ...columns } = content;
@@ -16,16 +28,8 @@ export class Series {
     for (const [name, column] of Object.entries(this.columns)) column.push(...content[name]);
   }
 
-  // Index of the last sample at or before a time; -1 before the first.
   indexAt(time) {
-    let low = 0;
-    let high = this.time.length;
-    while (low < high) {
-      const middle = (low + high) >> 1;
-      if (this.time[middle] <= time + 1e-6) low = middle + 1;
-      else high = middle;
-    }
-    return low - 1;
+    return indexAt(this.time, time);
   }
 
   // Values of the sample that holds at a time, or null: a sample holds until the next one, but no
