@@ -5,7 +5,8 @@ A system file (``config/system/*.yaml``) has these keys:
 ``description``
     One line.
 ``extends``
-    A system file, relative to this one, to which this one adds, see `vtff_bringup.system_extension`.
+    A system file, relative to this one, to which this one adds; see
+    `vtff_bringup.system_extension`.
 ``arguments``
     What the command line may set with ``key:=value``: name -> ``default``,
     ``description``, ``file: true`` for a path relative to the system file.
