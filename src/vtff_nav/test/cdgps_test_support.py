@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from cdgps_truth_support import TruthRecorder
 
 from vtff_dynamics.force_model import ForceModel
 from vtff_dynamics.frames import (
@@ -38,7 +39,6 @@ from vtff_sim_bridge.gnss.configuration import (
 from vtff_sim_bridge.gnss.emulation import ReceiverSet
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
-from vtff_sim_bridge.gnss.truth_file import TruthFile
 from vtff_sim_bridge.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.receiver_commands import EmulatedReceiver
 
@@ -81,6 +81,7 @@ class Scenario:
     deputy_gcrf: np.ndarray
     thrust_rtn: np.ndarray
     ephemerides: Sequence[BroadcastEphemeris]
+    truth: TruthRecorder
 
 
 def simulate(
@@ -133,7 +134,8 @@ def simulate(
         for craft, sigma in enumerate(empirical_sigma):
             noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(3)
             empirical[craft] = decay * empirical[craft] + noise
-    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals)
+    truth = TruthRecorder()
+    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals, truth)
     return Scenario(
         chief=chief,
         deputy=deputy_epochs,
@@ -141,10 +143,13 @@ def simulate(
         deputy_gcrf=np.array(states[1]),
         thrust_rtn=np.array(thrusts),
         ephemerides=read_rinex_navigation(NAVIGATION).ephemerides,
+        truth=truth,
     )
 
 
-def _receivers(motions, seed, profile, faults, signals) -> list[dict[GpsTime, ObservationEpoch]]:
+def _receivers(
+    motions, seed, profile, faults, signals, truth
+) -> list[dict[GpsTime, ObservationEpoch]]:
     """Return the epochs that a decoder reads from the bytes of both receivers."""
     loaded = load_gnss_configuration(REPOSITORY / "config/gnss/noise_free.yaml")
     receivers = tuple(
@@ -174,7 +179,7 @@ def _receivers(motions, seed, profile, faults, signals) -> list[dict[GpsTime, Ob
         receiver.receive(b"LOG RANGEB ONTIME 1\r\n")
     first = np.array(motions[0][0].position_itrf + motions[0][0].velocity_itrf)
     end = START + float(len(motions) - 1)
-    receiver_set = ReceiverSet(base, emulated, START, end, first, TruthFile(None))
+    receiver_set = ReceiverSet(base, emulated, START, end, first, truth)
     content = {name: bytearray() for name in emulated}
     vehicles = {"v1_m1": VehicleMotion(), "v2_m1": VehicleMotion()}
     for second, step in enumerate(motions):
