@@ -22,7 +22,6 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.broadcast_orbit import EphemerisTable
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps_filter import RelativeFilter, Update
@@ -36,8 +35,8 @@ from vtff_nav.relative.dynamics import (
     DYNAMIC_STATES,
     OrbitalMotion,
     TerrestrialMotion,
-    ThrustInterval,
 )
+from vtff_nav.relative.estimator_inputs import EstimatorInputs
 from vtff_nav.relative.measurements import (
     Geometry,
     SignalReader,
@@ -69,7 +68,7 @@ _START_VELOCITY_SIGMA = 30.0
 _CLOCK_TOLERANCE = 3e-7
 
 
-class CdgpsEstimator:
+class CdgpsEstimator(EstimatorInputs):
     """Relative navigation filter; see `vtff_nav.relative.solution.RelativeEstimator`.
 
     Parameters
@@ -83,12 +82,9 @@ class CdgpsEstimator:
         configuration: CdgpsConfiguration | None = None,
         ephemerides: Iterable[BroadcastEphemeris] = (),
     ) -> None:
+        super().__init__(ephemerides)
         self.configuration = configuration or CdgpsConfiguration()
         self._motion = _motion(self.configuration)
-        self._ephemerides = dict.fromkeys(ephemerides)
-        self._store = EphemerisStore(self._ephemerides)
-        self._has_new_ephemeris = False
-        self._thrust: list[ThrustInterval] = []
         self._absolute = AbsoluteFilter(self.configuration)
         self._signal_reader = SignalReader(
             self.configuration.measurement_noise, self.configuration.bands
@@ -108,28 +104,6 @@ class CdgpsEstimator:
         """Forget the relative state."""
         self._relative: RelativeFilter | None = None
 
-    def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Take a broadcast ephemeris; repetitions cost nothing."""
-        if ephemeris not in self._ephemerides:
-            self._ephemerides[ephemeris] = None
-            self._has_new_ephemeris = True
-
-    def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
-        """Take the thrust of the deputy; see `RelativeEstimator.add_thrust`.
-
-        Raises
-        ------
-        ValueError
-            If the acceleration is not three finite numbers or the duration not positive.
-        """
-        acceleration = np.array(acceleration_rtn, dtype=float)
-        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
-            raise ValueError("acceleration_rtn: three finite numbers expected")
-        if not duration > 0.0:
-            raise ValueError("duration: more than 0 s expected")
-        if acceleration.any():
-            self._thrust.append(ThrustInterval(start, duration, acceleration))
-
     def process(
         self,
         time: GpsTime,
@@ -147,10 +121,7 @@ class CdgpsEstimator:
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
-        if self._has_new_ephemeris:
-            self._store = EphemerisStore(self._ephemerides)
-            self._has_new_ephemeris = False
-        table = self._store.table(time)
+        table = self._table(time)
         signals = [self._signals(epoch, table) for epoch in (chief, deputy)]
         if self._absolute.state is not None and self._time is not None:
             self._predict(self._time, interval)

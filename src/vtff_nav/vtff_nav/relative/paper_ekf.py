@@ -28,14 +28,13 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.broadcast_orbit import EphemerisTable
-from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.relative.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps_output import relative_rtn
 from vtff_nav.relative.code_mean import CodeMean, StartEpoch
-from vtff_nav.relative.dynamics import DYNAMIC_STATES, OrbitalMotion, ThrustInterval
+from vtff_nav.relative.dynamics import DYNAMIC_STATES, OrbitalMotion
+from vtff_nav.relative.estimator_inputs import EstimatorInputs
 from vtff_nav.relative.measurements import (
     DEFAULT_BANDS,
     Geometry,
@@ -85,7 +84,7 @@ class _Measured:
     tag_offsets: FloatArray
 
 
-class PaperEstimator:
+class PaperEstimator(EstimatorInputs):
     """Relative state of two spacecraft in orbit, as in the paper; a `RelativeEstimator`.
 
     The first `start_duration` seconds give no solution. The chief's orbit, which the paper takes
@@ -97,6 +96,7 @@ class PaperEstimator:
     """
 
     def __init__(self, configuration: PaperConfiguration | None = None) -> None:
+        super().__init__()
         self.configuration = configuration or PaperConfiguration()
         orbit = CdgpsConfiguration(
             force_model=self.configuration.force_model,
@@ -110,14 +110,12 @@ class PaperEstimator:
         noise = self.configuration.measurement_noise
         self._chief_signals = SignalReader(noise, DEFAULT_BANDS)
         self._signals = SignalReader(noise, self.configuration.bands)
-        self._ephemerides: dict[BroadcastEphemeris, None] = {}
-        self._store: EphemerisStore | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget every estimate; ephemerides are kept."""
         self._chief.reset()
-        self._thrust: list[ThrustInterval] = []
+        self._thrust.clear()
         self._time: GpsTime | None = None
         self._restart()
 
@@ -129,28 +127,6 @@ class PaperEstimator:
         self._mean_since: GpsTime | None = None
         self._last_start: StartEpoch | None = None
         self._used: GpsTime | None = None
-
-    def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Take a broadcast ephemeris; repetitions cost nothing."""
-        if ephemeris not in self._ephemerides:
-            self._ephemerides[ephemeris] = None
-            self._store = None
-
-    def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
-        """Take the thrust of the deputy; see `RelativeEstimator.add_thrust`.
-
-        Raises
-        ------
-        ValueError
-            If the acceleration is not three finite numbers or the duration not positive.
-        """
-        acceleration = np.array(acceleration_rtn, dtype=float)
-        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
-            raise ValueError("acceleration_rtn: three finite numbers expected")
-        if not duration > 0.0:
-            raise ValueError("duration: more than 0 s expected")
-        if acceleration.any():
-            self._thrust.append(ThrustInterval(start, duration, acceleration))
 
     def process(
         self,
@@ -171,9 +147,7 @@ class PaperEstimator:
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
-        if self._store is None:
-            self._store = EphemerisStore(self._ephemerides)
-        table = self._store.table(time)
+        table = self._table(time)
         self._predict(time)
         self._time = time
         self._update_chief(time, chief, table)
