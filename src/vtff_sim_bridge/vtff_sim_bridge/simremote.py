@@ -287,7 +287,7 @@ def parse_number(field: str, text: str) -> float:
 def format_number(number: float) -> str:
     """Return the shortest decimal that reads back as the same binary64 number, no exponent.
 
-    At most 17 significant digits; 25 characters at most for 1e-6 <= abs(number) < 1e23. Public
+    At most 17 significant digits; 25 characters at most for 1e-6 <= abs(number) < 1e22. Public
     clients write plain decimals, so whether SimGEN reads exponents is not known.
 
     Raises
