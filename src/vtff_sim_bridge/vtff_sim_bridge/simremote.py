@@ -287,7 +287,7 @@ def parse_number(field: str, text: str) -> float:
 def format_number(number: float) -> str:
     """Return the shortest decimal that reads back as the same binary64 number, no exponent.
 
-    At most 17 significant digits; 25 characters at most for 1e-6 <= abs(number) < 1e22. Public
+    At most 17 significant digits; 25 characters at most for 1e-6 <= abs(number) < 1e23. Public
     clients write plain decimals, so whether SimGEN reads exponents is not known.
 
     Raises
@@ -311,7 +311,8 @@ def _without_exponent(text: str) -> str:
     whole, _, decimals = mantissa.lstrip("-").partition(".")
     if exponent < 0:
         return f"{sign}0.{'0' * (-exponent - 1)}{whole}{decimals}"
-    return f"{sign}{whole}{decimals.ljust(exponent, '0')}.0"
+    # Without ".0", which would make the largest numbers longer than promised.
+    return f"{sign}{whole}{decimals.ljust(exponent, '0')}"
 
 
 def parse_motion(arguments: Sequence[str]) -> tuple[str, MotionState]:
