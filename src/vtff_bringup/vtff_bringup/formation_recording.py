@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from vtff_bringup.bag.reader import BagReader
+from vtff_bringup.topics import ESTIMATE_TOPIC
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -45,7 +46,7 @@ def formation_seconds(
     observed = [_by_second(reader, f"/{craft}/gnss/high_rate") for craft in crafts]
     fixes = [_single(reader, f"/{craft}/gnss/fix") for craft in crafts]
     integers = _single(reader, "/formation/ambiguities")
-    relative = _single(reader, "/formation/relative_state")
+    relative = _single(reader, ESTIMATE_TOPIC)
     ephemerides = sorted(
         (
             (item.log_time, number, ephemeris_from_message(item.message))

@@ -72,6 +72,30 @@ def chosen_folder(folder: pathlib.Path, *, empty: bool) -> pathlib.Path:
     return folder
 
 
+def output_folder(
+    out: pathlib.Path | None, name: str, *, parent: str = ".", empty: bool = False
+) -> pathlib.Path:
+    """Return the folder that a command writes into: the one asked for, or a new dated one.
+
+    Parameters
+    ----------
+    out
+        As given on the command line; None for a new folder.
+    name, parent
+        Of the new folder, see `dated_name`.
+    empty
+        Whether a folder that was asked for must not hold anything.
+
+    Raises
+    ------
+    RunFolderError
+        See `new_folder` and `chosen_folder`.
+    """
+    if out is None:
+        return new_folder(pathlib.Path(parent) / dated_name(name))
+    return chosen_folder(out, empty=empty)
+
+
 def remove_if_empty(folder: pathlib.Path) -> None:
     """Take away a folder that was made for a run that did not start."""
     if not any(folder.iterdir()):

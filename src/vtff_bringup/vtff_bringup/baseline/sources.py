@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from vtff_bringup.topics import TRUTH_TOPIC
 from vtff_dynamics.frames import (
     geodetic_from_itrf,
     rotation_gcrf_to_itrf,
@@ -32,7 +33,6 @@ Position = tuple[float, float, float]
 Progress = Callable[[str], None]
 
 _LOWEST_ORBIT = 100e3
-_TRUTH_TOPIC = "/formation/relative_state_truth"
 
 
 class BaselineError(ValueError):
@@ -267,10 +267,10 @@ def _thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
 def _truth(reader: BagReader, rover: str) -> TrueBaseline | None:
     from vtff_node.stamps import to_nanoseconds
 
-    if _TRUTH_TOPIC not in reader.topics:
+    if TRUTH_TOPIC not in reader.topics:
         return None
     times, baselines = [], []
-    for decoded in reader.messages(_TRUTH_TOPIC):
+    for decoded in reader.messages(TRUTH_TOPIC):
         message = decoded.message
         if message.child_frame_id == rover:
             time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))

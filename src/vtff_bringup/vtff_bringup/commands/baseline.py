@@ -309,7 +309,7 @@ def _compute(
     from vtff_bringup.baseline.processing import process_baseline
     from vtff_bringup.baseline.summary import summarise
     from vtff_bringup.baseline.truth import errors_local
-    from vtff_bringup.run_folder import chosen_folder, dated_name, new_folder
+    from vtff_bringup.run_folder import output_folder
 
     for remark in sources.remarks:
         console.print(f"[yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
@@ -321,11 +321,7 @@ def _compute(
     known = truth or sources.truth
     errors = errors_local(run, known) if known is not None else None
     summary = summarise(run, errors)
-    folder = (
-        new_folder(pathlib.Path(dated_name("baseline")))
-        if out is None
-        else chosen_folder(out, empty=False)
-    )
+    folder = output_folder(out, "baseline")
     write_csv(run, errors, folder / "baseline.csv")
     write_json(summary, folder / "baseline.json")
     title = f"{sources.rover_name} relative to {sources.base_name}"

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from vtff_bringup.bag.errors import BagError
 from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+from vtff_bringup.run_folder import RunFolderError, output_folder
 
 if TYPE_CHECKING:
     from vtff_bringup.compare import ComparedRun
@@ -49,11 +49,7 @@ def compare(
         names = names_of_runs(bags)
         with console.status("reading the bags"):
             runs = [read_compared_run(path, name) for path, name in zip(bags, names, strict=True)]
-        folder = (
-            new_folder(pathlib.Path("bags") / dated_name("compare"))
-            if out is None
-            else chosen_folder(out, empty=False)
-        )
+        folder = output_folder(out, "compare", parent="bags")
     except (BagError, RunFolderError) as error:
         console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
         raise typer.Exit(EXIT_USAGE) from error

@@ -19,9 +19,7 @@ from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_bringup.run_description import write_arguments
 from vtff_bringup.run_folder import (
     RunFolderError,
-    chosen_folder,
-    dated_name,
-    new_folder,
+    output_folder,
     remove_if_empty,
 )
 from vtff_bringup.system import (
@@ -77,11 +75,7 @@ def reprocess(
     try:
         recorded = BagReader(bag)
         path = find_system_file(system)
-        run_directory = (
-            new_folder(pathlib.Path("bags") / dated_name(path.stem))
-            if out is None
-            else chosen_folder(out, empty=True)
-        )
+        run_directory = output_folder(out, path.stem, parent="bags", empty=True)
     except (BagError, SystemFileError, RunFolderError) as error:
         raise _stop(console, error, EXIT_USAGE) from error
     run_settings = RunSettings(run_directory=run_directory, duration=duration)

@@ -17,9 +17,7 @@ from vtff_bringup.progress import RunProgress
 from vtff_bringup.run_description import write_arguments
 from vtff_bringup.run_folder import (
     RunFolderError,
-    chosen_folder,
-    dated_name,
-    new_folder,
+    output_folder,
     remove_if_empty,
 )
 from vtff_bringup.runner import Runner, RunResult, check_counts
@@ -77,11 +75,7 @@ def run(
     console = Console(highlight=False)
     try:
         path = find_system_file(system)
-        run_directory = (
-            new_folder(pathlib.Path("bags") / dated_name(path.stem))
-            if out is None
-            else chosen_folder(out, empty=True)
-        )
+        run_directory = output_folder(out, path.stem, parent="bags", empty=True)
     except (SystemFileError, RunFolderError) as error:
         raise _stop(console, error, EXIT_USAGE) from error
     settings = RunSettings(

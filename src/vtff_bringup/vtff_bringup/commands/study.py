@@ -13,7 +13,7 @@ from rich.table import Table
 
 from vtff_bringup.executables import ExecutableNotFoundError, share_file
 from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+from vtff_bringup.run_folder import RunFolderError, output_folder
 
 if TYPE_CHECKING:
     from vtff_bringup.studies.thrust_cap import ThrustCapFindings, ThrustCapPoint
@@ -52,11 +52,7 @@ def thrust_cap(
     try:
         file = scenario or share_file("vtff_bringup", "config/scenario/reference.yaml")
         flown = load_scenario(file)
-        folder = (
-            new_folder(pathlib.Path("studies") / dated_name("thrust_cap"))
-            if out is None
-            else chosen_folder(out, empty=False)
-        )
+        folder = output_folder(out, "thrust_cap", parent="studies")
     except (ScenarioError, ExecutableNotFoundError, RunFolderError) as error:
         console.print(f"[red]error:[/red] {escape(str(error))}")
         raise typer.Exit(EXIT_USAGE) from error
@@ -94,11 +90,7 @@ def radial_offset(
     console = Console(highlight=False)
     try:
         profile = read_profile(share_file("vtff_bringup", "config/ionosphere/plumex.csv"))
-        folder = (
-            new_folder(pathlib.Path("studies") / dated_name("radial_offset"))
-            if out is None
-            else chosen_folder(out, empty=False)
-        )
+        folder = output_folder(out, "radial_offset", parent="studies")
     except (ProfileError, OSError, ExecutableNotFoundError, RunFolderError) as error:
         console.print(f"[red]error:[/red] {escape(str(error))}")
         raise typer.Exit(EXIT_USAGE) from error

@@ -60,7 +60,7 @@ def tec(
     vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
     """
     # Imported here, because numpy, numba and matplotlib take a while.
-    from vtff_bringup.run_folder import RunFolderError, chosen_folder, dated_name, new_folder
+    from vtff_bringup.run_folder import RunFolderError, output_folder
     from vtff_bringup.tec.output import write_summary
 
     console = Console(highlight=False)
@@ -69,11 +69,7 @@ def tec(
     ephemerides = _ephemerides(console, nav or [])
     known = _biases(console, biases)
     try:
-        folder = (
-            new_folder(pathlib.Path(dated_name("tec")))
-            if out is None
-            else chosen_folder(out, empty=False)
-        )
+        folder = output_folder(out, "tec")
     except RunFolderError as error:
         _fail(console, str(error))
     done: list[dict[str, Any]] = []
