@@ -238,7 +238,7 @@ ANY_STATE = st.one_of(
 )
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(ANY_STATE, ANY_STATE, ANY_STATE, st.sampled_from(DESIGNS), st.booleans(), st.booleans())
 def test_control_never_raises_and_never_exceeds_the_cap(
     relative: object, chief: object, target: object, design: str, usual: bool, feedforward: bool

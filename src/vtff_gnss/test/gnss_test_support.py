@@ -26,7 +26,7 @@ L2C = 0x0230DC0B
 
 def examples(count: int) -> settings:
     """Return settings of a property test: the same examples in every run, nothing stored."""
-    return settings(max_examples=count, deadline=None, derandomize=True, database=None)
+    return settings(max_examples=count)
 
 
 def oem_file(name: str) -> pathlib.Path:

@@ -21,7 +21,7 @@ from vtff_gnss.novatel import (
 
 WEEK, MILLISECONDS = 1889, 93_660_000
 TIME = GpsTime.from_week_tow(WEEK, MILLISECONDS / 1000.0)
-EXAMPLES = settings(max_examples=100, deadline=None, derandomize=True, database=None)
+EXAMPLES = settings(max_examples=100)
 
 # prn, frequency, system, first, second; azimuth, elevation, lock, C/N0, then TEC and its change.
 TEC_ROWS = [

@@ -16,7 +16,7 @@ BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
 
 def examples(count: int) -> settings:
     """Return settings of a property test: the same examples in every run, nothing stored."""
-    return settings(max_examples=count, deadline=None, derandomize=True, database=None)
+    return settings(max_examples=count)
 
 
 def bele_file(name: str) -> pathlib.Path:

@@ -21,7 +21,7 @@ def measurements(random: np.random.Generator, size: int, count: int):
     return design, random.standard_normal(count), 0.1 + random.random(count)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6), st.integers(1, 6), st.integers(3, 12))
 def test_update_is_least_squares(seed, size, count):
     """Prior and measurements together, nuisance parameter without prior."""

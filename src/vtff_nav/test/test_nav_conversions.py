@@ -29,7 +29,7 @@ from vtff_nav import conversions
 from vtff_node.stamps import to_nanoseconds
 
 SECOND = 1_000_000_000
-IDENTICAL = settings(max_examples=60, deadline=None, derandomize=True, database=None)
+IDENTICAL = settings(max_examples=60)
 
 floats = st.floats(width=64)
 vectors = st.tuples(floats, floats, floats)

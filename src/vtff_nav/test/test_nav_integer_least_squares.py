@@ -70,7 +70,7 @@ def test_known_vectors_are_there():
     assert {v["n"] for v in vectors()} >= {1, 3, 6, 12, 20, 40}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 3), st.integers(1, 4), st.integers(0, 2**32 - 1))
 def test_brute_force(n, candidates, seed):
     generator = np.random.default_rng(seed)
@@ -94,7 +94,7 @@ def test_brute_force(n, candidates, seed):
     assert len({tuple(row) for row in solution.candidates.tolist()}) == candidates
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(1, 20), st.integers(0, 2**32 - 1))
 def test_decorrelation_is_unimodular_and_exact(n, seed):
     covariance = random_covariance(np.random.default_rng(seed), n)
@@ -113,7 +113,7 @@ def test_decorrelation_is_unimodular_and_exact(n, seed):
     assert (exchanged >= (1.0 - 2e-6) * variances[1:]).all()
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1))
 def test_translation_and_integer_transformation_change_nothing(n, seed):
     generator = np.random.default_rng(seed)

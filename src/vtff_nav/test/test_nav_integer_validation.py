@@ -79,7 +79,7 @@ def test_accepted_wrong_fixes_are_as_rare_as_promised(failure_rate):
     assert wrong <= limit + 3.0 * np.sqrt(limit)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.integers(4, 12), st.integers(0, 2**32 - 1))
 def test_result_is_the_conditional_solution(satellites, seed):
     generator = np.random.default_rng(seed)

@@ -21,7 +21,7 @@ from vtff_nav.receiver_session import (
 from vtff_sim_bridge.receiver_commands import EmulatedReceiver
 
 TICK = 0.01  # s
-EXAMPLES = settings(max_examples=20, deadline=None, derandomize=True, database=None)
+EXAMPLES = settings(max_examples=20)
 
 
 class Bench:

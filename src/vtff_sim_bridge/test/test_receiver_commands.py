@@ -381,7 +381,7 @@ WORDS = st.sampled_from(
     st.lists(st.lists(WORDS, min_size=1, max_size=7), max_size=12),
     st.lists(st.integers(1, 40), min_size=1, max_size=8),
 )
-@settings(max_examples=150, deadline=None, derandomize=True, database=None)
+@settings(max_examples=150)
 def test_any_commands_in_any_pieces_get_one_answer_each(commands, lengths):
     content = b"".join(" ".join(words).encode() + b"\r\n" for words in commands)
     whole = EmulatedReceiver().receive(content)

@@ -156,7 +156,7 @@ commands = st.binary(min_size=1, max_size=60).map(
 ) | st.sampled_from([b"SC,a.scn", b"RU", b"-,EN,1", b"0,MOT,v1_m1,1,2,3", b"1,MOT,,", b"TR,0"])
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(commands.filter(lambda line: not line.isspace()), min_size=1, max_size=20))
 def test_junk_gets_one_reply_per_command(emulator: RunningEmulator, lines: list[bytes]) -> None:
     with emulator.connect() as connection:
