@@ -3,14 +3,32 @@
 from __future__ import annotations
 
 import csv
+import math
 import pathlib
 
+import numpy as np
 import pytest
+from rich.console import Console
+from typer.testing import CliRunner
 
-from vtff_bringup.studies.radial_offset import OFFSETS, run_offsets, write_csv, write_plot
+from vtff_bringup.bag.errors import BagReadError
+from vtff_bringup.commands.study import app
+from vtff_bringup.studies.offset_flights import complete_flight, write_offset_scenario
+from vtff_bringup.studies.radial_offset import OFFSETS, flown_offset, run_offsets
+from vtff_bringup.studies.radial_offset_output import (
+    results_table,
+    write_csv,
+    write_profiles_plot,
+    write_spectra_plot,
+)
+from vtff_dynamics.frames import relative_state_rtn
 from vtff_sim_bridge.atmosphere.electron_density import read_profile
+from vtff_sim_bridge.scenario import load_scenario
 
-TABLE = pathlib.Path(__file__).resolve().parents[3] / "config" / "ionosphere" / "plumex.csv"
+ROOT = pathlib.Path(__file__).resolve().parents[3]
+TABLE = ROOT / "config" / "ionosphere" / "plumex.csv"
+SCENARIO = ROOT / "config" / "scenario" / "plumex.yaml"
+SAMPLE = ROOT / "bags" / "sample"
 
 
 @pytest.fixture(scope="module")
@@ -25,16 +43,72 @@ def test_noise_falls_with_the_offset_as_in_the_paper(results):
     assert errors[1] == pytest.approx(6e10, rel=0.1)
 
 
-def test_spectra_depart_at_twice_the_offset_and_deconvolved_ones_nearer_to_it(results):
-    for result in results:
-        if result.offset >= 3000.0:
-            assert result.departure == pytest.approx(2.0 * result.offset, rel=0.15)
-            assert result.offset < result.departure_deconvolved < result.departure
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_spectra_depart_at_twice_the_offset_and_deconvolved_ones_nearer_to_it(seed):
+    for result in run_offsets(read_profile(TABLE), [3000.0, 10_000.0], seed=seed):
+        assert result.departure == pytest.approx(2.0 * result.offset, rel=0.15)
+        assert result.departure_deconvolved < result.departure
 
 
-def test_table_and_plot(results, tmp_path):
+def test_what_noise_hides_is_told_as_such(results):
+    """At 100 m of the model even the bubbles, 30 to 60 km, are near the noise (section 4.4)."""
+    smallest = results[0]
+    assert math.isnan(smallest.departure)
+    assert 20e3 < smallest.resolved < 60e3
+    assert smallest.resolved > max(result.resolved for result in results[1:])
+
+
+def test_the_best_offsets_are_those_of_the_paper(results):
+    """1 and 3 km resolve finer structures than 100 m, in the noise, and 10 km, the average."""
+    best = sorted(results, key=lambda result: result.resolved)[:2]
+    assert {result.offset for result in best} == {1000.0, 3000.0}
+
+
+@pytest.mark.parametrize("offset", OFFSETS)
+def test_the_deputy_starts_on_its_offset(offset, tmp_path):
+    file = write_offset_scenario(SCENARIO, offset, 7, tmp_path / "offset.yaml")
+    scenario, base = load_scenario(file), load_scenario(SCENARIO)
+    deputy = scenario.deputies[0]
+    start = relative_state_rtn(scenario.chief.state_gcrf, deputy.state_gcrf)
+    assert start[:3] == pytest.approx([-offset, -15e3, 0.0], abs=1e-6)
+    assert start[3:] == pytest.approx(np.zeros(3), abs=1e-9)
+    assert deputy.target_rtn == pytest.approx([-offset, -15e3, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
+    assert scenario.seed == 7
+    assert (scenario.epoch, scenario.duration) == (base.epoch, base.duration)
+    assert scenario.chief.state_gcrf == pytest.approx(base.chief.state_gcrf, abs=0.0)
+
+
+def test_a_run_that_is_not_of_the_study_is_refused(tmp_path):
+    with pytest.raises(BagReadError, match="/formation/electron_density"):
+        flown_offset(SAMPLE, 1000.0)
+    (tmp_path / "offset_1000m").symlink_to(SAMPLE, target_is_directory=True)
+    (tmp_path / "offset_1000m_2").mkdir()
+    assert complete_flight(tmp_path, 1000.0, 1) is None
+
+
+def test_table_and_plots(results, tmp_path):
     write_csv(results, tmp_path / "radial_offset.csv")
     rows = list(csv.DictReader((tmp_path / "radial_offset.csv").open()))
     assert [float(row["offset_m"]) for row in rows] == list(OFFSETS)
-    write_plot(results, tmp_path / "radial_offset.png")
-    assert (tmp_path / "radial_offset.png").stat().st_size > 10_000
+    assert rows[0]["departure_m"] == ""
+    console = Console(width=100, record=True)
+    console.print(results_table(results))
+    assert "in noise" in console.export_text()
+    for write, name in ((write_profiles_plot, "profiles.png"), (write_spectra_plot, "spectra.png")):
+        write(results, tmp_path / name)
+        assert (tmp_path / name).stat().st_size > 10_000
+
+
+def test_command_with_the_model_alone(tmp_path):
+    arguments = ["radial_offset", "--model", "--offset", "3000", "--out", str(tmp_path / "study")]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    names = {path.name for path in (tmp_path / "study").iterdir()}
+    assert names == {"radial_offset.csv", "profiles_model.png", "spectra_model.png"}
+
+
+def test_command_refuses_an_offset_above_the_chief(tmp_path):
+    arguments = ["radial_offset", "--offset", "-3", "--out", str(tmp_path / "study")]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 2
+    assert "--offset" in outcome.output

@@ -24,7 +24,9 @@ __all__ = [
     "deconvolved_profile",
     "departure_scale",
     "model_profile",
+    "noise_scale",
     "wavenumber_spectrum",
+    "white_noise_spectrum",
 ]
 
 DEPARTURE_LEVEL_DB = -3.9
@@ -88,8 +90,9 @@ def deconvolved_profile(
 
     This is the Wiener inverse of the sinc response, written for samples at any altitudes with any
     separation: the linear estimate with the least mean square error for a density that is a
-    smooth part (running mean over four separations) plus irregularities of spectrum k^-2.5. Their
-    variance is the one for which the samples are most likely.
+    smooth part (running mean over four separations, or half the outer scale of irregularities) plus
+    irregularities of spectrum k^-2.5. Their variance is the one for which the samples are most
+    likely.
 
     Parameters
     ----------
@@ -118,7 +121,9 @@ def deconvolved_profile(
     edges = np.arange(low.min(), high.max() + spacing, spacing)
     average = _averaging_matrix(low, high, edges)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    mean = _smooth(0.5 * (low + high), values, noise, middle, 2.0 * separation)
+    # Slower than the irregularities, or a small separation would take its noise for the mean.
+    slowest = max(2.0 * separation, 0.25 * _OUTER_SCALE)
+    mean = _smooth(0.5 * (low + high), values, noise, middle, slowest)
     residual = values - average @ mean
     correlation = linalg.toeplitz(_correlation(middle - middle[0]))
     carried = average @ correlation
@@ -210,6 +215,7 @@ def departure_scale(
     reference: npt.NDArray[np.complex128],
     level_db: float = DEPARTURE_LEVEL_DB,
     bins_per_octave: int = 6,
+    noise: float = 0.0,
 ) -> float:
     """Return the scale (m) below which a measured spectrum departs from the reference.
 
@@ -224,18 +230,22 @@ def departure_scale(
     level_db : float
         Squared ratio at which it departs, dB.
     bins_per_octave : int
+    noise : float
+        Mean |N(k)|^2 of the noise of `measured`, see `white_noise_spectrum`. Bins in which it alone
+        may take a ratio of 1 below the level, at three sigma, tell nothing and are left out.
 
     Returns
     -------
     float
-        2 pi / k where the ratio falls below the level, coming from large scales; NaN if it never
-        does.
+        2 pi / k where the ratio falls below the level, coming from large scales; NaN if it does
+        not in any bin that tells.
     """
-    number = np.floor(bins_per_octave * np.log2(wavenumber / wavenumber[0])).astype(np.int64)
-    bins = np.unique(number)
-    middle = np.array([np.exp(np.log(wavenumber[number == b]).mean()) for b in bins])
-    cross = np.array([np.sum((measured * reference.conj())[number == b]) for b in bins])
+    number, bins, middle = _octave_bins(wavenumber, bins_per_octave)
     power = np.array([np.sum(np.abs(reference[number == b]) ** 2) for b in bins])
+    # Half of the noise power is in phase with the reference.
+    telling = 3.0 * np.sqrt(0.5 * noise / power) < 1.0 - 10.0 ** (0.05 * level_db)
+    bins, middle, power = bins[telling], middle[telling], power[telling]
+    cross = np.array([np.sum((measured * reference.conj())[number == b]) for b in bins])
     ratio_db = 20.0 * np.log10(np.maximum(np.abs(cross) / power, 1e-12))
     below = np.flatnonzero(ratio_db < level_db)
     if len(below) == 0 or below[0] == 0:
@@ -244,6 +254,57 @@ def departure_scale(
     part = (ratio_db[i - 1] - level_db) / (ratio_db[i - 1] - ratio_db[i])
     crossing = np.exp(np.interp(part, [0.0, 1.0], np.log(middle[[i - 1, i]])))
     return float(2.0 * np.pi / crossing)
+
+
+def white_noise_spectrum(sigma: float, count: int) -> float:
+    """Return the mean `wavenumber_spectrum`, |N(k)|^2, of white noise; the same at every k.
+
+    Parameters
+    ----------
+    sigma : float
+        Standard deviation of a sample, electrons per cubic metre.
+    count : int
+        Number of samples.
+    """
+    return float(sigma**2 * np.sum(np.hanning(count) ** 2))
+
+
+def noise_scale(
+    wavenumber: FloatArray,
+    reference: npt.NDArray[np.complex128],
+    noise: float,
+    bins_per_octave: int = 6,
+) -> float:
+    """Return the scale (m) below which noise is stronger than the structures themselves.
+
+    Parameters
+    ----------
+    wavenumber, reference
+        True profile, from `wavenumber_spectrum`.
+    noise : float
+        From `white_noise_spectrum`.
+    bins_per_octave : int
+
+    Returns
+    -------
+    float
+        2 pi / k where the mean |N(k)|^2 of the reference in bins of wavenumber falls below the
+        noise, coming from large scales; NaN if it never does.
+    """
+    number, bins, middle = _octave_bins(wavenumber, bins_per_octave)
+    power = np.array([np.mean(np.abs(reference[number == b]) ** 2) for b in bins])
+    below = np.flatnonzero(power < noise)
+    return float(2.0 * np.pi / middle[below[0]]) if len(below) else float("nan")
+
+
+def _octave_bins(
+    wavenumber: FloatArray, bins_per_octave: int
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], FloatArray]:
+    """Return the bin of each wavenumber, the bins, and their middles (rad/m)."""
+    number = np.floor(bins_per_octave * np.log2(wavenumber / wavenumber[0])).astype(np.int64)
+    bins = np.unique(number)
+    middle = np.array([np.exp(np.log(wavenumber[number == b]).mean()) for b in bins])
+    return number, bins, middle
 
 
 @dataclass(frozen=True, eq=False)
