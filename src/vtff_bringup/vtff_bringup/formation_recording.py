@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-import collections
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from vtff_bringup.bag.reader import BagReader
+import numpy as np
+
+from vtff_bringup.bag.reader import BagReader, DecodedMessage, RawMessage
+from vtff_bringup.observation_recording import (
+    observation_columns,
+    observation_table,
+    stamps,
+)
 from vtff_bringup.topics import ESTIMATE_TOPIC
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.timescales import GpsTime
@@ -19,9 +25,12 @@ from vtff_iono.conversions import (
     states_from_relative_state,
 )
 from vtff_iono.formation_ionosphere import FormationSecond
+from vtff_iono.spacecraft_ionosphere import ObservationBlock
 from vtff_node.stamps import to_nanoseconds
 
 __all__ = ["formation_seconds"]
+
+AMBIGUITIES_TOPIC = "/formation/ambiguities"
 
 
 def formation_seconds(
@@ -43,15 +52,16 @@ def formation_seconds(
         If a topic is missing or the bag cannot be read.
     """
     crafts = (chief, deputy)
-    observed = [_by_second(reader, f"/{craft}/gnss/high_rate") for craft in crafts]
-    fixes = [_single(reader, f"/{craft}/gnss/fix") for craft in crafts]
-    integers = _single(reader, "/formation/ambiguities")
-    relative = _single(reader, ESTIMATE_TOPIC)
+    recorded = _Recorded(reader, crafts)
+    observed = [recorded.observations(f"/{craft}/gnss/high_rate") for craft in crafts]
+    fixes = [recorded.by_second(f"/{craft}/gnss/fix") for craft in crafts]
+    integers = recorded.by_second(AMBIGUITIES_TOPIC)
+    relative = recorded.by_second(ESTIMATE_TOPIC)
     ephemerides = sorted(
         (
             (item.log_time, number, ephemeris_from_message(item.message))
             for craft in crafts
-            for number, item in enumerate(reader.messages(f"/{craft}/gnss/ephemeris"))
+            for number, item in enumerate(recorded.messages(f"/{craft}/gnss/ephemeris"))
         ),
         key=lambda entry: entry[:2],
     )
@@ -67,8 +77,8 @@ def formation_seconds(
             FormationSecond(
                 time=GpsTime.from_unix_nanoseconds(stamp).nanoseconds,
                 observations=(
-                    block_from_messages(observed[0].get(second, [])),
-                    block_from_messages(observed[1].get(second, [])),
+                    observed[0].get(second) or block_from_messages([]),
+                    observed[1].get(second) or block_from_messages([]),
                 ),
                 states_itrf=(states[0], states[1]),
                 integers=_converted(integers_from_message, integers.get(second)) or {},
@@ -76,22 +86,53 @@ def formation_seconds(
         )
 
 
-def _by_second(reader: BagReader, topic: str) -> dict[int, list[Any]]:
-    """Return the messages of a topic by the end of the second in which they lie."""
-    found: dict[int, list[Any]] = collections.defaultdict(list)
-    for item in reader.messages(topic):
-        stamp = to_nanoseconds(item.message.header.stamp)
-        found[-(-stamp // NANOSECONDS_PER_SECOND)].append(item.message)
-    return dict(found)
+class _Recorded:
+    """What a bag holds of a formation, read in one pass over it."""
 
+    def __init__(self, reader: BagReader, crafts: tuple[str, str]) -> None:
+        self._reader = reader
+        observations = [f"/{craft}/gnss/high_rate" for craft in crafts]
+        self._columns = {topic: observation_columns(reader, topic) for topic in observations}
+        single = [f"/{craft}/gnss/{name}" for craft in crafts for name in ("fix", "ephemeris")]
+        topics = [*self._columns, *single, AMBIGUITIES_TOPIC, ESTIMATE_TOPIC]
+        self._raw: dict[str, list[RawMessage]] = {topic: [] for topic in topics}
+        for raw in reader.raw_messages(topics):
+            if raw.topic in self._columns:
+                self._columns[raw.topic].add(raw.serialized)
+            else:
+                self._raw[raw.topic].append(raw)
 
-def _single(reader: BagReader, topic: str) -> dict[int, Any]:
-    """Return the messages of a topic whose stamps are whole seconds, by their second."""
-    return {
-        second: messages[-1]
-        for second, messages in _by_second(reader, topic).items()
-        if to_nanoseconds(messages[-1].header.stamp) % NANOSECONDS_PER_SECOND == 0
-    }
+    def messages(self, topic: str) -> Iterator[DecodedMessage]:
+        return (self._reader.decoded(raw) for raw in self._raw[topic])
+
+    def by_second(self, topic: str) -> dict[int, Any]:
+        """Return the messages of a topic whose stamps are whole seconds, by their second."""
+        found = {}
+        for item in self.messages(topic):
+            second, rest = divmod(to_nanoseconds(item.message.header.stamp), NANOSECONDS_PER_SECOND)
+            if rest == 0:
+                found[second] = item.message
+        return found
+
+    def observations(self, topic: str) -> dict[int, ObservationBlock]:
+        """Return the epochs of a topic by the end of the second in which their stamps lie."""
+        columns = self._columns.pop(topic).columns()
+        table = observation_table(columns)
+        second = -(-stamps(columns) // NANOSECONDS_PER_SECOND)
+        if (np.diff(second) < 0).any():
+            order = np.argsort(second, kind="stable")
+            second, table = second[order], table.epochs_at(order)
+        time = np.repeat(table.time_nanoseconds, np.diff(table.first_row))
+        first = np.flatnonzero(np.diff(second, prepend=second[:1] - 1))
+        edges = table.first_row[np.append(first, len(second))].tolist()
+        return {
+            number: ObservationBlock(
+                time[start:end], {name: part[start:end] for name, part in table.columns.items()}
+            )
+            for number, start, end in zip(
+                second[first].tolist(), edges[:-1], edges[1:], strict=True
+            )
+        }
 
 
 def _converted(convert: Callable[[Any], Any], message: Any) -> Any:

@@ -94,6 +94,28 @@ class ObservationTable:
         for index in range(len(self)):
             yield self.epoch(index)
 
+    def epochs_at(self, index: npt.NDArray[np.intp]) -> ObservationTable:
+        """Return some of the epochs, in the order in which they are asked for.
+
+        Parameters
+        ----------
+        index : ndarray of int, shape (k,)
+            Places of the epochs.
+        """
+        counts = np.diff(self.first_row)[index]
+        first_row = np.concatenate([[0], np.cumsum(counts)]).astype(np.intp)
+        moved = np.repeat(self.first_row[index] - first_row[:-1], counts)
+        rows = np.arange(first_row[-1]) + moved
+        return dataclasses.replace(
+            self,
+            time_nanoseconds=self.time_nanoseconds[index],
+            first_row=first_row,
+            columns={name: column[rows] for name, column in self.columns.items()},
+            receiver_clock_offset=self.receiver_clock_offset[index],
+            time_status=self.time_status[index],
+            receiver_status=self.receiver_status[index],
+        )
+
     def selected(
         self, systems: str | None = None, signals: Collection[str] | None = None
     ) -> ObservationTable:

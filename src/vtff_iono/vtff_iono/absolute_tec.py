@@ -18,6 +18,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
+from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.mapping import (
     GROUND_SHELL_HEIGHT,
     LOWEST_ORBIT,
@@ -25,12 +26,7 @@ from vtff_iono.mapping import (
     pierce_point,
     shell_height,
 )
-from vtff_iono.receiver_bias import (
-    BiasSamples,
-    ReceiverBias,
-    ReceiverBiasError,
-    estimate_receiver_biases,
-)
+from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 from vtff_iono.slant_tec import (
@@ -42,7 +38,7 @@ from vtff_iono.slant_tec import (
     no_bias,
 )
 
-__all__ = ["AbsoluteTec", "BiasKey", "absolute_tec", "geometry_by_system"]
+__all__ = ["AbsoluteTec", "BiasKey", "absolute_tec"]
 
 BiasKey = tuple[int, str, str]
 """System and the two observation codes that a receiver bias belongs to."""
@@ -69,6 +65,8 @@ class AbsoluteTec:
         Mapped to the vertical above the receiver's altitude.
     azimuth : ndarray
         rad.
+    geometry : SatelliteGeometry
+        Of all observations that were given, those without a link too.
     pierce_latitude, pierce_longitude : ndarray
         rad; at the thin shell, or at half the shell height above an orbit.
     rejected : ndarray of uint16
@@ -84,6 +82,7 @@ class AbsoluteTec:
     stec_sigma_tecu: FloatArray
     vtec_tecu: FloatArray
     azimuth: FloatArray
+    geometry: SatelliteGeometry
     pierce_latitude: FloatArray
     pierce_longitude: FloatArray
     rejected: npt.NDArray[np.uint16]
@@ -91,7 +90,7 @@ class AbsoluteTec:
     remarks: tuple[str, ...]
 
 
-def geometry_by_system(
+def _geometry_by_system(
     ephemerides: Sequence[BroadcastEphemeris],
     time: npt.NDArray[np.int64],
     columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
@@ -134,7 +133,7 @@ def absolute_tec(
         others follow from comparison with it.
     """
     position = np.asarray(position_receiver_itrf, dtype=float)
-    geometry = geometry_by_system(ephemerides, time, columns, position)
+    geometry = _geometry_by_system(ephemerides, time, columns, position)
     processor = SlantTecProcessor(satellite_bias, pairs=pairs)
     rows = processor.update(time, columns, geometry.elevation)
     levels = ArcLevels(rows)
@@ -162,6 +161,7 @@ def absolute_tec(
         stec_sigma_tecu=np.hypot(levels.stec_sigma_tecu, sigma[rows.pairs.link]),
         vtec_tecu=stec / factor,
         azimuth=geometry.azimuth[first],
+        geometry=geometry,
         pierce_latitude=np.where(nowhere, np.nan, point[:, 0]),
         pierce_longitude=np.where(nowhere, np.nan, point[:, 1]),
         rejected=rows.rejected
@@ -209,6 +209,8 @@ def _receiver_biases(
         direction_itrf=direction[chosen],
         position_receiver_itrf=position[chosen],
         arc=(rows.pairs.link << 32 | rows.arc)[chosen],
+        link=rows.pairs.link[chosen],
+        satellite_sigma_tecu=rows.satellite_bias_sigma_tecu[chosen],
     )
     try:
         estimated = estimate_receiver_biases(samples)

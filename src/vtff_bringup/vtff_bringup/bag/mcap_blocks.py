@@ -16,7 +16,7 @@ import pathlib
 import re
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import BinaryIO, NamedTuple
 
 import lz4.frame
@@ -32,6 +32,7 @@ from vtff_bringup.bag.errors import BagReadError
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_CHANNEL_ID = struct.Struct("<H")  # the begin of a message
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
 _FOOTER_LENGTH = 20
 _LARGEST_CHUNK = 1 << 30  # B uncompressed; a larger claim is a damaged length
@@ -143,8 +144,20 @@ def scan_content(path: pathlib.Path) -> FileContent:
         raise BagReadError(f"{path}: cannot read: {error}") from error
 
 
-def read_block(content: FileContent, block: Block, file: BinaryIO) -> Iterator[StoredMessage]:
+def read_block(
+    content: FileContent,
+    block: Block,
+    file: BinaryIO,
+    channel_ids: Collection[int] | None = None,
+) -> Iterator[StoredMessage]:
     """Iterate over the messages of a block in file order.
+
+    Parameters
+    ----------
+    content, block, file
+        Where it lies.
+    channel_ids
+        Only messages of these; all if not given.
 
     Raises
     ------
@@ -159,6 +172,10 @@ def read_block(content: FileContent, block: Block, file: BinaryIO) -> Iterator[S
         records = [
             (start, end) for opcode, start, end in _records(stored) if opcode == Opcode.MESSAGE
         ]
+        if channel_ids is not None:
+            # Most of a bag is of other topics, and a message costs more than its number.
+            channel = _CHANNEL_ID.unpack_from
+            records = [place for place in records if channel(stored, place[0])[0] in channel_ids]
         messages = [_message(stored, start, end) for start, end in records]
     except _DAMAGE as error:
         raise BagReadError(

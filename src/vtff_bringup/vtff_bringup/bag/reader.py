@@ -136,20 +136,23 @@ class BagReader:
         UnknownTypeError
             If the message type is not installed.
         """
-        self._check_topic(topic)
+        for raw in self.raw_messages([topic]):
+            yield self.decoded(raw)
+
+    def decoded(self, raw: RawMessage) -> DecodedMessage:
+        """Return a deserialised message; needs rclpy, raises as `messages`."""
         # Only here, so that a bag can be inspected on a machine without ROS.
         from rclpy.serialization import deserialize_message
 
-        class_of_topic = message_class(self.topics[topic].type)
-        for raw in self.raw_messages([topic]):
-            try:
-                message = deserialize_message(raw.serialized, class_of_topic)
-            except Exception as error:  # rclpy raises its own and C++ exceptions here
-                raise BagReadError(
-                    f"{self.path}: topic '{topic}': a message at {raw.log_time} ns is not a "
-                    f"{raw.type}: {error}"
-                ) from error
-            yield DecodedMessage(raw.log_time, message)
+        class_of_topic = message_class(raw.type)
+        try:
+            message = deserialize_message(raw.serialized, class_of_topic)
+        except Exception as error:  # rclpy raises its own and C++ exceptions here
+            raise BagReadError(
+                f"{self.path}: topic '{raw.topic}': a message at {raw.log_time} ns is not a "
+                f"{raw.type}: {error}"
+            ) from error
+        return DecodedMessage(raw.log_time, message)
 
     def time_range(self, topic: str) -> TimeRange | None:
         """Log times of the first and last message of a topic; None if it has none."""
@@ -305,19 +308,18 @@ class BagReader:
             if channel.topic in wanted
         }
         try:
-            messages = mcap_blocks.read_block(content, block, file)
+            messages = mcap_blocks.read_block(content, block, file, names)
         except BagReadError as error:
             if str(error) not in self.notes:
                 self.notes.append(str(error))
             return
         for index, message in enumerate(messages):
-            described = names.get(message.channel_id)
             log_time = message.log_time
-            if described is None or (start is not None and log_time < start):
+            if start is not None and log_time < start:
                 continue
             if end is not None and log_time >= end:
                 continue
-            raw = RawMessage(*described, log_time, message.serialized)
+            raw = RawMessage(*names[message.channel_id], log_time, message.serialized)
             yield log_time, number, block.offset, index, raw
 
 

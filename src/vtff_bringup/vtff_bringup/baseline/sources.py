@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import pathlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,6 @@ from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observation_files import open_ephemerides, open_observations
 from vtff_gnss.observation_table import ObservationTable
-from vtff_gnss.observations import ObservationEpoch
 
 if TYPE_CHECKING:
     from vtff_bringup.bag.reader import BagReader
@@ -206,19 +205,11 @@ def from_bag(bag: pathlib.Path, rover: str = "deputy", base: str = "chief") -> B
     """
     # Imported here, because these need rclpy.
     from vtff_bringup.bag.reader import BagReader
-    from vtff_nav.conversions import ephemeris_from_message, observations_from_message
+    from vtff_bringup.observation_recording import recorded_observations
+    from vtff_nav.conversions import ephemeris_from_message
 
     reader = BagReader(bag)
-
-    def epochs(name: str) -> Iterator[ObservationEpoch]:
-        last: GpsTime | None = None
-        for decoded in reader.messages(f"/{name}/gnss/epoch"):
-            epoch = observations_from_message(decoded.message)
-            if last is None or epoch.time > last:
-                last = epoch.time
-                yield epoch
-
-    tables = [ObservationTable.from_epochs(epochs(name)) for name in (rover, base)]
+    tables = [recorded_observations(reader, f"/{name}/gnss/epoch") for name in (rover, base)]
     for name, table in zip((rover, base), tables, strict=True):
         if not len(table):
             raise BaselineError(f"{bag}: no message on /{name}/gnss/epoch")

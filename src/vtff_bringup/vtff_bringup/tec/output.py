@@ -21,6 +21,8 @@ from vtff_iono.geometry_free import tecu_per_metre
 
 __all__ = ["content_table", "summary", "write_plots", "write_summary", "write_tables"]
 
+# The axes are 1400 pixels wide.
+_EPOCHS_DRAWN = 3000
 _NANOSECONDS_PER_HOUR = 3600.0 * NANOSECONDS_PER_SECOND
 
 
@@ -153,7 +155,7 @@ def write_plots(result: TecResult, folder: pathlib.Path) -> list[pathlib.Path]:
     time = content.rows.pairs.time
     hours = (time - result.source.table.time_nanoseconds[0]) / _NANOSECONDS_PER_HOUR
     unit, factor = ("h", 1.0) if np.ptp(hours) > 2.0 else ("min", 60.0)
-    good = (content.rejected == 0) & np.isfinite(content.vtec_tecu)
+    good = (content.rejected == 0) & np.isfinite(content.vtec_tecu) & _is_drawn(time)
     with rc_context(STYLE):
         figure = make_figure(9.5)
         axes = figure.subplots(3, 1, sharex=True)
@@ -184,6 +186,12 @@ def write_plots(result: TecResult, folder: pathlib.Path) -> list[pathlib.Path]:
         path = folder / f"{result.source.name}_tec.png"
         save_figure(figure, path, f"Electron content, {result.source.description}")
     return [path]
+
+
+def _is_drawn(time: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return the rows of every n-th epoch: a picture has no room for more."""
+    epochs, number = np.unique(time, return_inverse=True)
+    return np.asarray(number % max(1, len(epochs) // _EPOCHS_DRAWN) == 0)
 
 
 def write_summary(results: list[dict[str, Any]], path: pathlib.Path) -> None:

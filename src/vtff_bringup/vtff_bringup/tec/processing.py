@@ -14,7 +14,7 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
-from vtff_iono.absolute_tec import AbsoluteTec, absolute_tec, geometry_by_system
+from vtff_iono.absolute_tec import AbsoluteTec, absolute_tec
 from vtff_iono.code_biases import CodeBiasTable, broadcast_code_biases
 from vtff_iono.rate_of_tec import RateOfTecMonitor
 from vtff_iono.scintillation import ScintillationMonitor, ScintillationWindow
@@ -106,7 +106,7 @@ def process(
     window = 60.0 if step <= 1.0 else 10.0 * interval
     scintillation = []
     if step <= 1.0 / _SLOWEST_FOR_SCINTILLATION:
-        angles = geometry_by_system(orbits, time, table.columns, position)
+        angles = content.geometry
         monitor = ScintillationMonitor()
         scintillation = [
             *monitor.update(time, table.columns, angles.elevation, angles.azimuth),

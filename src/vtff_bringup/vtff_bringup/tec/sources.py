@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,13 +12,11 @@ import numpy.typing as npt
 from scipy.interpolate import CubicSpline
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_gnss.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
-from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.relative.measurements import MeasurementNoise, SignalReader, satellite_mask
 from vtff_nav.relative.orbit_filter import combinations, single_point
 
@@ -103,7 +101,8 @@ def from_bag(path: pathlib.Path) -> list[TecSource]:
     """
     # Imported here, because these need rclpy.
     from vtff_bringup.bag.reader import BagReader
-    from vtff_nav.conversions import ephemeris_from_message, observations_from_message
+    from vtff_bringup.observation_recording import recorded_observations
+    from vtff_nav.conversions import ephemeris_from_message
 
     reader = BagReader(path)
     topics = {}
@@ -114,14 +113,6 @@ def from_bag(path: pathlib.Path) -> list[TecSource]:
     if not topics:
         raise TecError(f"{path}: no topic NAME/gnss/high_rate or NAME/gnss/epoch in this bag")
 
-    def epochs(topic: str) -> Iterator[ObservationEpoch]:
-        last: GpsTime | None = None
-        for decoded in reader.messages(topic):
-            epoch = observations_from_message(decoded.message)
-            if last is None or epoch.time > last:
-                last = epoch.time
-                yield epoch
-
     sources = []
     for receiver, topic in sorted(topics.items()):
         latched = f"{receiver}/gnss/ephemeris"
@@ -130,7 +121,7 @@ def from_bag(path: pathlib.Path) -> list[TecSource]:
             TecSource(
                 name=f"{path.resolve().name}{receiver.replace('/', '_')}",
                 description=f"{topic} of {path.name}",
-                table=ObservationTable.from_epochs(epochs(topic)),
+                table=recorded_observations(reader, topic),
                 ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
                 position_itrf=None,
                 remarks=tuple(reader.notes),
