@@ -9,9 +9,10 @@ from formation_simulation import RADIUS, chapman, plumex_like
 
 from vtff_dynamics.frames import itrf_from_geodetic
 from vtff_gnss.line_of_sight import ellipsoid_normal
+from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.mapping import mapping_factor, profile_content
-from vtff_iono.receiver_bias import BiasSamples, ReceiverBiasError, estimate_receiver_biases
+from vtff_iono.receiver_bias import estimate_receiver_biases
 
 PER_NS = 2.8533508
 BIAS = 8.0

@@ -21,6 +21,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU
 __all__ = [
     "GROUND_SHELL_HEIGHT",
     "LOWEST_ORBIT",
+    "distance_to_altitude",
     "foelsche_kirchengast_mapping",
     "mapping_factor",
     "pierce_point",
@@ -160,10 +161,10 @@ def profile_mapping(
         return np.asarray(slant / np.where(vertical > 0.0, vertical, np.nan))
 
 
-def pierce_point(
+def distance_to_altitude(
     position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
 ) -> FloatArray:
-    """Return where rays leave the ellipsoid that lies `altitude` above WGS-84.
+    """Return how far receivers are, along rays, from the ellipsoid `altitude` above WGS-84.
 
     Parameters
     ----------
@@ -175,21 +176,32 @@ def pierce_point(
 
     Returns
     -------
-    ndarray, shape (..., 3)
-        ITRF, m; NaN where the ray does not pass the surface upwards, as for a receiver above it.
+    ndarray, shape (...)
+        m; NaN where the ray does not pass the surface upwards, as for a receiver above it.
     """
     altitude = np.asarray(altitude, dtype=float)
     equatorial = WGS84_SEMI_MAJOR_AXIS + altitude
     polar = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING) + altitude
     stretch = np.stack((1.0 / equatorial, 1.0 / equatorial, 1.0 / polar), axis=-1)
-    receiver = np.asarray(position_receiver_itrf, dtype=float)
-    direction = np.asarray(direction_itrf, dtype=float)
-    start, along = receiver * stretch, direction * stretch
+    start = np.asarray(position_receiver_itrf, dtype=float) * stretch
+    along = np.asarray(direction_itrf, dtype=float) * stretch
     square = (along * along).sum(axis=-1)
     middle = (start * along).sum(axis=-1)
     inside = (start * start).sum(axis=-1) - 1.0
     with np.errstate(invalid="ignore"):
         distance = (-middle + np.sqrt(middle**2 - square * inside)) / square
-        distance = np.where(inside <= 0.0, distance, np.nan)
+    return np.where(inside <= 0.0, distance, np.nan)
+
+
+def pierce_point(
+    position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
+) -> FloatArray:
+    """Return where rays leave the ellipsoid that lies `altitude` above WGS-84, ITRF, m.
+
+    Arguments and shapes as in `distance_to_altitude`; shape (..., 3), NaN where that is NaN.
+    """
+    distance = distance_to_altitude(position_receiver_itrf, direction_itrf, altitude)
+    receiver = np.asarray(position_receiver_itrf, dtype=float)
+    direction = np.asarray(direction_itrf, dtype=float)
     point: FloatArray = receiver + distance[..., np.newaxis] * direction
     return point

@@ -15,10 +15,12 @@ b from above.
 
 Neither the height of the layer nor the lowest useful elevation is known well, and gradients may or
 may not be estimated along. The solution is repeated for the heights, elevations and bases that are
-in use; its value is the mean. An eccentric orbit measures a density profile, which then takes the
-place of the shells. Its sigma contains the scatter of these solutions, the scatter that a jackknife
-over blocks of time finds (residuals of neighbouring epochs are not independent, so that a formal
-sigma would be far too small), and the errors of the levels, each of which shifts a whole arc.
+in use; its value is the mean. Its sigma contains the scatter of these solutions, the scatter that a
+jackknife over blocks of time finds (residuals of neighbouring epochs are not independent, so that a
+formal sigma would be far too small), and the errors of the levels, each of which shifts an arc.
+
+An eccentric orbit measures a density profile, which takes the place of shells and pairs if it makes
+that sigma smaller, see `vtff_iono.profile_bias`.
 
 References
 ----------
@@ -34,21 +36,21 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import optimize
 
-from vtff_dynamics.constants import SPEED_OF_LIGHT, WGS84_SEMI_MAJOR_AXIS
+from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
+from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.mapping import (
     LOWEST_ORBIT,
     foelsche_kirchengast_mapping,
     pierce_point,
-    profile_mapping,
     shell_height,
     thin_shell_mapping,
 )
+from vtff_iono.profile_bias import profile_biases
 
-__all__ = ["BiasSamples", "ReceiverBias", "ReceiverBiasError", "estimate_receiver_biases"]
+__all__ = ["ReceiverBias", "estimate_receiver_biases"]
 
 IntArray = npt.NDArray[np.intp]
 
@@ -72,58 +74,10 @@ _GRADIENT_LIMITS = (1e-9, 1e-5)
 _NOISE = 0.3
 _MEDIAN_CHI_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
-# A profile from the orbit itself: smallest range of altitudes, bins, m; scale height of what is
-# above the orbit, as a factor of the one that continues the profile, and its limits, m.
+# Smallest range of altitudes that tells a profile, m.
 _SMALLEST_ALTITUDE_RANGE = 100e3
-_PROFILE_STEP = 10e3
-_TOP_BINS = 4
-_TOPSIDE_FACTORS = (0.7, 1.0, 1.4)
-_TOPSIDE_SCALES = (40e3, 600e3)
-_PROFILE_ITERATIONS = 6
 # One in this many contents may be below zero for another reason than the bias.
 _NEGATIVE_PART = 0.01
-
-
-class ReceiverBiasError(ValueError):
-    """The samples cannot tell a bias."""
-
-
-@dataclass(frozen=True, eq=False)
-class BiasSamples:
-    """Levelled slant contents of one receiver; arrays of shape (n,).
-
-    Parameters
-    ----------
-    time : ndarray
-        s; equal for satellites of one epoch.
-    group : ndarray of int
-        Which of the biases a sample has, 0 to m - 1: one for each pair of signals.
-    stec_tecu, stec_sigma_tecu : ndarray
-        Satellite biases removed, the receiver bias not.
-    elevation : ndarray
-        rad.
-    direction_itrf : ndarray, shape (n, 3)
-        Unit vectors to the satellites.
-    position_receiver_itrf : ndarray, shape (n, 3)
-        m.
-    arc : ndarray of int, optional
-        Samples of equal number share one level, whose error is `stec_sigma_tecu`; without it these
-        errors are taken as independent from epoch to epoch.
-    """
-
-    time: FloatArray
-    group: npt.NDArray[np.int64]
-    stec_tecu: FloatArray
-    stec_sigma_tecu: FloatArray
-    elevation: FloatArray
-    direction_itrf: FloatArray
-    position_receiver_itrf: FloatArray
-    arc: npt.NDArray[np.int64] | None = None
-
-    def part(self, chosen: npt.NDArray[np.bool_]) -> BiasSamples:
-        """Return the chosen samples."""
-        columns = {name: column for name, column in vars(self).items() if column is not None}
-        return BiasSamples(**{name: column[chosen] for name, column in columns.items()})
 
 
 @dataclass(frozen=True)
@@ -135,7 +89,8 @@ class ReceiverBias:
     bias_tecu, sigma_tecu : float
         What the receiver adds to every slant content, and one sigma: sampling and spread, TECU.
     sampling_sigma_tecu, spread_tecu : float
-        Jackknife and levels, of the median model; standard deviation over the models.
+        Jackknife and levels, or posterior density with a profile, of the median model; standard
+        deviation over the models.
     model_tecu : tuple of float
         Solutions of all models.
     is_bounded : bool
@@ -184,11 +139,9 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     # Short data: more of the epochs, and six blocks, so that a jackknife can leave some out.
     interval = min(interval, max(_SHORTEST_INTERVAL, duration / 40.0))
     block = min(block, max(interval, duration / 6.0))
-    usable = (
-        np.isfinite(samples.stec_tecu)
-        & np.isfinite(samples.stec_sigma_tecu)
-        & (samples.elevation >= math.radians(min(_ELEVATIONS_DEG)))
-    )
+    usable = np.isfinite(samples.stec_tecu) & np.isfinite(samples.stec_sigma_tecu)
+    all_elevations = samples.part(usable & _first_of_interval(samples.time, usable, interval))
+    usable &= samples.elevation >= math.radians(min(_ELEVATIONS_DEG))
     chosen = usable & _first_of_interval(samples.time, usable, interval)
     samples, altitude = samples.part(chosen), altitude[chosen]
     order = np.argsort(samples.time, kind="stable")
@@ -196,10 +149,8 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     first, second = _pairs(samples.time)
     models = _models(samples, altitude, is_ground)
     solutions, sigmas = _solutions(samples, models, first, second, block)
-    if not is_ground:
-        better = _from_profile(samples, altitude, solutions, first, second, block)
-        if better is not None:
-            solutions, sigmas = better
+    better = None if is_ground else _better(all_elevations, solutions, sigmas)
+    solutions, sigmas = better or (solutions, sigmas)
     return _combined(samples, solutions, sigmas, len(first))
 
 
@@ -228,64 +179,27 @@ def _solutions(
     return np.array(solutions), np.array(sigmas)
 
 
-def _from_profile(
-    samples: BiasSamples,
-    altitude: FloatArray,
-    shell_solutions: FloatArray,
-    first: IntArray,
-    second: IntArray,
-    block: float,
+def _better(
+    samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray
 ) -> tuple[FloatArray, FloatArray] | None:
-    """Return solutions with mapping through the profile that the orbit itself has measured.
+    """Return solutions with a density profile if they have smaller sigmas than those with shells.
 
-    An eccentric orbit sees the vertical content fall with altitude, which is a density profile, and
-    a profile is a better mapping than any shell. None if the altitude changes too little, or if
-    the solutions for different elevations and bases agree less than with shells: where contents
-    change along the orbit for other reasons than altitude, they make no profile.
+    None also if the altitude changes too little to tell a profile.
     """
-    if np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
+    altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
+    if samples.arc is None or np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
         return None
-    solutions = sigmas = shell_solutions
-    biases = shell_solutions.mean(axis=0)
-    for _ in range(_PROFILE_ITERATIONS):
-        models = [_profile_model(samples, altitude, biases, factor) for factor in _TOPSIDE_FACTORS]
-        solutions, sigmas = _solutions(samples, models, first, second, block)
-        change = np.abs(solutions.mean(axis=0) - biases).max()
-        biases = solutions.mean(axis=0)
-        if change < _CONVERGED:
-            break
-    agrees = np.std(solutions, axis=0).sum() < np.std(shell_solutions, axis=0).sum()
-    return (solutions, sigmas) if agrees else None
+    found = profile_biases(samples, altitude)
+    sigma = _sigma(found.bias_tecu, found.sigma_tecu)
+    if sigma.sum() >= _sigma(solutions, sigmas).sum():
+        return None
+    return found.bias_tecu, found.sigma_tecu
 
 
-def _profile_model(
-    samples: BiasSamples, altitude: FloatArray, biases: FloatArray, topside_factor: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return mapping factors and pierce altitudes from contents that fall with altitude."""
-    radius = WGS84_SEMI_MAJOR_AXIS + altitude
-    shell = foelsche_kirchengast_mapping(samples.elevation, radius, shell_height(altitude))
-    vertical = (samples.stec_tecu - biases[samples.group]) / shell
-    # Near the zenith the mapping hardly matters.
-    weight = np.sin(samples.elevation) ** 8
-    bins = np.floor(altitude / _PROFILE_STEP).astype(np.int64)
-    number, inverse = np.unique(bins, return_inverse=True)
-    total = np.bincount(inverse, weight)
-    content = np.bincount(inverse, weight * vertical) / total
-    edges = (number + 0.5) * _PROFILE_STEP
-    content = np.maximum(
-        optimize.isotonic_regression(content, weights=total, increasing=False).x, 0.0
-    )
-    density = np.maximum(-np.gradient(content, edges), 0.0)
-    # What is above the orbit decays as it does at its top, or as much as its content asks for.
-    top = float(np.mean(density[-_TOP_BINS:]))
-    scale = content[-1] / top if top > 0.0 else 0.0
-    scale = float(np.clip(scale * topside_factor, *_TOPSIDE_SCALES))
-    above = edges[-1] + np.arange(1.0, 80.0) * 20e3
-    topside = content[-1] / scale * np.exp(-(above - edges[-1]) / scale)
-    grid = np.concatenate((edges, above))
-    profile = np.concatenate((density, topside))
-    factor = profile_mapping(samples.elevation, radius, grid, np.maximum(profile, 1e-12))
-    return factor, altitude + 0.5 * shell_height(altitude)
+def _sigma(solutions: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """Return sampling and spread together, (groups,), of the solutions of models."""
+    spread = np.std(solutions, axis=0, ddof=1)
+    return np.asarray(np.hypot(np.median(sigmas, axis=0), spread))
 
 
 def _combined(

@@ -121,8 +121,8 @@ class SlantTecRows:
         From the code of this sample alone, the same biases removed.
     stec_phase_tecu : ndarray
         Phase content without level: differences within an arc are good to the phase noise.
-    satellite_bias_tecu : ndarray
-        What was removed for the satellite; NaN where unknown (then nothing was).
+    satellite_bias_tecu, satellite_bias_sigma_tecu : ndarray
+        What was removed for the satellite, and its sigma; NaN where unknown (then nothing was).
     arc, break_reason : ndarray of int64
         As in `vtff_iono.arcs.Arcs`.
     rejected : ndarray of uint16
@@ -136,6 +136,7 @@ class SlantTecRows:
     stec_code_tecu: FloatArray
     stec_phase_tecu: FloatArray
     satellite_bias_tecu: FloatArray
+    satellite_bias_sigma_tecu: FloatArray
     arc: npt.NDArray[np.int64]
     break_reason: npt.NDArray[np.int64]
     rejected: npt.NDArray[np.uint16]
@@ -291,6 +292,7 @@ class SlantTecProcessor:
             stec_code_tecu=code + removed,
             stec_phase_tecu=rows.stec_phase_tecu,
             satellite_bias_tecu=satellite,
+            satellite_bias_sigma_tecu=satellite_sigma,
             arc=arcs.number,
             break_reason=arcs.break_reason,
             rejected=rejected,

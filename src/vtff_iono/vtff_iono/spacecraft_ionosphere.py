@@ -20,6 +20,7 @@ from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
+from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.code_biases import CodeBiasTable, broadcast_code_biases
 from vtff_iono.mapping import (
     GROUND_SHELL_HEIGHT,
@@ -29,12 +30,7 @@ from vtff_iono.mapping import (
     shell_height,
 )
 from vtff_iono.rate_of_tec import RateOfTecMonitor, RateOfTecWindow
-from vtff_iono.receiver_bias import (
-    BiasSamples,
-    ReceiverBias,
-    ReceiverBiasError,
-    estimate_receiver_biases,
-)
+from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.scintillation import (
     ScintillationMonitor,
@@ -59,6 +55,8 @@ _UNKNOWN = (math.nan, math.nan)
 _NOT_FOR_BIAS = np.uint16(
     0xFFFF - Rejection.CODE_OUTLIER - Rejection.CODE_INVALID - Rejection.NO_RECEIVER_BIAS
 )
+# The first estimates may be weak: they are repeated when the samples have grown by this part.
+_BIAS_GROWTH = 0.1
 _BIAS_SAMPLE_INTERVAL = 20 * NANOSECONDS_PER_SECOND
 
 
@@ -74,7 +72,8 @@ class SpacecraftSettings:
         s between the contents whose rate ROTI is formed of.
     pairs : sequence of SignalPair
     bias_interval, bias_delay : float
-        s between estimates of the receiver biases, and from the first observation to the first.
+        s between estimates of the receiver biases at most, and from the first observation to the
+        first. In between they follow whenever there are a tenth more samples.
     """
 
     slant_tec: SlantTecSettings = SlantTecSettings()
@@ -167,8 +166,8 @@ class _BiasData:
     elevation: list[FloatArray] = field(default_factory=list)
     direction: list[FloatArray] = field(default_factory=list)
     position: list[FloatArray] = field(default_factory=list)
-    # Level and sigma of (link, arc), TECU.
-    levels: dict[tuple[int, int], tuple[float, float]] = field(default_factory=dict)
+    # Level, its sigma and that of the satellite bias of (link, arc), TECU.
+    levels: dict[tuple[int, int], tuple[float, float, float]] = field(default_factory=dict)
 
 
 class SpacecraftIonosphere:
@@ -205,7 +204,8 @@ class SpacecraftIonosphere:
         self._scintillation = ScintillationMonitor(settings.scintillation)
         self._roti = RateOfTecMonitor(settings.roti_interval, settings.scintillation.window)
         self._bias_data = _BiasData()
-        self._bias_due: int | None = None
+        self._bias_start: int | None = None
+        self._bias_due = 0
         self.receiver_biases: dict[tuple[int, str, str], ReceiverBias] = {}
 
     @property
@@ -287,14 +287,19 @@ class SpacecraftIonosphere:
     ) -> None:
         """Keep samples of the last epoch for the receiver bias, and estimate it when it is time."""
         time = int(rows.pairs.time[-1])
-        if self._bias_due is None:
+        if self._bias_start is None:
+            self._bias_start = time
             self._bias_due = time + round(self._settings.bias_delay * NANOSECONDS_PER_SECOND)
         kept = self._bias_data
         good = last & ((rows.rejected & _NOT_FOR_BIAS) == 0) & np.isfinite(rows.stec_tecu)
         for row in np.flatnonzero(good).tolist():
             level = float(rows.stec_tecu[row] - rows.stec_phase_tecu[row])
             key = (int(rows.pairs.link[row]), int(rows.arc[row]))
-            kept.levels[key] = (level, float(rows.stec_sigma_tecu[row]))
+            kept.levels[key] = (
+                level,
+                float(rows.stec_sigma_tecu[row]),
+                float(rows.satellite_bias_sigma_tecu[row]),
+            )
         if time % _BIAS_SAMPLE_INTERVAL == 0 and good.any():
             first = rows.pairs.row_first[good]
             kept.time.append(np.full(len(first), 1e-9 * time))
@@ -305,7 +310,9 @@ class SpacecraftIonosphere:
             kept.direction.append(geometry.direction_itrf[first])
             kept.position.append(position_itrf[first])
         if time >= self._bias_due:
-            self._bias_due = time + round(self._settings.bias_interval * NANOSECONDS_PER_SECOND)
+            interval = round(self._settings.bias_interval * NANOSECONDS_PER_SECOND)
+            growth = round(_BIAS_GROWTH * (time - self._bias_start))
+            self._bias_due = time + min(interval, max(growth, _BIAS_SAMPLE_INTERVAL))
             self._estimate_biases()
 
     def _estimate_biases(self) -> None:
@@ -328,6 +335,8 @@ class SpacecraftIonosphere:
             direction_itrf=np.concatenate(kept.direction),
             position_receiver_itrf=np.concatenate(kept.position),
             arc=link << 32 | arc,
+            link=link,
+            satellite_sigma_tecu=levels[:, 2],
         )
         try:
             biases = estimate_receiver_biases(samples)

@@ -1,0 +1,127 @@
+"""The most probable densities and effects of contents that are linear in both.
+
+Contents are P n + E u + noise: the logarithms x of the densities n = exp(x) have a normal prior
+with a full precision matrix, the effects u independent ones of mean zero. u is eliminated from the
+normal equations, x found by Gauss-Newton steps, damped after Levenberg and Marquardt; the
+covariance is the inverse of the curvature at the maximum of the posterior density (Laplace).
+
+References
+----------
+Marquardt (1963), J. Soc. Indust. Appl. Math. 11, 431.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import linalg
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["NormalEquations", "ProfileSolution", "solve_profile"]
+
+_ITERATIONS = 60
+# Twice the logarithm of the posterior density that a step may still gain.
+_CONVERGED = 1e-2
+_DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e6
+_LARGEST_STEP = 3.0
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """Normal equations of densities and effects, linear in both.
+
+    Parameters
+    ----------
+    density, effects, mixed : ndarray, shapes (n, n), (m, m), (m, n)
+        P' W P, E' W E and E' W P.
+    density_vector, effects_vector : ndarray, shapes (n,), (m,)
+        P' W y and E' W y.
+    """
+
+    density: FloatArray
+    effects: FloatArray
+    mixed: FloatArray
+    density_vector: FloatArray
+    effects_vector: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class ProfileSolution:
+    """Logarithms of densities (n,), effects and their variances (m,)."""
+
+    log_density: FloatArray
+    effects: FloatArray
+    effect_variance: FloatArray
+
+
+def solve_profile(
+    normal: NormalEquations,
+    prior_precision: FloatArray,
+    prior_vector: FloatArray,
+    effect_precision: FloatArray,
+    log_density: FloatArray,
+) -> ProfileSolution:
+    """Return the maximum of the posterior density.
+
+    Parameters
+    ----------
+    normal : NormalEquations
+    prior_precision, prior_vector : ndarray, shapes (n, n), (n,)
+        Precision of the logarithms of densities, and precision times their mean.
+    effect_precision : ndarray, shape (m,)
+        One over the variances of the effects; zero where nothing is known.
+    log_density : ndarray, shape (n,)
+        Where the search begins.
+    """
+    factor = linalg.cho_factor(normal.effects + np.diag(effect_precision), check_finite=False)
+    carried = linalg.cho_solve(factor, normal.mixed, check_finite=False)
+    alone = linalg.cho_solve(factor, normal.effects_vector, check_finite=False)
+    matrix = normal.density - normal.mixed.T @ carried
+    vector = normal.density_vector - normal.mixed.T @ alone
+    log_density, curvature = _maximum(matrix, vector, prior_precision, prior_vector, log_density)
+    density = np.exp(log_density)
+    inverse = linalg.cho_solve(factor, np.eye(len(alone)), check_finite=False)
+    spread = carried * density
+    variance = np.diag(inverse) + np.einsum(
+        "ij,ij->i", spread, linalg.cho_solve(curvature, spread.T, check_finite=False).T
+    )
+    return ProfileSolution(log_density, alone - carried @ density, variance)
+
+
+def _maximum(
+    matrix: FloatArray,
+    vector: FloatArray,
+    prior_precision: FloatArray,
+    prior_vector: FloatArray,
+    log_density: FloatArray,
+) -> tuple[FloatArray, tuple[FloatArray, bool]]:
+    """Return the logarithms at the maximum, and the Cholesky factor of the curvature there."""
+
+    def cost(logarithm: FloatArray) -> float:
+        density = np.exp(logarithm)
+        misfit = density @ (0.5 * (matrix @ density) - vector)
+        return float(misfit + logarithm @ (0.5 * (prior_precision @ logarithm) - prior_vector))
+
+    damping, now = _DAMPING_START, cost(log_density)
+    for _ in range(_ITERATIONS):
+        density = np.exp(log_density)
+        slope = density * (vector - matrix @ density) + prior_vector - prior_precision @ log_density
+        curvature = density[:, np.newaxis] * matrix * density + prior_precision
+        factor = linalg.cho_factor(curvature, check_finite=False)
+        if float(slope @ linalg.cho_solve(factor, slope, check_finite=False)) < _CONVERGED:
+            break
+        while damping < _DAMPING_MOST:
+            damped = curvature + damping * np.diag(np.diag(curvature))
+            step = linalg.solve(damped, slope, assume_a="pos", check_finite=False)
+            there = log_density + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            then = cost(there)
+            if then < now:
+                log_density, now = there, then
+                damping = max(0.1 * damping, _DAMPING_LEAST)
+                break
+            damping *= 10.0
+        else:
+            break
+    return log_density, factor
