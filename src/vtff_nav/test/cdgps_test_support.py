@@ -30,6 +30,7 @@ from vtff_nav.relative.cdgps import CdgpsEstimator
 from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
 from vtff_nav.relative.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import (
     ConstellationConfiguration,
     NoiseModel,
@@ -93,6 +94,7 @@ def simulate(
     thrust_rtn: Callable[[int], Sequence[float]] | None = None,
     signals: dict[str, float] = SIGNALS,
     empirical_sigma: tuple[float, float] = (0.0, 0.0),
+    regions: Sequence[IrregularityRegion] = (),
 ) -> Scenario:
     """Simulate both receivers at 1 Hz: 1 mm and 0.3 m noise, steered clocks, receiver biases.
 
@@ -110,6 +112,8 @@ def simulate(
         See `ReceiverConfiguration.cn0_zenith_dbhz`.
     empirical_sigma : tuple of 2 float
         Gauss-Markov accelerations of the chief and of the difference, m/s2, 900 s.
+    regions : sequence of IrregularityRegion
+        Where signals scintillate.
     """
     require_data()
     random = np.random.default_rng(1000 + seed)
@@ -135,7 +139,7 @@ def simulate(
             noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(3)
             empirical[craft] = decay * empirical[craft] + noise
     truth = TruthRecorder()
-    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals, truth)
+    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals, regions, truth)
     return Scenario(
         chief=chief,
         deputy=deputy_epochs,
@@ -148,7 +152,7 @@ def simulate(
 
 
 def _receivers(
-    motions, seed, profile, faults, signals, truth
+    motions, seed, profile, faults, signals, regions, truth
 ) -> list[dict[GpsTime, ObservationEpoch]]:
     """Return the epochs that a decoder reads from the bytes of both receivers."""
     loaded = load_gnss_configuration(REPOSITORY / "config/gnss/noise_free.yaml")
@@ -169,6 +173,7 @@ def _receivers(
         receivers=receivers,
         constellation=ConstellationConfiguration(source=str(NAVIGATION)),
         profile=profile,
+        regions=tuple(regions),
         faults=tuple(faults),
     )
     emulated = {

@@ -61,6 +61,35 @@ def test_left_out_measurement_has_not_been_made():
     np.testing.assert_allclose(with_all.covariance, without.covariance, atol=1e-10)
 
 
+def test_noise_that_is_added_has_been_there():
+    random = np.random.default_rng(5)
+    design, values, variances = measurements(random, 4, 9)
+    nuisance = np.ones((9, 1))
+    state = random_state(np.random.default_rng(6), 4)
+    innovation = state.innovation(design, values, variances, nuisance)
+    innovation.add_noise(3, 2.5)
+    noisier = variances + 2.5 * (np.arange(9) == 3)
+    expected = state.innovation(design, values, noisier, nuisance)
+    np.testing.assert_allclose(innovation.weight, expected.weight, atol=1e-10)
+    np.testing.assert_allclose(innovation.noise, expected.noise)
+    np.testing.assert_allclose(innovation.variances, expected.variances)
+
+
+def test_residual_against_all_others():
+    """What is measured less what the update by all others predicts."""
+    random = np.random.default_rng(7)
+    design, values, variances = measurements(random, 4, 9)
+    nuisance = np.ones((9, 1))
+    state = random_state(np.random.default_rng(8), 4)
+    residual, variance = state.innovation(design, values, variances, nuisance).leave_one_out
+    rows = np.arange(9) != 2
+    others = state.innovation(design[rows], values[rows], variances[rows], nuisance[rows])
+    change = state.update(others)
+    clock = float((others.nuisance_gain @ values[rows])[0])
+    assert residual[2] == pytest.approx(values[2] - design[2] @ change - clock, abs=1e-9)
+    assert variance[2] > variances[2]
+
+
 def test_statistics_without_faults():
     """The squared norm is chi-square, the normalised innovations are standard normal."""
     random = np.random.default_rng(11)

@@ -41,6 +41,8 @@ class Arc:
         Cycles less `offset_cycles` and those of the receiver bias of the group; None while it is a
         real number. Half-integers occur where a receiver has lost half a cycle.
     fixed_since : GpsTime or None
+    epochs : int
+        With a measurement that was used or could have been.
     """
 
     key: SignalKey
@@ -54,6 +56,7 @@ class Arc:
     is_parity_known: bool
     integer: float | None = None
     fixed_since: GpsTime | None = None
+    epochs: int = 0
 
 
 class ArcBook:
@@ -178,6 +181,7 @@ class ArcBook:
             arc.time, arc.phase, arc.phase_variance = time, phase[row], variance[row]
             arc.lock_time = (lock[row][0], lock[row][1])
             arc.is_parity_known, arc.half_cycles = known[row], half[row]
+            arc.epochs += 1
 
     def fixed_groups(self) -> dict[tuple[int, int, int], list[Arc]]:
         """Return the arcs with integers by what shares a receiver bias, oldest first."""

@@ -9,7 +9,7 @@ can be given up again by adding A_i as a new, unknown state.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,6 +58,7 @@ def fix_ambiguities(
     success_rate: float,
     failure_rate: float,
     smallest_ratio: float,
+    scattered: Container[SignalKey] = (),
 ) -> FixAttempt:
     """Try to make integers of the float ambiguities of arcs.
 
@@ -73,6 +74,8 @@ def fix_ambiguities(
         By signal; m, rad.
     success_rate, failure_rate, smallest_ratio : float
         See `vtff_nav.relative.integer_validation.partial_fix`.
+    scattered : container of SignalKey, optional
+        Signals in scintillation: what lies between two integers is no lost half cycle there.
     """
     candidates, references = _pairs(state, arcs, elevation)
     if not candidates:
@@ -96,6 +99,7 @@ def fix_ambiguities(
     accepted = result.determined.copy()
     if result.status in (FixStatus.RATIO, FixStatus.RESIDUAL, FixStatus.WEAK):
         accepted, values = _half_cycles(candidates, references, floats, covariance)
+        accepted &= [arc.key not in scattered for arc in candidates]
     rows = np.flatnonzero(accepted)
     ratio = float(result.ratio) if np.isfinite(result.ratio) else 0.0
     if len(rows) == 0:

@@ -203,6 +203,11 @@ class CdgpsEstimator(EstimatorInputs):
         if self.configuration.dynamics != "static":
             covariance[3:6, 3:6] = _START_VELOCITY_SIGMA**2 * np.eye(3)
         if self.configuration.dynamics == "orbital":
+            if np.isfinite(point.velocity_itrf).all():
+                # Of the Doppler; not in the covariance, where it would count twice.
+                found = np.concatenate((point.position_itrf, point.velocity_itrf))
+                velocity = state_itrf_to_gcrf(received, found)[3:]
+                mean[3:6] = velocity - self._absolute.mean[3:6]
             sigma = self.configuration.noise_relative.empirical_sigma
             covariance[6:, 6:] = sigma**2 * np.eye(3)
         clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy.special import gammaincc
@@ -20,9 +21,11 @@ from vtff_nav.relative.cdgps_model import (
     code_biases,
     measurement_innovation,
 )
-from vtff_nav.relative.cdgps_state import GaussianState, Innovation
+from vtff_nav.relative.cdgps_state import GaussianState, Innovation, Label
 from vtff_nav.relative.dynamics import DYNAMIC_STATES, Prediction
+from vtff_nav.relative.measurement_faults import Judged, without_faults
 from vtff_nav.relative.measurements import SignalKey, SingleDifferences, median
+from vtff_nav.relative.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.solution import (
     SOLUTION_CODE,
     SOLUTION_FIXED,
@@ -36,11 +39,16 @@ __all__ = ["RelativeFilter", "Update"]
 _UNKNOWN_AMBIGUITY_SIGMA = 10.0
 _UNKNOWN_CODE_BIAS_SIGMA = 20.0
 
+_PLASMA, _MOTION = "plasma", "motion"
 # Sigmas added to the motion when it is not what was predicted: m, m/s.
 _SURPRISE_SIGMAS = (10.0, 1.0)
 _DETECTION_PASSES = 6
 _GLOBAL_FAILURES = 2
 _FEWEST_FIXED_SATELLITES = 4
+# In scatter an ambiguity is decided when so many epochs agree and their mean is as good as this: in
+# a fade the error of a single phase is far from normal.
+_FEWEST_EPOCHS_IN_SCATTER = 3
+_AVERAGED_CYCLES = 0.05
 
 
 @dataclass(eq=False)
@@ -106,6 +114,7 @@ class RelativeFilter:
         labels = [("motion", index) for index in range(DYNAMIC_STATES)]
         self.state = GaussianState(labels, mean, covariance)
         self.arcs = ArcBook()
+        self.scatter = PhaseScatter()
         self.clock = clock
         self.attempt = FixAttempt((), 0.0, 0.0, "")
         self._code_reference: tuple[int, int, int] | None = None
@@ -153,6 +162,7 @@ class RelativeFilter:
         state = self.state
         excluded: dict[SignalKey, str] = {}
         degraded: list[str] = []
+        stated, measured = measured, self.scatter.with_scatter(measured)
         for key, reason in self.arcs.broken(time, measured, interval).items():
             self._end_arc(key)
             if reason != "not seen any more":
@@ -161,8 +171,14 @@ class RelativeFilter:
             state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
         clock = SPEED_OF_LIGHT * self.clock
         self._begin_arcs(time, measured, sky)
+        before = measured.phase_variance
         innovation = self._without_faults(time, measured, sky, clock, laser, excluded, degraded)
+        measured = _with_phase_noise(measured, innovation)
+        risen = self.scatter.learn(time, stated, innovation, measured.phase_variance > before)
         state.update(innovation)
+        for key, variance in risen.items():
+            if self.arcs[key].integer is None:
+                state.add_noise(("ambiguity", key), variance)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
         self.arcs.keep(time, measured)
@@ -214,25 +230,20 @@ class RelativeFilter:
         """Return the innovation without faulty measurements.
 
         A phase that does not fit begins a new arc: at worst its ambiguity is decided anew. If those
-        of most satellites do not fit, it is the motion that is not what was predicted.
+        of several satellites do not fit, a common cause is looked for first.
         """
-        state = self.state
+        scattered = self.scatter.scattered(measured)
+        limit = self.configuration.fault_sigmas
+
+        def judged() -> Judged:
+            innovation = measurement_innovation(self.state, self.arcs, measured, sky, clock, laser)
+            return without_faults(innovation, measured, scattered, limit)
+
+        result = self._with_common_cause(judged, measured, degraded)
         count = len(measured)
-        was_surprised = False
         for _ in range(_DETECTION_PASSES):
-            innovation = measurement_innovation(state, self.arcs, measured, sky, clock, laser)
-            self._leave_out_faults(innovation)
-            left_out = np.flatnonzero(~innovation.is_used).tolist()
-            slipped = [index - count for index in left_out if count <= index < 2 * count]
-            satellites = np.unique(measured.satellite[slipped])
-            if 2 * len(satellites) > len(np.unique(measured.satellite)) and not was_surprised:
-                was_surprised = True
-                degraded.append("the motion was not as predicted")
-                for axis in range(6):
-                    sigma = _SURPRISE_SIGMAS[axis // 3]
-                    if self.configuration.dynamics != "static":
-                        state.add_noise(("motion", axis), sigma**2)
-                continue
+            is_used = result.innovation.is_used
+            slipped = np.flatnonzero(~is_used[count : 2 * count]).tolist()
             for row in slipped:
                 key = measured.keys[row]
                 excluded[key] = "cycle slip"
@@ -240,37 +251,67 @@ class RelativeFilter:
             if not slipped:
                 break
             self._begin_arcs(time, measured, sky)
-        else:
-            # What still does not fit is left out, so that this ends.
-            innovation = measurement_innovation(state, self.arcs, measured, sky, clock, laser)
-            self._leave_out_faults(innovation)
-            left_out = np.flatnonzero(~innovation.is_used).tolist()
-        for index in left_out:
-            if index < count:
-                excluded.setdefault(measured.keys[index], "code outlier")
-            elif index == 2 * count:
-                degraded.append("laser range left out")
+            # What does not fit in the last pass is left out, so that this ends.
+            result = judged()
+        innovation = result.innovation
+        for row in np.flatnonzero(~innovation.is_used[:count]).tolist():
+            excluded.setdefault(measured.keys[row], "code outlier")
+        if not innovation.is_used[2 * count :].all():
+            degraded.append("laser range left out")
         return innovation
 
-    def _leave_out_faults(self, innovation: Innovation) -> None:
-        """Leave out one measurement after the other until none is a fault."""
-        limit = self.configuration.fault_sigmas
-        while innovation.degrees_of_freedom > 0:
-            normalised = np.abs(innovation.normalised)
-            worst = int(normalised.argmax())
-            if normalised[worst] <= limit:
-                return
-            innovation.leave_out(worst)
+    def _with_common_cause(
+        self, judged: Callable[[], Judged], measured: SingleDifferences, degraded: list[str]
+    ) -> Judged:
+        """Return the judged innovation; a surprise that explains it is added to the state.
+
+        What does not fit at several satellites, or as a whole, may be plasma that has changed
+        faster than its density should, as at the edge of a bubble, or motion that is not what was
+        predicted. A cause is believed if it explains all; unknown motion also if most satellites
+        do not fit without it, and few with it.
+        """
+        first = judged()
+        state, satellites = self.state, len(np.unique(measured.satellite))
+        odd = first.satellites(measured)
+        if odd < 2 and not self._is_unlikely(first.innovation):
+            return first
+        for cause, variances in self._surprises():
+            covariance = state.covariance.copy()
+            for label, variance in variances.items():
+                state.add_noise(label, variance)
+            second = judged()
+            explains_all = not second.odd and not self._is_unlikely(second.innovation)
+            explains_most = 2 * odd > satellites >= 2 * second.satellites(measured)
+            if explains_all or (explains_most and cause == _MOTION):
+                degraded.append(f"the {cause} was not as predicted")
+                return second
+            state.covariance = covariance
+        return first
+
+    def _surprises(self) -> list[tuple[str, dict[Label, float]]]:
+        """Return what may change at all satellites at once, and the variances it then has."""
+        configuration, surprises = self.configuration, []
+        if configuration.has_plasma:
+            sigmas = np.array(configuration.layer_sigmas) / DENSITY_UNIT
+            plasma = {("plasma", layer): s**2 for layer, s in enumerate(sigmas.tolist())}
+            surprises.append((_PLASMA, plasma))
+        if configuration.dynamics != "static":
+            motion = {("motion", axis): _SURPRISE_SIGMAS[axis // 3] ** 2 for axis in range(6)}
+            surprises.append((_MOTION, motion))
+        return surprises
 
     def _has_failed(self, innovation: Innovation) -> bool:
         """Return whether the innovations of consecutive epochs are too large as a whole."""
+        self._global_failures = self._global_failures + 1 if self._is_unlikely(innovation) else 0
+        return self._global_failures >= _GLOBAL_FAILURES
+
+    def _is_unlikely(self, innovation: Innovation) -> bool:
+        """Return whether the innovations of an epoch are too large as a whole."""
         freedom = innovation.degrees_of_freedom
         if freedom <= 0:
             return False
         probability = float(gammaincc(0.5 * freedom, 0.5 * max(innovation.squared_norm, 0.0)))
-        is_bad = probability < self.configuration.global_probability
-        self._global_failures = self._global_failures + 1 if is_bad else 0
-        return self._global_failures >= _GLOBAL_FAILURES
+        return probability < self.configuration.global_probability
 
     def _fix(
         self,
@@ -286,7 +327,9 @@ class RelativeFilter:
         candidates = [
             self.arcs[key]
             for row, key in enumerate(measured.keys)
-            if is_used[row] and measured.is_parity_known[row] and self.arcs[key].integer is None
+            if is_used[row]
+            and measured.is_parity_known[row]
+            and self._is_averaged(key, measured, row)
         ]
         if not candidates:
             return set()
@@ -301,8 +344,21 @@ class RelativeFilter:
             configuration.success_rate,
             configuration.failure_rate,
             configuration.smallest_ratio,
+            {key for key in measured.keys if self.scatter.variance(key) > 0.0},
         )
         return set(self.attempt.fixed)
+
+    def _is_averaged(self, key: SignalKey, measured: SingleDifferences, row: int) -> bool:
+        """Return whether the ambiguity is still to be decided, and its scatter averaged out."""
+        arc = self.arcs[key]
+        if arc.integer is not None:
+            return False
+        if self.scatter.variance(key) == 0.0:
+            return True
+        needed = epochs_to_average(
+            float(measured.phase_variance[row]), float(measured.wavelength[row]), _AVERAGED_CYCLES
+        )
+        return arc.epochs >= max(needed, _FEWEST_EPOCHS_IN_SCATTER)
 
     def kind(self, update: Update) -> tuple[int, int, int]:
         """Return the kind of solution, the satellites used and the integers it rests on."""
@@ -339,3 +395,9 @@ class RelativeFilter:
         distance = float(np.linalg.norm(position))
         rate = float(position @ velocity) / distance
         return latency, sigma, measured.range - distance - latency * rate
+
+
+def _with_phase_noise(measured: SingleDifferences, innovation: Innovation) -> SingleDifferences:
+    """Return single differences with the variances with which their phases are used."""
+    count = len(measured)
+    return replace(measured, phase_variance=innovation.noise[count : 2 * count].copy())

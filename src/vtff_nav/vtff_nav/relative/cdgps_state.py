@@ -63,10 +63,27 @@ class Innovation:
         Baarda (1968), A testing procedure for use in geodetic networks; Teunissen (1990) for the
         recursive filter.
         """
+        residual, variance = self.leave_one_out
+        return residual / np.sqrt(variance)
+
+    @property
+    def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
+        """Residual of each measurement against all others, and its variance, shape (m,).
+
+        Infinite variance where there are too few others, or the measurement is left out.
+        """
         diagonal = np.diagonal(self.weight)
         is_tested = self.is_used & (diagonal > 1e-6 / self.variances)
-        scale = np.sqrt(np.where(is_tested, diagonal, 1.0))
-        return np.where(is_tested, (self.weight @ self.values) / scale, 0.0)
+        scale = np.where(is_tested, diagonal, 1.0)
+        residual = np.where(is_tested, (self.weight @ self.values) / scale, 0.0)
+        return residual, np.where(is_tested, 1.0 / scale, np.inf)
+
+    def add_noise(self, index: int, variance: float) -> None:
+        """Make a measurement noisier by a variance."""
+        column = self.weight[:, index].copy()
+        self.weight -= np.outer(column, column / (1.0 / variance + column[index]))
+        self.noise[index] += variance
+        self.variances[index] += variance
 
     def leave_out(self, index: int) -> None:
         """Take a measurement out, as if it had not been made."""
@@ -223,7 +240,7 @@ class GaussianState:
             values=values,
             variances=np.diagonal(covariance).copy(),
             design=design,
-            noise=variances,
+            noise=np.array(variances),
             weight=weight,
             cross_covariance=cross,
             nuisance_gain=gain,
