@@ -64,6 +64,7 @@ _GRADIENT_SIGMA = 0.1
 _NO_GRADIENT = 1e-6
 _GRADIENT_UNIT = 1e6
 _HUBER = 3.0
+_SMALLEST_RESIDUAL = 1e-12
 _MEDIAN_TO_SIGMA = 1.4826
 _LARGEST_CORRELATION = 0.95
 _NORMAL_ITERATIONS, _SIGMA_ITERATIONS = 8, 8
@@ -118,18 +119,17 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
     noise, weight = _NOISE_START, np.ones(int(kept.sum()))
     # The first time without gradients, as their columns need a profile.
     normal = problem.normal(solution, weight / noise**2)
-    solution = problem.solve(
-        normal, _TOPSIDES[0], replace(sigmas, scale=1e-6, gradient=1e-6), solution
-    )
+    level = replace(sigmas, scale=_NO_GRADIENT, gradient=_NO_GRADIENT)
+    solution = problem.solve(normal, _TOPSIDES[0], level, solution)
     for _ in range(_NORMAL_ITERATIONS):
         residual = problem.residual(solution)
         previous, noise = noise, _scatter(residual)
-        weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(residual), 1e-12))
+        weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(residual), _SMALLEST_RESIDUAL))
         variance = noise**2 * problem.inflation(weight * residual)
         normal = problem.normal(solution, weight / variance)
+        solution, sigmas = _with_sigmas(problem, normal, solution, sigmas)
         if abs(noise / previous - 1.0) < _NOISE_CONVERGED:
             break
-        solution, sigmas = _with_sigmas(problem, normal, solution, sigmas)
     models = []
     for topside in _TOPSIDES:
         solution = problem.solve(normal, topside, sigmas, solution)
