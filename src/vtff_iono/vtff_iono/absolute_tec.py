@@ -13,19 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
-from vtff_iono.mapping import (
-    GROUND_SHELL_HEIGHT,
-    LOWEST_ORBIT,
-    mapping_factor,
-    pierce_point,
-    shell_height,
-)
 from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
@@ -37,6 +29,7 @@ from vtff_iono.slant_tec import (
     SlantTecRows,
     no_bias,
 )
+from vtff_iono.vertical_mapping import vertical_mapping
 
 __all__ = ["AbsoluteTec", "BiasKey", "absolute_tec"]
 
@@ -148,36 +141,22 @@ def absolute_tec(
     sigma = np.array([biases[k].sigma_tecu if k in biases else 0.0 for k in key_of_link] + [0.0])
     unknown = np.array([k not in biases for k in key_of_link] + [False])[rows.pairs.link]
     stec = levels.stec_tecu - bias[rows.pairs.link]
-    altitude, pierce_altitude = _altitudes(place)
-    factor = mapping_factor(rows.elevation, np.linalg.norm(place, axis=-1), altitude)
-    point = geodetic_from_itrf(
-        np.nan_to_num(pierce_point(place, direction, pierce_altitude), nan=1.0)
-    )
-    nowhere = np.isnan(rows.elevation)
+    vertical = vertical_mapping(place, direction, rows.elevation)
     return AbsoluteTec(
         links=processor.links,
         rows=rows,
         stec_tecu=stec,
         stec_sigma_tecu=np.hypot(levels.stec_sigma_tecu, sigma[rows.pairs.link]),
-        vtec_tecu=stec / factor,
+        vtec_tecu=stec / vertical.factor,
         azimuth=geometry.azimuth[first],
         geometry=geometry,
-        pierce_latitude=np.where(nowhere, np.nan, point[:, 0]),
-        pierce_longitude=np.where(nowhere, np.nan, point[:, 1]),
+        pierce_latitude=vertical.pierce_latitude,
+        pierce_longitude=vertical.pierce_longitude,
         rejected=rows.rejected
         | np.where(unknown, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0)),
         receiver_biases=biases,
         remarks=remarks,
     )
-
-
-def _altitudes(position: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the altitude of the receiver and that of its pierce points, m."""
-    known = np.isfinite(position).all(axis=-1, keepdims=True)
-    altitude = geodetic_from_itrf(np.where(known, position, [[1e7, 0.0, 0.0]]))[:, 2]
-    altitude = np.where(known[:, 0], altitude, np.nan)
-    above = altitude + 0.5 * shell_height(altitude)
-    return altitude, np.where(altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT, above)
 
 
 def _receiver_biases(

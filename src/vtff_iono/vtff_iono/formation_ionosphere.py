@@ -7,8 +7,9 @@ spacecraft (`vtff_iono.spacecraft_ionosphere`), and of both the electron density
 
 from __future__ import annotations
 
+import functools
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,6 +38,7 @@ from vtff_iono.signal_pairs import Link
 from vtff_iono.slant_tec import Rejection, SlantTecRows
 from vtff_iono.spacecraft_ionosphere import (
     ObservationBlock,
+    PreparedBlock,
     SpacecraftIonosphere,
     SpacecraftResult,
     SpacecraftSettings,
@@ -69,6 +71,8 @@ _SCATTER_MEMORY = 15.0  # seconds
 _WRONG_SIGMAS = 3.0
 _WRONG_TECU = 0.1
 _MOST_DOUBTS = 3
+# Of a recording; bounds the memory.
+_SECONDS_AT_ONCE = 100
 
 
 @dataclass(frozen=True)
@@ -179,14 +183,12 @@ class _Piece:
 class _Track:
     """Motion of a spacecraft between its last two states."""
 
-    def __init__(self) -> None:
-        self._states: list[tuple[int, FloatArray]] = []
+    def __init__(self, states: Sequence[tuple[int, FloatArray]] = ()) -> None:
+        self._states = states
 
-    def add(self, time: int, state_itrf: FloatArray | None) -> None:
-        if state_itrf is None:
-            self._states = []
-            return
-        self._states = [*self._states[-1:], (time, state_itrf)]
+    def followed_by(self, time: int, state_itrf: FloatArray | None) -> _Track:
+        """Return the track with the next state; an empty one if that is unknown."""
+        return _Track(() if state_itrf is None else (*self._states[-1:], (time, state_itrf)))
 
     def positions(self, time: npt.NDArray[np.int64]) -> FloatArray:
         """Return the positions at times (n,), shape (n, 3); NaN where nothing is known."""
@@ -196,13 +198,17 @@ class _Track:
         seconds = (time - end) / NANOSECONDS_PER_SECOND
         if len(self._states) == 1:
             return np.asarray(last[:3] + seconds[:, np.newaxis] * last[3:])
-        begin, first = self._states[0]
-        spline = CubicHermiteSpline(
+        return np.asarray(self._spline(seconds))
+
+    @functools.cached_property
+    def _spline(self) -> CubicHermiteSpline:
+        """Position against time less the last one, s."""
+        (begin, first), (end, last) = self._states
+        return CubicHermiteSpline(
             [(begin - end) / NANOSECONDS_PER_SECOND, 0.0],
             [first[:3], last[:3]],
             [first[3:], last[3:]],
         )
-        return np.asarray(spline(seconds))
 
 
 class FormationIonosphere:
@@ -253,15 +259,57 @@ class FormationIonosphere:
 
     def process(self, second: FormationSecond) -> FormationResult:
         """Take the next second in."""
-        results, positions = [], []
-        for spacecraft, track, block, state in zip(
-            self.spacecraft, self._tracks, second.observations, second.states_itrf, strict=True
-        ):
-            track.add(second.time, state)
-            position = track.positions(block.time)
-            results.append(spacecraft.process(block, position))
-            positions.append(position)
-        chief, deputy = results
+        return next(self._process_all([second]))
+
+    def process_recording(
+        self, recording: Iterable[tuple[Sequence[BroadcastEphemeris], FormationSecond]]
+    ) -> Iterator[FormationResult]:
+        """Take seconds in and yield what each has told.
+
+        The results have the same bytes as those of `add_ephemeris` and `process` for each second,
+        in half the time: what can be done for many seconds at once is.
+
+        Parameters
+        ----------
+        recording : iterable
+            New ephemerides and the second, in order of time.
+        """
+        waiting: list[FormationSecond] = []
+        for ephemerides, second in recording:
+            if ephemerides or len(waiting) == _SECONDS_AT_ONCE:
+                yield from self._process_all(waiting)
+                waiting = []
+            for ephemeris in ephemerides:
+                self.add_ephemeris(ephemeris)
+            waiting.append(second)
+        yield from self._process_all(waiting)
+
+    def _process_all(self, seconds: Sequence[FormationSecond]) -> Iterator[FormationResult]:
+        if not seconds:
+            return
+        tracks, prepared = [], []
+        for craft, spacecraft in enumerate(self.spacecraft):
+            track, own = self._tracks[craft], []
+            for second in seconds:
+                track = track.followed_by(second.time, second.states_itrf[craft])
+                own.append(track)
+            blocks = [second.observations[craft] for second in seconds]
+            positions = [
+                track.positions(block.time) for track, block in zip(own, blocks, strict=True)
+            ]
+            tracks.append(own)
+            prepared.append(spacecraft.prepare(blocks, positions))
+        for place, second in enumerate(seconds):
+            self._tracks = (tracks[0][place], tracks[1][place])
+            yield self._processed(second, (prepared[0][place], prepared[1][place]))
+
+    def _processed(
+        self, second: FormationSecond, prepared: tuple[PreparedBlock, PreparedBlock]
+    ) -> FormationResult:
+        chief, deputy = (
+            spacecraft.process_prepared(part)
+            for spacecraft, part in zip(self.spacecraft, prepared, strict=True)
+        )
         density = tuple(self._densities(second, (chief, deputy)))
         samples = [
             DensitySample(
@@ -274,7 +322,10 @@ class FormationIonosphere:
             for one in density
         ]
         boundaries = self._boundaries.update(
-            second.observations, (positions[0], positions[1]), (chief, deputy), samples
+            second.observations,
+            (prepared[0].position_itrf, prepared[1].position_itrf),
+            (chief, deputy),
+            samples,
         )
         return FormationResult((chief, deputy), density, tuple(boundaries))
 

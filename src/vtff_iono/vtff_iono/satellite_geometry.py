@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.broadcast_orbit import EphemerisTable
@@ -18,6 +19,10 @@ __all__ = ["SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
 
 # Epochs that are computed together; bounds the memory.
 _MOST_EPOCHS = 1000
+# From so many epochs on it pays to leave out the satellites that are below the horizon.
+_MANY_EPOCHS = 100
+# Reference times are multiples of this, ns: whoever computes an epoch counts from the same time.
+_REFERENCE_INTERVAL = 1000 * NANOSECONDS_PER_SECOND
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +40,12 @@ class SatelliteGeometry:
     elevation: FloatArray
     azimuth: FloatArray
     direction_itrf: FloatArray
+
+    def part(self, start: int, end: int) -> SatelliteGeometry:
+        """Return observations `start` to `end` (not included)."""
+        return SatelliteGeometry(
+            self.elevation[start:end], self.azimuth[start:end], self.direction_itrf[start:end]
+        )
 
 
 def satellite_geometry(
@@ -64,25 +75,40 @@ def satellite_geometry(
     )
     starts = np.flatnonzero(np.diff(time, prepend=time[:1] - 1)) if rows else np.zeros(0, int)
     ends = np.append(starts[1:], rows)
-    tables = [store.table(GpsTime(int(time[start]))) for start in starts]
-    first = 0
-    while first < len(starts):
-        last = first + 1
-        while last < len(starts) and tables[last] is tables[first] and last - first < _MOST_EPOCHS:
-            last += 1
+    for first, last, table in _epochs_of_tables(store, time[starts]):
         part = slice(starts[first], ends[last - 1])
         epoch_of_row = np.repeat(np.arange(last - first), ends[first:last] - starts[first:last])
         _fill(
             result,
             part,
-            tables[first],
+            table,
             time[starts[first:last]],
             position[starts[first:last]],
             epoch_of_row,
             system[part].astype(np.int64) << 8 | prn[part],
         )
-        first = last
     return result
+
+
+def _epochs_of_tables(
+    store: EphemerisStore, time: npt.NDArray[np.int64]
+) -> Iterator[tuple[int, int, EphemerisTable]]:
+    """Yield first and last epoch (not included) that use the same ephemerides, and these.
+
+    Epochs of one part have one reference time; how the epochs are cut makes no difference to the
+    numbers.
+    """
+    reference = time // _REFERENCE_INTERVAL
+    first = 0
+    while first < len(time):
+        last = min(first + _MOST_EPOCHS, int(np.searchsorted(reference, reference[first], "right")))
+        table = store.table(GpsTime(int(time[first])))
+        # The store gives the same object until its choice changes.
+        while store.table(GpsTime(int(time[last - 1]))) is not table:
+            last = (first + last + 1) // 2
+            table = store.table(GpsTime(int(time[first])))
+        yield first, last, table
+        first = last
 
 
 def geometry_from_stores(
@@ -130,11 +156,18 @@ def _fill(
     if len(table) == 0:
         return
     known = np.isfinite(position).all(axis=1)
-    reference = GpsTime(int(time[0]))
+    if len(time) >= _MANY_EPOCHS:
+        seen_at_all = np.unique(satellite)
+        table = EphemerisTable(
+            [e for e in table.ephemerides if (e.system << 8 | e.prn) in seen_at_all]
+        )
+        if len(table) == 0:
+            return
+    reference = time[0] // _REFERENCE_INTERVAL * _REFERENCE_INTERVAL
     sight = lines_of_sight(
         table,
-        reference,
-        1e-9 * (time - time[0]),
+        GpsTime(int(reference)),
+        1e-9 * (time - reference),
         np.where(known[:, np.newaxis], position, [[1e7, 0.0, 0.0]]),
         np.zeros(3),
     )

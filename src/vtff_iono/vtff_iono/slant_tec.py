@@ -15,7 +15,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -144,6 +144,21 @@ class SlantTecRows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.arc)
+
+    def part(self, start: int, end: int, first_observation: int) -> SlantTecRows:
+        """Return rows `start` to `end` (not included) as those of a block of its own.
+
+        Parameters
+        ----------
+        start, end : int
+        first_observation : int
+            The observation that the block begins with.
+        """
+        pairs = self.pairs.part(start, end)
+        second = np.where(pairs.row_second < 0, -1, pairs.row_second - first_observation)
+        pairs = replace(pairs, row_first=pairs.row_first - first_observation, row_second=second)
+        others = (field.name for field in fields(self) if field.name != "pairs")
+        return SlantTecRows(pairs, **{name: getattr(self, name)[start:end] for name in others})
 
 
 def no_bias(link: Link, time: GpsTime) -> tuple[float, float]:

@@ -15,20 +15,12 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.code_biases import CodeBiasTable, broadcast_code_biases
-from vtff_iono.mapping import (
-    GROUND_SHELL_HEIGHT,
-    LOWEST_ORBIT,
-    mapping_factor,
-    pierce_point,
-    shell_height,
-)
 from vtff_iono.rate_of_tec import RateOfTecMonitor, RateOfTecWindow
 from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
@@ -39,9 +31,11 @@ from vtff_iono.scintillation import (
 )
 from vtff_iono.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 from vtff_iono.slant_tec import Rejection, SlantTecProcessor, SlantTecRows, SlantTecSettings
+from vtff_iono.vertical_mapping import VerticalMapping, vertical_mapping
 
 __all__ = [
     "ObservationBlock",
+    "PreparedBlock",
     "SlantTecEpoch",
     "SpacecraftIonosphere",
     "SpacecraftResult",
@@ -98,6 +92,31 @@ class ObservationBlock:
 
     time: npt.NDArray[np.int64]
     columns: Columns
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedBlock:
+    """A block with what does not depend on receiver biases.
+
+    Parameters
+    ----------
+    block : ObservationBlock
+    position_itrf : ndarray, shape (n, 3)
+    geometry : SatelliteGeometry
+        Of all observations.
+    rows : SlantTecRows
+    epoch_rows : ndarray of int, shape (m,)
+        Rows of the last epoch that have a link.
+    vertical : VerticalMapping
+        Of these.
+    """
+
+    block: ObservationBlock
+    position_itrf: FloatArray
+    geometry: SatelliteGeometry
+    rows: SlantTecRows
+    epoch_rows: npt.NDArray[np.intp]
+    vertical: VerticalMapping
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,10 +255,58 @@ class SpacecraftIonosphere:
         position_itrf : ndarray, shape (n, 3)
             Of the antenna at the time of each row, m; NaN where unknown.
         """
+        return self.process_prepared(self.prepare([block], [position_itrf])[0])
+
+    def prepare(
+        self, blocks: Sequence[ObservationBlock], positions_itrf: Sequence[FloatArray]
+    ) -> list[PreparedBlock]:
+        """Take the next blocks in, as far as that can be done for all of them at once.
+
+        Of many short blocks most of the time goes into the calls; here they are one. The results
+        have the same bytes. `process_prepared` is to be called with each in its order.
+
+        Parameters
+        ----------
+        blocks, positions_itrf : sequence
+            As for `process`; ephemerides must not come between the blocks.
+        """
+        time = np.concatenate([block.time for block in blocks])
+        columns = {
+            name: np.concatenate([block.columns[name] for block in blocks])
+            for name in blocks[0].columns
+        }
+        position = np.concatenate(positions_itrf)
         geometry = geometry_from_stores(
-            self._stores, block.time, block.columns["system"], block.columns["prn"], position_itrf
+            self._stores, time, columns["system"], columns["prn"], position
         )
-        rows = self._processor.update(block.time, block.columns, geometry.elevation)
+        rows = self._processor.update(time, columns, geometry.elevation)
+        observation = np.cumsum([0, *(len(block.time) for block in blocks)])
+        row = np.searchsorted(rows.pairs.row_first, observation)
+        has_rows = row[1:] > row[:-1]
+        end = np.full(len(rows), -1, dtype=np.int64)
+        for first, last in zip(row[:-1][has_rows], row[1:][has_rows], strict=True):
+            end[first:last] = rows.pairs.time[last - 1]
+        of_epoch = np.flatnonzero((rows.pairs.time == end) & (rows.pairs.link >= 0))
+        sight = rows.pairs.row_first[of_epoch]
+        vertical = vertical_mapping(
+            position[sight], geometry.direction_itrf[sight], rows.elevation[of_epoch]
+        )
+        edge = np.searchsorted(of_epoch, row)
+        return [
+            PreparedBlock(
+                block=block,
+                position_itrf=place,
+                geometry=geometry.part(observation[i], observation[i + 1]),
+                rows=rows.part(row[i], row[i + 1], observation[i]),
+                epoch_rows=of_epoch[edge[i] : edge[i + 1]] - row[i],
+                vertical=vertical.part(edge[i], edge[i + 1]),
+            )
+            for i, (block, place) in enumerate(zip(blocks, positions_itrf, strict=True))
+        ]
+
+    def process_prepared(self, prepared: PreparedBlock) -> SpacecraftResult:
+        """Return what a block tells: the rest of `process`."""
+        block, geometry, rows = prepared.block, prepared.geometry, prepared.rows
         roti = list(self._roti.update(rows))
         windows = self._scintillation.update(
             block.time, block.columns, geometry.elevation, geometry.azimuth
@@ -248,8 +315,8 @@ class SpacecraftIonosphere:
         epoch = None
         if len(rows):
             last = rows.pairs.time == rows.pairs.time[-1]
-            self._collect(rows, geometry, position_itrf, last)
-            epoch = self._epoch(rows, geometry, position_itrf, np.flatnonzero(last))
+            self._collect(rows, geometry, prepared.position_itrf, last)
+            epoch = self._epoch(prepared)
         return SpacecraftResult(rows, geometry.direction_itrf, epoch, scintillation)
 
     def _satellite_bias(self, link: Link, time: GpsTime) -> tuple[float, float]:
@@ -346,14 +413,9 @@ class SpacecraftIonosphere:
 
     # ---- absolute contents -------------------------------------------------------------------
 
-    def _epoch(
-        self,
-        rows: SlantTecRows,
-        geometry: SatelliteGeometry,
-        position_itrf: FloatArray,
-        chosen: npt.NDArray[np.intp],
-    ) -> SlantTecEpoch:
-        chosen = chosen[rows.pairs.link[chosen] >= 0]
+    def _epoch(self, prepared: PreparedBlock) -> SlantTecEpoch:
+        """Return the contents of the last epoch, known receiver biases removed."""
+        rows, chosen = prepared.rows, prepared.epoch_rows
         links = [self.links[number] for number in rows.pairs.link[chosen].tolist()]
         keys = [(link.system, link.code_first, link.code_second) for link in links]
         known = [self.receiver_biases.get(key) for key in keys]
@@ -364,17 +426,6 @@ class SpacecraftIonosphere:
             np.uint16(0xFFFF),
             np.uint16(0xFFFF - Rejection.NO_RECEIVER_BIAS),
         ).astype(np.uint16)
-        first = rows.pairs.row_first[chosen]
-        place = np.where(np.isfinite(position_itrf[first]), position_itrf[first], [1e7, 0.0, 0.0])
-        altitude = geodetic_from_itrf(place)[:, 2]
-        elevation = rows.elevation[chosen]
-        factor = mapping_factor(elevation, np.linalg.norm(place, axis=-1), altitude)
-        above = np.where(
-            altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT, altitude + 0.5 * shell_height(altitude)
-        )
-        point = pierce_point(place, geometry.direction_itrf[first], above)
-        nowhere = ~np.isfinite(point).all(axis=-1)
-        pierced = geodetic_from_itrf(np.where(nowhere[:, np.newaxis], [1e7, 0.0, 0.0], point))
         stec = rows.stec_tecu[chosen] - bias
         return SlantTecEpoch(
             time=int(rows.pairs.time[-1]),
@@ -382,11 +433,11 @@ class SpacecraftIonosphere:
             stec_tecu=stec,
             stec_sigma_tecu=np.hypot(rows.stec_sigma_tecu[chosen], sigma),
             stec_code_tecu=rows.stec_code_tecu[chosen] - bias,
-            vtec_tecu=stec / factor,
-            elevation=elevation,
-            azimuth=geometry.azimuth[first],
-            pierce_latitude=np.where(nowhere, np.nan, pierced[:, 0]),
-            pierce_longitude=np.where(nowhere, np.nan, pierced[:, 1]),
+            vtec_tecu=stec / prepared.vertical.factor,
+            elevation=rows.elevation[chosen],
+            azimuth=prepared.geometry.azimuth[rows.pairs.row_first[chosen]],
+            pierce_latitude=prepared.vertical.pierce_latitude,
+            pierce_longitude=prepared.vertical.pierce_longitude,
             arc=rows.arc[chosen],
             rejected=rejected,
         )
