@@ -1,6 +1,7 @@
 """Receiver biases in orbit and on the ground, with a known answer and levels that are wrong."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ from orbit_simulation import BIAS, PER_NS, samples, seen
 from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.mapping import mapping_factor
-from vtff_iono.receiver_bias import estimate_receiver_biases
+from vtff_iono.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 
 
 @pytest.mark.parametrize("name", ["chapman", "plumex"])
@@ -65,3 +66,15 @@ def test_too_few_satellites():
     rows = seen("chapman", 3.0)[:20]
     with pytest.raises(ReceiverBiasError, match=r"only \d+ pairs of satellites"):
         estimate_receiver_biases(samples(rows, 0, 0.1))
+
+
+def test_sigma_of_contents():
+    """What the samples show of the satellites takes the place of what these state."""
+    known = ReceiverBias(8.0, 0.3, 0.3, 0.0, (8.0,), False, 100)
+    shown = replace(known, satellite_sigma_tecu=0.13)
+    stec_sigma = np.full(4, math.hypot(0.1, 3.7))
+    sigma = content_sigma(
+        stec_sigma, np.full(4, 3.7), [known, shown, None], np.array([0, 1, 2, -1])
+    )
+    expected = [math.hypot(0.1, 3.7, 0.3), math.hypot(0.1, 0.13, 0.3), stec_sigma[0], stec_sigma[0]]
+    assert sigma == pytest.approx(expected)

@@ -18,7 +18,7 @@ from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
-from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
+from vtff_iono.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 from vtff_iono.slant_tec import (
@@ -138,7 +138,12 @@ def absolute_tec(
     key_of_link = [(link.system, link.code_first, link.code_second) for link in processor.links]
     biases, remarks = _receiver_biases(rows, levels, direction, place, is_content, key_of_link)
     bias = np.array([biases[k].bias_tecu if k in biases else 0.0 for k in key_of_link] + [0.0])
-    sigma = np.array([biases[k].sigma_tecu if k in biases else 0.0 for k in key_of_link] + [0.0])
+    sigma = content_sigma(
+        levels.stec_sigma_tecu,
+        rows.satellite_bias_sigma_tecu,
+        [biases.get(key) for key in key_of_link],
+        rows.pairs.link,
+    )
     unknown = np.array([k not in biases for k in key_of_link] + [False])[rows.pairs.link]
     stec = levels.stec_tecu - bias[rows.pairs.link]
     vertical = vertical_mapping(place, direction, rows.elevation)
@@ -146,7 +151,7 @@ def absolute_tec(
         links=processor.links,
         rows=rows,
         stec_tecu=stec,
-        stec_sigma_tecu=np.hypot(levels.stec_sigma_tecu, sigma[rows.pairs.link]),
+        stec_sigma_tecu=sigma,
         vtec_tecu=stec / vertical.factor,
         azimuth=geometry.azimuth[first],
         geometry=geometry,

@@ -32,7 +32,8 @@ Rideout and Coster (2006), GPS Solutions 10, 219 (zero-TEC condition).
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -48,9 +49,9 @@ from vtff_iono.mapping import (
     shell_height,
     thin_shell_mapping,
 )
-from vtff_iono.profile_bias import profile_biases
+from vtff_iono.profile_bias import ProfileBiases, profile_biases
 
-__all__ = ["ReceiverBias", "estimate_receiver_biases"]
+__all__ = ["ReceiverBias", "content_sigma", "estimate_receiver_biases"]
 
 IntArray = npt.NDArray[np.intp]
 
@@ -97,6 +98,8 @@ class ReceiverBias:
         The condition of a content that is not negative was active.
     pairs : int
         Number of pairs of samples that the largest solution used.
+    satellite_sigma_tecu : float
+        Sigma of the satellite biases, as the samples show it; NaN if they do not.
     """
 
     bias_tecu: float
@@ -106,6 +109,7 @@ class ReceiverBias:
     model_tecu: tuple[float, ...]
     is_bounded: bool
     pairs: int
+    satellite_sigma_tecu: float = math.nan
 
     def code_bias(self, tecu_per_metre: float) -> tuple[float, float]:
         """Return the differential code bias first - second and its sigma, s.
@@ -117,6 +121,33 @@ class ReceiverBias:
         """
         scale = 1.0 / (tecu_per_metre * SPEED_OF_LIGHT)
         return -self.bias_tecu * scale, self.sigma_tecu * scale
+
+
+def content_sigma(
+    stec_sigma_tecu: FloatArray,
+    satellite_sigma_tecu: FloatArray,
+    biases: Sequence[ReceiverBias | None],
+    number: npt.NDArray[np.integer],
+) -> FloatArray:
+    """Return the sigmas of contents whose receiver bias has been removed, TECU, shape (n,).
+
+    Parameters
+    ----------
+    stec_sigma_tecu, satellite_sigma_tecu : ndarray, shape (n,)
+        Of contents that contain the bias of the receiver, and the part that is stated of the
+        satellites. Where the samples of the bias show how large that is, it is replaced.
+    biases : sequence of ReceiverBias or None
+        None adds nothing.
+    number : ndarray of int, shape (n,)
+        Which of `biases` each content has; -1 for none.
+    """
+    table = [
+        (0.0, math.nan) if b is None else (b.sigma_tecu, b.satellite_sigma_tecu) for b in biases
+    ]
+    receiver, shown = np.array([*table, (0.0, math.nan)])[number].T
+    stated = np.where(np.isnan(shown), 0.0, np.nan_to_num(satellite_sigma_tecu))
+    without = np.maximum(stec_sigma_tecu**2 - stated**2, 0.0)
+    return np.asarray(np.sqrt(without + np.nan_to_num(shown) ** 2 + receiver**2))
 
 
 def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
@@ -150,8 +181,10 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     models = _models(samples, altitude, is_ground)
     solutions, sigmas = _solutions(samples, models, first, second, block)
     better = None if is_ground else _better(all_elevations, solutions, sigmas)
-    solutions, sigmas = better or (solutions, sigmas)
-    return _combined(samples, solutions, sigmas, len(first))
+    if better is None:
+        return _combined(samples, solutions, sigmas, len(first))
+    biases = _combined(samples, better.bias_tecu, better.sigma_tecu, len(first))
+    return [replace(bias, satellite_sigma_tecu=better.satellite_sigma_tecu) for bias in biases]
 
 
 def _solutions(
@@ -181,7 +214,7 @@ def _solutions(
 
 def _better(
     samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray
-) -> tuple[FloatArray, FloatArray] | None:
+) -> ProfileBiases | None:
     """Return solutions with a density profile if they have smaller sigmas than those with shells.
 
     None also if the altitude changes too little to tell a profile.
@@ -193,7 +226,7 @@ def _better(
     sigma = _sigma(found.bias_tecu, found.sigma_tecu)
     if sigma.sum() >= _sigma(solutions, sigmas).sum():
         return None
-    return found.bias_tecu, found.sigma_tecu
+    return found
 
 
 def _sigma(solutions: FloatArray, sigmas: FloatArray) -> FloatArray:

@@ -22,7 +22,7 @@ from vtff_gnss.ephemeris_selection import EphemerisStore
 from vtff_iono.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.code_biases import CodeBiasTable, broadcast_code_biases
 from vtff_iono.rate_of_tec import RateOfTecMonitor, RateOfTecWindow
-from vtff_iono.receiver_bias import ReceiverBias, estimate_receiver_biases
+from vtff_iono.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.scintillation import (
     ScintillationMonitor,
@@ -420,7 +420,12 @@ class SpacecraftIonosphere:
         keys = [(link.system, link.code_first, link.code_second) for link in links]
         known = [self.receiver_biases.get(key) for key in keys]
         bias = np.array([0.0 if one is None else one.bias_tecu for one in known])
-        sigma = np.array([0.0 if one is None else one.sigma_tecu for one in known])
+        sigma = content_sigma(
+            rows.stec_sigma_tecu[chosen],
+            rows.satellite_bias_sigma_tecu[chosen],
+            known,
+            np.arange(len(known)),
+        )
         rejected = rows.rejected[chosen] & np.where(
             [one is None for one in known],
             np.uint16(0xFFFF),
@@ -431,7 +436,7 @@ class SpacecraftIonosphere:
             time=int(rows.pairs.time[-1]),
             links=links,
             stec_tecu=stec,
-            stec_sigma_tecu=np.hypot(rows.stec_sigma_tecu[chosen], sigma),
+            stec_sigma_tecu=sigma,
             stec_code_tecu=rows.stec_code_tecu[chosen] - bias,
             vtec_tecu=stec / prepared.vertical.factor,
             elevation=rows.elevation[chosen],
