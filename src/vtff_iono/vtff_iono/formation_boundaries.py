@@ -315,9 +315,10 @@ class FormationBoundaries:
         position: FloatArray,
         result: SpacecraftResult,
     ) -> list[Boundary]:
-        values = self._variance_ratios(block, result)
-        values += self._rate_quantities(craft, position, result)
         rows = result.rows
+        of_links = _rows_of_links(rows)
+        values = self._variance_ratios(block, rows, of_links)
+        values += self._rate_quantities(craft, position, rows, of_links)
         found = []
         for link, time, source, value in values:
             threshold = {
@@ -325,7 +326,8 @@ class FormationBoundaries:
                 BoundarySource.ROTI: self._settings.roti_tecu_per_minute,
                 BoundarySource.TEC_GRADIENT: self._settings.gradient_tecu_per_km,
             }[source]
-            system, prn, row = self._ray(rows, block, link)
+            row = int(rows.pairs.row_first[of_links[link][-1]])
+            system, prn = int(block.columns["system"][row]), int(block.columns["prn"][row])
             detector = self._rays.setdefault(
                 (craft, system, prn, source), ExceedanceDetector(threshold)
             )
@@ -346,12 +348,6 @@ class FormationBoundaries:
                         )
                     )
         return found
-
-    @staticmethod
-    def _ray(rows: SlantTecRows, block: ObservationBlock, link: int) -> tuple[int, int, int]:
-        """Return system, satellite and the last observation of a link."""
-        row = int(rows.pairs.row_first[np.flatnonzero(rows.pairs.link == link)[-1]])
-        return int(block.columns["system"][row]), int(block.columns["prn"][row]), row
 
     def _ray_boundary(
         self,
@@ -377,36 +373,44 @@ class FormationBoundaries:
         )
 
     def _variance_ratios(
-        self, block: ObservationBlock, result: SpacecraftResult
+        self,
+        block: ObservationBlock,
+        rows: SlantTecRows,
+        of_links: dict[int, npt.NDArray[np.intp]],
     ) -> list[tuple[int, int, BoundarySource, float]]:
         """Return the variance of the intensity of first signals relative to that of noise."""
-        rows = result.rows
-        if not len(rows):
-            return []
-        epochs = np.unique(rows.pairs.time)
+        time = rows.pairs.time
+        epochs = time[np.flatnonzero(np.diff(time, prepend=time[:1] - 1))]
         if len(epochs) < 10:
             return []
         sample_length = float(np.median(np.diff(epochs))) / NANOSECONDS_PER_SECOND
-        values = []
+        is_high = rows.elevation >= self._settings.elevation_minimum
+        system, prn = block.columns["system"], block.columns["prn"]
+        chosen: dict[int, npt.NDArray[np.int64]] = {}
         seen: set[tuple[int, int]] = set()
-        high = rows.elevation >= self._settings.elevation_minimum
-        for link in np.unique(rows.pairs.link[high & (rows.pairs.link >= 0)]).tolist():
-            first = rows.pairs.row_first[rows.pairs.link == link]
-            satellite = int(block.columns["system"][first[0]]), int(block.columns["prn"][first[0]])
-            if satellite in seen or len(first) < _COVERAGE * len(epochs):
-                continue
-            seen.add(satellite)
-            power = linear_power(block.columns["cn0_dbhz"][first])
-            noise = float(noise_s4(10.0 * np.log10(power.mean()), sample_length)) ** 2
-            ratio = float(intensity_variance(power)) / noise
-            values.append((link, int(epochs[-1]), BoundarySource.S4, ratio))
-        return values
+        for link in np.unique(rows.pairs.link[is_high & (rows.pairs.link >= 0)]).tolist():
+            first = rows.pairs.row_first[of_links[link]]
+            satellite = int(system[first[0]]), int(prn[first[0]])
+            if satellite not in seen and len(first) >= _COVERAGE * len(epochs):
+                seen.add(satellite)
+                chosen[link] = first
+        ratios: dict[int, float] = {}
+        # Links with as many samples as each other, which are all of them as a rule, at once.
+        for count in {len(first) for first in chosen.values()}:
+            links = [link for link, first in chosen.items() if len(first) == count]
+            power = linear_power(block.columns["cn0_dbhz"][np.stack([chosen[n] for n in links])])
+            noise = noise_s4(10.0 * np.log10(power.mean(axis=-1)), sample_length) ** 2
+            ratios.update(zip(links, (intensity_variance(power) / noise).tolist(), strict=True))
+        return [(link, int(epochs[-1]), BoundarySource.S4, ratios[link]) for link in chosen]
 
     def _rate_quantities(
-        self, craft: int, position: FloatArray, result: SpacecraftResult
+        self,
+        craft: int,
+        position: FloatArray,
+        rows: SlantTecRows,
+        of_links: dict[int, npt.NDArray[np.intp]],
     ) -> list[tuple[int, int, BoundarySource, float]]:
         """Return spread of the rate and gradient of TEC of links, vertical motion taken out."""
-        rows = result.rows
         if not len(rows):
             return []
         end = int(rows.pairs.time[-1])
@@ -415,34 +419,53 @@ class FormationBoundaries:
             return []
         speed = float(np.linalg.norm(position[-1] - position[0]))
         span = (rows.pairs.time[-1] - rows.pairs.time[0]) / NANOSECONDS_PER_SECOND
-        altitude = float(geodetic_from_itrf(place)[2])
-        rates: dict[int, tuple[float, float]] = {}
-        for link in np.unique(rows.pairs.link[rows.pairs.link >= 0]).tolist():
-            own = np.flatnonzero((rows.pairs.link == link) & (rows.arc > 0))
+        rates: dict[int, float] = {}
+        elevations = []
+        for link, all_rows in of_links.items():
+            own = all_rows[rows.arc[all_rows] > 0]
             if not len(own) or not rows.elevation[own[-1]] >= self._settings.rate_elevation_minimum:
                 continue
             arc, content = int(rows.arc[own[-1]]), float(rows.stec_phase_tecu[own].mean())
             kept = self._rates.setdefault((craft, link), deque(maxlen=_RATES))
             if kept and kept[-1][1] == arc and end - kept[-1][0] == NANOSECONDS_PER_SECOND:
-                factor = float(
-                    mapping_factor(rows.elevation[own[-1]], np.linalg.norm(place), altitude)
-                )
-                rates[link] = content - kept[-1][2], factor
+                rates[link] = content - kept[-1][2]
+                elevations.append(rows.elevation[own[-1]])
             kept.append((end, arc, content))
         if len(rates) < 4 or span <= 0.0:
             return []
-        vertical = float(np.median([rate / factor for rate, factor in rates.values()]))
-        values = []
-        for link, (rate, factor) in rates.items():
+        factors = mapping_factor(elevations, np.linalg.norm(place), geodetic_from_itrf(place)[2])
+        change = np.array(list(rates.values()))
+        change = change - factors * np.median(change / factors)
+        recent: dict[int, list[float]] = {}
+        for link, rate in zip(rates, change.tolist(), strict=True):
             own_rates = self._rates.setdefault((craft, -1 - link), deque(maxlen=_RATES))
-            own_rates.append((end, 0, rate - factor * vertical))
-            recent = [r for time, _, r in own_rates if end - time < _RATES * NANOSECONDS_PER_SECOND]
-            if len(recent) == _RATES:
-                roti = 60.0 * float(np.std(recent, ddof=1))
-                gradient = abs(float(np.mean(recent))) / (1e-3 * speed / span)
-                values.append((link, end, BoundarySource.ROTI, roti))
-                values.append((link, end, BoundarySource.TEC_GRADIENT, gradient))
+            own_rates.append((end, 0, rate))
+            last = [r for time, _, r in own_rates if end - time < _RATES * NANOSECONDS_PER_SECOND]
+            if len(last) == _RATES:
+                recent[link] = last
+        table = np.array(list(recent.values())).reshape(-1, _RATES)
+        roti = 60.0 * table.std(axis=-1, ddof=1)
+        gradient = np.abs(table.mean(axis=-1)) / (1e-3 * speed / span)
+        values = []
+        for link, *both in zip(recent, roti.tolist(), gradient.tolist(), strict=True):
+            values.append((link, end, BoundarySource.ROTI, both[0]))
+            values.append((link, end, BoundarySource.TEC_GRADIENT, both[1]))
         return values
+
+
+def _rows_of_links(rows: SlantTecRows) -> dict[int, npt.NDArray[np.intp]]:
+    """Return the rows of each link, in order of time, by its number."""
+    if not len(rows):
+        return {}
+    order = np.argsort(rows.pairs.link, kind="stable")
+    link = rows.pairs.link[order]
+    starts = np.flatnonzero(np.diff(link, prepend=link[:1] - 1))
+    parts = np.split(order, starts[1:])
+    return {
+        number: part
+        for number, part in zip(link[starts].tolist(), parts, strict=True)
+        if number >= 0
+    }
 
 
 def _smooth(place: FloatArray, values: FloatArray) -> FloatArray:
