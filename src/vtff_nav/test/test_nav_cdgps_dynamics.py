@@ -51,6 +51,33 @@ def test_follows_the_propagator(model):
     np.testing.assert_allclose(predicted.relative[3:6], difference[3:], rtol=0, atol=1e-7)
 
 
+def test_follows_the_euler_steps_of_a_simulation():
+    """Without a residual force, thrust included, however far apart the epochs are."""
+    chief, deputy = (
+        Propagator(START, state, J2, integrator="euler") for state in (CHIEF, DEPUTY_5KM)
+    )
+    thrust = [ThrustInterval(START + 3.0, 1.0, np.array([0.05, -0.02, 0.01]))]
+    for second in range(10):
+        acceleration = None
+        if second == 3:
+            acceleration = rotation_gcrf_to_rtn(chief.state_gcrf).T @ thrust[0].acceleration_rtn
+        chief.advance()
+        deputy.advance(acceleration)
+    stepped = OrbitalMotion(J2, NOISE, NOISE, 0.0, integrator="euler", longest_step=1.0)
+    predicted = stepped.predict(START, 10.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
+    np.testing.assert_allclose(predicted.chief[:6], chief.state_gcrf, rtol=0, atol=1e-6)
+    difference = deputy.state_gcrf - chief.state_gcrf
+    np.testing.assert_allclose(predicted.relative[:6], difference, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"), [({"integrator": "rk5"}, "rk5"), ({"longest_step": 0.0}, "longest_step")]
+)
+def test_integration_is_checked(wrong, text):
+    with pytest.raises(ValueError, match=text):
+        OrbitalMotion(J2, NOISE, NOISE, 0.0, **wrong)
+
+
 def test_thrust_in_the_middle_of_a_second():
     """Intervals need not begin at epochs, nor end there."""
     whole = [ThrustInterval(START + 0.25, 1.5, np.array([0.0, 0.04, 0.0]))]

@@ -187,6 +187,20 @@ def test_thrust_that_nobody_told():
     assert flight.error[FAULT_TIME + 20 :].max() < 5e-3
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_forces_that_nobody_knows(seed):
+    """Accelerations 2000 times (chief) and 600 times (difference) what the filter reckons with.
+
+    1e-2 m/s2 is what explicit Euler steps of 1 s do to an orbit.
+    """
+    scenario = simulate(150, seed=seed, empirical_sigma=(1e-2, 3e-5))
+    flight = fly(scenario, configuration())
+    assert not any(wrong_integers(scenario.truth, k, s) for k, s in enumerate(flight.solutions))
+    assert flight.is_fixed[1:].all()
+    assert flight.error[20:].max() < 1e-2
+    assert np.linalg.norm(flight.error_chief, axis=1).max() < 10.0
+
+
 def test_plasma_is_found():
     """5 km apart in 5e11 electrons per m3: 60 mm of differential delay, found as density."""
     flight = fly(simulate(SECONDS, deputy=DEPUTY_5KM, profile=densities(5e11)), configuration())

@@ -100,6 +100,19 @@ def test_variances_are_followed(scattered):
     assert not scatter.scattered(differences(np.zeros(COUNT))).any()
 
 
+def test_slow_change_is_no_scatter():
+    """Residuals that motion or plasma shifts step by step do not pass for noise."""
+    drift, scatter = np.where(np.arange(COUNT) < 2, 0.3e-3, 0.0), PhaseScatter()
+    random = np.random.default_rng(3)
+    for epoch in range(20):
+        phase = epoch * drift + math.sqrt(STATED) * random.standard_normal(COUNT)
+        measured = differences(phase)
+        innovation = innovation_of(measured)
+        scatter.learn(START + float(epoch), measured, innovation, np.zeros(COUNT, bool))
+    assert np.abs(innovation.normalised[COUNT : COUNT + 2]).max() > 2.0
+    assert not scatter.scattered(measured).any()
+
+
 def test_slip_and_scatter():
     """Less than a quarter of a cycle is noise, more is a slip, whatever noise is known of."""
     measured = differences(np.zeros(COUNT))

@@ -12,6 +12,7 @@ from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.force_model import GRAVITY_MODELS, ForceModel
+from vtff_dynamics.propagator import INTEGRATORS
 from vtff_dynamics.timescales import GpsTime
 from vtff_msgs.msg import (
     AmbiguityStatus,
@@ -93,6 +94,18 @@ class RelativeEkfParameters:
     )
     gravity_degree: int = parameter(8, "degree of the harmonics", minimum=2, maximum=70)
     gravity_order: int = parameter(8, "order of the harmonics", minimum=0, maximum=70)
+    integrator: str = parameter(
+        CdgpsConfiguration.integrator,
+        "cdgps: how the motion is stepped; euler where the simulator steps so, which no force "
+        "explains",
+        choices=INTEGRATORS,
+    )
+    longest_step: float = parameter(
+        CdgpsConfiguration.longest_step,
+        "cdgps: longest step of integration; with euler that of the simulator",
+        unit="s",
+        minimum=0.001,
+    )
     code_sigma: float = parameter(
         MeasurementNoise.code_sigma,
         "noise of the pseudorange where the receiver states none",
@@ -168,6 +181,8 @@ def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
     return CdgpsEstimator(
         CdgpsConfiguration(
             dynamics=given.dynamics,
+            integrator=given.integrator,
+            longest_step=given.longest_step,
             noise_relative=MotionNoise(given.empirical_acceleration_sigma),
             thrust_relative_sigma=given.thrust_sigma,
             success_rate=given.success_rate,

@@ -408,6 +408,8 @@ def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMot
             *noises,
             thrust_relative_sigma=configuration.thrust_relative_sigma,
             force_model_deputy=configuration.force_model_deputy,
+            integrator=configuration.integrator,
+            longest_step=configuration.longest_step,
         )
     return TerrestrialMotion(configuration.chief_motion, configuration.dynamics, *noises)
 

@@ -28,6 +28,10 @@ class CdgpsConfiguration:
         Surveyed antenna of a static chief, m.
     force_model, force_model_deputy : ForceModel
         Forces on the chief, and on the deputy if they differ.
+    integrator : str
+        ``euler`` where the motion is simulated with explicit Euler steps, which no force explains.
+    longest_step : float
+        Of integration, s; with ``euler`` the step of the simulation.
     noise_chief, noise_relative : MotionNoise
         Process noise of the chief's motion and of the relative motion. That of the chief must
         cover the forces left out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2 for J2 alone
@@ -79,6 +83,8 @@ class CdgpsConfiguration:
     position_chief_itrf: tuple[float, float, float] | None = None
     force_model: ForceModel = field(default_factory=ForceModel)
     force_model_deputy: ForceModel | None = None
+    integrator: str = "rk4"
+    longest_step: float = 5.0
     noise_chief: MotionNoise = MotionNoise(empirical_sigma=5e-6)
     noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8)
     thrust_relative_sigma: float = 5e-4

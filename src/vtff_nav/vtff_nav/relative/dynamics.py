@@ -18,7 +18,7 @@ import numpy.typing as npt
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.force_model import ForceModel
 from vtff_dynamics.frames import rotation_gcrf_to_itrf, rotation_gcrf_to_rtn, state_gcrf_to_itrf
-from vtff_dynamics.propagator import Propagator
+from vtff_dynamics.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
@@ -38,9 +38,6 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 
 DYNAMIC_STATES = 9
 """Position, velocity, empirical acceleration."""
-
-# A Runge-Kutta step of 5 s is exact to 1e-7 m in low orbit, the transition matrix to 1e-6.
-_LONGEST_STEP = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,6 +114,17 @@ class OrbitalMotion:
         Error of the known thrust, relative to its magnitude, on each axis.
     force_model_deputy : ForceModel, optional
         Where the deputy differs (mass, cross-section); that of the chief by default.
+    integrator : str
+        See `vtff_dynamics.propagator.Propagator`; ``euler`` for motion that is simulated so.
+    longest_step : float
+        Longest step of integration, s. A Runge-Kutta step of 5 s is exact to 1e-7 m in low orbit,
+        the transition matrix to 1e-6. For ``euler`` that of the simulation: its error is part of
+        the motion.
+
+    Raises
+    ------
+    ValueError
+        If the integrator is unknown or the step not positive.
     """
 
     def __init__(
@@ -126,7 +134,15 @@ class OrbitalMotion:
         noise_relative: MotionNoise,
         thrust_relative_sigma: float,
         force_model_deputy: ForceModel | None = None,
+        integrator: str = "rk4",
+        longest_step: float = 5.0,
     ) -> None:
+        if integrator not in INTEGRATORS:
+            raise ValueError(f"integrator {integrator!r}: one of {', '.join(INTEGRATORS)} expected")
+        if not longest_step > 0.0:
+            raise ValueError(f"longest_step {longest_step}: more than 0 s expected")
+        self._integrator = integrator
+        self._longest_step = longest_step
         self._model = force_model
         self._model_deputy = force_model_deputy or force_model
         self._noise_chief = noise_chief
@@ -159,7 +175,7 @@ class OrbitalMotion:
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
         axes: dict[GpsTime, FloatArray] = {}
-        for start, step in _steps(time, duration, thrust):
+        for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
             acceleration = np.zeros(3)
             for interval in thrust:
@@ -194,15 +210,24 @@ class OrbitalMotion:
         empirical_chief = to_gcrf @ chief[6:9]
         empirical_deputy = empirical_chief + to_gcrf @ relative[6:9]
         deputy = chief[:6] + relative[:6]
-        chief[:6] = Propagator(time, chief[:6], self._model, step=step).advance(empirical_chief)
+        chief[:6] = self._advanced(time, chief[:6], self._model, step, empirical_chief)
         relative[:6] = (
-            Propagator(time, deputy, self._model_deputy, step=step).advance(
-                empirical_deputy + thrust
-            )
+            self._advanced(time, deputy, self._model_deputy, step, empirical_deputy + thrust)
             - chief[:6]
         )
         chief[6:9] *= math.exp(-step / self._noise_chief.empirical_time)
         relative[6:9] *= math.exp(-step / self._noise_relative.empirical_time)
+
+    def _advanced(
+        self,
+        time: GpsTime,
+        state: FloatArray,
+        model: ForceModel,
+        step: float,
+        acceleration: FloatArray,
+    ) -> FloatArray:
+        """Return a state one step later."""
+        return Propagator(time, state, model, self._integrator, step).advance(acceleration)
 
     @staticmethod
     def to_itrf(time: GpsTime) -> FloatArray:
@@ -334,7 +359,7 @@ def _white_acceleration(root_density: float, step: float) -> FloatArray:
 
 
 def _steps(
-    time: GpsTime, duration: float, thrust: Sequence[ThrustInterval]
+    time: GpsTime, duration: float, thrust: Sequence[ThrustInterval], longest_step: float
 ) -> list[tuple[GpsTime, float]]:
     """Return start and length of steps that end wherever the thrust changes."""
     end = time + duration
@@ -344,7 +369,7 @@ def _steps(
     ordered = sorted(marks)
     steps = []
     for start, stop in zip(ordered[:-1], ordered[1:], strict=True):
-        count = math.ceil((stop - start) / _LONGEST_STEP - 1e-9)
+        count = math.ceil((stop - start) / longest_step - 1e-9)
         nanoseconds = (stop.nanoseconds - start.nanoseconds) // count
         for index in range(count):
             begin = GpsTime(start.nanoseconds + index * nanoseconds)

@@ -37,6 +37,9 @@ _UNKNOWN_AMBIGUITY_SIGMA = 30.0
 # Vertical delay of a code on one frequency in low orbit or on the ground, one sigma, m.
 _SINGLE_FREQUENCY_DELAY_SIGMA = 5.0
 _RESTART_EPOCHS = 5
+_DETECTION_PASSES = 5
+# Sigmas added to the motion when it is not what was predicted: m, m/s.
+_SURPRISE_SIGMAS = (10.0, 1.0)
 
 
 class AbsoluteFilter:
@@ -182,7 +185,8 @@ class AbsoluteFilter:
             delay = troposphere_delay(state.mean[:3], seen.elevation[0, rows])
             predicted = predicted + delay
         labels = self._ambiguities(time, measured, predicted)
-        for _ in range(4):
+        was_surprised = self._configuration.chief_motion == "static"
+        for _ in range(_DETECTION_PASSES):
             innovation, design_rows = self._innovation(measured, rows, seen, predicted, labels)
             normalised = np.abs(innovation.normalised)
             while normalised.size and normalised.max() > self._configuration.fault_sigmas:
@@ -198,6 +202,12 @@ class AbsoluteFilter:
             ]
             if not slipped:
                 break
+            if not was_surprised and 2 * len(slipped) > len(measured):
+                # Not slips: the motion is not what was predicted.
+                was_surprised = True
+                for axis in range(6):
+                    state.add_noise(("motion", axis), _SURPRISE_SIGMAS[axis // 3] ** 2)
+                continue
             for row in slipped:
                 state.remove([labels[row]])
                 self._seen.pop(labels[row], None)

@@ -30,8 +30,8 @@ SLIP_CYCLES = 0.25
 
 # Epochs over which a variance is averaged: its error is then a third of it.
 _MEMORY_EPOCHS = 10
-# Mean of as many squared normalised residuals from which on the stated variance is not believed;
-# without scatter less likely than 2e-5.
+# Mean of as many normalised squares from which on the stated variance is not believed; without
+# scatter less likely than 1e-4.
 _LARGEST_MEAN_SQUARE = 4.0
 # A signal not seen for as long (s) is believed anew.
 _LONGEST_ABSENCE = 60.0
@@ -39,11 +39,41 @@ _LONGEST_ABSENCE = 60.0
 
 @dataclasses.dataclass
 class _Signal:
-    """What is known of the scatter of a signal: excess variance (m2), mean squared residual."""
+    """What is known of the scatter of a signal.
+
+    Parameters
+    ----------
+    last_seen : GpsTime
+    variance : float
+        In excess of the stated one, m2.
+    mean_square : float
+        Mean of the square of half differences of residuals over the stated variance.
+    residual : float
+        Of the last epoch, m; NaN if it told nothing.
+    """
 
     last_seen: GpsTime
     variance: float = 0.0
     mean_square: float = 1.0
+    residual: float = math.nan
+
+    def follow(self, residual: float, stated: float, is_fault: bool) -> None:
+        """Use the residual of an epoch, m; `stated` is the variance that the receivers state."""
+        # From successive differences (von Neumann 1941): motion or plasma that is not what was
+        # predicted changes residuals slowly, and is not to pass for noise.
+        square = 0.5 * (residual - self.residual) ** 2
+        self.residual = residual
+        if math.isfinite(square):
+            self.mean_square += (square / stated - self.mean_square) / _MEMORY_EPOCHS
+        if is_fault:
+            self.variance = max(self.variance, residual**2 - stated)
+        elif self.variance > 0.0 and math.isfinite(square):
+            self.variance += (square - stated - self.variance) / _MEMORY_EPOCHS
+        elif self.mean_square > _LARGEST_MEAN_SQUARE:
+            self.variance = (self.mean_square - 1.0) * stated
+        # Below the stated variance it is no more than the error of its own estimate.
+        if 0.0 < self.variance < stated:
+            self.variance, self.mean_square = 0.0, 1.0
 
 
 class PhaseScatter:
@@ -97,44 +127,24 @@ class PhaseScatter:
         count = len(stated)
         phases = slice(count, 2 * count)
         residual, variance = (column[phases] for column in innovation.leave_one_out)
-        own = stated.phase_variance
         # What the phase itself adds to its residual. Where the rest is larger, as with ambiguities
         # that nothing tells yet, the residual says nothing.
         noise = innovation.noise[phases]
-        predicted = variance - noise
-        is_telling = innovation.is_used[phases] & (predicted < noise)
-        square = residual**2
+        is_telling = innovation.is_used[phases] & (variance < 2.0 * noise)
         for row, key in enumerate(stated.keys):
-            signal = self._signals.get(key)
-            if signal is None:
-                signal = self._signals[key] = _Signal(time)
+            signal = self._signals.setdefault(key, _Signal(time))
             signal.last_seen = time
-            if is_telling[row]:
-                excess = float(square[row] - predicted[row] - own[row])
-                normalised = float(square[row] / (predicted[row] + own[row]))
-                before = signal.variance
-                is_fault = bool(is_phase_fault[row])
-                _follow(signal, excess, normalised, float(own[row]), is_fault)
-                if signal.variance > before and (is_fault or before == 0.0):
-                    risen[key] = signal.variance - before
+            if not is_telling[row]:
+                signal.residual = math.nan
+                continue
+            before, is_fault = signal.variance, bool(is_phase_fault[row])
+            signal.follow(float(residual[row]), float(stated.phase_variance[row]), is_fault)
+            if signal.variance > before and (is_fault or before == 0.0):
+                risen[key] = signal.variance - before
         gone = [k for k, s in self._signals.items() if time - s.last_seen > _LONGEST_ABSENCE]
         for key in gone:
             del self._signals[key]
         return risen
-
-
-def _follow(signal: _Signal, excess: float, normalised: float, own: float, is_fault: bool) -> None:
-    """Use one squared residual: what it is above the stated variance, and normalised by that."""
-    signal.mean_square += (normalised - signal.mean_square) / _MEMORY_EPOCHS
-    if is_fault:
-        signal.variance = max(signal.variance, excess)
-    elif signal.variance > 0.0:
-        signal.variance += (excess - signal.variance) / _MEMORY_EPOCHS
-    elif signal.mean_square > _LARGEST_MEAN_SQUARE:
-        signal.variance = (signal.mean_square - 1.0) * own
-    # Below the stated variance it is no more than the error of its own estimate.
-    if 0.0 < signal.variance < own:
-        signal.variance, signal.mean_square = 0.0, 1.0
 
 
 def epochs_to_average(phase_variance: float, wavelength: float, sigma_cycles: float) -> int:
