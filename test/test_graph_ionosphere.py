@@ -13,6 +13,9 @@ from rclpy.serialization import serialize_message
 
 from vtff_bringup.bag.reader import BagReader
 from vtff_bringup.formation_recording import formation_seconds
+from vtff_bringup.tec.processing import process
+from vtff_bringup.tec.sources import from_bag
+from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
@@ -20,6 +23,7 @@ from vtff_iono.boundary_scores import fluctuation_lag, score_minutes
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density_profile import binned_profile
 from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.ionosphere_processor_node import (
     IonosphereProcessorParameters,
     formation_settings,
@@ -30,6 +34,7 @@ from vtff_sim_bridge.atmosphere.electron_density import read_profile
 
 CRAFT = ("chief", "deputy")
 BOTTOM, TOP = 290e3, 350e3
+TECU_PER_METRE = tecu_per_metre(1575.42e6, 1227.60e6)
 
 
 def messages(run, topic):
@@ -258,17 +263,32 @@ def test_plumex_density(plumex):
                 assert error[inside].mean() <= 2e10
 
 
+def true_contents(run, craft):
+    """Return the contents of satellites, TECU, by second and name."""
+    return {
+        round(second["time"]): dict(
+            zip(second["satellites"], second["slant_tec_tecu"], strict=True)
+        )
+        for second in true_seconds(run, craft)
+    }
+
+
+def true_receiver_bias(run, craft):
+    """Return the code bias L1 - L2 of a receiver, s."""
+    with (run / "gnss_truth.jsonl").open() as lines:
+        records = map(json.loads, lines)
+        biases = next(
+            r["biases"] for r in records if r["record"] == "receiver" and r["receiver"] == craft
+        )
+    return (biases["G1C"] - biases["G2W"]) / SPEED_OF_LIGHT
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("craft", CRAFT)
 @pytest.mark.parametrize("system", ["esf", "plumex"])
-def test_absolute_slant_tec(craft, system, request):
+def test_absolute_slant_tec_online(craft, system, request):
     run = request.getfixturevalue(system)
-    truth = {}
-    for second in true_seconds(run, craft):
-        truth[round(second["time"])] = dict(
-            zip(second["satellites"], second["slant_tec_tecu"], strict=True)
-        )
-    start = Truth(run, f"{system}.csv").start
+    truth, start = true_contents(run, craft), Truth(run, f"{system}.csv").start
     errors = []
     for message in messages(run, f"/{craft}/iono/slant_tec"):
         second = truth.get(round(seconds_of(message) - start), {})
@@ -280,6 +300,35 @@ def test_absolute_slant_tec(craft, system, request):
         ]
     assert len(errors) > 10_000
     assert math.sqrt(np.mean(np.square(errors))) <= 0.5
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("system", ["esf", "plumex"])
+def test_absolute_slant_tec_offline(system, request):
+    """`vtff tec` of the bag: contents, receiver biases and their sigmas."""
+    run = request.getfixturevalue(system)
+    start = round(Truth(run, f"{system}.csv").start * 1e9)
+    sources = {source.name.rsplit("_", 1)[-1]: source for source in from_bag(run)}
+    for craft in CRAFT:
+        found = process(sources[craft], (), "broadcast").content
+        (bias,) = found.receiver_biases.values()
+        value, sigma = bias.code_bias(TECU_PER_METRE)
+        error = abs(value - true_receiver_bias(run, craft))
+        assert error <= 0.15e-9
+        assert error <= 2.0 * sigma
+        truth = true_contents(run, craft)
+        time = found.rows.pairs.time
+        unix = time + (GpsTime(int(time[0])).to_unix_nanoseconds() - time[0])
+        elapsed = (unix - start) * 1e-9
+        whole = np.flatnonzero((found.rejected == 0) & (np.abs(elapsed - np.round(elapsed)) < 1e-3))
+        errors = []
+        for row in whole.tolist():
+            name = f"G{found.links[found.rows.pairs.link[row]].prn:02d}"
+            true = truth.get(round(elapsed[row]), {}).get(name)
+            if true is not None:
+                errors.append(found.stec_tecu[row] - true)
+        assert len(errors) > 10_000
+        assert math.sqrt(np.mean(np.square(errors))) <= 0.5
 
 
 @pytest.mark.slow
