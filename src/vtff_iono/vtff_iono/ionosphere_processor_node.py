@@ -82,7 +82,7 @@ class IonosphereProcessorParameters:
         "", "satellite biases, Bias-SINEX or DCB; empty = those that the satellites broadcast"
     )
     bias_interval: float = parameter(
-        300.0, "time between estimates of the receiver biases", unit="s", minimum=10.0
+        300.0, "longest time between estimates of the receiver biases", unit="s", minimum=10.0
     )
     bias_delay: float = parameter(
         600.0, "observations before the first estimate of the receiver biases", unit="s", minimum=0
