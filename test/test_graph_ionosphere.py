@@ -19,9 +19,10 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
 from vtff_dynamics.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.boundary_scores import fluctuation_lag, score_minutes
+from vtff_iono.boundary_scores import score_minutes
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density_profile import binned_profile
+from vtff_iono.fluctuation_lag import fluctuation_lag
 from vtff_iono.formation_ionosphere import FormationIonosphere
 from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.ionosphere_processor_node import (

@@ -15,10 +15,10 @@ from vtff_iono.boundaries import (
     DensityEdgeDetector,
     ExceedanceDetector,
     edge_position,
-    fit_kink,
     intensity_variance,
 )
-from vtff_iono.boundary_scores import fluctuation_lag, score_boundaries, score_minutes
+from vtff_iono.boundary_scores import score_boundaries, score_minutes
+from vtff_iono.fluctuation_lag import fluctuation_lag
 
 BOTTOM, TOP = 290e3, 350e3
 
@@ -71,33 +71,6 @@ def test_no_edge_in_a_smooth_layer_with_noise():
         density = float(chapman(altitude)) + 1.5e10 * generator.standard_normal()
         edges += detector.update(float(second), altitude, 985.0, density, 1.5e10)
     assert [*edges, *detector.flush()] == []
-
-
-def test_separation_from_the_crossings_of_both_spacecraft():
-    """Bound of the project: 5 % of 984.9 m; the paper has 1183 m."""
-    profile = bubble()
-    for index, edge in enumerate(found(True)):
-        times, speed = [], 296.0
-        for lag in (0.0, 984.9):
-            seconds = np.arange(0.0, 400.0, 0.05)
-            altitude = 265e3 + lag + speed * seconds
-            # Only differences matter: content below a height, to a constant.
-            content = -mean_density(*profile, 200e3, altitude) * (altitude - 200e3) / 1e16
-            generator = np.random.default_rng([index, int(lag)])
-            slant = content[:, None] * np.array([1.0, 1.3, 1.7]) + 0.002 * seconds[:, None] ** 1.5
-            slant = slant + 0.0135 * generator.standard_normal(slant.shape)
-            guess = edge.time + (0.5 - lag / 984.9) * 984.9 / speed
-            kink = fit_kink(seconds, slant, np.full(3, 0.0135), guess)
-            truth = ((BOTTOM, TOP)[index] - 265e3 - lag) / speed
-            assert abs(kink.time - truth) < max(4.0 * kink.time_sigma, 0.05)
-            assert kink.significance > 10.0
-            times.append(kink.time)
-        assert (times[0] - times[1]) * speed == pytest.approx(984.9, rel=0.05)
-
-
-def test_a_kink_needs_samples():
-    with pytest.raises(ValueError, match="satellites"):
-        fit_kink(np.arange(20.0), np.full((20, 1), np.nan), np.ones(1), 10.0)
 
 
 def rays(s4, onset, end, seconds=300, seed=0, rate=20):

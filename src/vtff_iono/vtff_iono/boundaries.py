@@ -5,10 +5,10 @@
   vertical separation between them: over that length an edge is smeared.
 - `ExceedanceDetector`: a quantity of one ray each second (variance of the intensity, spread of the
   rate of TEC, gradient of TEC) that goes above a threshold and stays, or falls below it and stays.
-- `fit_kink`: the time at which the slope of the contents of a spacecraft changes, which is when it
-  crosses the edge itself.
 
-The detectors take one sample after the other and tell an edge as soon as what follows confirms it.
+The moment at which each spacecraft crosses a vertical edge itself comes from
+`vtff_iono.edge_crossing`. The detectors take one sample after the other and tell an edge as soon as
+what follows confirms it.
 """
 
 from __future__ import annotations
@@ -30,9 +30,7 @@ __all__ = [
     "DensityEdgeDetector",
     "Edge",
     "ExceedanceDetector",
-    "Kink",
     "edge_position",
-    "fit_kink",
     "intensity_variance",
 ]
 
@@ -295,98 +293,6 @@ def intensity_variance(power: npt.ArrayLike) -> FloatArray:
     mean = power.mean(axis=-1, keepdims=True)
     slope = (power * place).sum(axis=-1, keepdims=True) / (place**2).sum()
     return np.asarray(((power - mean - slope * place) ** 2).mean(axis=-1) / mean[..., 0] ** 2)
-
-
-@dataclass(frozen=True)
-class Kink:
-    """A change of slope that several contents have in common.
-
-    Parameters
-    ----------
-    time, time_sigma : float
-        s.
-    significance : float
-        Square root of the drop of chi-square that the kink makes.
-    """
-
-    time: float
-    time_sigma: float
-    significance: float
-
-
-def fit_kink(
-    time: npt.ArrayLike,
-    contents: npt.ArrayLike,
-    sigma: npt.ArrayLike,
-    guess: float,
-    half_window: float = 10.0,
-    search: float = 4.0,
-) -> Kink:
-    """Return when the slope of contents changes.
-
-    Each content is a parabola plus a change of slope at one time, common to all: when the
-    spacecraft enters or leaves an empty layer, its contents stop or begin to change.
-
-    Parameters
-    ----------
-    time : array_like, shape (n,)
-        s.
-    contents : array_like, shape (n, m)
-        Phase contents of m satellites, TECU; each needs its own constant only. A satellite with a
-        NaN inside the window is left out.
-    sigma : array_like, shape (m,)
-        Noise of a sample, TECU.
-    guess, half_window, search : float
-        Where to look, how far the fit reaches and how far the kink may be, s.
-
-    Raises
-    ------
-    ValueError
-        If there are fewer than 8 samples or no satellite.
-    """
-    time = np.asarray(time, dtype=float)
-    inside = np.abs(time - guess) <= half_window
-    values = np.asarray(contents, dtype=float)[inside]
-    whole = np.isfinite(values).all(axis=0)
-    scaled = values[:, whole] / np.asarray(sigma, dtype=float)[whole]
-    place = time[inside] - guess
-    if len(place) < 8 or scaled.shape[1] == 0:
-        raise ValueError(
-            f"kink at {guess:g} s: {len(place)} samples of {scaled.shape[1]} satellites"
-        )
-    parabola = np.vander(place, 3)
-    without = _chi_square(parabola, scaled)
-
-    def chi_square(at: float) -> float:
-        return _chi_square(np.column_stack((parabola, np.maximum(place - at, 0.0))), scaled)
-
-    step = search / 40.0
-    grid = np.arange(-search, search + 0.5 * step, step)
-    costs = np.array([chi_square(at) for at in grid])
-    best = int(np.clip(np.argmin(costs), 1, len(grid) - 2))
-    # Parabola through three costs, once more with a finer step.
-    at = _vertex(grid[best], step, costs[best - 1 : best + 2])
-    fine = 0.25 * step
-    local = [chi_square(at - fine), chi_square(at), chi_square(at + fine)]
-    at = _vertex(at, fine, np.array(local))
-    curvature = (local[0] - 2.0 * local[1] + local[2]) / fine**2
-    return Kink(
-        time=guess + at,
-        time_sigma=math.sqrt(2.0 / curvature) if curvature > 0.0 else math.inf,
-        significance=math.sqrt(max(0.0, without - min(local))),
-    )
-
-
-def _chi_square(design: FloatArray, values: FloatArray) -> float:
-    basis, _ = np.linalg.qr(design)
-    return float(np.sum(values**2) - np.sum((basis.T @ values) ** 2))
-
-
-def _vertex(middle: float, step: float, costs: FloatArray) -> float:
-    curvature = costs[0] - 2.0 * costs[1] + costs[2]
-    if curvature <= 0.0:
-        return middle
-    return middle + step * float(np.clip(0.5 * (costs[0] - costs[2]) / curvature, -1.0, 1.0))
 
 
 def edge_position(

@@ -1,4 +1,4 @@
-"""How well edges and scintillating minutes were found, and the lag between two spacecraft."""
+"""How well edges and scintillating minutes were found."""
 
 from __future__ import annotations
 
@@ -10,14 +10,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = [
-    "BoundaryScore",
-    "FluctuationLag",
-    "MinuteScore",
-    "fluctuation_lag",
-    "score_boundaries",
-    "score_minutes",
-]
+__all__ = ["BoundaryScore", "MinuteScore", "score_boundaries", "score_minutes"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,81 +116,3 @@ def score_minutes(
         detection_rate=float(detected[crossing].mean()) if crossing.any() else math.nan,
         false_alarm_rate=float(detected[other].mean()) if other.any() else math.nan,
     )
-
-
-@dataclass(frozen=True)
-class FluctuationLag:
-    """Lag of the fluctuations that one spacecraft sees behind those of another.
-
-    Parameters
-    ----------
-    lag, sigma : float
-        s; positive if the second one sees them later. NaN without fluctuations.
-    correlation : float
-        Correlation at this lag, -1 to 1.
-    """
-
-    lag: float
-    sigma: float
-    correlation: float
-
-
-def fluctuation_lag(
-    power_first: npt.ArrayLike,
-    power_second: npt.ArrayLike,
-    sample_rate_hz: float,
-    largest_lag: float = 10.0,
-    trend: float = 10.0,
-) -> FluctuationLag:
-    """Return the lag at which the intensities of two spacecraft are most alike.
-
-    Parameters
-    ----------
-    power_first, power_second : array_like, shape (m, n)
-        Intensities or linear C/N0 of m rays at n even instants, those of one satellite in the
-        same row. All rays are used together.
-    sample_rate_hz : float
-    largest_lag : float
-        s, to either side.
-    trend : float
-        Length of the running mean that is divided out, s.
-    """
-    first = _fluctuation(power_first, sample_rate_hz, trend)
-    second = _fluctuation(power_second, sample_rate_hz, trend)
-    count = first.shape[-1]
-    size = 2 * count
-    spectrum = np.fft.rfft(second, size) * np.fft.rfft(first, size).conj()
-    correlation = np.fft.irfft(spectrum.sum(axis=0), size)
-    norm = math.sqrt(float(np.sum(first**2)) * float(np.sum(second**2)))
-    if norm == 0.0:
-        return FluctuationLag(math.nan, math.nan, math.nan)
-    reach = min(int(largest_lag * sample_rate_hz), count - 1)
-    shifts = np.arange(-reach, reach + 1)
-    values = correlation[shifts] / norm
-    best = int(np.clip(np.argmax(values), 1, len(values) - 2))
-    low, peak, high = values[best - 1 : best + 2]
-    curvature = low - 2.0 * peak + high
-    offset = 0.5 * (low - high) / curvature if curvature < 0.0 else 0.0
-    # Noise of the correlation over its curvature at the peak; samples of a fade are not
-    # independent, so that as many count as there are widths of the peak.
-    samples_per_width = math.sqrt(max(peak, 1e-12) / max(-curvature, 1e-12))
-    independent = max(1.0, first.size / max(1.0, samples_per_width))
-    noise = math.sqrt(max(0.0, 1.0 - float(peak) ** 2) / independent)
-    sigma = samples_per_width * math.sqrt(noise / max(float(peak), 1e-3))
-    return FluctuationLag(
-        lag=float(shifts[best] + offset) / sample_rate_hz,
-        sigma=sigma / sample_rate_hz,
-        correlation=float(peak),
-    )
-
-
-def _fluctuation(power: npt.ArrayLike, sample_rate_hz: float, trend: float) -> FloatArray:
-    """Return intensities over their running mean, less 1; of rays without fluctuation 0."""
-    power = np.atleast_2d(np.asarray(power, dtype=float))
-    length = max(1, min(power.shape[-1], round(trend * sample_rate_hz)))
-    total = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=-1)
-    ends = np.minimum(np.arange(power.shape[-1]) + length // 2 + 1, power.shape[-1])
-    starts = np.maximum(ends - length, 0)
-    mean = (total[:, ends] - total[:, starts]) / (ends - starts)
-    relative: FloatArray = np.nan_to_num(power / mean - 1.0)
-    return relative

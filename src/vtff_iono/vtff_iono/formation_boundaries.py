@@ -1,7 +1,7 @@
 """Edges that a formation crosses, told while it flies.
 
 Vertical edges are found in the density between the spacecraft. The moment at which each spacecraft
-crosses the edge itself follows from its own contents, whose slope changes there. Horizontal edges
+crosses the edge itself follows from the contents, whose slopes change there. Horizontal edges
 are found ray by ray and second by second in three quantities: variance of the intensity relative to
 that of noise (S4), spread of the rate of TEC (ROTI), and gradient of TEC. What changes for all
 satellites at once is vertical motion, so that the median of the vertical rates is taken out first.
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,21 +27,28 @@ from vtff_iono.boundaries import (
     Edge,
     ExceedanceDetector,
     edge_position,
-    fit_kink,
     intensity_variance,
 )
+from vtff_iono.content_history import ContentHistory
+from vtff_iono.edge_crossing import EdgeCrossing, fit_edge_crossings
 from vtff_iono.mapping import mapping_factor
 from vtff_iono.scintillation import linear_power, noise_s4
+from vtff_iono.signal_pairs import Link
 from vtff_iono.slant_tec import SlantTecRows
 from vtff_iono.spacecraft_ionosphere import ObservationBlock, SpacecraftResult
 
 __all__ = ["Boundary", "BoundarySettings", "DensitySample", "FormationBoundaries"]
 
-_KINK_WINDOW = 15.0
-_LEAST_SIGNIFICANCE = 5.0
+# How far to either side of an edge contents are fitted, s, and the least. A long window helps in
+# scintillation; no other edge may lie in it.
+_CROSSING_WINDOW = 40.0
+_SHORTEST_WINDOW = 10.0
+# Of the deputy behind the chief, on top of the window, s.
+_LARGEST_LAG = 5.0
 # Scintillation is correlated from second to second, so that sigmas of means are too small.
 _LEAST_CHANGE_SIGMAS = 6.0
 _HISTORY = 150.0
+_EDGES_KEPT = 8
 # Samples of a signal that a second must have, as a part of its epochs.
 _COVERAGE = 0.9
 # Seconds over which rates are averaged and their spread is formed.
@@ -131,18 +139,6 @@ class Boundary:
     confidence: float
 
 
-@dataclass(frozen=True, eq=False)
-class _Piece:
-    """Phase contents of one second of one spacecraft."""
-
-    time: npt.NDArray[np.int64]
-    link: npt.NDArray[np.int64]
-    arc: npt.NDArray[np.int64]
-    stec: FloatArray
-    elevation: FloatArray
-    position: FloatArray
-
-
 class FormationBoundaries:
     """Finds the edges that chief and deputy cross.
 
@@ -155,8 +151,9 @@ class FormationBoundaries:
         self._settings = settings
         self._density = DensityEdgeDetector(sigmas=_LEAST_CHANGE_SIGMAS)
         self._rays: dict[tuple[int, int, int, BoundarySource], ExceedanceDetector] = {}
-        self._history: tuple[deque[_Piece], deque[_Piece]] = (deque(), deque())
-        self._waiting: list[tuple[int, Edge]] = []
+        self._history = (ContentHistory(_HISTORY), ContentHistory(_HISTORY))
+        self._waiting: list[Edge] = []
+        self._edge_times: deque[float] = deque(maxlen=_EDGES_KEPT)
         # Contents of the last seconds of (spacecraft, link): time, arc, mapping, content.
         self._rates: dict[tuple[int, int], deque[tuple[int, int, float]]] = {}
 
@@ -165,6 +162,7 @@ class FormationBoundaries:
         blocks: tuple[ObservationBlock, ObservationBlock],
         positions_itrf: tuple[FloatArray, FloatArray],
         results: tuple[SpacecraftResult, SpacecraftResult],
+        links: tuple[Sequence[Link], Sequence[Link]],
         densities: list[DensitySample],
     ) -> list[Boundary]:
         """Take a second in and return the edges that it confirms.
@@ -174,11 +172,13 @@ class FormationBoundaries:
         blocks, positions_itrf, results : tuple
             Observations of chief and deputy, positions of the antenna for each, shape (n, 3), and
             what has been made of them.
+        links : tuple of sequence of Link
+            Those of chief and deputy whose numbers the results tell.
         densities : list of DensitySample
         """
         found: list[Boundary] = []
         for craft in (0, 1):
-            self._remember(craft, positions_itrf[craft], results[craft])
+            self._history[craft].add(positions_itrf[craft], results[craft], links[craft])
             found += self._horizontal(craft, blocks[craft], positions_itrf[craft], results[craft])
         for sample in densities:
             edges = self._density.update(
@@ -188,123 +188,86 @@ class FormationBoundaries:
                 sample.density,
                 sample.sigma,
             )
-            self._waiting += [(craft, edge) for edge in edges for craft in (0, 1)]
+            self._waiting += edges
+            self._edge_times.extend(edge.time for edge in edges)
         waiting, self._waiting = self._waiting, []
-        for craft, edge in waiting:
-            guess = self._crossing_time(craft, edge.altitude)
-            if guess is not None and guess > -_KINK_WINDOW:
-                self._waiting.append((craft, edge))
-            elif guess is not None:
-                found.append(self._vertical(craft, edge, guess))
+        for edge in waiting:
+            guesses = [history.crossing(edge.altitude) for history in self._history]
+            if not all(self._is_over(guess) for guess in guesses):
+                self._waiting.append(edge)
+            else:
+                found += self._vertical(edge, guesses)
         return found
 
     # ---- vertical ----------------------------------------------------------------------------
 
-    def _remember(self, craft: int, position: FloatArray, result: SpacecraftResult) -> None:
-        pairs = result.rows.pairs
-        if not len(pairs):
-            return
-        history = self._history[craft]
-        history.append(
-            _Piece(
-                pairs.time,
-                pairs.link,
-                result.rows.arc,
-                result.rows.stec_phase_tecu,
-                result.rows.elevation,
-                position[pairs.row_first],
-            )
-        )
-        oldest = int(pairs.time[-1]) - _HISTORY * NANOSECONDS_PER_SECOND
-        while history and history[0].time[-1] < oldest:
-            history.popleft()
-
-    def _way(self, craft: int) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """Return the times, ns, and positions (n, 3) of a spacecraft at the ends of seconds."""
-        ends = [(int(p.time[-1]), p.position[-1]) for p in self._history[craft]]
-        ends = [end for end in ends if np.isfinite(end[1]).all()]
-        return (
-            np.array([time for time, _ in ends], dtype=np.int64),
-            np.array([place for _, place in ends]).reshape(-1, 3),
-        )
-
-    def _crossing_time(self, craft: int, altitude: float) -> float | None:
-        """Return when a spacecraft was at an altitude, s before now as a negative number."""
-        times, places = self._way(craft)
-        if len(times) < 2:
-            return None
-        seconds = (times - times[-1]) / NANOSECONDS_PER_SECOND
-        heights = geodetic_from_itrf(places)[:, 2]
-        order = slice(None) if heights[-1] > heights[0] else slice(None, None, -1)
-        return float(np.interp(altitude, heights[order], seconds[order]))
-
-    def _vertical(self, craft: int, edge: Edge, guess: float) -> Boundary:
-        """Return the crossing of an edge by one spacecraft."""
-        times, places = self._way(craft)
-        seconds = (times - times[-1]) / NANOSECONDS_PER_SECOND
-        time, sigma = guess, edge.time_sigma
-        kink = self._kink(craft, int(times[-1]), guess)
-        if kink is not None:
-            time, sigma = kink
-        position = np.array([np.interp(time, seconds, column) for column in places.T])
-        return Boundary(
-            kind=BoundaryKind.VERTICAL,
-            source=BoundarySource.DENSITY,
-            spacecraft=craft,
-            system=255,
-            prn=0,
-            time=int(times[-1]) + round(time * NANOSECONDS_PER_SECOND),
-            time_sigma=sigma,
-            is_entry=edge.is_entry,
-            position_itrf=position,
-            confidence=edge.confidence,
-        )
-
-    def _kink(self, craft: int, origin: int, guess: float) -> tuple[float, float] | None:
-        """Return when the contents of a spacecraft change their slope, and its sigma, s."""
-        near = [
-            piece
-            for piece in self._history[craft]
-            if abs((piece.time[-1] - origin) / NANOSECONDS_PER_SECOND - guess) < _KINK_WINDOW + 1.0
+    def _is_over(self, guess: int | None) -> bool:
+        """Return whether all is there that the fit of a crossing needs."""
+        ends = [
+            times[-1] for times, _ in (history.way() for history in self._history) if len(times)
         ]
-        if not near:
-            return None
-        time, link, arc, stec, elevation = (
-            np.concatenate([getattr(piece, name) for piece in near])
-            for name in ("time", "link", "arc", "stec", "elevation")
-        )
-        epochs, row = np.unique(time, return_inverse=True)
-        seconds = (epochs - origin) / NANOSECONDS_PER_SECOND
-        inside = np.abs(seconds - guess) <= _KINK_WINDOW
-        # Entering an empty layer changes the slope of each content by its mapping factor times the
-        # same amount. The sum that shows this change best is that of a single content.
-        total, weight = np.zeros(len(epochs)), 0.0
-        for number in np.unique(link[link >= 0]).tolist():
-            own = link == number
-            values = np.full(len(epochs), np.nan)
-            values[row[own]] = stec[own]
-            is_whole = bool(np.isfinite(values[inside]).all()) and np.count_nonzero(inside) >= 40
-            factor = float(np.mean(1.0 / np.sin(elevation[own])))
-            is_one_arc = arc[own][0] > 0 and len(np.unique(arc[own])) == 1
-            if not (is_whole and is_one_arc and factor > 0.0):
+        return guess is None or min(ends) - guess >= _CROSSING_WINDOW * NANOSECONDS_PER_SECOND
+
+    def _vertical(self, edge: Edge, guesses: list[int | None]) -> list[Boundary]:
+        """Return the crossings of an edge by chief and deputy."""
+        crossing = None
+        known = [guess for guess in guesses if guess is not None]
+        if len(known) == len(guesses):
+            crossing = self._crossing(edge, sum(known) // len(known))
+        found = []
+        for craft, (history, guess) in enumerate(zip(self._history, guesses, strict=True)):
+            if guess is None:
                 continue
-            values = values - values[inside][0]
-            rough = values[inside] - _smooth(seconds[inside] - guess, values[inside])
-            variance = max(float(np.var(rough)), 1e-8)
-            total += factor / variance * np.where(inside, values, 0.0)
-            weight += factor**2 / variance
-        if weight == 0.0:
+            time, sigma = guess, edge.time_sigma
+            if crossing is not None:
+                origin, fit = crossing
+                time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
+                sigma = float(fit.time_sigma[craft])
+            found.append(
+                Boundary(
+                    kind=BoundaryKind.VERTICAL,
+                    source=BoundarySource.DENSITY,
+                    spacecraft=craft,
+                    system=255,
+                    prn=0,
+                    time=time,
+                    time_sigma=sigma,
+                    is_entry=edge.is_entry,
+                    position_itrf=history.position_at(time),
+                    confidence=edge.confidence,
+                )
+            )
+        return found
+
+    def _crossing(self, edge: Edge, origin: int) -> tuple[int, EdgeCrossing] | None:
+        """Return the fit of an edge near a time, and the origin of its times, ns."""
+        chief, deputy = self._history
+        reach = round((_CROSSING_WINDOW + _LARGEST_LAG) * NANOSECONDS_PER_SECOND)
+        epochs = chief.epochs(origin - reach, origin + reach)
+        if len(epochs) < 3:
             return None
-        kink = fit_kink(
-            seconds[inside],
-            (total[inside] / weight)[:, np.newaxis],
-            [1.0 / math.sqrt(weight)],
-            guess,
-            _KINK_WINDOW,
+        # Even epochs: one that no receiver has told stays without contents.
+        step = int(np.median(np.diff(epochs)))
+        epochs = np.arange(epochs[0], epochs[-1] + step, step)
+        common = set(deputy.links)
+        links = [link for link in chief.links if link in common]
+        others = [abs(time - edge.time) for time in self._edge_times if time != edge.time]
+        half_window = float(
+            np.clip(0.8 * min(others, default=math.inf), _SHORTEST_WINDOW, _CROSSING_WINDOW)
         )
-        if kink.significance < _LEAST_SIGNIFICANCE or not math.isfinite(kink.time_sigma):
-            return None
-        return kink.time, kink.time_sigma
+        heights = geodetic_from_itrf(
+            np.array([chief.position_at(origin + shift) for shift in (-reach // 4, reach // 4)])
+        )[:, 2]
+        is_rising = bool(heights[1] > heights[0])
+        fit = fit_edge_crossings(
+            (epochs - origin) / NANOSECONDS_PER_SECOND,
+            chief.series(epochs, links),
+            deputy.series(epochs, links),
+            edge.altitude,
+            is_dense_above=is_rising != edge.is_entry,
+            half_window=half_window,
+        )
+        return None if fit is None else (origin, fit)
 
     # ---- horizontal --------------------------------------------------------------------------
 
@@ -466,9 +429,3 @@ def _rows_of_links(rows: SlantTecRows) -> dict[int, npt.NDArray[np.intp]]:
         for number, part in zip(link[starts].tolist(), parts, strict=True)
         if number >= 0
     }
-
-
-def _smooth(place: FloatArray, values: FloatArray) -> FloatArray:
-    """Return the polynomial of degree 8 that follows values, a kink included."""
-    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(place / np.abs(place).max(), 8))
-    return np.asarray(basis @ (basis.T @ values))

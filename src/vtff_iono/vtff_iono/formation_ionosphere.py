@@ -325,6 +325,7 @@ class FormationIonosphere:
             second.observations,
             (prepared[0].position_itrf, prepared[1].position_itrf),
             (chief, deputy),
+            (self.spacecraft[0].links, self.spacecraft[1].links),
             samples,
         )
         return FormationResult((chief, deputy), density, tuple(boundaries))
