@@ -48,3 +48,14 @@ def test_another_controller_gives_other_messages(runs, four_runs):
     topic = "/deputy/control/thrust_command"
     first = serialized(four_runs["composed_1"], topic)[:60]
     assert first != serialized(other, topic)[:60]
+
+
+def test_the_ionosphere_is_equal_byte_for_byte(runs):
+    """With receivers in the loop, down to densities and contents."""
+    short = "esf.yaml", "--duration", 12, "--composed", "--no-report"
+    first, second = (runs.make(name, *short)[0] for name in ("esf_short", "esf_short_again"))
+    names = {name for name in topics(first) if "iono/" in name or name.startswith("/formation/")}
+    assert {"/chief/iono/slant_tec", "/formation/electron_density"} <= names <= topics(second)
+    for topic in sorted(names):
+        assert serialized(first, topic) == serialized(second, topic), topic
+    assert len(serialized(first, "/formation/electron_density")) >= 9

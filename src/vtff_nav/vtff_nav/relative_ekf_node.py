@@ -221,6 +221,7 @@ class RelativeEkfNode(VtffNode):
         self._epochs = {name: 0 for name in SOLUTION_NAMES.values()}
         self._compute_time = 0.0
         self._thrust_order = StampOrder()
+        self._refused_thrust = 0
         self._inputs_since: float | None = None
         self._state_publisher = self.publisher(RelativeState, "formation/relative_state")
         self._ambiguity_publisher = self.publisher(AmbiguityStatus, "formation/ambiguities")
@@ -258,13 +259,20 @@ class RelativeEkfNode(VtffNode):
 
     def _on_thrust(self, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)
-        if self._thrust_order.accepts(stamp):
-            linear = message.accel.linear
-            self._estimator.add_thrust(
-                GpsTime.from_unix_nanoseconds(stamp),
-                self.parameters.thrust_duration,
-                (linear.x, linear.y, linear.z),
+        if not self._thrust_order.accepts(stamp):
+            return
+        linear = message.accel.linear
+        acceleration = (linear.x, linear.y, linear.z)
+        if not all(map(math.isfinite, acceleration)):
+            self._refused_thrust += 1
+            self.get_logger().warning(
+                f"{self.parameters.deputy}/propulsion/thrust_applied is not finite: ignored",
+                throttle_duration_sec=5.0,
             )
+            return
+        self._estimator.add_thrust(
+            GpsTime.from_unix_nanoseconds(stamp), self.parameters.thrust_duration, acceleration
+        )
 
     def _on_epoch(self, craft: str, message: GnssObservations) -> None:
         self._add(craft, to_nanoseconds(message.header.stamp), observations_from_message(message))
@@ -367,6 +375,7 @@ class RelativeEkfNode(VtffNode):
                     **{f"epochs {name}": count for name, count in self._epochs.items()},
                     **{f"epochs without {k}": n for k, n in self._join.incomplete.items()},
                     "measurements too late": self._join.late,
+                    "thrust not finite": self._refused_thrust,
                     "compute time of the last epoch": self._compute_time,
                     **(_numbers(solution) if solution is not None else {}),
                 },
