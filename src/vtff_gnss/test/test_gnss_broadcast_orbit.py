@@ -196,6 +196,16 @@ def test_newest_valid_set_is_chosen():
     assert len(store.table(end + 86400)) == 0
 
 
+def test_a_table_holds_until_the_next_change(nominal):
+    store = EphemerisStore(nominal)
+    start = min(validity_interval(one)[0] for one in nominal)
+    change = store.next_change(start)
+    table = store.table(start)
+    assert store.table(dataclasses.replace(change, nanoseconds=change.nanoseconds - 1)) is table
+    assert store.table(change) is not table
+    assert store.next_change(max(validity_interval(one)[1] for one in nominal)) is None
+
+
 def test_health_and_source_of_the_real_day():
     day = navigation(BRDC).ephemerides
     noon = parse_epoch("2024-01-10T12:00:00 GPS")

@@ -89,3 +89,8 @@ class EphemerisStore:
             self._table = EphemerisTable([e for e in chosen if e is not None])
             self._interval = interval
         return self._table
+
+    def next_change(self, time: GpsTime) -> GpsTime | None:
+        """Return until when `table` gives the object of `time`; None if for ever."""
+        interval = bisect.bisect_right(self._changes, time)
+        return self._changes[interval] if interval < len(self._changes) else None

@@ -102,11 +102,11 @@ def _epochs_of_tables(
     first = 0
     while first < len(time):
         last = min(first + _MOST_EPOCHS, int(np.searchsorted(reference, reference[first], "right")))
-        table = store.table(GpsTime(int(time[first])))
-        # The store gives the same object until its choice changes.
-        while store.table(GpsTime(int(time[last - 1]))) is not table:
-            last = (first + last + 1) // 2
-            table = store.table(GpsTime(int(time[first])))
+        start = GpsTime(int(time[first]))
+        change = store.next_change(start)
+        if change is not None:
+            last = min(last, int(np.searchsorted(time, change.nanoseconds)))
+        table = store.table(start)
         yield first, last, table
         first = last
 
