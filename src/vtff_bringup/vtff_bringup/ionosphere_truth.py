@@ -18,11 +18,12 @@ from vtff_bringup.run_description import RunDescription
 from vtff_dynamics.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
-from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
+from vtff_sim_bridge.gnss.configuration import GnssConfiguration, load_gnss_configuration
 from vtff_sim_bridge.gnss.signal_table import satellite_from_name
 from vtff_sim_bridge.scenario_fields import ScenarioError
 
-__all__ = ["Crossing", "IonosphereTruth", "SatelliteTruth", "read_ionosphere_truth", "true_profile"]
+__all__ = ["Crossing", "IonosphereTruth", "SatelliteTruth", "read_ionosphere_truth"]
 
 GNSS_ARGUMENT = "gnss"
 TRUTH_FILE = "gnss_truth.jsonl"
@@ -80,6 +81,8 @@ class IonosphereTruth:
         By spacecraft: ns since 1970 and m above the ellipsoid, shape (n,).
     latitude_deg, longitude_deg
         By spacecraft, geodetic, shape (n,).
+    regions
+        Irregularity regions.
     satellites
         By receiver; empty where the run folder has no file of it.
     """
@@ -89,7 +92,18 @@ class IonosphereTruth:
     altitude: dict[str, FloatArray]
     latitude_deg: dict[str, FloatArray]
     longitude_deg: dict[str, FloatArray]
+    regions: tuple[IrregularityRegion, ...] = ()
     satellites: dict[str, SatelliteTruth] = field(default_factory=dict)
+
+    @property
+    def region_altitudes(self) -> tuple[float, float] | None:
+        """Lower and upper edge of the irregularity regions, m; None without regions."""
+        if not self.regions:
+            return None
+        return (
+            min(region.altitude_bottom for region in self.regions),
+            max(region.altitude_top for region in self.regions),
+        )
 
     def altitude_at(self, craft: str, time: npt.ArrayLike) -> FloatArray:
         """Return the altitude of a spacecraft at times (ns since 1970), m; NaN outside the run."""
@@ -114,7 +128,7 @@ class IonosphereTruth:
     def crossings(self, craft: str, altitude: float) -> list[Crossing]:
         """Return when a spacecraft crosses an altitude (m), in the order of time."""
         time, height = self.time[craft], self.altitude[craft] - altitude
-        before = np.flatnonzero(np.diff(np.sign(height)) != 0)
+        before = np.flatnonzero(np.diff(height > 0.0))
         step = np.diff(time)[before] / _SECOND
         speed = np.diff(height)[before] / step
         return [
@@ -130,8 +144,8 @@ class IonosphereTruth:
         return np.asarray(np.interp(when, seconds, values, left=np.nan, right=np.nan))
 
 
-def true_profile(described: RunDescription) -> ElectronDensityProfile | None:
-    """Return the density profile of the simulated receivers of a run.
+def _simulated_gnss(described: RunDescription) -> GnssConfiguration | None:
+    """Return the configuration of the simulated receivers of a run.
 
     Parameters
     ----------
@@ -141,9 +155,8 @@ def true_profile(described: RunDescription) -> ElectronDensityProfile | None:
 
     Returns
     -------
-    ElectronDensityProfile or None
-        None where the run names no file, it is not on this machine or cannot be read, or it has
-        no profile.
+    GnssConfiguration or None
+        None where the run names no file, it is not on this machine, or it cannot be read.
     """
     named = described.arguments.get(GNSS_ARGUMENT)
     if not named:
@@ -155,7 +168,7 @@ def true_profile(described: RunDescription) -> ElectronDensityProfile | None:
         except ExecutableNotFoundError:
             return None
     try:
-        return load_gnss_configuration(path).profile
+        return load_gnss_configuration(path)
     except (ScenarioError, OSError):
         return None
 
@@ -179,8 +192,8 @@ def read_ionosphere_truth(
     IonosphereTruth or None
         None where profile or true orbits are not known.
     """
-    profile = true_profile(described)
-    if profile is None:
+    simulated = _simulated_gnss(described)
+    if simulated is None or simulated.profile is None:
         return None
     try:
         orbits = [orbit for orbit in read_orbits(reader) if orbit.source == _ORBIT_OF_TRUTH]
@@ -192,11 +205,12 @@ def read_ionosphere_truth(
     start = min(_nanoseconds(orbit)[0] for orbit in orbits)
     file = None if run_folder is None else run_folder / TRUTH_FILE
     return IonosphereTruth(
-        profile=profile,
+        profile=simulated.profile,
         time={orbit.name: _nanoseconds(orbit) for orbit in orbits},
         altitude={name: place[:, 2] for name, place in places.items()},
         latitude_deg={name: np.degrees(place[:, 0]) for name, place in places.items()},
         longitude_deg={name: np.degrees(place[:, 1]) for name, place in places.items()},
+        regions=simulated.regions,
         satellites={} if file is None or not file.is_file() else _read_satellites(file, int(start)),
     )
 

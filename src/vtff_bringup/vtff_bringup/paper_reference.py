@@ -110,9 +110,48 @@ _REMOTE_SENSING_HIL = PaperColumn(
     },
 )
 
+_SPREAD_F_HIL = PaperColumn(
+    title="paper\nHIL",
+    source="sections 4.1 and 4.2",
+    hardware_in_the_loop=True,
+    values={
+        **_REMOTE_SENSING_HIL.values,
+        "ionosphere_chief_bottom_time_s": 1957.0,
+        "ionosphere_chief_top_time_s": 2165.0,
+        "ionosphere_deputy_bottom_time_s": 1961.0,
+        "ionosphere_deputy_top_time_s": 2169.0,
+        "ionosphere_chief_bottom_altitude_m": 290e3,
+        "ionosphere_chief_top_altitude_m": 350e3,
+        "ionosphere_vtec_bottom_tecu": 30.17,
+        "ionosphere_vtec_top_tecu": 30.10,
+        # The paper prints no sign; the deputy is below.
+        "ionosphere_separation_rising_m": -1183.16,
+        "ionosphere_lag_s": 2.0,
+        "ionosphere_first_event_latitude_deg": -7.1,
+        "ionosphere_first_event_longitude_deg": -82.7,
+        "ionosphere_last_event_latitude_deg": -8.8,
+        "ionosphere_last_event_longitude_deg": -67.6,
+    },
+)
+
+_PLUMEX_HIL = PaperColumn(
+    title="paper\nHIL",
+    source="section 4.3 (a measured rocket profile, one satellite)",
+    hardware_in_the_loop=True,
+    values={
+        "ionosphere_density_error_per_cm3": 6.56e4,
+        "ionosphere_density_error_bubble_1_per_cm3": 5.28e4,
+        "ionosphere_density_error_bubble_2_per_cm3": 7.86e4,
+        "ionosphere_density_error_bubble_3_per_cm3": 6.15e4,
+    },
+)
+
 _COLUMNS = {
     "reference": (_REFERENCE_SOFTWARE, _REFERENCE_HIL, _REFERENCE_PARK),
     "remote_sensing": (_REMOTE_SENSING_HIL,),
+    "esf": (_SPREAD_F_HIL,),
+    "esf_paper": (_SPREAD_F_HIL,),
+    "plumex": (_PLUMEX_HIL,),
 }
 
 PAPER_DURATION = 3600.0

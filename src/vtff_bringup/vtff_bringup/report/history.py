@@ -296,6 +296,9 @@ class RunHistory:
         By topic.
     density
         None where no density was measured.
+    satellite_density
+        Density from each satellite by itself; its values are ``altitude`` (m), ``density`` and
+        ``density_sigma``.
     boundaries
         In the order of time.
     health
@@ -315,6 +318,7 @@ class RunHistory:
     slant_tec: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
     scintillation: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
     density: DensityHistory | None = None
+    satellite_density: SatelliteColumns | None = None
     boundaries: tuple[Boundary, ...] = ()
     health: tuple[HealthItem, ...] = ()
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)

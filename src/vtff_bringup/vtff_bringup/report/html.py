@@ -18,6 +18,12 @@ import yaml
 
 from vtff_bringup.paper_reference import paper_columns
 from vtff_bringup.report.history import HealthItem, RunHistory
+from vtff_bringup.report.ionosphere_table import (
+    IONOSPHERE_HEADS,
+    IONOSPHERE_REMARK,
+    ionosphere_rows,
+)
+from vtff_bringup.report.receiver_ionosphere import ReceiverComparison, compare_with_receiver
 from vtff_bringup.report.summary import key_part, utc_text
 from vtff_bringup.report.tables import (
     formation_remarks,
@@ -88,7 +94,7 @@ def render_report(
         ("Formation", _formation(summary, deputies) + _figures(pictures, "formation")),
         ("Navigation", _figures(pictures, "navigation")),
         ("GNSS", _receivers(summary, list(history.receivers)) + _figures(pictures, "gnss")),
-        ("Ionosphere", _figures(pictures, "ionosphere") + _boundaries(history)),
+        ("Ionosphere", _ionosphere(summary, history, pictures)),
         ("Health", _health(history.health, history.start_time)),
         ("Timing", _timing(history) + _figures(pictures, "timing")),
         ("How it was run", _provenance(summary, described)),
@@ -198,6 +204,33 @@ def _sentence(line: str) -> str:
 def _receivers(summary: Mapping[str, Any], receivers: Sequence[str]) -> str:
     rows = [[label, *values] for label, values in receiver_rows(summary, receivers)]
     return _table(["", *receivers], rows) if rows else ""
+
+
+def _ionosphere(
+    summary: Mapping[str, Any], history: RunHistory, pictures: Sequence[Picture]
+) -> str:
+    """Set paper, measured and true beside each other; plots, the receiver's own, edges."""
+    rows = ionosphere_rows(summary)
+    table = _table(IONOSPHERE_HEADS, rows) if rows else ""
+    remark = f"<p class='small'>{_text(IONOSPHERE_REMARK)}</p>" if rows else ""
+    own = _receivers_own(compare_with_receiver(history))
+    return table + remark + own + _figures(pictures, "ionosphere") + _boundaries(history)
+
+
+def _receivers_own(comparisons: Sequence[ReceiverComparison]) -> str:
+    if not comparisons:
+        return ""
+    rows = [
+        [
+            f"{c.craft} {c.quantity.replace('_', ' ')} {c.signal}".strip(),
+            str(len(c.ours)),
+            f"{c.mean:.3f} {c.unit}",
+            f"{c.scatter:.3f} {c.unit}",
+        ]
+        for c in comparisons
+    ]
+    heads = ["", "samples", "mean difference", "scatter"]
+    return f"<h3>Ours less the receiver's own (GPStation-6)</h3>{_table(heads, rows)}"
 
 
 def _boundaries(history: RunHistory) -> str:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import math
 import pathlib
 from collections.abc import Mapping
 
+from vtff_bringup.ionosphere_truth import IonosphereTruth
 from vtff_bringup.report.history import DeputyHistory, RunHistory
 from vtff_bringup.report.html import Picture
 from vtff_bringup.report.navigation import navigation_error
@@ -20,8 +20,11 @@ from vtff_bringup.report.plots_details import (
 from vtff_bringup.report.plots_ionosphere import (
     plot_density_profile,
     plot_plateau,
+    plot_satellite_profiles,
     plot_scintillation_map,
+    scenario_label,
 )
+from vtff_bringup.report.receiver_ionosphere import compare_with_receiver, plot_comparisons
 from vtff_bringup.report.settings import RunSettings
 from vtff_bringup.report.summary import FormationFlight, key_part
 
@@ -55,6 +58,7 @@ def draw_pictures(
     flights: Mapping[str, FormationFlight],
     folder: pathlib.Path,
     run_name: str,
+    truth: IonosphereTruth | None = None,
 ) -> list[Picture]:
     """Draw every part that a run has.
 
@@ -66,6 +70,8 @@ def draw_pictures(
         Where the PNG files go; must exist.
     run_name
         For the titles.
+    truth
+        The true ionosphere, where it is known.
 
     Returns
     -------
@@ -96,8 +102,15 @@ def draw_pictures(
                 "first seen."
             )
             pictures.append(Picture(path, caption, "gnss"))
-    pictures += _density(history, folder, run_name, scenario)
-    pictures += _ionosphere(history, folder, run_name)
+    labelled = f"{run_name}{scenario_label(scenario)}"
+    pictures += _density(history, truth, folder, labelled, scenario)
+    pictures += _ionosphere(history, folder, labelled)
+    comparisons = compare_with_receiver(history)
+    if comparisons:
+        path = folder / "receiver_ionosphere.png"
+        plot_comparisons(comparisons, path, f"{labelled}: ours against the receiver's own")
+        caption = "TEC and scintillation of the ionosphere processor against the receiver's own."
+        pictures.append(Picture(path, caption, "ionosphere"))
     if any(times.size for times in history.compute_time.values()):
         path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
         caption = "Wall time that nodes took for a step, of those that acknowledge steps."
@@ -132,41 +145,54 @@ def _navigation(
 
 
 def _density(
-    history: RunHistory, folder: pathlib.Path, run_name: str, scenario: str
+    history: RunHistory,
+    truth: IonosphereTruth | None,
+    folder: pathlib.Path,
+    run_name: str,
+    scenario: str,
 ) -> list[Picture]:
     """Draw figures 8 to 11 of the paper from a run with two spacecraft."""
     density = history.density
     if density is None:
         return []
-    path, error = plot_density_profile(
-        density,
-        history.boundaries,
-        scenario,
-        folder / "electron_density.png",
-        f"{run_name}: electron density",
-    )
-    caption = (
-        "Density from differential TEC, all satellites combined (figures 9 and 11 of the paper)."
-    )
-    if math.isfinite(error):
-        caption += f" Mean absolute difference {error:.2e} m-3; the paper's, for PLUMEX, 6.56e10."
-    pictures = [Picture(path, caption, "ionosphere")]
+    pictures = []
     plateau = plot_plateau(
         history.slant_tec,
         history.start_time,
+        truth,
         folder / "vertical_tec.png",
         f"{run_name}: vertical TEC of single satellites",
     )
     if plateau is not None:
-        caption = (
-            "Vertical TEC above each spacecraft (figure 8 of the paper); dotted: 30.10 and 30.17 "
-            "TECU, the paper's plateau."
-        )
+        caption = "Vertical TEC above each spacecraft (figure 8 of the paper)."
+        if truth is not None and truth.region_altitudes is not None:
+            caption += " Dotted: 30.10 and 30.17 TECU, the paper's plateau."
         pictures.append(Picture(plateau, caption, "ionosphere"))
+    if history.satellite_density is not None:
+        single = plot_satellite_profiles(
+            history.satellite_density,
+            density,
+            truth,
+            folder / "electron_density_satellites.png",
+            f"{run_name}: electron density from one satellite",
+        )
+        if single is not None:
+            caption = "Density from single satellites, rising (figure 9 of the paper)."
+            pictures.append(Picture(single, caption, "ionosphere"))
+    path = plot_density_profile(
+        density,
+        history.boundaries,
+        truth,
+        folder / "electron_density.png",
+        f"{run_name}: electron density",
+    )
+    caption = "Density from differential TEC of all satellites (figures 9 and 11 of the paper)."
+    pictures.append(Picture(path, caption, "ionosphere"))
     for topic, columns in history.scintillation.items():
         mapped = plot_scintillation_map(
             columns,
             density,
+            truth,
             scenario,
             folder / f"{key_part(topic)}_map.png",
             f"{run_name}: {topic} against place",

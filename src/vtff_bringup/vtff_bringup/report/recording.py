@@ -96,6 +96,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         slant_tec=details.slant_tec(),
         scintillation=details.scintillation(),
         density=details.density(),
+        satellite_density=details.satellite_density(),
         boundaries=tuple(details.boundaries),
         health=details.health(),
         compute_time=details.compute_time(),

@@ -21,14 +21,18 @@ from vtff_dynamics.frames import geodetic_from_itrf
 STEP_TOPIC = "/sim/step_done"
 DIAGNOSTICS_TOPIC = "/diagnostics"
 
-_SLANT_TEC = re.compile(r"/(?:iono/slant_tec|differential_tec)$")
-_SCINTILLATION = re.compile(r"/iono/scintillation$")
+_SLANT_TEC = re.compile(r"/(?:iono/slant_tec|gnss/ism/slant_tec|differential_tec)$")
+_SCINTILLATION = re.compile(r"/(?:iono|gnss/ism)/scintillation$")
 _DENSITY = re.compile(r"/electron_density$")
 _BOUNDARY = re.compile(r"boundar")
 
-_SLANT_TEC_COLUMNS = ("stec_tecu", "stec_sigma_tecu", "vtec_tecu", "elevation", "azimuth")
+_SLANT_TEC_COLUMNS = (
+    *("stec_tecu", "stec_sigma_tecu", "vtec_tecu", "elevation", "azimuth"),
+    *("band_first", "band_second", "rejected"),
+)
+_SATELLITE_DENSITY_COLUMNS = ("density", "density_sigma", "altitude")
 _SCINTILLATION_COLUMNS = (
-    *("band", "s4", "s4_corrected", "sigma_phi", "roti_tecu_per_minute", "cn0_dbhz"),
+    *("band", "attribute", "s4", "s4_corrected", "sigma_phi", "roti_tecu_per_minute", "cn0_dbhz"),
     *("elevation", "azimuth"),
 )
 
@@ -58,6 +62,8 @@ class _Columns:
         self._times.append(np.full(count, _nanoseconds(message.header.stamp), dtype=np.int64))
         for name, parts in self._parts.items():
             column = np.asarray(getattr(message, name))
+            if column.ndim == 0:
+                column = np.full(count, column)  # holds for all rows
             # A message of another program may leave columns out.
             parts.append(column if len(column) == count else np.full(count, np.nan))
 
@@ -103,6 +109,7 @@ class DetailCollector:
         self.boundaries: list[Boundary] = []
         self._density: list[tuple[float, ...]] = []
         self._density_time: list[int] = []
+        self._satellite_density = _Columns(_SATELLITE_DENSITY_COLUMNS)
         self._slant_tec: dict[str, _Columns] = {}
         self._scintillation: dict[str, _Columns] = {}
         self._health: dict[str, _Health] = {}
@@ -148,6 +155,15 @@ class DetailCollector:
             sigma=sigma,
         )
 
+    def satellite_density(self) -> SatelliteColumns | None:
+        """Return the density of each satellite by itself, None where there is none."""
+        columns = self._satellite_density.columns()
+        kept = (columns.prn > 0) & np.isfinite(columns.values["density"])
+        if not kept.any():
+            return None
+        values = {name: column[kept] for name, column in columns.values.items()}
+        return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
+
     def health(self) -> tuple[HealthItem, ...]:
         """Return what was reported on /diagnostics, by name."""
         return tuple(
@@ -178,6 +194,7 @@ class DetailCollector:
             self._health.setdefault(name, _Health()).add(time, status)
 
     def _add_density(self, message: Any) -> None:
+        self._satellite_density.add(message)
         # The last row is that of all satellites.
         if len(message.density) and math.isfinite(message.density[-1]):
             self._density_time.append(_nanoseconds(message.header.stamp))

@@ -12,9 +12,20 @@ from rich.console import Console
 from rich.markup import escape
 
 from vtff_bringup.bag.reader import RUN_SUBDIRECTORY, BagReader
+from vtff_bringup.ionosphere_truth import IonosphereTruth, read_ionosphere_truth
+from vtff_bringup.report.fluctuations import read_fluctuation_lag
 from vtff_bringup.report.history import RunHistory
 from vtff_bringup.report.html import render_report
+from vtff_bringup.report.ionosphere import (
+    CHIEF,
+    DEPUTY,
+    MINUTE,
+    scintillating_minutes,
+    summarise_ionosphere,
+)
+from vtff_bringup.report.ionosphere_table import print_ionosphere
 from vtff_bringup.report.pictures import draw_pictures
+from vtff_bringup.report.receiver_ionosphere import compare_with_receiver
 from vtff_bringup.report.recording import read_run
 from vtff_bringup.report.settings import read_settings
 from vtff_bringup.report.summary import formation_flight, plain, summarise_run
@@ -64,7 +75,8 @@ def write_report(
     """
     place = find_run(pathlib.Path(path), output)
     history = read_run(place.bag)
-    described = describe_run(place.folder, BagReader(place.bag).custom_data)
+    reader = BagReader(place.bag)
+    described = describe_run(place.folder, reader.custom_data)
     if arguments is not None:
         described = dataclasses.replace(described, arguments=dict(arguments))
     settings = read_settings(described)
@@ -73,17 +85,21 @@ def write_report(
         for name, deputy in history.deputies.items()
     }
     flights = {name: flight for name, flight in found.items() if flight is not None}
+    truth = None
+    if history.slant_tec or history.scintillation or history.density is not None:
+        truth = read_ionosphere_truth(reader, described, place.folder)
     summary = {
         "run_name": place.name,
         **_named_arguments(described.arguments),
         **(described.environment or describe_environment()),
         **summarise_run(history, settings, flights),
+        **_ionosphere(history, reader, truth),
     }
     folder = place.output
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    pictures = draw_pictures(history, settings, flights, folder, place.name)
+    pictures = draw_pictures(history, settings, flights, folder, place.name, truth)
     notes = (*history.notes, *settings.notes)
     page = render_report(summary, history, described, list(flights), pictures, notes)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
@@ -92,6 +108,22 @@ def write_report(
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
     console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)
     return folder
+
+
+def _ionosphere(
+    history: RunHistory, reader: BagReader, truth: IonosphereTruth | None
+) -> dict[str, Any]:
+    """Return the keys of the ionosphere."""
+    lag = None
+    minutes = scintillating_minutes(history)
+    if len(minutes):
+        start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
+        found = read_fluctuation_lag(reader, (CHIEF, DEPUTY), start, end)
+        lag = None if found is None else found.lag
+    summary = summarise_ionosphere(history, truth, lag)
+    for comparison in compare_with_receiver(history):
+        summary.update(comparison.keys())
+    return {key: plain(value) for key, value in summary.items()}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -147,6 +179,7 @@ def _print_tables(
         print_formation(console, summary, deputies, run_name)
     if history.receivers:
         print_receivers(console, summary, list(history.receivers), run_name)
+    print_ionosphere(console, summary, run_name)
     if not deputies and not history.receivers:
         print_message_counts(console, history.message_counts, run_name)
 
