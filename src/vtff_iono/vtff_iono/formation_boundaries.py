@@ -10,6 +10,7 @@ satellites at once is vertical motion, so that the median of the vertical rates 
 from __future__ import annotations
 
 import math
+import statistics
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -150,6 +151,11 @@ class FormationBoundaries:
     def __init__(self, settings: BoundarySettings = BoundarySettings()) -> None:  # noqa: B008
         self._settings = settings
         self._density = DensityEdgeDetector(sigmas=_LEAST_CHANGE_SIGMAS)
+        self._thresholds = {
+            BoundarySource.S4: settings.variance_ratio,
+            BoundarySource.ROTI: settings.roti_tecu_per_minute,
+            BoundarySource.TEC_GRADIENT: settings.gradient_tecu_per_km,
+        }
         self._rays: dict[tuple[int, int, int, BoundarySource], ExceedanceDetector] = {}
         self._history = (ContentHistory(_HISTORY), ContentHistory(_HISTORY))
         self._waiting: list[Edge] = []
@@ -284,16 +290,12 @@ class FormationBoundaries:
         values += self._rate_quantities(craft, position, rows, of_links)
         found = []
         for link, time, source, value in values:
-            threshold = {
-                BoundarySource.S4: self._settings.variance_ratio,
-                BoundarySource.ROTI: self._settings.roti_tecu_per_minute,
-                BoundarySource.TEC_GRADIENT: self._settings.gradient_tecu_per_km,
-            }[source]
             row = int(rows.pairs.row_first[of_links[link][-1]])
             system, prn = int(block.columns["system"][row]), int(block.columns["prn"][row])
-            detector = self._rays.setdefault(
-                (craft, system, prn, source), ExceedanceDetector(threshold)
-            )
+            key = (craft, system, prn, source)
+            detector = self._rays.get(key)
+            if detector is None:
+                detector = self._rays[key] = ExceedanceDetector(self._thresholds[source])
             for edge in detector.update(time / NANOSECONDS_PER_SECOND, value):
                 if (
                     np.isfinite(position[row]).all()
@@ -346,13 +348,15 @@ class FormationBoundaries:
         epochs = time[np.flatnonzero(np.diff(time, prepend=time[:1] - 1))]
         if len(epochs) < 10:
             return []
-        sample_length = float(np.median(np.diff(epochs))) / NANOSECONDS_PER_SECOND
+        sample_length = statistics.median(np.diff(epochs).tolist()) / NANOSECONDS_PER_SECOND
         is_high = rows.elevation >= self._settings.elevation_minimum
         system, prn = block.columns["system"], block.columns["prn"]
         chosen: dict[int, npt.NDArray[np.int64]] = {}
         seen: set[tuple[int, int]] = set()
-        for link in np.unique(rows.pairs.link[is_high & (rows.pairs.link >= 0)]).tolist():
-            first = rows.pairs.row_first[of_links[link]]
+        for link, own in of_links.items():
+            if not is_high[own].any():
+                continue
+            first = rows.pairs.row_first[own]
             satellite = int(system[first[0]]), int(prn[first[0]])
             if satellite not in seen and len(first) >= _COVERAGE * len(epochs):
                 seen.add(satellite)
@@ -398,7 +402,7 @@ class FormationBoundaries:
             return []
         factors = mapping_factor(elevations, np.linalg.norm(place), geodetic_from_itrf(place)[2])
         change = np.array(list(rates.values()))
-        change = change - factors * np.median(change / factors)
+        change = change - factors * statistics.median((change / factors).tolist())
         recent: dict[int, list[float]] = {}
         for link, rate in zip(rates, change.tolist(), strict=True):
             own_rates = self._rates.setdefault((craft, -1 - link), deque(maxlen=_RATES))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import math
+import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -242,6 +243,7 @@ class FormationIonosphere:
         self._pieces: list[_Piece] = []
         self._piece_numbers: dict[_Piece, int] = {}
         self._piece_of_key: dict[int, int] = {}
+        self._keys: tuple[list[int], list[int]] = ([], [])
         self._average = SecondAverage(_FEWEST_SAMPLES)
         self._density = ElectronDensityEstimator(settings.density)
         self._boundaries = FormationBoundaries(settings.boundaries)
@@ -337,11 +339,11 @@ class FormationIonosphere:
     ) -> dict[int, tuple[int, int]]:
         """Return the arcs that both spacecraft have at the end of the second, by link key."""
         latest: list[dict[int, int]] = []
-        for craft, result in zip(self.spacecraft, results, strict=True):
+        for craft, result in enumerate(results):
             rows = result.rows
             pairs = zip(rows.pairs.link.tolist(), rows.arc.tolist(), strict=True)
             last = {link: arc for link, arc in pairs if link >= 0}
-            keys = {link: self._link_key(craft.links[link]) for link in last}
+            keys = self._link_keys(craft)
             latest.append({keys[n]: arc for n, arc in last.items() if keys[n] >= 0 and arc > 0})
         return {
             key: (latest[0][key], latest[1][key])
@@ -353,6 +355,12 @@ class FormationIonosphere:
         prn, first, second = key >> 16, key >> 8 & 0xFF, key & 0xFF
         one, two = self._settings.density_bands
         return ((SYSTEM_GPS, one, first), prn), ((SYSTEM_GPS, two, second), prn)
+
+    def _link_keys(self, craft: int) -> list[int]:
+        """Return the keys of all links of a spacecraft."""
+        known = self._keys[craft]
+        known += [self._link_key(link) for link in self.spacecraft[craft].links[len(known) :]]
+        return known
 
     def _link_key(self, link: Link) -> int:
         """Return prn and attributes of a link of the density bands as one number, else -1."""
@@ -395,9 +403,9 @@ class FormationIonosphere:
     ) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64], dict[str, FloatArray]]:
         """Return times, pieces and single differences of what both spacecraft have observed."""
         keys, usable = [], []
-        for craft, result in zip(self.spacecraft, results, strict=True):
+        for craft, result in enumerate(results):
             rows = result.rows
-            number = np.array([self._link_key(link) for link in craft.links] + [-1])
+            number = np.array([*self._link_keys(craft), -1])
             key = number[rows.pairs.link] if len(rows) else np.zeros(0, dtype=np.int64)
             good = (key >= 0) & (rows.arc > 0) & ((rows.rejected & _NO_PHASE) == 0)
             good &= self._in_last_arc(rows)
@@ -552,4 +560,4 @@ def _vertical_content(result: SpacecraftResult) -> float:
     if epoch is None:
         return math.nan
     good = (epoch.rejected == 0) & (epoch.elevation > _VTEC_ELEVATION)
-    return float(np.median(epoch.vtec_tecu[good])) if good.any() else math.nan
+    return statistics.median(epoch.vtec_tecu[good].tolist()) if good.any() else math.nan

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator, Mapping
 
 import numpy as np
@@ -58,8 +59,10 @@ class WindowBuffer:
         if len(time) == 0:
             return
         number = time // self._length
-        edges = np.concatenate(([0], np.flatnonzero(np.diff(number)) + 1, [len(time)]))
-        for start, end in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
+        edges = [0, len(time)]
+        if number[0] != number[-1]:
+            edges[1:1] = (np.flatnonzero(np.diff(number)) + 1).tolist()
+        for start, end in itertools.pairwise(edges):
             window = int(number[start])
             if self._current is not None and window != self._current:
                 yield self._closed()
