@@ -77,6 +77,9 @@ _MEDIAN_CHI_SQUARE = 0.4549
 """Median of the square of a standard normal number."""
 # Smallest range of altitudes that tells a profile, m.
 _SMALLEST_ALTITUDE_RANGE = 100e3
+# Decimals of the results, TECU: those beyond depend on the number of threads of linear algebra, and
+# a recording shall give the bytes that were published.
+_DIGITS = 3
 # One in this many contents may be below zero for another reason than the bias.
 _NEGATIVE_PART = 0.01
 
@@ -184,7 +187,8 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     if better is None:
         return _combined(samples, solutions, sigmas, len(first))
     biases = _combined(samples, better.bias_tecu, better.sigma_tecu, len(first))
-    return [replace(bias, satellite_sigma_tecu=better.satellite_sigma_tecu) for bias in biases]
+    shown = round(better.satellite_sigma_tecu, _DIGITS)
+    return [replace(bias, satellite_sigma_tecu=shown) for bias in biases]
 
 
 def _solutions(
@@ -250,8 +254,8 @@ def _combined(
         spread = float(np.std(values, ddof=1))
         results.append(
             ReceiverBias(
-                bias_tecu=bias,
-                sigma_tecu=math.hypot(sampling, spread),
+                bias_tecu=round(bias, _DIGITS),
+                sigma_tecu=round(math.hypot(sampling, spread), _DIGITS),
                 sampling_sigma_tecu=sampling,
                 spread_tecu=spread,
                 model_tecu=tuple(values.tolist()),
