@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -20,9 +20,7 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_iono.conversions import (
     block_from_messages,
     ephemeris_from_message,
-    integers_from_message,
-    state_from_fix,
-    states_from_relative_state,
+    second_from_messages,
 )
 from vtff_iono.formation_ionosphere import FormationSecond
 from vtff_iono.spacecraft_ionosphere import ObservationBlock
@@ -69,19 +67,17 @@ def formation_seconds(
         stamp = second * NANOSECONDS_PER_SECOND
         new = [entry for entry in ephemerides if entry[0] <= stamp]
         ephemerides = ephemerides[len(new) :]
-        states = _converted(states_from_relative_state, relative.get(second))
-        if states is None:
-            states = tuple(_converted(state_from_fix, part.get(second)) for part in fixes)
         yield (
             [entry[2] for entry in new],
-            FormationSecond(
-                time=GpsTime.from_unix_nanoseconds(stamp).nanoseconds,
-                observations=(
+            second_from_messages(
+                GpsTime.from_unix_nanoseconds(stamp),
+                (
                     observed[0].get(second) or block_from_messages([]),
                     observed[1].get(second) or block_from_messages([]),
                 ),
-                states_itrf=(states[0], states[1]),
-                integers=_converted(integers_from_message, integers.get(second)) or {},
+                relative.get(second),
+                integers.get(second),
+                [part.get(second) for part in fixes],
             ),
         )
 
@@ -133,7 +129,3 @@ class _Recorded:
                 second[first].tolist(), edges[:-1], edges[1:], strict=True
             )
         }
-
-
-def _converted(convert: Callable[[Any], Any], message: Any) -> Any:
-    return None if message is None else convert(message)

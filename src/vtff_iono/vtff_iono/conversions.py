@@ -21,7 +21,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_iono.formation_boundaries import Boundary
-from vtff_iono.formation_ionosphere import DensityResult
+from vtff_iono.formation_ionosphere import DensityResult, FormationSecond
 from vtff_iono.integer_datum import Group
 from vtff_iono.scintillation import ScintillationWindow
 from vtff_iono.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
@@ -44,16 +44,17 @@ __all__ = [
     "boundary_to_message",
     "density_to_message",
     "ephemeris_from_message",
-    "integers_from_message",
     "scintillation_to_message",
+    "second_from_messages",
     "slant_tec_to_message",
-    "state_from_fix",
-    "states_from_relative_state",
 ]
 
 EARTH_FRAME = "earth"
 COMBINED_SYSTEM = 255
 """System of the row that combines all satellites."""
+
+# Beyond any error of a receiver's own solution, m; that of a relative state is far smaller.
+_LARGEST_CONTRADICTION = 50.0
 
 _EPHEMERIS_FIELDS = tuple(
     field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
@@ -84,7 +85,42 @@ def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
     )
 
 
-def integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], float]:
+def second_from_messages(
+    time: GpsTime,
+    observations: tuple[ObservationBlock, ObservationBlock],
+    relative: RelativeState | None,
+    ambiguities: AmbiguityStatus | None,
+    fixes: Sequence[GnssFix | None],
+) -> FormationSecond:
+    """Return what is known of a second.
+
+    Relative navigation tells positions and integers. Where it has lost its way, which the
+    receivers' own solutions show, those take its place and its integers are left out: those found
+    before hold on.
+
+    Parameters
+    ----------
+    time : GpsTime
+        End of the second.
+    observations : tuple of ObservationBlock
+        Of chief and deputy.
+    relative, ambiguities : RelativeState, AmbiguityStatus or None
+        At `time`, as far as they have come.
+    fixes : sequence of GnssFix or None
+        The same of chief and deputy.
+    """
+    own = [None if fix is None else _state_from_fix(fix) for fix in fixes]
+    told = None if relative is None else _states_from_relative_state(relative)
+    is_lost = told is not None and any(
+        fix is not None and np.linalg.norm(fix[:3] - state[:3]) > _LARGEST_CONTRADICTION
+        for fix, state in zip(own, told, strict=True)
+    )
+    states = own if told is None or is_lost else told
+    known = {} if ambiguities is None or is_lost else _integers_from_message(ambiguities)
+    return FormationSecond(time.nanoseconds, observations, (states[0], states[1]), known)
+
+
+def _integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], float]:
     """Return the integers of a message, cycles relative to the reference of their group."""
     names = ("system", "band", "attribute", "prn", "ambiguity_cycles", "state")
     rows = zip(*(getattr(message, name).tolist() for name in names), strict=True)
@@ -95,13 +131,13 @@ def integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], f
     }
 
 
-def state_from_fix(message: GnssFix) -> FloatArray | None:
+def _state_from_fix(message: GnssFix) -> FloatArray | None:
     """Return position and velocity of a receiver's own solution, shape (6,); None without one."""
     state = np.concatenate((message.position, message.velocity))
     return state if np.isfinite(state).all() else None
 
 
-def states_from_relative_state(message: RelativeState) -> tuple[FloatArray, FloatArray] | None:
+def _states_from_relative_state(message: RelativeState) -> tuple[FloatArray, FloatArray] | None:
     """Return the Earth-fixed states (6,) of chief and deputy; None if there is no solution."""
     if message.solution == RelativeState.SOLUTION_NONE:
         return None

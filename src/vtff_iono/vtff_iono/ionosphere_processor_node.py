@@ -19,11 +19,9 @@ from vtff_iono.conversions import (
     boundary_to_message,
     density_to_message,
     ephemeris_from_message,
-    integers_from_message,
     scintillation_to_message,
+    second_from_messages,
     slant_tec_to_message,
-    state_from_fix,
-    states_from_relative_state,
 )
 from vtff_iono.electron_density import DensitySettings
 from vtff_iono.formation_boundaries import BoundarySettings
@@ -283,18 +281,12 @@ class IonosphereProcessorNode(VtffNode):
             self._pending[craft] = pending[count:]
             self._counts["samples"] += count
         measured = epoch.measured
-        states = None
-        if RELATIVE_STATE in measured:
-            states = states_from_relative_state(measured[RELATIVE_STATE])
-        if states is None:
-            fixes = [measured.get(_fix(craft)) for craft in self._crafts]
-            states = tuple(None if fix is None else state_from_fix(fix) for fix in fixes)
-        ambiguities = measured.get(AMBIGUITIES)
-        return FormationSecond(
-            time=GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds).nanoseconds,
-            observations=(blocks[0], blocks[1]),
-            states_itrf=(states[0], states[1]),
-            integers={} if ambiguities is None else integers_from_message(ambiguities),
+        return second_from_messages(
+            GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds),
+            (blocks[0], blocks[1]),
+            measured.get(RELATIVE_STATE),
+            measured.get(AMBIGUITIES),
+            [measured.get(_fix(craft)) for craft in self._crafts],
         )
 
     def _publish(self, result: FormationResult) -> None:
