@@ -84,9 +84,9 @@ def made_up_density(error=0.0):
     )
 
 
-def edge(seconds, craft, entry):
+def edge(seconds, craft, entry, altitude):
     time = START + round(seconds * SECOND)
-    return Boundary(time, "vertical", "density", entry, craft, 255, 0, 0.0, 0.0, 0.0)
+    return Boundary(time, "vertical", "density", entry, craft, 255, 0, 0.0, 0.0, altitude)
 
 
 def made_up_run(error=0.0, late=0.0):
@@ -96,7 +96,7 @@ def made_up_run(error=0.0, late=0.0):
         for altitude, sign in ((TOP, -1.0), (BOTTOM, -1.0), (BOTTOM, 1.0), (TOP, 1.0)):
             seconds = PERIGEE + sign * (altitude - lead - 200e3) / SPEED
             entry = (altitude == TOP) == (sign < 0.0)
-            edges.append(edge(seconds + late, craft, entry))
+            edges.append(edge(seconds + late, craft, entry, altitude))
     minutes = np.arange(60, 1200, 60)
     count = len(minutes)
     strong = (minutes > 960) & (minutes <= 1080)
@@ -158,6 +158,16 @@ def test_scintillating_minutes_and_their_place():
     assert found["ionosphere_true_first_event_longitude_deg"] == pytest.approx(0.066 * 960)
     # The middle of the minute, of the middle between the spacecraft.
     assert found["ionosphere_first_event_longitude_deg"] == pytest.approx(0.066 * 989)
+
+
+def test_edges_of_other_structures_do_not_make_a_separation():
+    run = made_up_run()
+    # The deputy has missed what the chief has found first, and found something else.
+    first = min((e for e in run.boundaries if e.spacecraft == "deputy"), key=lambda e: e.time)
+    other = dataclasses.replace(first, time=first.time - 50 * SECOND, altitude=TOP + 15e3)
+    boundaries = tuple(other if e is first else e for e in run.boundaries)
+    found = summarise_ionosphere(dataclasses.replace(run, boundaries=boundaries), None)
+    assert found["ionosphere_separation_falling_m"] == pytest.approx(SEPARATION, rel=1e-3)
 
 
 def test_without_truth_only_what_was_measured_is_told():

@@ -154,6 +154,9 @@ _COLUMNS = {
     "plumex": (_PLUMEX_HIL,),
 }
 
+IONOSPHERE_PREFIX = "ionosphere_"
+"""Begin of the keys of the ionosphere."""
+
 PAPER_DURATION = 3600.0
 """Length of the paper's runs in s, to which its totals belong."""
 
@@ -161,3 +164,12 @@ PAPER_DURATION = 3600.0
 def paper_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
     """Return the paper's results for a scenario by its name; empty for any other."""
     return _COLUMNS.get(scenario or "", ())
+
+
+def formation_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
+    """Return those of the paper's results for a scenario that are of its formation flight."""
+    return tuple(
+        column
+        for column in paper_columns(scenario)
+        if any(not key.startswith(IONOSPHERE_PREFIX) for key in column.values)
+    )

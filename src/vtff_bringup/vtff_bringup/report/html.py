@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from vtff_bringup.paper_reference import paper_columns
+from vtff_bringup.paper_reference import formation_columns
 from vtff_bringup.report.history import HealthItem, RunHistory
 from vtff_bringup.report.ionosphere_table import (
     IONOSPHERE_HEADS,
@@ -182,7 +182,7 @@ def _own(summary: Mapping[str, Any], name: str, deputies: Sequence[str]) -> dict
 def _formation(summary: Mapping[str, Any], deputies: Sequence[str]) -> str:
     """Set the measured numbers beside the paper's."""
     blocks = []
-    columns = paper_columns(summary.get("scenario"))
+    columns = formation_columns(summary.get("scenario"))
     for name in deputies:
         own = _own(summary, name, deputies)
         heads = ["", "measured", *[column.title.replace("\n", " ") for column in columns]]

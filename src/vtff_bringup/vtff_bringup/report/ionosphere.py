@@ -120,7 +120,7 @@ def _add_edges(
                 if times:
                     true[f"{key}_time_s"] = (times[0] - history.start_time) / _SECOND
     for name, found in passes.items():
-        pairs = _pairs(found)
+        pairs = _pairs(found, float(np.median(np.abs(density.separation))))
         if not pairs:
             continue
         middles = [(one.time + other.time) // 2 for one, other in pairs]
@@ -154,15 +154,19 @@ def _bottom_and_top(edges: list[Boundary], craft: str) -> dict[str, Boundary]:
     return found if len(found) == len(mine) else {}
 
 
-def _pairs(edges: list[Boundary]) -> list[tuple[Boundary, Boundary]]:
-    """Return the edges that chief and deputy have found both, in the order of their times."""
-    of = {
-        craft: sorted((e for e in edges if e.spacecraft == craft), key=lambda e: e.time)
-        for craft in (CHIEF, DEPUTY)
-    }
-    if [e.entry for e in of[CHIEF]] != [e.entry for e in of[DEPUTY]]:
-        return []
-    return list(zip(of[CHIEF], of[DEPUTY], strict=True))
+def _pairs(edges: list[Boundary], separation: float) -> list[tuple[Boundary, Boundary]]:
+    """Return the edges that chief and deputy have both found, in the order of the chief's times.
+
+    Edges of one structure are nearer in altitude than half the separation (m) of the spacecraft.
+    """
+    found = []
+    deputies = [edge for edge in edges if edge.spacecraft == DEPUTY]
+    for edge in sorted((e for e in edges if e.spacecraft == CHIEF), key=lambda e: e.time):
+        same = [other for other in deputies if other.entry == edge.entry]
+        nearest = min(same, key=lambda other: abs(other.altitude - edge.altitude), default=None)
+        if nearest is not None and abs(nearest.altitude - edge.altitude) < 0.5 * separation:
+            found.append((edge, nearest))
+    return found
 
 
 def _vertical_speed(density: DensityHistory, time: TimeArray) -> FloatArray:

@@ -11,7 +11,7 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from vtff_bringup.paper_reference import PAPER_DURATION, PaperColumn, paper_columns
+from vtff_bringup.paper_reference import PAPER_DURATION, PaperColumn, formation_columns
 from vtff_bringup.report.history import AXES
 from vtff_bringup.report.summary import ACQUISITION_DURATION, SETTLED_WITHIN, key_part
 
@@ -96,7 +96,7 @@ def print_formation(
     for name in deputies:
         prefix = f"{key_part(name)}_" if len(deputies) > 1 else ""
         own = {key.removeprefix(prefix): value for key, value in summary.items()}
-        columns = paper_columns(summary.get("scenario"))
+        columns = formation_columns(summary.get("scenario"))
         title = f"{run_name}: {name}" if len(deputies) > 1 else run_name
         title = f"{title}, {_length(summary)}"
         console.print(_formation_table(title, own, columns))

@@ -36,6 +36,7 @@ from vtff_bringup.run_environment import describe_environment
 REPORT_FOLDER = "report"
 SUMMARY_FILE = "summary.json"
 HTML_FILE = "report.html"
+PROCESSOR_TOPIC = "/iono/slant_tec"  # of the ionosphere processor
 
 
 def write_report(
@@ -86,7 +87,8 @@ def write_report(
     }
     flights = {name: flight for name, flight in found.items() if flight is not None}
     truth = None
-    if history.slant_tec or history.scintillation or history.density is not None:
+    processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
+    if processed or history.density is not None:
         truth = read_ionosphere_truth(reader, described, place.folder)
     summary = {
         "run_name": place.name,
