@@ -100,6 +100,8 @@ def test_profile_noise_and_satellites_are_found():
     assert mean == pytest.approx(expected, rel=0.05)
     assert found.noise_tecu == pytest.approx(PHASE_NOISE, rel=0.2)
     assert found.satellite_sigma_tecu == pytest.approx(SATELLITE_SIGMA, rel=0.35)
+    without = BiasSamples(**{**vars(noisy(rows, 0)), "link": None})
+    assert np.isnan(profile_biases(without, altitude_of(rows)).satellite_sigma_tecu)
 
 
 def test_outliers_count_little():

@@ -54,8 +54,9 @@ _TOPSIDES = (TopsideModel(), TopsideModel(exponent=3.0), TopsideModel(exponent=6
 _MOST_EPOCHS = 540
 _KNOT_INTERVAL = 300.0
 _MOST_KNOTS = 36
-# TECU: what the navigation message of a satellite is believed at first (0.5 ns), a level at most,
-# the noise at first and at least.
+# TECU: a receiver bias, of which nothing is known; what the navigation message of a satellite is
+# believed at first (0.5 ns); a level at best; the noise at first and at best.
+_GROUP_SIGMA = 1000.0
 _SATELLITE_SIGMA = 1.43
 _LEVEL_SIGMA_LEAST = 0.01
 _NOISE_START, _NOISE_LEAST = 0.05, 0.01
@@ -84,7 +85,8 @@ class ProfileBiases:
     altitude, density : ndarray, shape (shells,)
         Middles of the shells, m, and electrons per cubic metre, of the first model.
     noise_tecu, satellite_sigma_tecu : float
-        What was found for the scatter of single contents and for the satellite biases.
+        What was found for the scatter of single contents and for the satellite biases; the second
+        is NaN without links.
     """
 
     bias_tecu: FloatArray
@@ -140,7 +142,7 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         altitude=shell_middles(problem.edges),
         density=np.exp(models[0].log_density),
         noise_tecu=noise,
-        satellite_sigma_tecu=sigmas.satellite,
+        satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
     )
 
 
@@ -212,8 +214,8 @@ class _Problem:
         return solve_profile(normal, *prior, self._precision(sigmas), start.log_density)
 
     def _precision(self, sigmas: _Sigmas) -> FloatArray:
-        """Return one over the variances of the effects; nothing is known of the groups."""
-        precision = np.zeros(self.links.stop)
+        """Return one over the variances of the effects."""
+        precision = np.full(self.links.stop, 1.0 / _GROUP_SIGMA**2)
         precision[self.scales] = 1.0 / sigmas.scale**2
         precision[self.gradients] = 1.0 / sigmas.gradient**2
         precision[self.levels] = 1.0 / self._level_variance
