@@ -63,6 +63,20 @@ def test_the_majority_overrules_a_wrong_integer():
     assert datum.update(relative_to(1, corrected), unbroken(integers))[GROUP, 4] == 8.0
 
 
+def test_nothing_overrules_an_integer_that_has_proved_right():
+    datum = IntegerDatum()
+    integers = {1: 0.0, 2: 1.0, 3: 2.0, 4: 3.0}
+    first = datum.update(relative_to(1, integers), unbroken(integers))
+    datum.prove(GROUP, 4)
+    wrong = relative_to(1, integers | {4: 8.0})
+    assert datum.update(wrong, unbroken(integers)) == first
+    assert datum.is_proved(GROUP, 4) and not datum.is_proved(GROUP, 3)
+    # A new arc has to prove itself again.
+    broken = unbroken([1, 2, 3]) | {(GROUP, 4): 2}
+    assert datum.update(wrong, broken)[GROUP, 4] == 8.0
+    assert not datum.is_proved(GROUP, 4)
+
+
 def test_a_refused_integer_does_not_come_back_with_the_same_arc():
     datum = IntegerDatum()
     integers = {1: 0.0, 2: 1.0, 3: 2.0}

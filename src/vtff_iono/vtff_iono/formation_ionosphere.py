@@ -71,7 +71,11 @@ _SCATTER_MEMORY = 15.0  # seconds
 # Integers are wrong when their satellite is off by so much for so many seconds.
 _WRONG_SIGMAS = 3.0
 _WRONG_TECU = 0.1
+_WRONG_WIDE_LANE = 0.5  # cycles; the mean of a second is good to 0.1
 _MOST_DOUBTS = 3
+# Integers are right after so many seconds of agreement; if there are so many, only these count.
+_PROOF = 3
+_ENOUGH_PROVED = 4
 # Of a recording; bounds the memory.
 _SECONDS_AT_ONCE = 100
 
@@ -252,6 +256,7 @@ class FormationIonosphere:
         # Variance that scintillation adds to the samples of each satellite, TECU^2.
         self._excess: dict[int, float] = {}
         self._doubts: dict[int, int] = {}
+        self._agreed: dict[_Piece, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
@@ -480,14 +485,19 @@ class FormationIonosphere:
         pieces = [self._pieces[number] for number in numbers.tolist()]
         has_integers = np.array([piece.integers is not None for piece in pieces], dtype=bool)
         part = {name: column[has_integers] for name, column in means.items()}
-        satellites = [piece.key >> 16 for piece in pieces if piece.integers is not None]
+        known = [piece for piece in pieces if piece.integers is not None]
+        satellites = [piece.key >> 16 for piece in known]
+        sigma = self._sigma(satellites, part, samples[has_integers])
+        proved = np.array([self._is_proved(piece) for piece in known], dtype=bool)
+        if np.count_nonzero(proved) >= _ENOUGH_PROVED:
+            sigma[~proved] = np.nan
         epoch = self._density.update(
             time / NANOSECONDS_PER_SECOND,
             *altitudes,
             part["elevation_chief"],
             part["elevation_deputy"],
             part["stec"],
-            self._sigma(satellites, part, samples[has_integers]),
+            sigma,
             _vertical_content(chief),
         )
         if math.isfinite(epoch.density):
@@ -501,6 +511,9 @@ class FormationIonosphere:
             prn=np.array(satellites, dtype=np.int64),
             epoch=epoch,
         )
+
+    def _is_proved(self, piece: _Piece) -> bool:
+        return all(self._datum.is_proved(group, prn) for group, prn in self._signals(piece.key))
 
     def _sigma(
         self, satellites: list[int], means: dict[str, FloatArray], samples: npt.NDArray[np.int64]
@@ -533,16 +546,13 @@ class FormationIonosphere:
         for row in np.flatnonzero(has_integers).tolist():
             prn = pieces[row].key >> 16
             error = float(means["stec"][row] - predicted[row])
+            wide_lane = float(means["wide_lane"][row])
             scatter = self._excess.get(prn, 0.0) * _MEAN_OVER_SCATTER + one**2
             wrong = abs(error) > _WRONG_SIGMAS * math.sqrt(scatter) + _WRONG_TECU
-            self._doubts[prn] = self._doubts.get(prn, 0) + 1 if wrong else 0
-            if self._doubts[prn] >= _MOST_DOUBTS:
-                # A slip that no test has seen: the integers belong to another arc.
-                self._doubts[prn] = 0
-                for group, _ in self._signals(pieces[row].key):
-                    self._datum.forget(group, prn)
-            elif not wrong:
-                self._resolver.add_known(float(means["wide_lane"][row]), int(samples[row]))
+            wrong |= abs(self._resolver.wide_lane_error(wide_lane)) > _WRONG_WIDE_LANE
+            self._judge(pieces[row], wrong)
+            if not wrong:
+                self._resolver.add_known(wide_lane, int(samples[row]))
         for row in np.flatnonzero(~has_integers).tolist():
             piece = pieces[row]
             excess = float(means["stec"][row] - predicted[row])
@@ -552,6 +562,20 @@ class FormationIonosphere:
             if found is not None:
                 for (group, prn), cycles in zip(self._signals(piece.key), found, strict=True):
                     self._datum.resolve(group, prn, cycles, piece.arcs)
+
+    def _judge(self, piece: _Piece, is_wrong: bool) -> None:
+        """Count what tells against or for the integers of a piece."""
+        prn = piece.key >> 16
+        self._doubts[prn] = self._doubts.get(prn, 0) + 1 if is_wrong else 0
+        self._agreed[piece] = 0 if is_wrong else self._agreed.get(piece, 0) + 1
+        if self._doubts[prn] >= _MOST_DOUBTS:
+            # A slip that no test has seen, or a wrong fix: the integers belong to another arc.
+            self._doubts[prn] = 0
+            for group, _ in self._signals(piece.key):
+                self._datum.forget(group, prn)
+        elif self._agreed[piece] == _PROOF:
+            for group, _ in self._signals(piece.key):
+                self._datum.prove(group, prn)
 
 
 def _vertical_content(result: SpacecraftResult) -> float:

@@ -6,6 +6,9 @@ them here, because the electron density rests on one constant that all satellite
 - that constant, the ambiguity of the reference, must not change with the reference satellite;
 - an integer holds for as long as the phases of both receivers are continuous, also while the
   filter, which sees scintillation as errors of millimetres, does not dare to use it.
+
+An integer that has proved right, because its satellite agrees with others, is not overruled by what
+relative navigation tells later.
 """
 
 from __future__ import annotations
@@ -32,6 +35,7 @@ class IntegerDatum:
         self.number = 0
         self._known: dict[Group, dict[int, tuple[float, Hashable]]] = {}
         self._refused: dict[Group, dict[int, tuple[float, Hashable]]] = {}
+        self._proved: dict[Group, set[int]] = {}
 
     def update(
         self,
@@ -61,6 +65,7 @@ class IntegerDatum:
                 if other == group and (group, prn) in continuity
             }
             refused = self._refused.get(group, {})
+            proved = self._proved.get(group, set()) & held.keys()
             shifts = collections.Counter(
                 held[prn] - cycles for prn, cycles in told.items() if prn in held
             )
@@ -70,11 +75,13 @@ class IntegerDatum:
                 held |= {
                     prn: cycles + shift
                     for prn, cycles in told.items()
-                    if refused.get(prn) != (cycles + shift, continuity[group, prn])
+                    if prn not in proved
+                    and refused.get(prn) != (cycles + shift, continuity[group, prn])
                 }
             elif len(told) > len(held):
                 self.number += 1
-                held = told
+                held, proved = told, set()
+            self._proved[group] = proved
             self._known[group] = {
                 prn: (cycles, continuity[group, prn]) for prn, cycles in held.items()
             }
@@ -82,12 +89,23 @@ class IntegerDatum:
         return result
 
     def resolve(self, group: Group, prn: int, cycles: float, unbroken: Hashable) -> None:
-        """Take an integer that was found otherwise, in the datum."""
+        """Take an integer that was found otherwise, in the datum; it counts as proved."""
         self._known.setdefault(group, {})[prn] = (cycles, unbroken)
         self._refused.get(group, {}).pop(prn, None)
+        self.prove(group, prn)
+
+    def prove(self, group: Group, prn: int) -> None:
+        """Trust an integer for as long as its phases are continuous."""
+        if prn in self._known.get(group, {}):
+            self._proved.setdefault(group, set()).add(prn)
+
+    def is_proved(self, group: Group, prn: int) -> bool:
+        """Return whether an integer is trusted."""
+        return prn in self._proved.get(group, set())
 
     def forget(self, group: Group, prn: int) -> None:
         """Give up an integer that has proved wrong, for as long as its phases are continuous."""
+        self._proved.get(group, set()).discard(prn)
         known = self._known.get(group, {}).pop(prn, None)
         if known is not None:
             self._refused.setdefault(group, {})[prn] = known

@@ -81,6 +81,12 @@ class IntegerResolver:
         if math.isfinite(wide_lane_cycles):
             self._bias.add(wide_lane_cycles, float(samples))
 
+    def wide_lane_error(self, wide_lane_cycles: float) -> float:
+        """Return how far a wide lane less its integers is from the common bias; NaN at first."""
+        if self._bias.count < _FEWEST_SECONDS:
+            return math.nan
+        return wide_lane_cycles - self._bias.mean
+
     def add_unknown(
         self,
         arc: Hashable,
