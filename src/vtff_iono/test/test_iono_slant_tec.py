@@ -148,3 +148,31 @@ def test_settings_are_used():
     settings = SlantTecSettings(elevation_minimum=math.radians(30.0))
     rows = SlantTecProcessor(settings=settings).update(time, columns, elevations(time, columns))
     assert (rows.rejected & Rejection.LOW_ELEVATION).all()
+
+
+def test_a_satellite_bias_that_becomes_known_within_an_arc():
+    """As with an ephemeris that comes late: from then on the contents are those of the bias."""
+    content = np.full((200, 2), 25.0)
+    bias = np.array([-3.0, 4.0])
+    time, columns = observations(np.arange(200.0), content, bias_second=bias, code_sigma=1e-3)
+    is_known = False
+
+    def satellite_bias(link, when):
+        if not is_known:
+            return math.nan, math.nan
+        return -float(bias[link.prn - 1]) / 299_792_458.0, 1e-10
+
+    late = SlantTecProcessor(satellite_bias)
+    parts = []
+    for number, part in enumerate(pieces(time, columns, elevations(time, columns), 50)):
+        is_known = number >= 2
+        parts.append(late.update(*part))
+    before, after = parts[:2], parts[2:]
+    for rows in before:
+        assert (rows.rejected == Rejection.NO_SATELLITE_BIAS).all()
+    for rows in after:
+        assert (rows.rejected == 0).all()
+        assert (rows.arc == 1).all()
+        assert rows.stec_tecu == pytest.approx(25.0, abs=0.05)
+    whole = SlantTecProcessor(satellite_bias).update(time, columns, elevations(time, columns))
+    assert np.array_equal(parts[-1].stec_tecu, whole.stec_tecu[-len(parts[-1]) :])

@@ -193,7 +193,7 @@ class SlantTecProcessor:
         self._satellite_bias = satellite_bias
         self._receiver_bias = receiver_bias
         self._levels = np.zeros((0, _STATE))
-        self._known_biases: dict[int, tuple[float, float, float, float]] = {}
+        self._known_biases: dict[int, FloatArray] = {}
 
     @property
     def links(self) -> list[Link]:
@@ -252,8 +252,12 @@ class SlantTecProcessor:
                 time = GpsTime((key >> 16) * _BIAS_INTERVAL_NANOSECONDS)
                 scale = SPEED_OF_LIGHT * link.tecu_per_metre
                 both = (*self._satellite_bias(link, time), *self._receiver_bias(link, time))
-                self._known_biases[key] = tuple(scale * part for part in both)
-            table[index] = self._known_biases[key]
+                table[index] = [scale * part for part in both]
+                # One that is unknown may come with the next ephemeris.
+                if np.isfinite(table[index, 0]):
+                    self._known_biases[key] = table[index].copy()
+            else:
+                table[index] = self._known_biases[key]
         return table[inverse].T
 
     def _levelled(
@@ -269,8 +273,6 @@ class SlantTecProcessor:
         rejected = rejected | np.where(
             known | (rows.link < 0), np.uint16(0), np.uint16(Rejection.NO_SATELLITE_BIAS)
         )
-        # P_second - P_first = STEC / K - c DSB: the bias is added to the observed difference.
-        code = rows.stec_code_tecu + np.where(known, satellite, 0.0)
         factor = self._factor(rows)
         if len(rows):
             self._grow(int(rows.link.max()) + 1)
@@ -278,7 +280,8 @@ class SlantTecProcessor:
             rows.time,
             rows.link,
             arcs.number,
-            code - rows.stec_phase_tecu,
+            # Without the bias, so that levels stay right when it becomes known within an arc.
+            rows.stec_code_tecu - rows.stec_phase_tecu,
             np.sin(elevation),
             (rejected & np.uint16(_NOT_FOR_LEVELLING)) == 0,
             math.sqrt(2.0) * self._settings.pseudorange_sigma * factor,
@@ -291,7 +294,8 @@ class SlantTecProcessor:
         has_receiver = np.isfinite(receiver)
         unknown = ~has_receiver & (rows.link >= 0)
         rejected |= np.where(unknown, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0))
-        removed = np.where(has_receiver, receiver, 0.0)
+        # P_second - P_first = STEC / K - c DSB: biases are added to the observed difference.
+        removed = np.where(known, satellite, 0.0) + np.where(has_receiver, receiver, 0.0)
         phase_sigma = math.sqrt(2.0) * self._settings.carrier_phase_sigma * factor
         variance = (
             phase_sigma**2
@@ -304,7 +308,7 @@ class SlantTecProcessor:
             elevation=elevation,
             stec_tecu=rows.stec_phase_tecu + level + removed,
             stec_sigma_tecu=np.sqrt(variance),
-            stec_code_tecu=code + removed,
+            stec_code_tecu=rows.stec_code_tecu + removed,
             stec_phase_tecu=rows.stec_phase_tecu,
             satellite_bias_tecu=satellite,
             satellite_bias_sigma_tecu=satellite_sigma,
