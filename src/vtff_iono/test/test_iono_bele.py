@@ -1,11 +1,11 @@
 """The night of plasma bubbles over Belem, 2024-01-10: the bounds of the project on real data."""
 
 import csv
+import dataclasses
 import functools
 import json
 
 import numpy as np
-import pytest
 from iono_test_support import bele_file
 from pyarrow import parquet
 
@@ -96,10 +96,26 @@ def test_vertical_tec_is_that_of_an_ionosphere():
     assert np.mean(found.vtec_tecu[good] < 0.0) < 0.001
 
 
+def above_30_deg_as_in_the_table(rows):
+    """Samples whose differences are in the table: its elevations are those 18 s later (UTC)."""
+    kept = np.zeros(len(rows), dtype=bool)
+    elevation_deg = np.degrees(rows.elevation)
+    for link in np.unique(rows.pairs.link):
+        own = np.flatnonzero(rows.pairs.link == link)
+        later = elevation_deg[own] + 18.0 / 30.0 * np.append(np.diff(elevation_deg[own]), 0.0)
+        is_high = later > 30.0
+        # The first difference begins below.
+        kept[own] = is_high | np.append(is_high[1:], False)
+    return kept
+
+
 def test_roti():
+    """The table takes every difference of 30 s for a rate."""
     found = solution()
+    is_high = above_30_deg_as_in_the_table(found.rows)
+    rows = dataclasses.replace(found.rows, arc=np.where(is_high, found.rows.arc, 0))
     monitor = RateOfTecMonitor(30.0, 300.0)
-    windows = [*monitor.update(found.rows), *monitor.flush()]
+    windows = [*monitor.update(rows), *monitor.flush()]
     own = {}
     for window in windows:
         start = round((GpsTime(window.time) - MIDNIGHT) - 300.0)
@@ -116,8 +132,9 @@ def test_roti():
             ratios.append(roti / float(row["roti"]))
             same_samples.append(rates == int(row["n"]))
     ratios, same_samples = np.array(ratios), np.array(same_samples)
+    assert len(ratios) == 1308
     assert np.abs(ratios[same_samples] - 1.0).max() <= 0.05
-    # In the others a broken arc has taken a rate out.
-    assert np.mean(same_samples) > 0.97
-    assert np.mean(np.abs(ratios - 1.0) <= 0.05) > 0.98
-    assert np.nanmedian(ratios) == pytest.approx(1.0, abs=1e-3)
+    # In one window an outlier of the wide lane, a slip as far as that can be told then, has broken
+    # an arc.
+    assert np.count_nonzero(~same_samples) <= 1
+    assert np.count_nonzero(~(np.abs(ratios - 1.0) <= 0.05)) <= 1

@@ -201,10 +201,9 @@ def _tested(
     jump = abs(content - state[_VALUE] - state[_RATE] * interval)
     limit = _geometry_free_limit(state, interval, settings)
     # Until the rate is known, only what no ionosphere does is a jump.
-    if state[_COUNT] < _SETTLING_SAMPLES:
+    if state[_COUNT] <= _SETTLING_SAMPLES:
         limit = settings[4] + settings[5] * interval
-    if jump > limit:
-        return 5
+    # A slip that the wide lane shows is one; a jump of the content alone may be the ionosphere.
     if has_code and state[_WIDE_COUNT] >= 2.0:
         gain = min(1.0, interval / settings[9])
         fast = state[_WIDE_FAST] + gain * (wide_lane - state[_WIDE_FAST])
@@ -213,7 +212,7 @@ def _tested(
             spread = max(spread, settings[7])
         if abs(fast - state[_WIDE_MEAN]) > max(settings[7], settings[8] * spread):
             return 6
-    return 0
+    return 5 if jump > limit else 0
 
 
 @compiled
