@@ -8,22 +8,29 @@ import pathlib
 
 import numpy as np
 import pytest
-from rich.console import Console
-from typer.testing import CliRunner
 
-from vtff_bringup.bag.errors import BagReadError
-from vtff_bringup.commands.study import app
-from vtff_bringup.studies.offset_flights import complete_flight, write_offset_scenario
-from vtff_bringup.studies.radial_offset import OFFSETS, flown_offset, run_offsets
-from vtff_bringup.studies.radial_offset_output import (
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("vtff_msgs", reason="needs the workspace")
+
+from full_run_samples import START, BagOfMessages  # noqa: E402
+from rich.console import Console  # noqa: E402
+from typer.testing import CliRunner  # noqa: E402
+
+from vtff_bringup.bag.errors import BagReadError  # noqa: E402
+from vtff_bringup.commands.study import app  # noqa: E402
+from vtff_bringup.run_description import RunDescription  # noqa: E402
+from vtff_bringup.studies.offset_flights import complete_flight, write_offset_scenario  # noqa: E402
+from vtff_bringup.studies.radial_offset import OFFSETS, flown_offset, run_offsets  # noqa: E402
+from vtff_bringup.studies.radial_offset_output import (  # noqa: E402
     results_table,
     write_csv,
     write_profiles_plot,
     write_spectra_plot,
 )
-from vtff_dynamics.frames import relative_state_rtn
-from vtff_sim_bridge.atmosphere.electron_density import read_profile
-from vtff_sim_bridge.scenario import load_scenario
+from vtff_dynamics.frames import relative_state_rtn  # noqa: E402
+from vtff_msgs.msg import SimulatorStatus  # noqa: E402
+from vtff_sim_bridge.atmosphere.electron_density import read_profile  # noqa: E402
+from vtff_sim_bridge.scenario import load_scenario  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 TABLE = ROOT / "config" / "ionosphere" / "plumex.csv"
@@ -84,6 +91,22 @@ def test_a_run_that_is_not_of_the_study_is_refused(tmp_path):
     (tmp_path / "offset_1000m").symlink_to(SAMPLE, target_is_directory=True)
     (tmp_path / "offset_1000m_2").mkdir()
     assert complete_flight(tmp_path, 1000.0, 1) is None
+
+
+@pytest.mark.parametrize("ended", [True, False])
+def test_only_a_complete_flight_of_the_same_offset_and_seed_counts(ended, tmp_path):
+    scenario = write_offset_scenario(SCENARIO, 3000.0, 7, tmp_path / "offset.yaml")
+    described = RunDescription(scenario_text=scenario.read_text())
+    folder = tmp_path / "offset_3000m_2"
+    bag = BagOfMessages(folder / "bag", described.as_custom_data())
+    for state in (SimulatorStatus.STATE_RUNNING, SimulatorStatus.STATE_ENDED)[: 1 + ended]:
+        bag.add("/sim/status", START + state, SimulatorStatus(state=state))
+    bag.writer.close()
+    assert complete_flight(tmp_path, 3000.0, 7) == (folder if ended else None)
+    assert complete_flight(tmp_path, 3000.0, 8) is None
+    # A folder may have been renamed.
+    folder.rename(tmp_path / "offset_1000m")
+    assert complete_flight(tmp_path, 1000.0, 7) is None
 
 
 def test_table_and_plots(results, tmp_path):
