@@ -7,16 +7,26 @@ import pathlib
 
 import numpy as np
 import pytest
+from bag_samples import sample_messages, write_bag
 from pyarrow import csv, parquet
 from typer.testing import CliRunner
 
+from vtff_bringup.bag.message_definitions import installed_type_hash, message_definition
+from vtff_bringup.bag.metadata import offered_qos
+from vtff_bringup.bag.reader import BagReader
+from vtff_bringup.bag.writer import BagWriter
 from vtff_bringup.cli import make_app
+from vtff_bringup.formation_recording import formation_seconds
 from vtff_gnss.observation_files import open_observations
 from vtff_gnss.rinex_file import decompress_hatanaka
 from vtff_gnss.rinex_write_observation import write_rinex_observation
+from vtff_gnss.signals import satellite_name
+from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.slant_tec import Rejection
 
 ROOT = pathlib.Path(__file__).resolve().parents[3]
 SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", ROOT.parent / "shared"))
+OBSERVATIONS = "vtff_msgs/msg/GnssObservations"
 BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
 
 
@@ -116,3 +126,85 @@ def test_a_bag_of_two_receivers(tmp_path):
     for name in ("sample_chief", "sample_deputy"):
         assert parquet.read_table(out / f"{name}_tec.parquet").num_rows > 1000
         assert parquet.read_table(out / f"{name}_scintillation.parquet").num_rows >= 0
+
+
+def test_folders_and_bags_without_observations(tmp_path, hours):
+    """One line for each; the good file among them is processed."""
+    (tmp_path / "folder").mkdir()
+    write_bag(tmp_path / "other", sample_messages(10))
+    silent = BagWriter(tmp_path / "silent", {})
+    silent.add_topic(
+        "/chief/gnss/high_rate",
+        OBSERVATIONS,
+        [offered_qos()],
+        installed_type_hash(OBSERVATIONS),
+        message_definition(OBSERVATIONS),
+    )
+    silent.close()
+    (tmp_path / "empty.obs").touch()
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    names = ("folder", "other", "silent", "empty.obs")
+    paths = [tmp_path / name for name in names]
+    result = run(*paths, hours, "--nav", nav, "--out", tmp_path / "out")
+    assert result.exit_code == 1, result.output
+    errors = [line for line in result.output.splitlines() if line.startswith("error:")]
+    assert len(errors) == 4
+    for name, line in zip(names, errors, strict=True):
+        assert name in line
+    assert "not a bag" in errors[0] and "no topic NAME/gnss/high_rate" in errors[1]
+    assert "0 epochs" in errors[2] and "empty" in errors[3]
+    assert "1 receivers, 4 failed" in result.output
+
+
+def test_compact_rinex_that_is_compressed(tmp_path):
+    """As the archives give them."""
+    path = bele("BELE00BRA_R_20240100000_01D_30S_MO.crx.gz")
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    result = run(path, "--nav", nav, "--format", "parquet", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "RINEX 3.05 (Hatanaka)" in result.output
+    table = parquet.read_table(tmp_path / "out" / "BELE00BRA_R_20240100000_01D_30S_MO_tec.parquet")
+    assert table.num_rows > 100_000
+
+
+def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(tmp_path):
+    """Online and offline level an arc with the same samples."""
+    bag = ROOT / "bags" / "sample"
+    if not bag.is_dir():
+        pytest.skip("the sample bag is not there")
+    assert run(bag, "--format", "parquet", "--out", tmp_path / "out").exit_code == 0
+    table = parquet.read_table(tmp_path / "out" / "sample_deputy_tec.parquet")
+    offline = {
+        key: (content, code, arc)
+        for *key_parts, content, code, arc in zip(
+            *(
+                table[name].to_pylist()
+                for name in (
+                    "gps_time", "satellite", "pair", "stec_online_tecu", "stec_code_tecu", "arc",
+                )
+            ),
+            strict=True,
+        )
+        if (key := tuple(key_parts))
+    }  # fmt: skip
+    spacecraft = FormationIonosphere()
+    compared = 0
+    for result in spacecraft.process_recording(formation_seconds(BagReader(bag))):
+        epoch = result.spacecraft[1].epoch
+        time = np.datetime64("1980-01-06", "ms") + np.timedelta64(epoch.time // 1_000_000, "ms")
+        biases = spacecraft.spacecraft[1].receiver_biases
+        for row, link in enumerate(epoch.links):
+            name = satellite_name(link.system, link.prn)
+            pair = f"{link.code_first}-{link.code_second}"
+            bias = biases.get((link.system, link.code_first, link.code_second))
+            removed = 0.0 if bias is None else bias.bias_tecu
+            content, code, arc = offline[time.item(), name, pair]
+            if epoch.rejected[row] & Rejection.NO_SATELLITE_BIAS:
+                continue
+            assert epoch.stec_code_tecu[row] + removed == pytest.approx(code, abs=1e-9)
+            assert epoch.arc[row] == arc
+            # Elevations differ by those of positions of metres, and so do weights and masks.
+            if np.isfinite(content) and not epoch.rejected[row] & ~Rejection.NO_RECEIVER_BIAS:
+                assert epoch.stec_tecu[row] + removed == pytest.approx(content, abs=1e-3)
+                compared += 1
+    assert compared > 100

@@ -24,6 +24,7 @@ __all__ = ["TecResult", "process", "rejection_counts"]
 
 _SLOWEST_FOR_SCINTILLATION = 4.0
 _BIAS_TOLERANCE = 86400.0
+_FEWEST_EPOCHS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +71,16 @@ def process(
     Raises
     ------
     TecError
-        If there are no ephemerides or no position.
+        If there are no observations, ephemerides or position.
     vtff_iono.code_biases.BiasFileError
         If the biases are of another time.
     """
     table = source.table
+    if len(table) < _FEWEST_EPOCHS:
+        raise TecError(
+            f"{source.description}: {len(table)} epochs of observations; TEC needs "
+            f"{_FEWEST_EPOCHS} at least"
+        )
     orbits = tuple(dict.fromkeys((*source.ephemerides, *ephemerides)))
     if not orbits:
         raise TecError(
