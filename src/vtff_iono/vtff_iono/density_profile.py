@@ -17,6 +17,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 
 __all__ = [
+    "COMPARISON_ALTITUDES",
     "DEPARTURE_LEVEL_DB",
     "DensityProfile",
     "ModelAnalysis",
@@ -31,6 +32,9 @@ __all__ = [
 
 DEPARTURE_LEVEL_DB = -3.9
 """dB; squared spectrum ratio at which a profile departs: that of an average over half a wave."""
+
+COMPARISON_ALTITUDES = (236e3, 567e3)
+"""m; between which the paper compares its profile (Peng et al., VTFF testbed, section 4.3)."""
 
 # Spectral index of irregularities along the vertical, and their outer scale, m: PLUMEX I
 # (k^-2.5 from 1 km down; NRL memorandum report AD-A089133) with scales of up to 25 km.
@@ -336,7 +340,7 @@ def model_profile(
     separation: float,
     signal_to_noise_db: float = 75.0,
     content_tecu: float = 30.0,
-    altitude_limits: tuple[float, float] = (236e3, 567e3),
+    altitude_limits: tuple[float, float] = COMPARISON_ALTITUDES,
     seed: int = 0,
 ) -> ModelAnalysis:
     """Repeat the paper's analysis: noise on a profile of vertical TEC, differenced over altitude.

@@ -23,21 +23,19 @@ from vtff_bringup.report.history import (
 )
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.boundary_scores import score_minutes
-from vtff_iono.density_profile import binned_profile
+from vtff_iono.density_profile import COMPARISON_ALTITUDES, binned_profile
+from vtff_sim_bridge.atmosphere.density_models import PLUMEX_BUBBLES
 
 __all__ = [
-    *("BUBBLES", "CHIEF", "DEPUTY", "MINUTE", "PROFILE_ALTITUDES", "WEAK_SCINTILLATION"),
+    *("CHIEF", "DEPUTY", "MINUTE", "WEAK_SCINTILLATION"),
     *("scintillating_minutes", "summarise_ionosphere"),
 ]
 
 WEAK_SCINTILLATION = 0.2
 """S4 from which on there is scintillation (paper 000, section 4.2)."""
 
-PROFILE_ALTITUDES = (236e3, 567e3)
-"""m; between which the paper compares its profile (section 4.3)."""
-
-BUBBLES = {1: (480e3, 520e3), 2: (395e3, 435e3), 3: (340e3, 380e3)}
-"""Altitudes of the bubbles of the paper's section 4.3 by their number, m."""
+#: The paper counts the bubbles of its section 4.3 from above.
+_BUBBLES = dict(enumerate(reversed(PLUMEX_BUBBLES), 1))
 
 CHIEF, DEPUTY = "chief", "deputy"
 
@@ -198,9 +196,12 @@ def _add_density(measured: Summary, density: DensityHistory, truth: IonosphereTr
     if not rising.any():
         return
     bins, errors = _binned_errors(density, true, rising)
-    parts: dict[str, tuple[float, float]] = {"": PROFILE_ALTITUDES}
+    parts: dict[str, tuple[float, float]] = {"": COMPARISON_ALTITUDES}
     if truth.region_altitudes is None:
-        parts |= {f"_bubble_{number}": limits for number, limits in BUBBLES.items()}
+        parts |= {
+            f"_bubble_{number}": (bubble.altitude_bottom, bubble.altitude_top)
+            for number, bubble in _BUBBLES.items()
+        }
     for name, (low, high) in parts.items():
         inside = (bins > low) & (bins < high)
         if inside.any():

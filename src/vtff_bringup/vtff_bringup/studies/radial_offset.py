@@ -22,6 +22,7 @@ from vtff_bringup.run_description import describe_run
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.density_profile import (
+    COMPARISON_ALTITUDES,
     deconvolved_profile,
     departure_scale,
     model_profile,
@@ -33,7 +34,6 @@ from vtff_node.stamps import to_nanoseconds
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 
 __all__ = [
-    "ALTITUDES",
     "OFFSETS",
     "PAPER_DEPARTURES",
     "PAPER_MEAN_ERRORS",
@@ -46,9 +46,6 @@ __all__ = [
 
 OFFSETS = (100.0, 1000.0, 3000.0, 10_000.0)
 """m; those of the paper."""
-
-ALTITUDES = (236e3, 567e3)
-"""m; between which the paper compares (section 4.3)."""
 
 PAPER_MEAN_ERRORS = {1000.0: 6.56e10}
 """Electrons per cubic metre by offset (m), section 4.3."""
@@ -133,7 +130,7 @@ class _Samples:
 
 def model_offset(profile: ElectronDensityProfile, offset: float, seed: int = 1) -> OffsetResult:
     """Return the result of the paper's simplified model for one offset (m)."""
-    grid = np.arange(ALTITUDES[0], 1500e3, _MODEL_SPACING)
+    grid = np.arange(COMPARISON_ALTITUDES[0], 1500e3, _MODEL_SPACING)
     found = model_profile(grid, profile.density(grid), offset, seed=seed)
     sigma = np.sqrt(2.0) * found.noise_tecu * ELECTRONS_PER_TECU / offset
     samples = _Samples(
@@ -171,9 +168,10 @@ def flown_offset(run: pathlib.Path, offset: float) -> OffsetResult:
         raise OffsetError(f"{run}: no true orbits, or no density profile in its GNSS file")
     samples = _flown_samples(reader, truth)
     if len(samples.density) < _FEWEST_SAMPLES:
+        low, high = (altitude / 1e3 for altitude in COMPARISON_ALTITUDES)
         raise OffsetError(
-            f"{run}: {len(samples.density)} densities between {ALTITUDES[0] / 1e3:g} and "
-            f"{ALTITUDES[1] / 1e3:g} km on the rising leg, {_FEWEST_SAMPLES} are needed"
+            f"{run}: {len(samples.density)} densities between {low:g} and {high:g} km on the "
+            f"rising leg, {_FEWEST_SAMPLES} are needed"
         )
     altitude = samples.altitude
     # The coarsest step of the samples: a finer grid would only hold interpolated values.
@@ -219,7 +217,7 @@ def _flown_samples(reader: BagReader, truth: IonosphereTruth) -> _Samples:
     middle = 0.5 * (low + high)
     perigee = int(np.argmin(middle))
     chosen = np.arange(len(rows)) > perigee
-    chosen &= (low >= ALTITUDES[0]) & (high <= ALTITUDES[1])
+    chosen &= (low >= COMPARISON_ALTITUDES[0]) & (high <= COMPARISON_ALTITUDES[1])
     return _Samples(
         low[chosen],
         high[chosen],
