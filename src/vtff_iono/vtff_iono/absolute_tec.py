@@ -185,7 +185,7 @@ def _receiver_biases(
     place = {g: index for index, g in enumerate(primary)}
     chosen = np.isin(number, primary)
     samples = BiasSamples(
-        time=1e-9 * (rows.pairs.time - rows.pairs.time[:1])[chosen],
+        time=np.asarray(1e-9 * (rows.pairs.time - rows.pairs.time[:1])[chosen], dtype=float),
         group=np.array([place.get(g, 0) for g in range(len(groups))])[number[chosen]],
         stec_tecu=levels.stec_tecu[chosen],
         stec_sigma_tecu=levels.stec_sigma_tecu[chosen],

@@ -185,9 +185,9 @@ def _geometry_free_limit(state, interval, settings):  # type: ignore[no-untyped-
 
 
 @compiled
-def _tested(
+def _tested(  # type: ignore[no-untyped-def]
     state, interval, content, wide_lane, lock_time, has_code, lost, half, nominal, settings
-):  # type: ignore[no-untyped-def]
+):
     """Return the `ArcBreak` that a sample calls for; 0 = it continues the arc."""
     if state[_COUNT] == 0.0:
         return 1

@@ -54,7 +54,8 @@ def relative_stec_from_code(
         Their carrier frequencies in Hz.
     """
     difference = np.asarray(pseudorange_second, dtype=float) - np.asarray(pseudorange_first)
-    return difference * tecu_per_metre(frequency_first, frequency_second)
+    stec_tecu: FloatArray = difference * tecu_per_metre(frequency_first, frequency_second)
+    return stec_tecu
 
 
 def relative_stec_from_phase(

@@ -155,7 +155,7 @@ def _fill(
     """Compute the rows of epochs that use the same ephemerides."""
     if len(table) == 0:
         return
-    known = np.isfinite(position).all(axis=1)
+    known = np.asarray(np.isfinite(position).all(axis=1))
     if len(time) >= _MANY_EPOCHS:
         seen_at_all = np.unique(satellite)
         table = EphemerisTable(

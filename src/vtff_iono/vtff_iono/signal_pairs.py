@@ -289,7 +289,8 @@ class PairSelector:
         # In the order of appearance, so that numbers do not depend on how a file is cut.
         for index in np.argsort(where, kind="stable").tolist():
             entry = tuple(int(part[where[index]]) for part in parts)
-            satellite[index] = self._satellites.setdefault(entry[:2], len(self._satellites))
+            name = entry[0], entry[1]
+            satellite[index] = self._satellites.setdefault(name, len(self._satellites))
             if second[where[index]] >= 0:
                 link[index] = self._number(entry)
         return link[inverse], satellite[inverse]

@@ -258,7 +258,7 @@ class SlantTecProcessor:
                     self._known_biases[key] = table[index].copy()
             else:
                 table[index] = self._known_biases[key]
-        return table[inverse].T
+        return np.asarray(table[inverse].T)
 
     def _levelled(
         self,

@@ -58,18 +58,18 @@ def vertical_mapping(
     elevation : ndarray, shape (n,)
         rad.
     """
-    known = np.isfinite(position_itrf).all(axis=-1, keepdims=True)
-    place = np.where(known, position_itrf, _SOMEWHERE)
+    known = np.asarray(np.isfinite(position_itrf).all(axis=-1))
+    place = np.where(known[:, np.newaxis], position_itrf, _SOMEWHERE)
     altitude = geodetic_from_itrf(place)[:, 2]
     factor = mapping_factor(elevation, np.linalg.norm(place, axis=-1), altitude)
     above = np.where(
         altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT, altitude + 0.5 * shell_height(altitude)
     )
     point = pierce_point(place, direction_itrf, above)
-    is_nowhere = ~(known[:, 0] & np.isfinite(point).all(axis=-1))
+    is_nowhere = np.asarray(~(known & np.isfinite(point).all(axis=-1)))
     pierced = geodetic_from_itrf(np.where(is_nowhere[:, np.newaxis], _SOMEWHERE, point))
     return VerticalMapping(
-        factor=np.where(known[:, 0], factor, np.nan),
+        factor=np.where(known, factor, np.nan),
         pierce_latitude=np.where(is_nowhere, np.nan, pierced[:, 0]),
         pierce_longitude=np.where(is_nowhere, np.nan, pierced[:, 1]),
     )
