@@ -124,6 +124,15 @@ def made_up_run(error=0.0, late=0.0):
         slant_tec={"/chief/iono/slant_tec": slant_tec},
         scintillation={"/chief/iono/scintillation": scintillation},
         density=made_up_density(error),
+        satellite_density=SatelliteColumns(
+            time=START + SECONDS * SECOND,
+            system=np.zeros(len(SECONDS), np.uint8),
+            prn=np.full(len(SECONDS), 5, np.uint8),
+            values={
+                "altitude": CHIEF_ALTITUDE + 0.5 * SEPARATION,
+                "density": np.full(len(SECONDS), 1e12 + 2.0 * error),
+            },
+        ),
         boundaries=tuple(edges),
     )
 
@@ -143,6 +152,8 @@ def test_a_run_with_known_errors(late, error):
         assert found[f"ionosphere_separation_{leg}_m"] == pytest.approx(SEPARATION, rel=1e-3)
         assert found[f"ionosphere_true_separation_{leg}_m"] == pytest.approx(SEPARATION, rel=1e-6)
     assert found["ionosphere_density_error_per_cm3"] == pytest.approx(abs(error) * 1e-6, abs=1e-3)
+    single = found["ionosphere_density_error_single_satellite_per_cm3"]
+    assert single == pytest.approx(2.0 * abs(error) * 1e-6, abs=1e-3)
     content = abs(error) * 1000.0 / 1e16
     assert found["ionosphere_differential_tec_rms_tecu"] == pytest.approx(content, abs=1e-9)
     assert found["ionosphere_chief_slant_tec_error_rms_tecu"] == pytest.approx(0.5, abs=1e-9)

@@ -75,6 +75,9 @@ def summarise_ionosphere(
     if history.density is not None:
         _add_edges(measured, true, history, truth)
         _add_density(measured, history.density, truth)
+        single = _single_satellite_error(history, truth)
+        if single is not None:
+            measured["density_error_single_satellite_per_cm3"] = single
     _add_scintillation(measured, true, history, truth)
     _add_contents(measured, history, truth)
     if lag is not None:
@@ -221,6 +224,24 @@ def _binned_errors(
     found = binned_profile(altitude, density.density[chosen], sigma)
     wanted = binned_profile(altitude, true[chosen], np.ones(len(altitude)))
     return found.altitude, np.abs(found.density - wanted.density)
+
+
+def _single_satellite_error(history: RunHistory, truth: IonosphereTruth | None) -> float | None:
+    """Return the mean absolute error of the satellite with most seconds, each by itself, cm-3."""
+    columns, density = history.satellite_density, history.density
+    if columns is None or density is None or truth is None:
+        return None
+    low, high = COMPARISON_ALTITUDES
+    altitude = columns.values["altitude"]
+    shown = columns.time > density.time[np.argmin(density.altitude)]
+    shown &= (altitude > low) & (altitude < high)
+    satellite = columns.system.astype(np.int64) << 8 | columns.prn
+    found, counts = np.unique(satellite[shown], return_counts=True)
+    if not len(found):
+        return None
+    mine = shown & (satellite == found[np.argmax(counts)])
+    error = columns.values["density"][mine] - truth.mean_density(CHIEF, DEPUTY, columns.time[mine])
+    return float(np.nanmean(np.abs(error))) * _PER_CUBIC_CENTIMETRE
 
 
 def _first_band(history: RunHistory, craft: str) -> SatelliteColumns | None:

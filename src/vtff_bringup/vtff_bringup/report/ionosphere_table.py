@@ -46,6 +46,7 @@ _ROWS = (
     ("  at 480 to 520 km (bubble 1), cm-3", "density_error_bubble_1_per_cm3", 0),
     ("  at 395 to 435 km (bubble 2), cm-3", "density_error_bubble_2_per_cm3", 0),
     ("  at 340 to 380 km (bubble 3), cm-3", "density_error_bubble_3_per_cm3", 0),
+    ("mean error of one satellite, 1 s, cm-3", "density_error_single_satellite_per_cm3", 0),
     ("differential TEC error, 1 s, RMS, TECU", "differential_tec_rms_tecu", 4),
     ("chief, slant TEC error, RMS, TECU", "chief_slant_tec_error_rms_tecu", 2),
     ("deputy, slant TEC error, RMS, TECU", "deputy_slant_tec_error_rms_tecu", 2),
