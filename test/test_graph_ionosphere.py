@@ -234,17 +234,43 @@ def test_fluctuations_of_the_deputy_come_two_seconds_later(esf):
     assert fluctuation_lag(chief, deputy, 20.0).lag == pytest.approx(2.0, abs=0.2)
 
 
+@pytest.fixture(scope="module")
+def esf_paper(runs):
+    return runs.make("esf_paper", "esf_paper.yaml", "--composed", "--no-report")[0]
+
+
 @pytest.mark.slow
-def test_rays_enter_and_leave_when_they_do(esf):
-    start = Truth(esf, "esf.csv").start
-    crossing = [s["time"] for s in true_seconds(esf, "chief") if max(s["s4_l1"], default=0) > 0.2]
+@pytest.mark.parametrize("craft", CRAFT)
+@pytest.mark.parametrize("system", ["esf", "esf_paper"])
+def test_rays_enter_and_leave_when_they_do(craft, system, request):
+    """The edge at 20 h, and in esf_paper that at 21 h."""
+    run = request.getfixturevalue(system)
+    start = Truth(run, "esf.csv").start
+    crossing = [s["time"] for s in true_seconds(run, craft) if max(s["s4_l1"], default=0) > 0.2]
     edges = [
         (m.entry, seconds_of(m) - start)
-        for m in messages(esf, "/formation/irregularity_boundary")
-        if m.spacecraft == "chief" and m.source == IrregularityBoundary.SOURCE_S4
+        for m in messages(run, "/formation/irregularity_boundary")
+        if m.spacecraft == craft and m.source == IrregularityBoundary.SOURCE_S4
     ]
     assert min(t for entry, t in edges if entry) == pytest.approx(crossing[0], abs=15.0)
     assert max(t for entry, t in edges if not entry) == pytest.approx(crossing[-1], abs=15.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("craft", CRAFT)
+def test_events_of_the_paper(esf_paper, craft):
+    """Section 4.2: edges at 1957 and 2165 s, between about 7 S 82 W and 9 S 67 W."""
+    truth = Truth(esf_paper, "esf.csv")
+    found = sorted(
+        (m for m in vertical_boundaries(esf_paper) if m.spacecraft == craft), key=seconds_of
+    )
+    assert [m.entry for m in found] == [True, False, True, False]
+    second_pass = found[2:]
+    times = [seconds_of(m) - truth.start for m in second_pass]
+    assert times == pytest.approx([1957.0, 2165.0], abs=40.0)
+    assert [m.altitude for m in second_pass] == pytest.approx([BOTTOM, TOP], abs=100.0)
+    assert [m.latitude_deg for m in second_pass] == pytest.approx([-7.0, -9.0], abs=1.0)
+    assert [m.longitude_deg for m in second_pass] == pytest.approx([-82.0, -67.0], abs=2.0)
 
 
 @pytest.mark.slow
