@@ -247,10 +247,11 @@ class ExceedanceDetector:
             self._since = 0
         else:
             self._since += 1
-        exceedances = [sample for sample in self._recent if sample[2]]
-        if not self._is_inside and len(exceedances) >= self._begin_count:
-            self._is_inside = True
-            edges.append(self._edge(exceedances[0][0], True, len(exceedances)))
+        if above and not self._is_inside:
+            exceedances = [sample for sample in self._recent if sample[2]]
+            if len(exceedances) >= self._begin_count:
+                self._is_inside = True
+                edges.append(self._edge(exceedances[0][0], True, len(exceedances)))
         elif self._is_inside and self._since >= self._end_window:
             edges += self.flush()
         return edges

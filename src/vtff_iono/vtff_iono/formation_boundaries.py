@@ -388,15 +388,21 @@ class FormationBoundaries:
         span = (rows.pairs.time[-1] - rows.pairs.time[0]) / NANOSECONDS_PER_SECOND
         rates: dict[int, float] = {}
         elevations = []
+        in_arc = (rows.arc > 0) & (rows.pairs.link >= 0)
+        link_in_arc = rows.pairs.link[in_arc]
+        totals = np.bincount(link_in_arc, rows.stec_phase_tecu[in_arc])
+        counts = np.bincount(link_in_arc)
         for link, all_rows in of_links.items():
-            own = all_rows[rows.arc[all_rows] > 0]
-            if not len(own) or not rows.elevation[own[-1]] >= self._settings.rate_elevation_minimum:
+            if link >= len(counts) or not counts[link]:
                 continue
-            arc, content = int(rows.arc[own[-1]]), float(rows.stec_phase_tecu[own].mean())
+            last = all_rows[in_arc[all_rows]][-1]
+            if not rows.elevation[last] >= self._settings.rate_elevation_minimum:
+                continue
+            arc, content = int(rows.arc[last]), float(totals[link] / counts[link])
             kept = self._rates.setdefault((craft, link), deque(maxlen=_RATES))
             if kept and kept[-1][1] == arc and end - kept[-1][0] == NANOSECONDS_PER_SECOND:
                 rates[link] = content - kept[-1][2]
-                elevations.append(rows.elevation[own[-1]])
+                elevations.append(rows.elevation[last])
             kept.append((end, arc, content))
         if len(rates) < 4 or span <= 0.0:
             return []
@@ -407,9 +413,9 @@ class FormationBoundaries:
         for link, rate in zip(rates, change.tolist(), strict=True):
             own_rates = self._rates.setdefault((craft, -1 - link), deque(maxlen=_RATES))
             own_rates.append((end, 0, rate))
-            last = [r for time, _, r in own_rates if end - time < _RATES * NANOSECONDS_PER_SECOND]
-            if len(last) == _RATES:
-                recent[link] = last
+            newest = [r for time, _, r in own_rates if end - time < _RATES * NANOSECONDS_PER_SECOND]
+            if len(newest) == _RATES:
+                recent[link] = newest
         table = np.array(list(recent.values())).reshape(-1, _RATES)
         roti = 60.0 * table.std(axis=-1, ddof=1)
         gradient = np.abs(table.mean(axis=-1)) / (1e-3 * speed / span)

@@ -7,7 +7,6 @@ spacecraft (`vtff_iono.spacecraft_ionosphere`), and of both the electron density
 
 from __future__ import annotations
 
-import functools
 import math
 import statistics
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -15,7 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicHermiteSpline
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames import geodetic_from_itrf
@@ -203,17 +201,21 @@ class _Track:
         seconds = (time - end) / NANOSECONDS_PER_SECOND
         if len(self._states) == 1:
             return np.asarray(last[:3] + seconds[:, np.newaxis] * last[3:])
-        return np.asarray(self._spline(seconds))
+        begin, first = self._states[0]
+        return _between(seconds, (begin - end) / NANOSECONDS_PER_SECOND, first, last)
 
-    @functools.cached_property
-    def _spline(self) -> CubicHermiteSpline:
-        """Position against time less the last one, s."""
-        (begin, first), (end, last) = self._states
-        return CubicHermiteSpline(
-            [(begin - end) / NANOSECONDS_PER_SECOND, 0.0],
-            [first[:3], last[:3]],
-            [first[3:], last[3:]],
-        )
+
+def _between(seconds: FloatArray, begin: float, first: FloatArray, last: FloatArray) -> FloatArray:
+    """Return the positions of the cubic through two states, at `begin` and at 0 s, shape (n, 3)."""
+    place = 1.0 - seconds / begin  # 0 at the first state, 1 at the last one
+    rest = 1.0 - place
+    weights = (
+        rest**2 * (1.0 + 2.0 * place),
+        place**2 * (1.0 + 2.0 * rest),
+        -begin * place * rest**2,
+        begin * place**2 * rest,
+    )
+    return np.stack(weights, axis=-1) @ np.stack((first[:3], last[:3], first[3:], last[3:]))
 
 
 class FormationIonosphere:

@@ -11,12 +11,15 @@ The mapping factor M is slant over vertical content. Three ways to get it:
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.compiled import compiled
 
 __all__ = [
     "GROUND_SHELL_HEIGHT",
@@ -136,19 +139,37 @@ def profile_content(
     elevation, radius = np.broadcast_arrays(
         np.asarray(elevation, dtype=float), np.asarray(radius, dtype=float)
     )
-    perigee = (radius * np.cos(elevation))[..., np.newaxis]
-    start = radius[..., np.newaxis]
-    edges = np.maximum(altitude + WGS84_SEMI_MAJOR_AXIS, start)
-    distance = np.sqrt(np.maximum((edges - perigee) * (edges + perigee), 0.0))
-    # The interval in which the receiver lies begins at the receiver, with the density there.
-    above = altitude + WGS84_SEMI_MAJOR_AXIS >= start
-    at_start = np.interp(radius - WGS84_SEMI_MAJOR_AXIS, altitude, density, left=0.0, right=0.0)[
-        ..., np.newaxis
-    ]
-    values = np.where(above, density, at_start)
-    mean = 0.5 * (values[..., 1:] + values[..., :-1])
-    content: FloatArray = (mean * np.diff(distance, axis=-1)).sum(axis=-1) / ELECTRONS_PER_TECU
-    return content
+    content: FloatArray = _profile_contents(
+        (radius * np.cos(elevation)).ravel(), radius.ravel(), altitude, density
+    )
+    return content.reshape(elevation.shape)
+
+
+@compiled
+def _profile_contents(
+    perigee: FloatArray, radius: FloatArray, altitude: FloatArray, density: FloatArray
+) -> FloatArray:
+    """Return the contents, TECU, of rays by their perigees and starts, m, shape (n,) each."""
+    contents = np.zeros(len(perigee))
+    for ray in range(len(perigee)):
+        start, square = radius[ray], perigee[ray] ** 2
+        first = np.searchsorted(altitude, start - WGS84_SEMI_MAJOR_AXIS)
+        if first == len(altitude):
+            continue
+        # The interval in which the receiver lies begins at the receiver, with the density there.
+        before, density_before = math.sqrt(max(start**2 - square, 0.0)), 0.0
+        if first > 0:
+            part = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
+            part /= altitude[first] - altitude[first - 1]
+            density_before = density[first - 1] + part * (density[first] - density[first - 1])
+        content = 0.0
+        for edge in range(first, len(altitude)):
+            distance = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
+            if edge > 0:
+                content += 0.5 * (density_before + density[edge]) * (distance - before)
+            before, density_before = distance, density[edge]
+        contents[ray] = content / ELECTRONS_PER_TECU
+    return contents
 
 
 def profile_mapping(
