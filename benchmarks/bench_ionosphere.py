@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import pathlib
 import resource
 import subprocess
@@ -19,10 +20,15 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.formation_recording import formation_seconds
-from vtff_bringup.runner import NODE_RECORDS
-from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_bringup.blas_threads import ONE_BLAS_THREAD
+
+# Before numpy is imported, which reads it; as the vtff command does.
+os.environ.update({**ONE_BLAS_THREAD, **os.environ})
+
+from vtff_bringup.bag.reader import BagReader  # noqa: E402
+from vtff_bringup.formation_recording import formation_seconds  # noqa: E402
+from vtff_bringup.runner import NODE_RECORDS  # noqa: E402
+from vtff_iono.formation_ionosphere import FormationIonosphere  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 VTFF = (sys.executable, "-m", "vtff_bringup.cli")

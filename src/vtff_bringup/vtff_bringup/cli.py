@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from typing import TYPE_CHECKING
 
+from vtff_bringup.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.exit_codes import EXIT_INTERRUPTED
 
 if TYPE_CHECKING:
@@ -54,6 +56,7 @@ def make_app() -> typer.Typer:
 
 def main() -> None:
     """Run the command line."""
+    os.environ.update({**ONE_BLAS_THREAD, **os.environ})
     try:
         make_app()(prog_name="vtff")
     except KeyboardInterrupt:

@@ -12,6 +12,7 @@ import pathlib
 import shlex
 from typing import Any
 
+from vtff_bringup.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.executables import executable_path, share_file
 from vtff_bringup.system import NodeDescription, RunSettings, find_system_file, load_system
 from vtff_node.node import RUN_DIRECTORY_VARIABLE
@@ -145,9 +146,7 @@ def _environment(directory: pathlib.Path) -> dict[str, str]:
     defaults = {
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles),
         "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        # One BLAS thread a process: the matrices are small and the cores few.
-        "OPENBLAS_NUM_THREADS": "1",
-        "OMP_NUM_THREADS": "1",
+        **ONE_BLAS_THREAD,
     }
     chosen = {name: value for name, value in defaults.items() if name not in os.environ}
     return {RUN_DIRECTORY_VARIABLE: str(directory), **chosen}

@@ -17,6 +17,7 @@ from typing import Any
 
 import yaml
 
+from vtff_bringup.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.executables import executable_path, share_file
 from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.processes import ManagedProcess, end_together
@@ -285,9 +286,7 @@ def _domain() -> Iterator[dict[str, str]]:
     environment.setdefault("PYTHONUNBUFFERED", "1")
     profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
     environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
-    # One BLAS thread a process: the matrices are small and the cores few.
-    environment.setdefault("OPENBLAS_NUM_THREADS", "1")
-    environment.setdefault("OMP_NUM_THREADS", "1")
+    environment = {**ONE_BLAS_THREAD, **environment}
     if "ROS_DOMAIN_ID" in environment:
         yield environment
         return
