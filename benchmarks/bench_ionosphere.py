@@ -94,7 +94,7 @@ def report(bag: str, folder: str) -> None:
     works: tuple[tuple[str, Callable[[], object]], ...] = (
         ("reading the bag", lambda: list(formation_seconds(BagReader(bag)))),
         ("reading and the whole chain", lambda: recorded(bag)),
-        ("vtff tec, start and plots included", lambda: subprocess.run(
+        ("vtff tec, two processes, start and plots included", lambda: subprocess.run(
             command, check=True, capture_output=True, cwd=ROOT)),
     )  # fmt: skip
     print(f"{duration:.0f} s of two receivers")
@@ -104,7 +104,9 @@ def report(bag: str, folder: str) -> None:
         mark = yardstick()
         cost = measured(work)
         factor = duration / cost.wall
-        print(f"| {name} | {cost.wall:.1f} | {cost.processor:.1f} | {factor:.0f} | {mark:.2f} |")
+        # The workers of vtff tec are nobody's children whose time could be asked for.
+        processor = "" if name.startswith("vtff tec") else f"{cost.processor:.1f}"
+        print(f"| {name} | {cost.wall:.1f} | {processor} | {factor:.0f} | {mark:.2f} |")
     mark = yardstick()
     share = 100.0 * one_by_one(bag) / duration
     print(f"algorithms, second by second: {share:.1f} % of a core (yardstick {mark:.2f} s)")

@@ -89,6 +89,22 @@ def test_a_batch_with_broken_files(tmp_path, hours):
     assert (out / "bele_roti.csv").is_file() and (out / "bele_tec.png").stat().st_size > 20_000
 
 
+def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, hours):
+    """Three at once; what is printed and summed up stands in the order of the arguments."""
+    paths = [tmp_path / folder / "same.rnx" for folder in ("one", "two", "three")]
+    for path, text in zip(paths, (hours.read_text(), "no RINEX\n", hours.read_text()), strict=True):
+        path.parent.mkdir()
+        path.write_text(text)
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    out = tmp_path / "out"
+    result = run(*paths, "--nav", nav, "--biases", "none", "--format", "parquet", "--out", out)
+    assert result.exit_code == 1 and "2 receivers, 1 failed" in result.output
+    told = [line for line in result.output.splitlines() if "same.rnx" in line]
+    assert ["error" in line for line in told] == [False, True, False]
+    alike = [(out / f"same{end}_tec.parquet").read_bytes() for end in ("", "_3")]
+    assert alike[0] == alike[1]
+
+
 def test_biases_of_another_year(tmp_path, hours):
     other = tmp_path / "CAS_2023.BIA"
     text = gzip.decompress(bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz").read_bytes())

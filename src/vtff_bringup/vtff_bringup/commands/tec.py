@@ -13,7 +13,6 @@ from rich.progress import Progress
 from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_bringup.tec.sources import TecSource
     from vtff_gnss.ephemeris import BroadcastEphemeris
     from vtff_iono.code_biases import CodeBiasTable
 
@@ -51,7 +50,8 @@ def tec(
     bags with /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a
     receiver without a stated position is located from its codes. The receiver bias is estimated,
     with a sigma. A file that cannot be used is reported, the others are processed; the exit code
-    is then 1.
+    is then 1. As many receivers as there are processors are
+    processed at once.
 
     Examples
     --------
@@ -61,6 +61,7 @@ def tec(
     """
     # Imported here, because numpy, numba and matplotlib take a while.
     from vtff_bringup.run_folder import RunFolderError, output_folder
+    from vtff_bringup.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_bringup.tec.output import write_summary
 
     console = Console(highlight=False)
@@ -74,64 +75,28 @@ def tec(
         _fail(console, str(error))
     done: list[dict[str, Any]] = []
     failed = 0
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
-        task = bar.add_task("reading", total=len(files))
-        for path in files:
-            bar.update(task, description=path.name)
-            found, failures = _process_file(
-                console, path, partial, ephemerides, known, folder, form
-            )
-            done += found
-            failed += failures
-            bar.advance(task)
+    found = find_tasks(files)
+    tasks = [one for one in found if not isinstance(one, TecOutcome)]
+    options = TecOptions(folder, form, ephemerides, known, partial)
+    with (
+        run_tasks(tasks, options) as outcomes,
+        Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
+    ):
+        progress = bar.add_task("receivers", total=len(found))
+        for one in found:
+            outcome = one if isinstance(one, TecOutcome) else next(outcomes)
+            if outcome.summary is None:
+                _report(console, outcome.error or "")
+                failed += 1
+            else:
+                _show(console, outcome.summary)
+                done.append(outcome.summary)
+            bar.advance(progress)
     if done:
         write_summary(done, folder / "tec.json")
     console.print(f"{len(done)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
-
-
-def _process_file(
-    console: Console,
-    path: pathlib.Path,
-    partial: bool,
-    ephemerides: tuple[BroadcastEphemeris, ...],
-    biases: str | CodeBiasTable,
-    folder: pathlib.Path,
-    form: str,
-) -> tuple[list[dict[str, Any]], int]:
-    """Process the receivers of a file; return their summaries and how many failed."""
-    from vtff_bringup.bag.errors import BagError
-    from vtff_bringup.tec.output import summary, write_plots, write_tables
-    from vtff_bringup.tec.processing import process
-    from vtff_bringup.tec.sources import TecError, from_bag, from_file, is_bag
-    from vtff_gnss.observation_files import ObservationFileError
-    from vtff_iono.code_biases import BiasFileError
-
-    done: list[dict[str, Any]] = []
-    failed = 0
-    sources: list[TecSource] = []
-    try:
-        sources = from_bag(path) if is_bag(path) else [from_file(path, partial)]
-    except (BagError, TecError, ObservationFileError) as error:
-        _report(console, str(error))
-        failed += 1
-    except OSError as error:
-        _report(console, f"{error.filename or path}: {error.strerror or error}")
-        failed += 1
-    for source in sources:
-        try:
-            result = process(source, ephemerides, biases)
-            write_tables(result, folder, form)
-            write_plots(result, folder)
-            done.append(summary(result))
-            _show(console, done[-1])
-        except (TecError, BiasFileError) as error:
-            message = str(error)
-            prefix = "" if path.name in message else f"{path}: "
-            _report(console, prefix + message)
-            failed += 1
-    return done, failed
 
 
 def _ephemerides(console: Console, paths: list[pathlib.Path]) -> tuple[BroadcastEphemeris, ...]:

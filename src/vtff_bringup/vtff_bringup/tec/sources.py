@@ -20,8 +20,18 @@ from vtff_gnss.observation_table import ObservationTable
 from vtff_nav.relative.measurements import MeasurementNoise, SignalReader, satellite_mask
 from vtff_nav.relative.orbit_filter import combinations, single_point
 
-__all__ = ["TecError", "TecSource", "from_bag", "from_file", "is_bag", "receiver_positions"]
+__all__ = [
+    "TecError",
+    "TecSource",
+    "bag_receivers",
+    "from_bag",
+    "from_file",
+    "is_bag",
+    "receiver_positions",
+]
 
+# Kinds of topics with observations, the preferred one first.
+_OBSERVATIONS = ("high_rate", "epoch")
 _BANDS = {SYSTEM_GPS: (1, 2), SYSTEM_GALILEO: (1, 5)}
 _POINT_INTERVAL = 30.0
 _LARGEST_JUMP = 1e3
@@ -89,8 +99,8 @@ def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
     )
 
 
-def from_bag(path: pathlib.Path) -> list[TecSource]:
-    """Read all receivers of a bag: topics ``/NAME/gnss/high_rate``, else ``/NAME/gnss/epoch``.
+def bag_receivers(path: pathlib.Path) -> list[str]:
+    """Return the namespaces of the receivers of a bag, such as ``/chief``.
 
     Raises
     ------
@@ -99,35 +109,50 @@ def from_bag(path: pathlib.Path) -> list[TecSource]:
     TecError
         If it holds no observations.
     """
+    # Imported here, because it needs rclpy.
+    from vtff_bringup.bag.reader import BagReader
+
+    receivers = {
+        topic.removesuffix(f"/gnss/{kind}")
+        for topic in BagReader(path).topics
+        for kind in _OBSERVATIONS
+        if topic.endswith(f"/gnss/{kind}")
+    }
+    if not receivers:
+        raise TecError(f"{path}: no topic NAME/gnss/high_rate or NAME/gnss/epoch in this bag")
+    return sorted(receivers)
+
+
+def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
+    """Read a receiver of a bag: ``RECEIVER/gnss/high_rate``, else ``RECEIVER/gnss/epoch``.
+
+    Raises
+    ------
+    vtff_bringup.bag.errors.BagError
+        If the bag cannot be read.
+    TecError
+        If it holds no observations of this receiver.
+    """
     # Imported here, because these need rclpy.
     from vtff_bringup.bag.reader import BagReader
     from vtff_bringup.observation_recording import recorded_observations
     from vtff_nav.conversions import ephemeris_from_message
 
     reader = BagReader(path)
-    topics = {}
-    for kind in ("epoch", "high_rate"):
-        for topic in reader.topics:
-            if topic.endswith(f"/gnss/{kind}"):
-                topics[topic.removesuffix(f"/gnss/{kind}")] = topic
-    if not topics:
-        raise TecError(f"{path}: no topic NAME/gnss/high_rate or NAME/gnss/epoch in this bag")
-
-    sources = []
-    for receiver, topic in sorted(topics.items()):
-        latched = f"{receiver}/gnss/ephemeris"
-        found = reader.messages(latched) if latched in reader.topics else []
-        sources.append(
-            TecSource(
-                name=f"{path.resolve().name}{receiver.replace('/', '_')}",
-                description=f"{topic} of {path.name}",
-                table=recorded_observations(reader, topic),
-                ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
-                position_itrf=None,
-                remarks=tuple(reader.notes),
-            )
-        )
-    return sources
+    topics = [f"{receiver}/gnss/{kind}" for kind in _OBSERVATIONS]
+    topic = next((topic for topic in topics if topic in reader.topics), None)
+    if topic is None:
+        raise TecError(f"{path}: neither {' nor '.join(topics)} in this bag")
+    latched = f"{receiver}/gnss/ephemeris"
+    found = reader.messages(latched) if latched in reader.topics else []
+    return TecSource(
+        name=f"{path.resolve().name}{receiver.replace('/', '_')}",
+        description=f"{topic} of {path.name}",
+        table=recorded_observations(reader, topic),
+        ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
+        position_itrf=None,
+        remarks=tuple(reader.notes),
+    )
 
 
 def receiver_positions(
