@@ -22,7 +22,7 @@ from vtff_iono.conversions import (
     ephemeris_from_message,
     second_from_messages,
 )
-from vtff_iono.formation_ionosphere import FormationSecond
+from vtff_iono.formation_second import FormationSecond
 from vtff_iono.spacecraft_ionosphere import ObservationBlock
 from vtff_node.stamps import to_nanoseconds
 

@@ -21,7 +21,8 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_iono.formation_boundaries import Boundary
-from vtff_iono.formation_ionosphere import DensityResult, FormationSecond
+from vtff_iono.formation_density import DensityResult
+from vtff_iono.formation_second import FormationSecond
 from vtff_iono.integer_datum import Group
 from vtff_iono.scintillation import ScintillationWindow
 from vtff_iono.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch

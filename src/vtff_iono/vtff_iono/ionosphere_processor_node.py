@@ -28,9 +28,9 @@ from vtff_iono.formation_boundaries import BoundarySettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
-    FormationSecond,
     FormationSettings,
 )
+from vtff_iono.formation_second import FormationSecond
 from vtff_iono.scintillation import ScintillationSettings
 from vtff_iono.slant_tec import SlantTecSettings
 from vtff_iono.spacecraft_ionosphere import SpacecraftSettings
