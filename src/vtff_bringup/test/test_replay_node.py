@@ -293,7 +293,9 @@ def read_until(terminal, text, printed=b""):
     return printed
 
 
-def test_keys_in_a_terminal(recording):
+@pytest.mark.parametrize("kind", ["xterm", "dumb"])
+def test_keys_in_a_terminal(recording, kind):
+    """A bar where it can be drawn, else a line for each change."""
     terminal, side = pty.openpty()
     before = termios.tcgetattr(side)
     with domain_id() as free_domain:
@@ -302,7 +304,12 @@ def test_keys_in_a_terminal(recording):
             stdin=side,
             stdout=side,
             stderr=side,
-            env={**os.environ, "ROS_DOMAIN_ID": str(free_domain), "COLUMNS": "100"},
+            env={
+                **os.environ,
+                "ROS_DOMAIN_ID": str(free_domain),
+                "COLUMNS": "100",
+                "TERM": kind,
+            },
         )
         try:
             read_until(terminal, b"playing x 1")

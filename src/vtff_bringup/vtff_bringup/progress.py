@@ -23,7 +23,7 @@ class RunProgress:
         self._next_line = LINE_FRACTION
         self._task: TaskID | None = None
         self._bar: Progress | None = None
-        if console.is_terminal:
+        if console.is_interactive:
             self._bar = Progress(
                 BarColumn(bar_width=30),
                 TextColumn("{task.description}"),

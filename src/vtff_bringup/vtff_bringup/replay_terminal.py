@@ -112,15 +112,16 @@ class Keyboard:
 
 
 class ReplayProgress:
-    """A bar that shows where a replay is, or lines where there is no terminal."""
+    """A bar that shows where a replay is, or lines where there is no terminal that can draw it."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._next_update = 0.0
         self._next_line = LINE_FRACTION
+        self._told_state = ""
         self._task: TaskID | None = None
         self._bar: Progress | None = None
-        if console.is_terminal:
+        if console.is_interactive:
             self._bar = Progress(
                 BarColumn(bar_width=30),
                 TextColumn("{task.description}"),
@@ -147,14 +148,16 @@ class ReplayProgress:
         if replay is None or now < self._next_update:
             return
         self._next_update = now + UPDATE_INTERVAL
-        state = "paused" if replay.paused else "playing"
+        state = f"{'paused' if replay.paused else 'playing'} x {replay.rate:g}"
         text = (
-            f"{replay.position:8.1f} / {replay.duration:.1f} s  {state} x {replay.rate:g}"
+            f"{replay.position:8.1f} / {replay.duration:.1f} s  {state}"
             f"  {replay.published} messages"
         )
         if self._bar is not None and self._task is not None:
             total = max(replay.duration, 1e-9)
             self._bar.update(self._task, completed=replay.position, total=total, description=text)
-        elif replay.position >= self._next_line * replay.duration:
-            self._next_line += LINE_FRACTION
+        elif state != self._told_state or replay.position >= self._next_line * replay.duration:
+            while replay.position >= self._next_line * replay.duration and self._next_line <= 1.0:
+                self._next_line += LINE_FRACTION
+            self._told_state = state
             self._console.print(f"  {text}", highlight=False)

@@ -149,7 +149,7 @@ def baseline(
         bands = _bands(signals, estimator)
         if dynamics is not None and dynamics not in _DYNAMICS:
             raise BaselineError(f"--dynamics {dynamics!r}: one of {', '.join(_DYNAMICS)} expected")
-        with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+        with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
             sources = _read(rover, base, navigation or [], bands, partial, (rover_name, base_name),
                             bar)  # fmt: skip
         options = _options(
@@ -313,7 +313,7 @@ def _compute(
 
     for remark in sources.remarks:
         console.print(f"[yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
-    with Progress(console=console, transient=True, disable=not console.is_terminal) as bar:
+    with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
         task = bar.add_task(f"{options.estimator}, {options.dynamics}", total=None)
         run = process_baseline(
             sources, options, lambda done, total: bar.update(task, completed=done, total=total)

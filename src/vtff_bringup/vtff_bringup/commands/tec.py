@@ -80,7 +80,7 @@ def tec(
     options = TecOptions(folder, form, ephemerides, known, partial)
     with (
         run_tasks(tasks, options) as outcomes,
-        Progress(console=console, transient=True, disable=not console.is_terminal) as bar,
+        Progress(console=console, transient=True, disable=not console.is_interactive) as bar,
     ):
         progress = bar.add_task("receivers", total=len(found))
         for one in found:
