@@ -5,7 +5,7 @@ from __future__ import annotations
 import datetime
 import math
 import pathlib
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from vtff_dynamics.constants import (
     NANOSECONDS_PER_SECOND,
@@ -56,8 +56,7 @@ class RinexError(ValueError):
     """A RINEX file is malformed; the message names file, line and field."""
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(NamedTuple):
     """One line of a file, with its place for error messages."""
 
     path: pathlib.Path | str
@@ -80,8 +79,10 @@ def read_number(line: Line, field: str, column: int, width: int) -> float:
     text = line.text[column : column + width].strip()
     if not text:
         raise line.error(f"{field}: blank")
+    if "D" in text or "d" in text:
+        text = text.upper().replace("D", "E")
     try:
-        value = float(text.upper().replace("D", "E"))
+        value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
