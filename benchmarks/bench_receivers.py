@@ -17,9 +17,10 @@ import sys
 import time
 from pathlib import Path
 
-# Before numpy is imported, which reads them.
-for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"):
-    os.environ.setdefault(_name, "1")
+from vtff_bringup.blas_threads import ONE_BLAS_THREAD
+
+# Before numpy is imported, which reads it.
+os.environ.update({**ONE_BLAS_THREAD, **os.environ})
 
 REPOSITORY = Path(__file__).resolve().parents[1]
 LOGS = (

@@ -1,4 +1,4 @@
-"""Names of the topics that report and viewer read whatever system was run."""
+"""Names of the topics that are read from bags whatever system was run."""
 
 from __future__ import annotations
 
@@ -6,3 +6,7 @@ from __future__ import annotations
 TRUTH_TOPIC = "/formation/relative_state_truth"
 ESTIMATE_TOPIC = "/formation/relative_state"
 TARGET_TOPIC = "/formation/target"
+
+#: vtff_msgs/SimulatorStatus, and its STATE_ENDED, for readers without ROS.
+STATUS_TOPIC = "/sim/status"
+STATE_ENDED = 5

@@ -23,17 +23,20 @@ from vtff_bringup.report.history import (
     SimulatorReport,
 )
 from vtff_bringup.report.recording_details import DetailCollector
-from vtff_bringup.topics import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
+from vtff_bringup.topics import (
+    ESTIMATE_TOPIC,
+    STATE_ENDED,
+    STATUS_TOPIC,
+    TARGET_TOPIC,
+    TRUTH_TOPIC,
+)
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_nav.conversions import ephemeris_from_message
-
-STATUS_TOPIC = "/sim/status"
 
 #: Name of a receiver whose topics have no namespace.
 UNNAMED_RECEIVER = "receiver"
 
 _SOLUTION_NONE = 0  # vtff_msgs/RelativeState.SOLUTION_NONE
-_STATE_ENDED = 5  # vtff_msgs/SimulatorStatus.STATE_ENDED
 _PACINGS = ("lockstep", "realtime")  # vtff_msgs/SimulatorStatus.PACING_*
 
 _RELATIVE_TOPICS = {TRUTH_TOPIC: "truth", ESTIMATE_TOPIC: "estimate", TARGET_TOPIC: "target"}
@@ -275,7 +278,7 @@ class _Collector:
         self.simulator = SimulatorReport(
             scenario=message.scenario,
             pacing=_PACINGS[message.pacing] if message.pacing < len(_PACINGS) else "unknown",
-            complete=message.state == _STATE_ENDED,
+            complete=message.state == STATE_ENDED,
             time_into_run=message.time_into_run,
             late_commands=message.late_commands,
             real_time_factor=message.real_time_factor,

@@ -11,6 +11,7 @@ from vtff_bringup.bag.errors import BagError
 from vtff_bringup.bag.reader import BagReader
 from vtff_bringup.run_description import describe_run
 from vtff_bringup.run_folder import new_folder
+from vtff_bringup.topics import STATE_ENDED, STATUS_TOPIC
 from vtff_dynamics.frames import deputy_state_gcrf
 from vtff_sim_bridge.scenario import load_scenario
 from vtff_sim_bridge.scenario_fields import read_yaml
@@ -19,9 +20,6 @@ __all__ = ["SYSTEM", "complete_flight", "flight_folder", "write_offset_scenario"
 
 SYSTEM = "plumex"
 """System file that is flown."""
-
-_STATUS_TOPIC = "/sim/status"
-_STATE_ENDED = 5  # vtff_msgs/SimulatorStatus.STATE_ENDED
 
 
 def write_offset_scenario(
@@ -111,9 +109,9 @@ def _folder_name(offset: float) -> str:
 
 
 def _is_complete(reader: BagReader) -> bool:
-    if _STATUS_TOPIC not in reader.topics:
+    if STATUS_TOPIC not in reader.topics:
         return False
-    return any(item.message.state == _STATE_ENDED for item in reader.messages(_STATUS_TOPIC))
+    return any(item.message.state == STATE_ENDED for item in reader.messages(STATUS_TOPIC))
 
 
 def _is_flight_of(folder: pathlib.Path, reader: BagReader, offset: float, seed: int) -> bool:

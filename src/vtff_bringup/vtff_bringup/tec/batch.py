@@ -9,7 +9,7 @@ import os
 import pathlib
 import signal
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from vtff_bringup.bag.errors import BagError
@@ -106,9 +106,9 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
             source = from_file(task.path, options.partial)
         else:
             source = from_bag(task.path, task.receiver)
-        result = process(replace(source, name=task.name), options.ephemerides, options.biases)
-        write_tables(result, options.folder, options.form)
-        write_plots(result, options.folder)
+        result = process(source, options.ephemerides, options.biases)
+        write_tables(result, options.folder, task.name, options.form)
+        write_plots(result, options.folder, task.name)
     except (BagError, TecError, ObservationFileError, BiasFileError) as error:
         message = str(error)
         prefix = "" if task.path.name in message else f"{task.path}: "

@@ -64,8 +64,13 @@ def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> pa.Array:
     return pa.array(epoch + (nanoseconds // 1_000_000).astype("timedelta64[ms]"))
 
 
-def write_tables(result: TecResult, folder: pathlib.Path, form: str) -> list[pathlib.Path]:
-    """Write contents, ROTI and scintillation as CSV or Parquet; return the paths."""
+def write_tables(
+    result: TecResult, folder: pathlib.Path, name: str, form: str
+) -> list[pathlib.Path]:
+    """Write contents, ROTI and scintillation as CSV or Parquet; return the paths.
+
+    Their names begin with `name`.
+    """
     roti = dict(result.roti)
     times = roti.pop("time_nanoseconds")
     tables = {
@@ -75,8 +80,8 @@ def write_tables(result: TecResult, folder: pathlib.Path, form: str) -> list[pat
     if result.scintillation:
         tables["scintillation"] = _scintillation_table(result)
     paths = []
-    for name, table in tables.items():
-        path = folder / f"{result.source.name}_{name}.{form}"
+    for kind, table in tables.items():
+        path = folder / f"{name}_{kind}.{form}"
         if form == "csv":
             csv.write_csv(table, path)
         else:
@@ -149,7 +154,7 @@ def summary(result: TecResult) -> dict[str, Any]:
     }
 
 
-def write_plots(result: TecResult, folder: pathlib.Path) -> list[pathlib.Path]:
+def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[pathlib.Path]:
     """Plot vertical and slant content and ROTI against time; return the path."""
     content = result.content
     time = content.rows.pairs.time
@@ -183,7 +188,7 @@ def write_plots(result: TecResult, folder: pathlib.Path) -> list[pathlib.Path]:
         axes[2].set_title(
             f"rates over {result.roti_interval:g} s in windows of {result.roti_window:g} s"
         )
-        path = folder / f"{result.source.name}_tec.png"
+        path = folder / f"{name}_tec.png"
         save_figure(figure, path, f"Electron content, {result.source.description}")
     return [path]
 

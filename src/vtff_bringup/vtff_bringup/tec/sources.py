@@ -49,8 +49,6 @@ class TecSource:
 
     Parameters
     ----------
-    name : str
-        For file names: that of the file or the receiver.
     description : str
         For people.
     table : ObservationTable
@@ -61,7 +59,6 @@ class TecSource:
     remarks : tuple of str
     """
 
-    name: str
     description: str
     table: ObservationTable
     ephemerides: tuple[BroadcastEphemeris, ...]
@@ -88,9 +85,7 @@ def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
     bands = np.unique(file.table.columns["system"].astype(int) * 10 + file.table.columns["band"])
     if len(bands) == len(np.unique(bands // 10)):
         raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
-    name = path.name.split(".")[0]
     return TecSource(
-        name=name,
         description=f"{path.name}, {file.format_name}",
         table=file.table,
         ephemerides=file.ephemerides,
@@ -146,7 +141,6 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
     latched = f"{receiver}/gnss/ephemeris"
     found = reader.messages(latched) if latched in reader.topics else []
     return TecSource(
-        name=f"{path.resolve().name}{receiver.replace('/', '_')}",
         description=f"{topic} of {path.name}",
         table=recorded_observations(reader, topic),
         ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
