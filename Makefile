@@ -26,4 +26,4 @@ lint: setup  ## Check format, style and types
 	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
 
 clean:  ## Remove everything that set-up and the build made
-	rm -rf .venv build install log src/vtff_bringup/vtff_bringup/view/web/cesium
+	rm -rf .venv build install log src/vtff_analysis/vtff_analysis/view/web/cesium

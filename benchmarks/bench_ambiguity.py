@@ -15,8 +15,8 @@ import time
 
 import numpy as np
 
-from vtff_nav.relative.integer_least_squares import compile_kernels, search
-from vtff_nav.relative.integer_validation import partial_fix
+from vtff_nav.relative.integers.least_squares import compile_kernels, search
+from vtff_nav.relative.integers.validation import partial_fix
 
 PHASE_SIGMA = 1e-3
 CODE_SIGMA = 0.3
@@ -64,7 +64,7 @@ def seconds_of_new_process(cache: str) -> tuple[float, float]:
     """Return the times of import and of the first search in a new process, s."""
     code = (
         "import time; begin = time.perf_counter()\n"
-        "from vtff_nav.relative.integer_least_squares import compile_kernels\n"
+        "from vtff_nav.relative.integers.least_squares import compile_kernels\n"
         "print(time.perf_counter() - begin, compile_kernels())"
     )
     environment = {**os.environ, "NUMBA_CACHE_DIR": cache}

@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import yaml
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SOFTWARE = ("reference_software",)

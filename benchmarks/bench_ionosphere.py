@@ -20,14 +20,14 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from vtff_bringup.blas_threads import ONE_BLAS_THREAD
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 
 # Before numpy is imported, which reads it; as the vtff command does.
 os.environ.update({**ONE_BLAS_THREAD, **os.environ})
 
-from vtff_bringup.bag.reader import BagReader  # noqa: E402
-from vtff_bringup.formation_recording import formation_seconds  # noqa: E402
-from vtff_bringup.runner import NODE_RECORDS  # noqa: E402
+from vtff_analysis.recordings.formation_recording import formation_seconds  # noqa: E402
+from vtff_bag.file.reader import BagReader  # noqa: E402
+from vtff_bringup.run.runner import NODE_RECORDS  # noqa: E402
 from vtff_iono.formation_ionosphere import FormationIonosphere  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

@@ -17,7 +17,7 @@ import sys
 import time
 from pathlib import Path
 
-from vtff_bringup.blas_threads import ONE_BLAS_THREAD
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 
 # Before numpy is imported, which reads it.
 os.environ.update({**ONE_BLAS_THREAD, **os.environ})
@@ -68,7 +68,7 @@ def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
     """Return epochs a second and observations of an epoch."""
     from vtff_gnss.novatel import ReceiverLogStream
     from vtff_gnss.observations import ObservationEpoch
-    from vtff_nav.conversions import observations_to_message
+    from vtff_node.conversions.gnss import observations_to_message
 
     best, epochs = float("inf"), []
     for _ in range(REPEATS):

@@ -88,10 +88,10 @@ def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int, fl
 
     Returns messages a second, messages in the bag, and peak memory of the recorder in MB.
     """
-    from vtff_bringup.bag.reader import BagReader
+    from vtff_bag.file.reader import BagReader
 
     environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
-    command = [sys.executable, "-m", "vtff_bringup.bag_recorder_node", "--ros-args"]
+    command = [sys.executable, "-m", "vtff_bag.bag_recorder_node", "--ros-args"]
     for setting in (
         f"output:={bag}",
         "lockstep:=true",
@@ -135,7 +135,7 @@ def peak_memory(process_id: int) -> float:
 
 def writer_alone(bag: Path, count: int, compression: str) -> float:
     """Return messages a second of `BagWriter` without ROS."""
-    from vtff_bringup.bag.writer import BagWriter
+    from vtff_bag.file.writer import BagWriter
 
     payload = b"\x00\x01\x00\x00" + os.urandom(PAYLOAD // 2) + bytes(PAYLOAD // 2 - 4)
     begun = time.perf_counter()
@@ -151,7 +151,7 @@ def writer_alone(bag: Path, count: int, compression: str) -> float:
 
 def reading(bag: Path) -> float:
     """Return messages a second of `BagReader.raw_messages`."""
-    from vtff_bringup.bag.reader import BagReader
+    from vtff_bag.file.reader import BagReader
 
     begun = time.perf_counter()
     count = sum(1 for _ in BagReader(bag).raw_messages())

@@ -14,11 +14,11 @@ import time
 
 import numpy as np
 
-from vtff_dynamics.force_model import ForceModel
-from vtff_gnss.rinex_navigation import read_rinex_navigation
-from vtff_gnss.rinex_observation import read_rinex_observation
-from vtff_nav.relative.cdgps import CdgpsEstimator
-from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_gnss.rinex.navigation import read_rinex_navigation
+from vtff_gnss.rinex.observation import read_rinex_observation
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[1]
 SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))

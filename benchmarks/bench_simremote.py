@@ -12,8 +12,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from vtff_sim_bridge.motion import MotionState
-from vtff_sim_bridge.simremote_client import SimRemoteClient
+from vtff_sim_bridge.simremote.client import SimRemoteClient
+from vtff_sim_bridge.simremote.motion import MotionState
 
 WARM_UP_STEPS = 200
 
@@ -68,7 +68,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         port_file = Path(folder) / "port"
         emulator = subprocess.Popen(
-            [sys.executable, "-m", "vtff_sim_bridge.simgen_emulator"]
+            [sys.executable, "-m", "vtff_sim_bridge.simgen.simgen_emulator"]
             + ["--port", "0", "--port-file", str(port_file), "--log-level", "error"]
         )
         try:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import pathlib
-import sys
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
-sys.path.insert(0, str(pathlib.Path(__file__).parent))
 
 from graph_support import SHARED, Runs  # noqa: E402
 

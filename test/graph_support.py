@@ -10,7 +10,7 @@ import sys
 
 from rclpy.serialization import deserialize_message
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 from vtff_msgs.msg import SimulatorStatus, StepDone
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]

@@ -13,7 +13,7 @@ import pytest
 import yaml
 from graph_support import ROOT, SYSTEMS, run_vtff
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 
 SYSTEM = SYSTEMS / "reference_software.yaml"
 

@@ -11,24 +11,24 @@ import pytest
 from graph_support import ROOT
 from rclpy.serialization import serialize_message
 
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.formation_recording import formation_seconds
-from vtff_bringup.tec.processing import process
-from vtff_bringup.tec.sources import from_bag
+from vtff_analysis.recordings.formation_recording import formation_seconds
+from vtff_analysis.tec.processing import process
+from vtff_analysis.tec.sources import from_bag
+from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.frames.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.boundary_scores import score_minutes
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
-from vtff_iono.density_profile import binned_profile
-from vtff_iono.fluctuation_lag import fluctuation_lag
+from vtff_iono.density.density_profile import binned_profile
+from vtff_iono.edges.boundary_scores import score_minutes
 from vtff_iono.formation_ionosphere import FormationIonosphere
-from vtff_iono.geometry_free import tecu_per_metre
 from vtff_iono.ionosphere_processor_node import (
     IonosphereProcessorParameters,
     formation_settings,
 )
+from vtff_iono.links.geometry_free import tecu_per_metre
+from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 from vtff_msgs.msg import IrregularityBoundary
 from vtff_node.stamps import to_nanoseconds
 from vtff_sim_bridge.atmosphere.electron_density import read_profile

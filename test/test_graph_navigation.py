@@ -7,8 +7,8 @@ import json
 import numpy as np
 import pytest
 
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.report.summary import ACQUISITION_DURATION
+from vtff_analysis.report.summary import ACQUISITION_DURATION
+from vtff_bag.file.reader import BagReader
 from vtff_msgs.msg import RelativeState
 from vtff_node.stamps import NANOSECONDS, to_nanoseconds
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 from vtff_msgs.msg import SimulatorStatus
 
 DURATION = 6

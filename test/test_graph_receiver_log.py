@@ -13,13 +13,13 @@ import pytest
 import yaml
 from graph_support import SYSTEMS, run_vtff
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 from vtff_gnss import constants
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import RawLog, read_log
 from vtff_gnss.observations import ObservationEpoch
-from vtff_nav import conversions
+from vtff_node.conversions import gnss as conversions
 from vtff_node.stamps import to_nanoseconds
 
 SYSTEM = "receiver_log.yaml"

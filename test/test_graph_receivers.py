@@ -9,10 +9,10 @@ import pytest
 import yaml
 from graph_support import ROOT, serialized, topics
 
-from vtff_bringup.bag.reader import BagReader
+from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss import constants as c
-from vtff_nav.conversions import ephemeris_from_message, observations_from_message
+from vtff_node.conversions.gnss import ephemeris_from_message, observations_from_message
 
 pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not installed")
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from graph_support import ROOT
 
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.closed_loop import simulate_closed_loop
-from vtff_control.sdre import SdreDesign
-from vtff_sim_bridge.scenario import load_scenario
+from vtff_analysis.studies.closed_loop import simulate_closed_loop
+from vtff_bag.file.reader import BagReader
+from vtff_control.tracking.sdre import SdreDesign
+from vtff_sim_bridge.truth.scenario import load_scenario
 
 SYSTEM = "reference_software.yaml"
 

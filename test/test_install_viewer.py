@@ -9,7 +9,7 @@ import subprocess
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-WEB = "src/vtff_bringup/vtff_bringup/view/web"
+WEB = "src/vtff_analysis/vtff_analysis/view/web"
 REAL_TOOLS = ("bash", "sha256sum", "cut", "cat", "dirname", "mkdir", "rm", "cp", "mv")
 NPM = """\
 #!/bin/sh

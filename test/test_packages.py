@@ -65,14 +65,17 @@ OPTIONAL_IN_TESTS = {"czml3", "georinex", "oem", "pyrtklib"}
 #: Package -> the vtff packages that its code may import (design: imports run one way).
 LIBRARIES = {"vtff_dynamics": set(), "vtff_gnss": {"vtff_dynamics"}}
 FOR_NODES = {"vtff_dynamics", "vtff_gnss", "vtff_msgs", "vtff_node"}
+NODES = {"vtff_control", "vtff_iono", "vtff_nav", "vtff_sim_bridge"}
 MAY_IMPORT = {
     "vtff_msgs": set(),
     **LIBRARIES,
-    "vtff_node": {"vtff_msgs"},
+    "vtff_node": {*LIBRARIES, "vtff_msgs"},
     "vtff_control": FOR_NODES,
     "vtff_iono": FOR_NODES,
     "vtff_nav": FOR_NODES,
     "vtff_sim_bridge": FOR_NODES,
+    "vtff_bag": {"vtff_msgs", "vtff_node"},
+    "vtff_analysis": {*FOR_NODES, *NODES, "vtff_bag"},
     "vtff_bringup": set(FOLDERS) - {"vtff_bringup"},
 }
 NO_ROS = {"rclpy", "vtff_msgs", "vtff_node"}

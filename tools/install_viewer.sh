@@ -6,7 +6,7 @@ set -euo pipefail
 
 unset CDPATH
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-target="$root/src/vtff_bringup/vtff_bringup/view/web/cesium"
+target="$root/src/vtff_analysis/vtff_analysis/view/web/cesium"
 state="$root/log/viewer"
 work="$state/npm"
 version=$(sha256sum "$root/tools/viewer/package-lock.json" | cut -d' ' -f1)

@@ -28,18 +28,16 @@ setup(
             )
         ),
     ],
-    package_data={package_name: ["py.typed", "report/report.css", "view/web/**"]},
+    package_data={package_name: ["py.typed"]},
     install_requires=["setuptools"],
     zip_safe=True,
     maintainer="vtff developers",
     maintainer_email="maintainers@vtff.example",
-    description="System files, runner, recorder, reports and the vtff command.",
+    description="System files, runner, launch files and the vtff command.",
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
             "vtff = vtff_bringup.cli:main",
-            "bag_recorder = vtff_bringup.bag_recorder_node:main",
-            "bag_player = vtff_bringup.bag_player_node:main",
         ],
     },
 )

@@ -21,10 +21,10 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
-            "can_thruster_emulator = vtff_sim_bridge.can_thruster_emulator:main",
+            "can_thruster_emulator = vtff_sim_bridge.thruster.can_thruster_emulator:main",
             "laser_emulator = vtff_sim_bridge.laser_emulator_node:main",
             "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",
-            "simgen_emulator = vtff_sim_bridge.simgen_emulator:main",
+            "simgen_emulator = vtff_sim_bridge.simgen.simgen_emulator:main",
         ],
     },
 )

@@ -1,1 +1,1 @@
-"""System files, runner, recorder, reports and the vtff command."""
+"""System files, runner, launch files and the vtff command."""

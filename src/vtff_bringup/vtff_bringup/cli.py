@@ -6,8 +6,8 @@ import os
 import sys
 from typing import TYPE_CHECKING
 
-from vtff_bringup.blas_threads import ONE_BLAS_THREAD
-from vtff_bringup.exit_codes import EXIT_INTERRUPTED
+from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 
 if TYPE_CHECKING:
     import typer

@@ -9,7 +9,7 @@ import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
-from vtff_control.sdre import (
+from vtff_control.tracking.sdre import (
     DESIGNS,
     FEEDFORWARD_GRAVITY,
     ControlResult,

@@ -13,10 +13,10 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 
-from vtff_control.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
-from vtff_control.can_thruster import ThrusterLink, open_bus
-from vtff_control.thruster import AppliedThrust, Thruster
-from vtff_dynamics.timescales import GpsTime
+from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
+from vtff_control.thruster.can_thruster import ThrusterLink, open_bus
+from vtff_control.thruster.thruster import AppliedThrust, Thruster
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_node import diagnostics
 from vtff_node.main import run_node

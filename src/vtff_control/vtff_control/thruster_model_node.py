@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from geometry_msgs.msg import AccelStamped
 
-from vtff_control.thruster import Thruster
+from vtff_control.thruster.thruster import Thruster
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode

@@ -8,9 +8,9 @@ import pathlib
 import numpy as np
 import pytest
 
-from vtff_dynamics.elements import ClassicalElements
-from vtff_dynamics.frames import right_ascension_from_longitude
-from vtff_dynamics.timescales import parse_epoch
+from vtff_dynamics.frames.frames import right_ascension_from_longitude
+from vtff_dynamics.orbit.elements import ClassicalElements
+from vtff_dynamics.time.timescales import parse_epoch
 
 EPOCH = parse_epoch("2016-03-21T01:00:00 GPS")
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from gnss_test_support import SHARED
 
-from vtff_dynamics.timescales import GpsTime
-from vtff_gnss.rinex_navigation import RinexNavigation, read_rinex_navigation
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.rinex.navigation import RinexNavigation, read_rinex_navigation
 
 SPIRENT = SHARED / "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
 BRDC = SHARED / "data/ionosphere/bele_2024010/BRDC00IGS_R_20240100000_01D_MN.rnx.gz"

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import settings
 
 from vtff_gnss.novatel import ReceiverLogStream
-from vtff_gnss.novatel.range_logs import RANGE_RECORD
+from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
 
 SHARED = pathlib.Path(
     os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")

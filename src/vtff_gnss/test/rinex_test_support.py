@@ -11,7 +11,7 @@ from gnss_test_support import SHARED
 
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.observation_table import ObservationTable, signal_keys
-from vtff_gnss.rinex_observation import RinexObservations, read_rinex_observation
+from vtff_gnss.rinex.observation import RinexObservations, read_rinex_observation
 
 NAVIGATION = SHARED / "data/navigation"
 LEO = NAVIGATION / "leo_250m/250m_A.obs.gz"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 
 __all__ = [
     "BroadcastEphemeris",

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 

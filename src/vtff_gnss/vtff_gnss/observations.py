@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 
 __all__ = ["OBSERVATION_COLUMNS", "ObservationEpoch", "ObservationSeries"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_iono.mapping import profile_content
+from vtff_iono.geometry.mapping import profile_content
 
 RADIUS = 6378137.0
 NOISE_ONE_SECOND = 0.0043

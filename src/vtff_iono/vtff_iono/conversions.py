@@ -10,22 +10,21 @@ from typing import Any
 
 import numpy as np
 
-from vtff_dynamics.frames import (
+from vtff_dynamics.frames.frames import (
     deputy_state_gcrf,
     geodetic_from_itrf,
     mean_solar_local_time_hours,
     state_gcrf_to_itrf,
 )
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
-from vtff_iono.formation_boundaries import Boundary
-from vtff_iono.formation_density import DensityResult
-from vtff_iono.formation_second import FormationSecond
-from vtff_iono.integer_datum import Group
-from vtff_iono.scintillation import ScintillationWindow
-from vtff_iono.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
+from vtff_iono.density.formation_density import DensityResult
+from vtff_iono.edges.formation_boundaries import Boundary
+from vtff_iono.scintillation.indices import ScintillationWindow
+from vtff_iono.spacecraft.formation_second import FormationSecond, Group
+from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
 from vtff_msgs.msg import (
     AmbiguityStatus,
     ElectronDensity,

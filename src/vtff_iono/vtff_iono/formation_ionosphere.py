@@ -2,7 +2,7 @@
 
 Each second brings the observations of both receivers since the last one, their positions, and the
 integers that relative navigation has fixed. From it come the contents and the scintillation of each
-spacecraft (`vtff_iono.spacecraft_ionosphere`), and of both the electron density between them.
+spacecraft (`vtff_iono.spacecraft.spacecraft_ionosphere`), and the electron density between the two.
 """
 
 from __future__ import annotations
@@ -11,17 +11,17 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_iono.code_biases import CodeBiasTable
-from vtff_iono.electron_density import DensitySettings
-from vtff_iono.formation_boundaries import (
+from vtff_iono.bias.code_biases import CodeBiasTable
+from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.density.formation_density import DensityResult, FormationDensity
+from vtff_iono.edges.formation_boundaries import (
     Boundary,
     BoundarySettings,
     DensitySample,
     FormationBoundaries,
 )
-from vtff_iono.formation_density import DensityResult, FormationDensity
-from vtff_iono.formation_second import FormationSecond, Track
-from vtff_iono.spacecraft_ionosphere import (
+from vtff_iono.spacecraft.formation_second import FormationSecond, Track
+from vtff_iono.spacecraft.spacecraft_ionosphere import (
     PreparedBlock,
     SpacecraftIonosphere,
     SpacecraftResult,

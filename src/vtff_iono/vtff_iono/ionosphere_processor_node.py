@@ -11,9 +11,10 @@ from typing import Any
 from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.timescales import GpsTime
-from vtff_iono.bias_files import read_code_biases
-from vtff_iono.code_biases import BiasFileError
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_iono.bias.bias_files import read_code_biases
+from vtff_iono.bias.code_biases import BiasFileError
+from vtff_iono.content.slant_tec import SlantTecSettings
 from vtff_iono.conversions import (
     block_from_messages,
     boundary_to_message,
@@ -23,17 +24,16 @@ from vtff_iono.conversions import (
     second_from_messages,
     slant_tec_to_message,
 )
-from vtff_iono.electron_density import DensitySettings
-from vtff_iono.formation_boundaries import BoundarySettings
+from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.edges.formation_boundaries import BoundarySettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
     FormationSettings,
 )
-from vtff_iono.formation_second import FormationSecond
-from vtff_iono.scintillation import ScintillationSettings
-from vtff_iono.slant_tec import SlantTecSettings
-from vtff_iono.spacecraft_ionosphere import SpacecraftSettings
+from vtff_iono.scintillation.indices import ScintillationSettings
+from vtff_iono.spacecraft.formation_second import FormationSecond
+from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftSettings
 from vtff_msgs.msg import (
     AmbiguityStatus,
     ElectronDensity,

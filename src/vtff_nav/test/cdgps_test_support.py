@@ -12,23 +12,23 @@ import numpy as np
 import pytest
 from cdgps_truth_support import TruthRecorder
 
-from vtff_dynamics.force_model import ForceModel
-from vtff_dynamics.frames import (
+from vtff_dynamics.frames.frames import (
     kinematics_itrf,
     relative_state_rtn,
     rotation_gcrf_to_itrf,
     rotation_gcrf_to_rtn,
 )
-from vtff_dynamics.propagator import Propagator
-from vtff_dynamics.timescales import GpsTime, parse_epoch
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_dynamics.orbit.propagator import Propagator
+from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.novatel import ReceiverLogStream
-from vtff_gnss.novatel.encode_frame import HeaderSettings
+from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.rinex_navigation import read_rinex_navigation
-from vtff_nav.relative.cdgps import CdgpsEstimator
-from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
-from vtff_nav.relative.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
+from vtff_gnss.rinex.navigation import read_rinex_navigation
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
+from vtff_nav.relative.common.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import (
@@ -37,11 +37,11 @@ from vtff_sim_bridge.gnss.configuration import (
     TrackingModel,
     load_gnss_configuration,
 )
-from vtff_sim_bridge.gnss.emulation import ReceiverSet
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
-from vtff_sim_bridge.motion import MotionState, VehicleMotion
-from vtff_sim_bridge.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.simgen.emulation import ReceiverSet
+from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
 SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))

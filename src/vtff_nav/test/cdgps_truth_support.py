@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from vtff_nav.relative.solution import AMBIGUITY_FLOAT, RelativeSolution
-from vtff_sim_bridge.gnss.truth_file import TruthFile
+from vtff_nav.relative.common.solution import AMBIGUITY_FLOAT, RelativeSolution
+from vtff_sim_bridge.receiver.truth_file import TruthFile
 
 __all__ = ["TruthRecorder", "longest_run", "tec_errors", "wrong_integers"]
 

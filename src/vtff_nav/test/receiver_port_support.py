@@ -13,14 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from vtff_dynamics.timescales import GpsTime, parse_epoch
+from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.fix import STATUS_SINGLE, Fix, ReceiverTime
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
-from vtff_nav.live_port import PortError
-from vtff_sim_bridge.receiver_commands import EmulatedReceiver
-from vtff_sim_bridge.receiver_logs import EpochOfSeries
-from vtff_sim_bridge.receiver_port import ReceiverPort
+from vtff_nav.receiver.live_port import PortError
+from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
+from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 
 START = parse_epoch("2016-03-21T01:00:00 GPS")
 EPOCH = 50_000_000  # ns

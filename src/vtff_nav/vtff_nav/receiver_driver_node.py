@@ -6,12 +6,12 @@ import dataclasses
 from dataclasses import dataclass
 
 from vtff_gnss.novatel import ReceiverLogStream
-from vtff_nav.event_publisher import EventPublisher
-from vtff_nav.live_feed import LiveFeed
-from vtff_nav.live_port import live_address
-from vtff_nav.log_feed import LogFeed
-from vtff_nav.log_source import SourceError, open_source
-from vtff_nav.second_watch import END_OF_SECOND_LOGS
+from vtff_nav.receiver.event_publisher import EventPublisher
+from vtff_nav.receiver.live_feed import LiveFeed
+from vtff_nav.receiver.live_port import live_address
+from vtff_nav.receiver.log_feed import LogFeed
+from vtff_nav.receiver.log_source import SourceError, open_source
+from vtff_nav.receiver.second_watch import END_OF_SECOND_LOGS
 from vtff_node import diagnostics
 from vtff_node.main import EXIT_FAILURE, run_node
 from vtff_node.node import VtffNode

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AmbiguityStatus, LaserRange, RelativeState, SlantTec
-from vtff_nav.relative.solution import LaserMeasurement, RelativeSolution
+from vtff_nav.relative.common.solution import LaserMeasurement, RelativeSolution
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 __all__ = [

@@ -11,9 +11,9 @@ from typing import Any
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
-from vtff_dynamics.force_model import GRAVITY_MODELS, ForceModel
-from vtff_dynamics.propagator import INTEGRATORS
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.orbit.force_model import GRAVITY_MODELS, ForceModel
+from vtff_dynamics.orbit.propagator import INTEGRATORS
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import (
     AmbiguityStatus,
     GnssEphemeris,
@@ -23,20 +23,19 @@ from vtff_msgs.msg import (
     SlantTec,
     StepDone,
 )
-from vtff_nav.conversions import ephemeris_from_message, observations_from_message
-from vtff_nav.relative.cdgps import CdgpsEstimator
-from vtff_nav.relative.cdgps_configuration import CdgpsConfiguration
-from vtff_nav.relative.dynamics import DYNAMICS, MotionNoise
-from vtff_nav.relative.integer_least_squares import compile_kernels
-from vtff_nav.relative.measurements import MeasurementNoise
-from vtff_nav.relative.paper_ekf import PaperConfiguration, PaperEstimator
-from vtff_nav.relative.signal_bands import bands_of
-from vtff_nav.relative.solution import (
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
+from vtff_nav.relative.common.dynamics import DYNAMICS, MotionNoise
+from vtff_nav.relative.common.measurements import MeasurementNoise
+from vtff_nav.relative.common.signal_bands import bands_of
+from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
     SOLUTION_NONE,
     RelativeEstimator,
     RelativeSolution,
 )
+from vtff_nav.relative.integers.least_squares import compile_kernels
+from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 from vtff_nav.relative_conversions import (
     ambiguities_to_message,
     differential_tec_to_message,
@@ -44,6 +43,7 @@ from vtff_nav.relative_conversions import (
     relative_state_to_message,
 )
 from vtff_node import diagnostics
+from vtff_node.conversions.gnss import ephemeris_from_message, observations_from_message
 from vtff_node.epoch_join import EpochJoin, JoinedEpoch
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode

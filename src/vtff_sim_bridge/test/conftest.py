@@ -2,19 +2,14 @@
 
 from __future__ import annotations
 
-import pathlib
 import socket
-import sys
 import threading
 from collections.abc import Callable, Iterator
 
 import pytest
 
-from vtff_sim_bridge.emulator_state import ScenarioMachine
-from vtff_sim_bridge.simremote_server import SimRemoteServer
-
-# Helper modules of this folder, whatever import mode pytest uses.
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))
+from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
+from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 
 VEHICLES = ("v1_m1", "v2_m1")
 

@@ -10,19 +10,19 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, GM_EARTH
-from vtff_dynamics.frames import state_gcrf_to_itrf
-from vtff_dynamics.propagator import ForceModel, Propagator
-from vtff_dynamics.timescales import GpsTime, parse_epoch
+from vtff_dynamics.frames.frames import state_gcrf_to_itrf
+from vtff_dynamics.orbit.propagator import ForceModel, Propagator
+from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.novatel import ReceiverLogStream
-from vtff_gnss.novatel.encode_frame import HeaderSettings
+from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
-from vtff_sim_bridge.emulator_state import PowerCommand
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, load_gnss_configuration
-from vtff_sim_bridge.gnss.emulation import ReceiverSet
-from vtff_sim_bridge.gnss.measurements import Measurements
-from vtff_sim_bridge.gnss.truth_file import TruthFile
-from vtff_sim_bridge.motion import MotionState, VehicleMotion
-from vtff_sim_bridge.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.gnss.power_levels import PowerCommand
+from vtff_sim_bridge.receiver.measurements import Measurements
+from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.truth_file import TruthFile
+from vtff_sim_bridge.simgen.emulation import ReceiverSet
+from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
 SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))

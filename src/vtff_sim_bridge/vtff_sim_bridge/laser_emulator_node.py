@@ -12,7 +12,7 @@ from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
 from vtff_node.stamps import to_nanoseconds
-from vtff_sim_bridge.laser_ranging import LaserRanging
+from vtff_sim_bridge.laser.laser_ranging import LaserRanging
 
 
 @dataclass(frozen=True)

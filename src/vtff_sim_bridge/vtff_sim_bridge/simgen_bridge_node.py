@@ -14,7 +14,7 @@ import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus, StepDone
 from vtff_node import diagnostics
 from vtff_node.lockstep import StepCoordinator
@@ -22,10 +22,10 @@ from vtff_node.main import EXIT_FAILURE, run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
-from vtff_sim_bridge.scenario import Scenario, ScenarioError, load_scenario
-from vtff_sim_bridge.simgen_link import SimGenLink
-from vtff_sim_bridge.simremote_client import SimRemoteClient, SimRemoteError
-from vtff_sim_bridge.thrust_buffer import ThrustBuffer
+from vtff_sim_bridge.bridge.simgen_link import SimGenLink
+from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
+from vtff_sim_bridge.simremote.client import SimRemoteClient, SimRemoteError
+from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, load_scenario
 
 START_POLL = 0.05  # s
 SETTLE_TIME = 0.5  # s between the graph being complete and a realtime run

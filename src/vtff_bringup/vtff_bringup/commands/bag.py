@@ -7,8 +7,8 @@ from typing import Annotated, Optional
 
 import typer
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.exit_codes import EXIT_FAILURE
+from vtff_bag.file.errors import BagError
+from vtff_bringup.run.exit_codes import EXIT_FAILURE
 
 app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help=True)
 
@@ -18,7 +18,7 @@ def info_command(
     path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
 ) -> None:
     """Show topics, types, counts, times and the state of a bag."""
-    from vtff_bringup.bag.info import describe_bag
+    from vtff_bag.file.info import describe_bag
 
     try:
         typer.echo(describe_bag(path))
@@ -35,7 +35,7 @@ def recover_command(
     ] = None,
 ) -> None:
     """Copy everything that is intact into a new, complete bag; the original is not touched."""
-    from vtff_bringup.bag.recover import recover
+    from vtff_bag.file.recover import recover
 
     try:
         typer.echo(str(recover(path, out)))

@@ -12,14 +12,14 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_bringup.baseline.processing import BaselineOptions, BaselineRun
-    from vtff_bringup.baseline.sources import BaselineSources
-    from vtff_bringup.baseline.summary import BaselineSummary
-    from vtff_dynamics.timescales import GpsTime
-    from vtff_nav.relative.measurements import MeasurementNoise
+    from vtff_analysis.baseline.processing import BaselineOptions, BaselineRun
+    from vtff_analysis.baseline.sources import BaselineSources
+    from vtff_analysis.baseline.summary import BaselineSummary
+    from vtff_dynamics.time.timescales import GpsTime
+    from vtff_nav.relative.common.measurements import MeasurementNoise
 
 _ESTIMATORS = ("cdgps", "paper")
 _DYNAMICS = ("static", "kinematic", "orbital")
@@ -139,10 +139,10 @@ def baseline(
     vtff baseline bags/mine
     """
     # Imported here, because numpy, brahe and matplotlib take a while.
-    from vtff_bringup.bag.errors import BagError
-    from vtff_bringup.baseline.sources import BaselineError
-    from vtff_bringup.run_folder import RunFolderError
-    from vtff_gnss.observation_files import ObservationFileError
+    from vtff_analysis.baseline.sources import BaselineError
+    from vtff_bag.file.errors import BagError
+    from vtff_bag.run.folder import RunFolderError
+    from vtff_gnss.files.observation_files import ObservationFileError
 
     console = Console(highlight=False)
     try:
@@ -168,10 +168,10 @@ def baseline(
 
 
 def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
-    from vtff_bringup.baseline.sources import BaselineError
-    from vtff_nav.relative.measurements import DEFAULT_BANDS
-    from vtff_nav.relative.paper_ekf import PaperConfiguration
-    from vtff_nav.relative.signal_bands import bands_of
+    from vtff_analysis.baseline.sources import BaselineError
+    from vtff_nav.relative.common.measurements import DEFAULT_BANDS
+    from vtff_nav.relative.common.signal_bands import bands_of
+    from vtff_nav.relative.paper.estimator import PaperConfiguration
 
     if estimator not in _ESTIMATORS:
         raise BaselineError(f"--estimator {estimator!r}: one of {', '.join(_ESTIMATORS)} expected")
@@ -192,7 +192,7 @@ def _read(
     names: tuple[str, str],
     bar: Progress,
 ) -> BaselineSources:
-    from vtff_bringup.baseline.sources import BaselineError, from_bag, from_files
+    from vtff_analysis.baseline.sources import BaselineError, from_bag, from_files
     from vtff_gnss.constants import SYSTEM_LETTERS
 
     task = bar.add_task("reading", total=None)
@@ -224,8 +224,8 @@ def _options(
     end: GpsTime | None,
 ) -> BaselineOptions:
     """Complete what was given by what fits the receivers."""
-    from vtff_bringup.baseline.processing import BaselineOptions
-    from vtff_bringup.baseline.sources import BaselineError
+    from vtff_analysis.baseline.processing import BaselineOptions
+    from vtff_analysis.baseline.sources import BaselineError
 
     if estimate_base and base_position is not None:
         raise BaselineError("--base-position and --estimate-base contradict each other")
@@ -260,7 +260,7 @@ def _noise(
     Receivers state their thermal noise (codes of 0.05 m in the logs of the OEMV), which near
     the ground is a small part of the multipath.
     """
-    from vtff_nav.relative.measurements import MeasurementNoise
+    from vtff_nav.relative.common.measurements import MeasurementNoise
 
     usual = MeasurementNoise()
     if is_orbital and code_sigma is None and phase_sigma is None:
@@ -279,8 +279,8 @@ def _noise(
 
 def _limit(text: str | None, sources: BaselineSources, option: str) -> GpsTime | None:
     """Return a time given as an epoch or as seconds after the first common epoch."""
-    from vtff_bringup.baseline.sources import BaselineError
-    from vtff_dynamics.timescales import TIME_SCALES, parse_epoch
+    from vtff_analysis.baseline.sources import BaselineError
+    from vtff_dynamics.time.timescales import TIME_SCALES, parse_epoch
 
     if text is None:
         return None
@@ -305,11 +305,11 @@ def _compute(
     out: pathlib.Path | None,
 ) -> int:
     """Run the filter, write the files and print the summary; return the exit code."""
-    from vtff_bringup.baseline.output import write_csv, write_json, write_plot
-    from vtff_bringup.baseline.processing import process_baseline
-    from vtff_bringup.baseline.summary import summarise
-    from vtff_bringup.baseline.truth import errors_local
-    from vtff_bringup.run_folder import output_folder
+    from vtff_analysis.baseline.output import write_csv, write_json, write_plot
+    from vtff_analysis.baseline.processing import process_baseline
+    from vtff_analysis.baseline.summary import summarise
+    from vtff_analysis.baseline.truth import errors_local
+    from vtff_bag.run.folder import output_folder
 
     for remark in sources.remarks:
         console.print(f"[yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)

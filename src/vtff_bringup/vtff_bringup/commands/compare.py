@@ -12,12 +12,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_folder import RunFolderError, output_folder
+from vtff_bag.file.errors import BagError
+from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_bringup.compare import ComparedRun
+    from vtff_analysis.compare.comparison import ComparedRun
 
 COMPARISON_FILE = "comparison.json"
 
@@ -42,8 +42,8 @@ def compare(
         console.print("[red]error:[/red] name at least two bags to compare")
         raise typer.Exit(EXIT_USAGE)
     # Imports rclpy and matplotlib, which takes a while.
-    from vtff_bringup.compare import names_of_runs, read_compared_run
-    from vtff_bringup.compare_plots import plot_comparison
+    from vtff_analysis.compare.comparison import names_of_runs, read_compared_run
+    from vtff_analysis.compare.plots import plot_comparison
 
     try:
         names = names_of_runs(bags)
@@ -67,7 +67,7 @@ def compare(
 
 
 def _print(console: Console, runs: list[ComparedRun]) -> None:
-    from vtff_bringup.compare import comparison_rows
+    from vtff_analysis.compare.comparison import comparison_rows
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
     table.add_column("", no_wrap=True)
@@ -86,7 +86,7 @@ def _print(console: Console, runs: list[ComparedRun]) -> None:
 
 def _shown(value: Any, decimals: int) -> str:
     """Return a number, ``never`` for one that does not exist, a blank for a part not there."""
-    from vtff_bringup.report.tables import number_text
+    from vtff_analysis.report.tables import number_text
 
     if value is ...:
         return ""

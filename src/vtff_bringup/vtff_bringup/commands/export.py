@@ -10,9 +10,9 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_folder import RunFolderError, chosen_folder
+from vtff_bag.file.errors import BagError
+from vtff_bag.run.folder import RunFolderError, chosen_folder
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 
 def export(
@@ -64,8 +64,8 @@ def export(
         )
         raise typer.Exit(EXIT_USAGE)
     # Imports rclpy, which takes a while.
-    from vtff_bringup.export.errors import ExportError
-    from vtff_bringup.report.write import find_run
+    from vtff_analysis.recordings.errors import ExportError
+    from vtff_analysis.report.write import find_run
 
     try:
         place = find_run(bag)
@@ -96,14 +96,14 @@ def _export(
     progress: Callable[[str], Any],
 ) -> tuple[list[pathlib.Path], list[str]]:
     """Write the chosen formats; return the files and what the user should know."""
-    from vtff_bringup.bag.reader import BagReader
-    from vtff_bringup.export.czml import format_czml
-    from vtff_bringup.export.oem import format_oem
-    from vtff_bringup.export.orbits import read_orbits
-    from vtff_bringup.export.rinex import export_rinex
-    from vtff_bringup.export.sp3 import format_sp3
-    from vtff_bringup.export.tables import export_csv, export_parquet
-    from vtff_bringup.report.summary import key_part
+    from vtff_analysis.export.czml import format_czml
+    from vtff_analysis.export.oem import format_oem
+    from vtff_analysis.export.rinex import export_rinex
+    from vtff_analysis.export.sp3 import format_sp3
+    from vtff_analysis.export.tables import export_csv, export_parquet
+    from vtff_analysis.recordings.orbits import read_orbits
+    from vtff_analysis.report.summary import key_part
+    from vtff_bag.file.reader import BagReader
 
     reader = BagReader(bag)
     files: list[pathlib.Path] = []

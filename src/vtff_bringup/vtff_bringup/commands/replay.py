@@ -10,10 +10,10 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_bringup.bag_player_node import BagPlayerNode
+    from vtff_bag.bag_player_node import BagPlayerNode
 
 
 def replay(
@@ -73,7 +73,7 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
     from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
 
-    from vtff_bringup.bag_player_node import BagPlayerNode
+    from vtff_bag.bag_player_node import BagPlayerNode
     from vtff_node.main import USAGE_ERRORS, StopRequest
 
     stop = StopRequest()
@@ -96,7 +96,7 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
 
 def _spin(console: Console, node: BagPlayerNode, stop: Any) -> int:
     """Play to the end, showing where it is and doing what the keys say; return the exit code."""
-    from vtff_bringup.replay_terminal import HELP, Keyboard, ReplayProgress, apply_action
+    from vtff_bringup.commands.replay_terminal import HELP, Keyboard, ReplayProgress, apply_action
     from vtff_node.main import make_executor
 
     count = len(node.selection.topics)

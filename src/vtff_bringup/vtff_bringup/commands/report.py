@@ -9,8 +9,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bag.file.errors import BagError
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 
 def report(
@@ -29,7 +29,7 @@ def report(
     """
     console = Console(highlight=False)
     # Imports matplotlib and rclpy, which takes a while.
-    from vtff_bringup.report import write_report
+    from vtff_analysis.report import write_report
 
     try:
         with console.status("reading the bag and drawing"):

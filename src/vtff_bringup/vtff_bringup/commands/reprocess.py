@@ -11,27 +11,27 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.commands.run import conclude_run, report_run, run_system
-from vtff_bringup.executables import ExecutableNotFoundError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_description import write_arguments
-from vtff_bringup.run_folder import (
+from vtff_bag.file.errors import BagError
+from vtff_bag.file.reader import BagReader
+from vtff_bag.run.description import write_arguments
+from vtff_bag.run.folder import (
     RunFolderError,
     output_folder,
     remove_if_empty,
 )
-from vtff_bringup.system import (
+from vtff_bringup.commands.run import conclude_run, report_run, run_system
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.system.system_file import (
     RunSettings,
     SystemDescription,
     SystemFileError,
     find_system_file,
     load_system,
 )
+from vtff_node.executables import ExecutableNotFoundError
 
 if TYPE_CHECKING:
-    from vtff_bringup.reprocess import OutputComparison
+    from vtff_bringup.run.reprocess import OutputComparison
 
 BAG_ARGUMENT = "bag"  # that a system file for reprocessing has
 
@@ -102,7 +102,7 @@ def reprocess(
 def _prepare_folder(
     recorded: BagReader, run_directory: pathlib.Path, description: SystemDescription
 ) -> None:
-    from vtff_bringup.reprocess import carry_over_parameters
+    from vtff_bringup.run.reprocess import carry_over_parameters
 
     write_arguments(run_directory, {"system": description.name, **description.arguments})
     carry_over_parameters(recorded, run_directory)
@@ -115,7 +115,7 @@ def _compare(
     description: SystemDescription,
 ) -> int:
     """Print each recomputed topic beside the recorded one; return an exit code."""
-    from vtff_bringup.reprocess import compare_outputs, recomputed_topics
+    from vtff_bringup.run.reprocess import compare_outputs, recomputed_topics
 
     replaying = [
         node.qualified_name for node in description.nodes if node.ends_run or node.own_process

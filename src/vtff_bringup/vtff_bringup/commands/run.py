@@ -9,25 +9,25 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.bag.reader import BagReader
-from vtff_bringup.executables import ExecutableNotFoundError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
-from vtff_bringup.progress import RunProgress
-from vtff_bringup.run_description import write_arguments
-from vtff_bringup.run_folder import (
+from vtff_bag.file.errors import BagError
+from vtff_bag.file.reader import BagReader
+from vtff_bag.run.description import write_arguments
+from vtff_bag.run.folder import (
     RunFolderError,
     output_folder,
     remove_if_empty,
 )
-from vtff_bringup.runner import Runner, RunResult, check_counts
-from vtff_bringup.system import (
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.progress import RunProgress
+from vtff_bringup.run.runner import Runner, RunResult, check_counts
+from vtff_bringup.system.system_file import (
     RunSettings,
     SystemDescription,
     SystemFileError,
     find_system_file,
     load_system,
 )
+from vtff_node.executables import ExecutableNotFoundError
 
 
 def run(
@@ -182,7 +182,7 @@ def report_run(console: Console, run_directory: pathlib.Path) -> int:
     """Write the report; return an exit code, 0 if it is written."""
     try:
         # Imports matplotlib, which takes a while.
-        from vtff_bringup.report import write_report
+        from vtff_analysis.report import write_report
 
         write_report(run_directory, console)
     except KeyboardInterrupt:

@@ -12,16 +12,16 @@ from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.executables import ExecutableNotFoundError, share_file
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run_description import write_arguments
-from vtff_bringup.run_folder import RunFolderError, chosen_folder, output_folder
-from vtff_bringup.system import RunSettings, find_system_file, load_system
+from vtff_bag.file.errors import BagError
+from vtff_bag.run.description import write_arguments
+from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.system.system_file import RunSettings, find_system_file, load_system
+from vtff_node.executables import ExecutableNotFoundError, share_file
 
 if TYPE_CHECKING:
-    from vtff_bringup.studies.radial_offset import OffsetResult
-    from vtff_bringup.studies.thrust_cap import ThrustCapFindings, ThrustCapPoint
+    from vtff_analysis.studies.radial_offset import OffsetResult
+    from vtff_analysis.studies.thrust_cap import ThrustCapFindings, ThrustCapPoint
 
 _LARGEST_OFFSET = 50e3  # m; farther down the deputy would be in the dense atmosphere
 
@@ -46,14 +46,14 @@ def thrust_cap(
 ) -> None:
     """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2)."""
     # Imported here, because numpy and matplotlib take a while.
-    from vtff_bringup.studies.thrust_cap import (
+    from vtff_analysis.studies.thrust_cap import (
         default_caps,
         find_landmarks,
         run_thrust_cap_study,
         write_csv,
         write_plot,
     )
-    from vtff_sim_bridge.scenario import ScenarioError, load_scenario
+    from vtff_sim_bridge.truth.scenario import ScenarioError, load_scenario
 
     console = Console(highlight=False)
     try:
@@ -108,7 +108,7 @@ def radial_offset(
     Exit code: 0 complete, 1 a flight failed, 2 a file or an option is wrong, 130 interrupted by
     Ctrl-C: complete flights are kept, --runs goes on from there.
     """
-    from vtff_bringup.studies.radial_offset import OFFSETS, OffsetError, flown_offset, run_offsets
+    from vtff_analysis.studies.radial_offset import OFFSETS, OffsetError, flown_offset, run_offsets
     from vtff_sim_bridge.atmosphere.electron_density import ProfileError, read_profile
 
     console = Console(highlight=False)
@@ -140,13 +140,13 @@ def _fly(
     console: Console, runs: pathlib.Path, offsets: Sequence[float], seed: int
 ) -> list[pathlib.Path]:
     """Return the run folder of each offset; those that are not there are flown."""
-    from vtff_bringup.commands.run import conclude_run, run_system
-    from vtff_bringup.studies.offset_flights import (
+    from vtff_analysis.studies.offset_flights import (
         SYSTEM,
         complete_flight,
         flight_folder,
         write_offset_scenario,
     )
+    from vtff_bringup.commands.run import conclude_run, run_system
 
     found = []
     for number, offset in enumerate(offsets, 1):
@@ -177,7 +177,7 @@ def _fly(
 
 def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pathlib.Path) -> None:
     """Write table and figures, those of the model and of the flights each by themselves."""
-    from vtff_bringup.studies.radial_offset_output import (
+    from vtff_analysis.studies.radial_offset_output import (
         results_table,
         write_csv,
         write_profiles_plot,

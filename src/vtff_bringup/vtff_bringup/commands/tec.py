@@ -10,11 +10,11 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
     from vtff_gnss.ephemeris import BroadcastEphemeris
-    from vtff_iono.code_biases import CodeBiasTable
+    from vtff_iono.bias.code_biases import CodeBiasTable
 
 _FORMS = ("csv", "parquet")
 
@@ -60,9 +60,9 @@ def tec(
     vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
     """
     # Imported here, because numpy, numba and matplotlib take a while.
-    from vtff_bringup.run_folder import RunFolderError, output_folder
-    from vtff_bringup.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
-    from vtff_bringup.tec.output import write_summary
+    from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
+    from vtff_analysis.tec.output import write_summary
+    from vtff_bag.run.folder import RunFolderError, output_folder
 
     console = Console(highlight=False)
     if form not in _FORMS:
@@ -100,7 +100,7 @@ def tec(
 
 
 def _ephemerides(console: Console, paths: list[pathlib.Path]) -> tuple[BroadcastEphemeris, ...]:
-    from vtff_gnss.observation_files import ObservationFileError, open_ephemerides
+    from vtff_gnss.files.observation_files import ObservationFileError, open_ephemerides
 
     found: list[BroadcastEphemeris] = []
     for path in paths:
@@ -114,8 +114,8 @@ def _ephemerides(console: Console, paths: list[pathlib.Path]) -> tuple[Broadcast
 
 
 def _biases(console: Console, text: str) -> str | CodeBiasTable:
-    from vtff_iono.bias_files import read_code_biases
-    from vtff_iono.code_biases import BiasFileError
+    from vtff_iono.bias.bias_files import read_code_biases
+    from vtff_iono.bias.code_biases import BiasFileError
 
     if text in ("broadcast", "none"):
         return text

@@ -14,12 +14,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from vtff_bringup.bag.errors import BagError
-from vtff_bringup.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bag.file.errors import BagError
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_bringup.view.foxglove_server import FoxgloveServer
-    from vtff_bringup.view.scene import Scene
+    from vtff_analysis.view.foxglove_server import FoxgloveServer
+    from vtff_analysis.view.scene import Scene
     from vtff_node.main import StopRequest
 
 POLL_INTERVAL = 0.1  # s of wall time
@@ -90,8 +90,8 @@ def _view_bag(
     foxglove: bool,
     foxglove_port: int,
 ) -> int:
-    from vtff_bringup.view.bag_scene import read_scene
-    from vtff_bringup.view.text import scene_text
+    from vtff_analysis.view.bag_scene import read_scene
+    from vtff_analysis.view.text import scene_text
 
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("reading the bag", total=1.0)
@@ -101,7 +101,7 @@ def _view_bag(
     if text:
         print(scene_text(scene))
         return 0
-    from vtff_bringup.view.server import ViewerServer
+    from vtff_analysis.view.server import ViewerServer
     from vtff_node.main import StopRequest
 
     content = scene.as_json()
@@ -121,8 +121,8 @@ def _view_bag(
 
 
 def _replay_for(bag: pathlib.Path, offered: FoxgloveServer) -> Any:
-    from vtff_bringup.bag.reader import BagReader
-    from vtff_bringup.replay import Replay
+    from vtff_bag.file.reader import BagReader
+    from vtff_bag.player.messages_in_order import Replay
 
     reader = BagReader(bag)
     return Replay(
@@ -139,8 +139,8 @@ def _view_live(
     import rclpy
     from rclpy.signals import SignalHandlerOptions
 
-    from vtff_bringup.view.live import LiveScene, ViewerNode
-    from vtff_bringup.view.server import ViewerServer
+    from vtff_analysis.view.live import LiveScene, ViewerNode
+    from vtff_analysis.view.server import ViewerServer
     from vtff_node.main import StopRequest, make_executor
 
     stop = StopRequest()
@@ -172,7 +172,7 @@ def _view_live(
 
 def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -> None:
     """Print a line a second as long as the scene grows."""
-    from vtff_bringup.view.text import heading, scene_line
+    from vtff_analysis.view.text import heading, scene_line
 
     print(heading())
     shown, due = -1.0, time.monotonic()
@@ -187,7 +187,7 @@ def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -
 def _offer(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None:
     if not foxglove:
         return None
-    from vtff_bringup.view.foxglove_server import FoxgloveServer
+    from vtff_analysis.view.foxglove_server import FoxgloveServer
 
     offered = FoxgloveServer(port)
     console.print(f"Foxglove: open connection {offered.address}")
@@ -197,7 +197,7 @@ def _offer(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None
 @contextlib.contextmanager
 def _serving(console: Console, server: Any, opens: bool) -> Any:
     """Serve the page, and show it in a browser if asked to."""
-    from vtff_bringup.view.server import cesium_is_installed
+    from vtff_analysis.view.server import cesium_is_installed
 
     server.start()
     try:

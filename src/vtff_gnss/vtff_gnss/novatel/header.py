@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import NamedTuple
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel.framing import CRC_LENGTH, RESPONSE_BIT
 
 __all__ = ["TIME_STATUS_UNKNOWN", "BinaryLog", "parse_binary_log"]

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss import fix as f
 from vtff_gnss.ephemeris import (
@@ -19,8 +19,8 @@ from vtff_gnss.ephemeris import (
     galileo_accuracy,
 )
 from vtff_gnss.fix import Fix, ReceiverTime
-from vtff_gnss.lnav import SUBFRAME_LENGTH, decode_subframes
-from vtff_gnss.novatel.range_logs import GLONASS_CHANNEL_OFFSET
+from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET
+from vtff_gnss.orbits.lnav import SUBFRAME_LENGTH, decode_subframes
 
 __all__ = [
     "fix_from_bestxyz",
@@ -90,7 +90,7 @@ def gps_ephemeris_from_subframes(payload: bytes, time: GpsTime) -> BroadcastEphe
 
     Raises
     ------
-    vtff_gnss.lnav.SubframeError
+    vtff_gnss.orbits.lnav.SubframeError
         If the subframes do not belong together.
     """
     prn = int.from_bytes(payload[0:4], "little")

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Literal
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel import message_ids as ids
@@ -16,15 +16,15 @@ from vtff_gnss.novatel.events import CommandResponse, Event, RawLog
 from vtff_gnss.novatel.framing import Frame, FrameFormat, FrameScanner, StreamCounters
 from vtff_gnss.novatel.header import BinaryLog, parse_binary_log
 from vtff_gnss.novatel.ism_logs import decode_ismredobs, decode_ismredtec
-from vtff_gnss.novatel.lock_time import LockTimeTracker
-from vtff_gnss.novatel.range_logs import (
+from vtff_gnss.novatel.range.lock_time import LockTimeTracker
+from vtff_gnss.novatel.range.range_logs import (
     GlonassChannels,
     decode_range,
     decode_rangecmp,
 )
-from vtff_gnss.novatel.rangecmp2 import decode_rangecmp2
-from vtff_gnss.novatel.rangecmp45 import RangeCmp4Decoder, decode_rangecmp5
-from vtff_gnss.novatel.signal_records import SignalRecords, epoch_from_records
+from vtff_gnss.novatel.range.rangecmp2 import decode_rangecmp2
+from vtff_gnss.novatel.range.rangecmp45 import RangeCmp4Decoder, decode_rangecmp5
+from vtff_gnss.novatel.range.signal_records import SignalRecords, epoch_from_records
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
     galileo_ephemeris,

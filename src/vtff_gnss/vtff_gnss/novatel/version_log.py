@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel.events import ReceiverVersion
 
 __all__ = ["decode_version"]

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.atmosphere.electron_density import (
     ElectronDensityProfile,

@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.frames import mean_solar_local_time_hours
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.frames.frames import mean_solar_local_time_hours
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["IrregularityRegion", "crossing_intervals", "path_length_in_region"]

@@ -21,7 +21,7 @@ from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
-from vtff_sim_bridge.scenario_fields import Section, read_yaml
+from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
 
 __all__ = [
     "ConstellationConfiguration",

@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.line_of_sight import LineOfSight
+from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion, path_length_in_region
 from vtff_sim_bridge.atmosphere.scintillation import (

@@ -10,26 +10,26 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.broadcast_orbit import EphemerisTable
 from vtff_gnss.constants import (
     EPHEMERIS_SOURCE_FNAV,
     EPHEMERIS_SOURCE_LNAV,
     SYSTEM_GALILEO,
 )
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.ephemeris_selection import EphemerisStore
-from vtff_gnss.interpolated_orbit import InterpolatedOrbits
 from vtff_gnss.ionosphere_parameters import KlobucharParameters
-from vtff_gnss.line_of_sight import LineOfSight, lines_of_sight
-from vtff_gnss.nominal_constellation import (
+from vtff_gnss.novatel.encode.lnav import quantize_lnav
+from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
+from vtff_gnss.orbits.line_of_sight import LineOfSight, lines_of_sight
+from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
 )
-from vtff_gnss.novatel.encode_lnav import quantize_lnav
-from vtff_gnss.rinex_navigation import read_rinex_navigation
-from vtff_gnss.yuma import read_yuma
+from vtff_gnss.orbits.yuma import read_yuma
+from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_sim_bridge.gnss.configuration import ConstellationConfiguration
 from vtff_sim_bridge.gnss.random_streams import Effect, generator
 

@@ -9,9 +9,9 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.line_of_sight import ellipsoid_normal
+from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
-from vtff_sim_bridge.motion import MotionState, VehicleMotion
+from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 __all__ = ["VehicleTrack", "vehicle_track"]
 

@@ -1,0 +1,85 @@
+"""Comparison of runs: the numbers of each, parts that only one has, equal names."""
+
+import json
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("vtff_msgs", reason="needs the workspace")
+
+import full_run_samples  # noqa: E402
+
+from vtff_analysis.compare.comparison import (  # noqa: E402
+    comparison_rows,
+    names_of_runs,
+    read_compared_run,
+)
+from vtff_bringup.cli import make_app  # noqa: E402
+
+BIAS = 0.25  # m, of the navigated in-track position of the second run
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("compare")
+    first = full_run_samples.write_full_run(folder / "good", seconds=150)
+    second = full_run_samples.write_full_run(folder / "biased", seconds=150, bias=BIAS)
+    return first, second
+
+
+def row(runs, label):
+    for _, rows in comparison_rows(runs):
+        for name, _, values in rows:
+            if name.strip() == label:
+                return values
+    raise AssertionError(label)
+
+
+def test_numbers_of_each_run_stand_side_by_side(runs):
+    compared = [read_compared_run(path, path.name) for path in runs]
+    good, biased = row(compared, "RMS in-track, m")
+    # Squares of the same noise with and without the bias differ by its square.
+    assert biased**2 - good**2 == pytest.approx(BIAS**2, rel=0.3)
+    assert row(compared, "closest approach, m")[0] == row(compared, "closest approach, m")[1]
+    fixed = row(compared, "fixed, % of the time")
+    assert fixed == pytest.approx([100.0 * 90 / 145] * 2)
+    assert row(compared, "first fixed, s") == pytest.approx([61.0, 61.0])
+    # The medians of the two nodes that acknowledge every step.
+    latency = row(compared, "of a step, sum of nodes, median, ms")
+    assert latency == pytest.approx([2.1, 2.1], rel=0.1)
+    assert row(compared, "mean vertical TEC, TECU") == pytest.approx([13.5, 13.5], abs=0.01)
+
+
+def test_thrust_is_summed_per_axis_and_phase(runs):
+    compared = [read_compared_run(path, path.name) for path in runs]
+    sections = dict(comparison_rows(compared))
+    spent = {label.strip(): values for label, _, values in sections["dv acquisition, m/s"]}
+    assert spent["in-track"] == pytest.approx([5.0, 5.0])  # 0.5 m/s2 for ten steps of 1 s
+    assert spent["radial"] == [0.0, 0.0]
+
+
+def test_command_prints_writes_and_draws(runs, tmp_path):
+    arguments = ["compare", *map(str, runs), "--out", str(tmp_path / "out")]
+    result = CliRunner().invoke(make_app(), arguments)
+    assert result.exit_code == 0, result.output
+    assert "good" in result.output and "biased" in result.output
+    content = json.loads((tmp_path / "out" / "comparison.json").read_text())
+    assert set(content) == {"good", "biased"}
+    pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
+    assert pictures == [
+        "compare_delta_v.png",
+        "compare_navigation_error.png",
+        "compare_position.png",
+    ]
+
+
+def test_runs_of_one_name_are_numbered(runs):
+    assert names_of_runs([runs[0], runs[0], runs[1]]) == ["good (1)", "good (2)", "biased"]
+
+
+def test_one_bag_or_none_is_a_usage_error(runs, tmp_path):
+    for paths in ([runs[0]], [runs[0], tmp_path / "nothing"]):
+        result = CliRunner().invoke(make_app(), ["compare", *map(str, paths)])
+        assert result.exit_code == 2
+        assert "error:" in result.output and "Traceback" not in result.output

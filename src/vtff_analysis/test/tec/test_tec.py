@@ -1,0 +1,226 @@
+"""`vtff tec`: real and damaged files, a bag, tables, plots and messages."""
+
+import gzip
+import json
+import os
+import pathlib
+
+import numpy as np
+import pytest
+from bag_samples import sample_messages, write_bag
+from pyarrow import csv, parquet
+from typer.testing import CliRunner
+
+from vtff_analysis.recordings.formation_recording import formation_seconds
+from vtff_bag.file.message_definitions import installed_type_hash, message_definition
+from vtff_bag.file.metadata import offered_qos
+from vtff_bag.file.reader import BagReader
+from vtff_bag.file.writer import BagWriter
+from vtff_bringup.cli import make_app
+from vtff_gnss.files.observation_files import open_observations
+from vtff_gnss.rinex.compressed_file import decompress_hatanaka
+from vtff_gnss.rinex.write_observation import write_rinex_observation
+from vtff_gnss.signals import satellite_name
+from vtff_iono.content.slant_tec import Rejection
+from vtff_iono.formation_ionosphere import FormationIonosphere
+
+ROOT = pathlib.Path(__file__).resolve().parents[4]
+SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", ROOT.parent / "shared"))
+OBSERVATIONS = "vtff_msgs/msg/GnssObservations"
+BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
+
+
+def bele(name):
+    path = BELE / name
+    if not path.is_file():
+        pytest.skip(f"reference data {path} is not there")
+    return path
+
+
+def run(*arguments):
+    return CliRunner().invoke(make_app(), ["tec", *(str(part) for part in arguments)])
+
+
+@pytest.fixture(scope="module")
+def hours(tmp_path_factory):
+    """Return three quiet hours of the day at Belem with the signals of GPS and Galileo only."""
+    path = bele("BELE00BRA_R_20240100000_01D_30S_MO.crx.gz")
+    content, _ = decompress_hatanaka(gzip.decompress(path.read_bytes()), path)
+    lines = content.decode().splitlines(keepends=True)
+    end = next(i for i, line in enumerate(lines) if "END OF HEADER" in line) + 1
+    kept, inside = lines[:end], False
+    for line in lines[end:]:
+        if line.startswith(">"):
+            inside = 4 <= int(line[13:15]) < 7
+        if inside:
+            kept.append(line)
+    folder = tmp_path_factory.mktemp("bele")
+    path = folder / "bele.rnx"
+    path.write_text("".join(kept))
+    return path
+
+
+def test_a_batch_with_broken_files(tmp_path, hours):
+    """The good file is processed; each of the others has one message that names it."""
+    junk = tmp_path / "junk.obs"
+    junk.write_text("no RINEX\n")
+    cut = tmp_path / "cut.rnx"
+    cut.write_text(hours.read_text()[:-300])
+    out = tmp_path / "out"
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    biases = bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz")
+    result = run(
+        junk, hours, cut, tmp_path / "absent.rnx", "--nav", nav, "--biases", biases, "--out", out
+    )
+    assert result.exit_code == 1, result.output
+    for name in ("junk.obs", "cut.rnx", "absent.rnx"):
+        assert any(
+            name in line and line.startswith("error:") for line in result.output.splitlines()
+        ), result.output
+    assert "1 receivers, 3 failed" in result.output
+    (found,) = json.loads((out / "tec.json").read_text())
+    assert found["good_samples"] > 5_000
+    assert {bias["pair"] for bias in found["receiver_biases"]} >= {"G C1C-C2W", "E C1X-C5X"}
+    table = csv.read_csv(out / "bele_tec.csv")
+    assert table.num_rows > found["good_samples"]
+    good = np.array(table["rejected"]) == 0
+    assert np.isfinite(np.array(table["stec_tecu"])[good]).all()
+    assert (np.array(table["stec_sigma_tecu"])[good] > 0.0).all()
+    assert (out / "bele_roti.csv").is_file() and (out / "bele_tec.png").stat().st_size > 20_000
+
+
+def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, hours):
+    """Three at once; what is printed and summed up stands in the order of the arguments."""
+    paths = [tmp_path / folder / "same.rnx" for folder in ("one", "two", "three")]
+    for path, text in zip(paths, (hours.read_text(), "no RINEX\n", hours.read_text()), strict=True):
+        path.parent.mkdir()
+        path.write_text(text)
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    out = tmp_path / "out"
+    result = run(*paths, "--nav", nav, "--biases", "none", "--format", "parquet", "--out", out)
+    assert result.exit_code == 1 and "2 receivers, 1 failed" in result.output
+    told = [line for line in result.output.splitlines() if "same.rnx" in line]
+    assert ["error" in line for line in told] == [False, True, False]
+    alike = [(out / f"same{end}_tec.parquet").read_bytes() for end in ("", "_3")]
+    assert alike[0] == alike[1]
+
+
+def test_biases_of_another_year(tmp_path, hours):
+    other = tmp_path / "CAS_2023.BIA"
+    text = gzip.decompress(bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz").read_bytes())
+    other.write_text(text.decode().replace("2024:01", "2023:01"))
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    result = run(hours, "--nav", nav, "--biases", other, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "valid from 2023-01-10" in result.output and "2024-01-10" in result.output
+
+
+def test_one_frequency_is_not_enough(tmp_path, hours):
+    path = tmp_path / "single.rnx"
+    write_rinex_observation(path, open_observations(hours, signals=("1C", "1X")).table)
+    result = run(path, "--out", tmp_path / "out")
+    assert result.exit_code == 1
+    assert "single.rnx" in result.output and "no second frequency" in result.output
+
+
+def test_what_is_asked_for_wrongly(tmp_path, hours):
+    assert run(hours, "--format", "xlsx").exit_code == 2
+    result = run(hours, "--nav", tmp_path / "absent.nav")
+    assert result.exit_code == 2 and "absent.nav" in result.output
+    result = run(hours, "--out", tmp_path / "out")
+    assert result.exit_code == 1 and "--nav" in result.output
+
+
+def test_a_bag_of_two_receivers(tmp_path):
+    bag = ROOT / "bags" / "sample"
+    if not bag.is_dir():
+        pytest.skip("the sample bag is not there")
+    out = tmp_path / "out"
+    result = run(bag, "--format", "parquet", "--out", out)
+    assert result.exit_code == 0, result.output
+    assert len(json.loads((out / "tec.json").read_text())) == 2
+    for name in ("sample_chief", "sample_deputy"):
+        assert parquet.read_table(out / f"{name}_tec.parquet").num_rows > 1000
+        assert parquet.read_table(out / f"{name}_scintillation.parquet").num_rows >= 0
+
+
+def test_folders_and_bags_without_observations(tmp_path, hours):
+    """One line for each; the good file among them is processed."""
+    (tmp_path / "folder").mkdir()
+    write_bag(tmp_path / "other", sample_messages(10))
+    silent = BagWriter(tmp_path / "silent", {})
+    silent.add_topic(
+        "/chief/gnss/high_rate",
+        OBSERVATIONS,
+        [offered_qos()],
+        installed_type_hash(OBSERVATIONS),
+        message_definition(OBSERVATIONS),
+    )
+    silent.close()
+    (tmp_path / "empty.obs").touch()
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    names = ("folder", "other", "silent", "empty.obs")
+    paths = [tmp_path / name for name in names]
+    result = run(*paths, hours, "--nav", nav, "--out", tmp_path / "out")
+    assert result.exit_code == 1, result.output
+    errors = [line for line in result.output.splitlines() if line.startswith("error:")]
+    assert len(errors) == 4
+    for name, line in zip(names, errors, strict=True):
+        assert name in line
+    assert "not a bag" in errors[0] and "no topic NAME/gnss/high_rate" in errors[1]
+    assert "0 epochs" in errors[2] and "empty" in errors[3]
+    assert "1 receivers, 4 failed" in result.output
+
+
+def test_compact_rinex_that_is_compressed(tmp_path):
+    """As the archives give them."""
+    path = bele("BELE00BRA_R_20240100000_01D_30S_MO.crx.gz")
+    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
+    result = run(path, "--nav", nav, "--format", "parquet", "--out", tmp_path / "out")
+    assert result.exit_code == 0, result.output
+    assert "RINEX 3.05 (Hatanaka)" in result.output
+    table = parquet.read_table(tmp_path / "out" / "BELE00BRA_R_20240100000_01D_30S_MO_tec.parquet")
+    assert table.num_rows > 100_000
+
+
+def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(tmp_path):
+    """Online and offline level an arc with the same samples."""
+    bag = ROOT / "bags" / "sample"
+    if not bag.is_dir():
+        pytest.skip("the sample bag is not there")
+    assert run(bag, "--format", "parquet", "--out", tmp_path / "out").exit_code == 0
+    table = parquet.read_table(tmp_path / "out" / "sample_deputy_tec.parquet")
+    offline = {
+        key: (content, code, arc)
+        for *key_parts, content, code, arc in zip(
+            *(
+                table[name].to_pylist()
+                for name in (
+                    "gps_time", "satellite", "pair", "stec_online_tecu", "stec_code_tecu", "arc",
+                )
+            ),
+            strict=True,
+        )
+        if (key := tuple(key_parts))
+    }  # fmt: skip
+    spacecraft = FormationIonosphere()
+    compared = 0
+    for result in spacecraft.process_recording(formation_seconds(BagReader(bag))):
+        epoch = result.spacecraft[1].epoch
+        time = np.datetime64("1980-01-06", "ms") + np.timedelta64(epoch.time // 1_000_000, "ms")
+        biases = spacecraft.spacecraft[1].receiver_biases
+        for row, link in enumerate(epoch.links):
+            name = satellite_name(link.system, link.prn)
+            pair = f"{link.code_first}-{link.code_second}"
+            bias = biases.get((link.system, link.code_first, link.code_second))
+            removed = 0.0 if bias is None else bias.bias_tecu
+            content, code, arc = offline[time.item(), name, pair]
+            if epoch.rejected[row] & Rejection.NO_SATELLITE_BIAS:
+                continue
+            assert epoch.stec_code_tecu[row] + removed == pytest.approx(code, abs=1e-9)
+            assert epoch.arc[row] == arc
+            # Elevations differ by those of positions of metres, and so do weights and masks.
+            if np.isfinite(content) and not epoch.rejected[row] & ~Rejection.NO_RECEIVER_BIAS:
+                assert epoch.stec_tecu[row] + removed == pytest.approx(content, abs=1e-3)
+                compared += 1
+    assert compared > 100

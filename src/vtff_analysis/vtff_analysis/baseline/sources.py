@@ -1,0 +1,280 @@
+"""What a baseline is computed from: two observation files, or a bag."""
+
+from __future__ import annotations
+
+import itertools
+import pathlib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_analysis.recordings.topics import TRUTH_TOPIC
+from vtff_dynamics.frames.frames import (
+    geodetic_from_itrf,
+    rotation_gcrf_to_itrf,
+    rotation_gcrf_to_rtn,
+)
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.constants import SYSTEM_LETTERS
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.files.observation_files import open_ephemerides, open_observations
+from vtff_gnss.observation_table import ObservationTable
+
+if TYPE_CHECKING:
+    from vtff_bag.file.reader import BagReader
+
+__all__ = ["BaselineError", "BaselineSources", "Thrust", "TrueBaseline", "from_bag", "from_files"]
+
+Position = tuple[float, float, float]
+Progress = Callable[[str], None]
+
+_LOWEST_ORBIT = 100e3
+
+
+class BaselineError(ValueError):
+    """A baseline cannot be computed from what was given; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Thrust:
+    """Thrust acceleration of the rover, m/s2, in the base's RTN axes at `start`; duration in s."""
+
+    start: GpsTime
+    duration: float
+    acceleration_rtn: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class TrueBaseline:
+    """True baselines: GPS time, ns, shape (n,), and rover less base, ITRF, m, shape (n, 3)."""
+
+    time_nanoseconds: npt.NDArray[np.int64]
+    baseline_itrf: npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class BaselineSources:
+    """Observations of two receivers and the ephemerides of the satellites.
+
+    Parameters
+    ----------
+    rover_name, base_name : str
+        For people: file or topic, and its format.
+    rover, base : ObservationTable
+    ephemerides : tuple of BroadcastEphemeris
+    position_base_itrf : tuple of 3 float or None
+        As the base's file tells, m.
+    is_position_stated : bool
+        Whether it is from a header; else it is a mean of fixes.
+    remarks : tuple of str
+        What was odd.
+    thrust : tuple of Thrust
+        In the order of time; from a bag.
+    truth : TrueBaseline or None
+        From a bag of a simulation.
+    """
+
+    rover_name: str
+    base_name: str
+    rover: ObservationTable
+    base: ObservationTable
+    ephemerides: tuple[BroadcastEphemeris, ...]
+    position_base_itrf: Position | None
+    is_position_stated: bool
+    remarks: tuple[str, ...]
+    thrust: tuple[Thrust, ...] = ()
+    truth: TrueBaseline | None = None
+
+    @property
+    def is_in_orbit(self) -> bool | None:
+        """Whether the base is higher than 100 km; None where it does not tell."""
+        if self.position_base_itrf is None:
+            return None
+        return bool(geodetic_from_itrf(self.position_base_itrf)[2] > _LOWEST_ORBIT)
+
+    def common_epochs(
+        self, start: GpsTime | None = None, end: GpsTime | None = None
+    ) -> list[tuple[int, int]]:
+        """Return rover's and base's numbers of the epochs with equal time tags, within limits.
+
+        Raises
+        ------
+        BaselineError
+            If there is none.
+        """
+        times, rover, base = np.intersect1d(
+            self.rover.time_nanoseconds, self.base.time_nanoseconds, return_indices=True
+        )
+        is_chosen = np.ones(len(times), dtype=bool)
+        if start is not None:
+            is_chosen &= times >= start.nanoseconds
+        if end is not None:
+            is_chosen &= times <= end.nanoseconds
+        if not is_chosen.any():
+            asked = "" if is_chosen.size == 0 else " within --start and --end"
+            raise BaselineError(
+                f"no common epochs{asked}: rover {_span(self.rover)}, base {_span(self.base)}; "
+                "epochs are common if their time tags are equal"
+            )
+        return list(zip(rover[is_chosen].tolist(), base[is_chosen].tolist(), strict=True))
+
+
+def from_files(
+    rover: pathlib.Path,
+    base: pathlib.Path,
+    navigation: Sequence[pathlib.Path] = (),
+    systems: str | None = None,
+    partial: bool = False,
+    progress: Progress | None = None,
+) -> BaselineSources:
+    """Read two observation files and, if given, navigation files.
+
+    Parameters
+    ----------
+    rover, base : pathlib.Path
+        RINEX 2, 3 or 4 or NovAtel logs, compressed or not.
+    navigation : sequence of pathlib.Path
+        RINEX navigation files or NovAtel logs; ephemerides in the observation files are used too.
+    systems : str, optional
+        Letters of the satellite systems needed.
+    partial : bool
+        Use a damaged RINEX file up to the damage.
+    progress : callable, optional
+        Called with the name of each file before it is read.
+
+    Raises
+    ------
+    vtff_gnss.files.observation_files.ObservationFileError
+        If a file is not what it should be.
+    BaselineError
+        If there are no ephemerides.
+    OSError
+        If a file cannot be read.
+    """
+    files = []
+    for path in (rover, base):
+        if progress is not None:
+            progress(path.name)
+        files.append(open_observations(path, systems=systems, partial=partial))
+    ephemerides: list[BroadcastEphemeris] = []
+    for path in navigation:
+        if progress is not None:
+            progress(path.name)
+        ephemerides += open_ephemerides(path)
+    for file in files:
+        ephemerides += file.ephemerides
+    if systems is not None:
+        ephemerides = [e for e in ephemerides if SYSTEM_LETTERS[e.system] in systems]
+    if not ephemerides:
+        raise BaselineError(
+            f"no ephemerides: {rover.name} and {base.name} hold none, name a navigation file"
+            if not navigation
+            else f"no ephemerides of the systems {systems} in the files given"
+        )
+    return BaselineSources(
+        rover_name=f"{rover.name}, {files[0].format_name}",
+        base_name=f"{base.name}, {files[1].format_name}",
+        rover=files[0].table,
+        base=files[1].table,
+        ephemerides=tuple(dict.fromkeys(ephemerides)),
+        position_base_itrf=files[1].approximate_position,
+        is_position_stated=files[1].format_name.startswith("RINEX"),
+        remarks=tuple(f"{f.path.name}: {remark}" for f in files for remark in f.remarks),
+    )
+
+
+def from_bag(bag: pathlib.Path, rover: str = "deputy", base: str = "chief") -> BaselineSources:
+    """Take the observations of two receivers from a bag.
+
+    Parameters
+    ----------
+    bag : pathlib.Path
+        Bag directory, run folder or ``.mcap`` file.
+    rover, base : str
+        Names of the receivers: topics ``/NAME/gnss/epoch`` and ``/NAME/gnss/ephemeris``.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagError
+        If the bag cannot be read or lacks a topic.
+    BaselineError
+        If there are no observations or ephemerides.
+    """
+    # Imported here, because these need rclpy.
+    from vtff_analysis.recordings.observation_recording import recorded_observations
+    from vtff_bag.file.reader import BagReader
+    from vtff_node.conversions.gnss import ephemeris_from_message
+
+    reader = BagReader(bag)
+    tables = [recorded_observations(reader, f"/{name}/gnss/epoch") for name in (rover, base)]
+    for name, table in zip((rover, base), tables, strict=True):
+        if not len(table):
+            raise BaselineError(f"{bag}: no message on /{name}/gnss/epoch")
+    ephemerides: dict[BroadcastEphemeris, None] = {}
+    for name in (rover, base):
+        topic = f"/{name}/gnss/ephemeris"
+        if topic in reader.topics:
+            for decoded in reader.messages(topic):
+                ephemerides[ephemeris_from_message(decoded.message)] = None
+    if not ephemerides:
+        raise BaselineError(f"{bag}: no ephemerides on /{rover}/gnss/ephemeris or /{base}/...")
+    return BaselineSources(
+        rover_name=f"{rover} of {bag.name}",
+        base_name=f"{base} of {bag.name}",
+        rover=tables[0],
+        base=tables[1],
+        ephemerides=tuple(ephemerides),
+        position_base_itrf=None,
+        is_position_stated=False,
+        remarks=tuple(reader.notes),
+        thrust=_thrust(reader, f"/{rover}/propulsion/thrust_applied"),
+        truth=_truth(reader, rover),
+    )
+
+
+def _thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
+    """Return what the thruster has applied; each message counts until the next one."""
+    from vtff_node.stamps import to_nanoseconds
+
+    if topic not in reader.topics:
+        return ()
+    messages = [decoded.message for decoded in reader.messages(topic)]
+    starts = [
+        GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)) for message in messages
+    ]
+    steps = [later - earlier for earlier, later in itertools.pairwise(starts)]
+    steps.append(float(np.median(steps)) if steps else 1.0)
+    linear = [message.accel.linear for message in messages]
+    return tuple(
+        Thrust(start, step, np.array([a.x, a.y, a.z]))
+        for start, step, a in zip(starts, steps, linear, strict=True)
+        if step > 0.0
+    )
+
+
+def _truth(reader: BagReader, rover: str) -> TrueBaseline | None:
+    from vtff_node.stamps import to_nanoseconds
+
+    if TRUTH_TOPIC not in reader.topics:
+        return None
+    times, baselines = [], []
+    for decoded in reader.messages(TRUTH_TOPIC):
+        message = decoded.message
+        if message.child_frame_id == rover:
+            time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))
+            chief = np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf))
+            baseline_gcrf = rotation_gcrf_to_rtn(chief).T @ np.asarray(message.position)
+            times.append(time.nanoseconds)
+            baselines.append(rotation_gcrf_to_itrf(time) @ baseline_gcrf)
+    if not times:
+        return None
+    return TrueBaseline(np.array(times, dtype=np.int64), np.array(baselines))
+
+
+def _span(table: ObservationTable) -> str:
+    if not len(table):
+        return "without epochs"
+    return f"{table.time(0)} to {table.time(len(table) - 1)}"

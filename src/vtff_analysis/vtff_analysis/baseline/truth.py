@@ -1,0 +1,103 @@
+"""True baselines from files, to compare with."""
+
+from __future__ import annotations
+
+import csv
+import gzip
+import io
+import pathlib
+import zipfile
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_analysis.baseline.processing import BaselineRun
+from vtff_analysis.baseline.sources import BaselineError, TrueBaseline
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
+
+__all__ = ["errors_local"]
+
+FloatArray = npt.NDArray[np.float64]
+
+# Epochs and truth belong together within this, s.
+_TOLERANCE = 1e-3
+_OWN_COLUMNS = ("time_gps_seconds", "baseline_x", "baseline_y", "baseline_z")
+_SIMGEN_COLUMNS = ("Time_ms", "Pos_X", "Pos_Y", "Pos_Z")
+
+
+def errors_local(run: BaselineRun, truth: TrueBaseline | pathlib.Path) -> FloatArray:
+    """Return estimated less true baseline in the local axes, shape (n, 3), m; NaN without truth.
+
+    Parameters
+    ----------
+    run : BaselineRun
+    truth : TrueBaseline or pathlib.Path
+        A file is one of, compressed with gzip or not:
+
+        - ``.npz`` with ``t`` (s of the GPS day or since 1980-01-06), ``A`` and ``B`` (n, 3), ITRF
+          positions of base and rover, m;
+        - the CSV file of SimGEN's motion log: the rover; the base is the one of the run;
+        - the CSV file that ``vtff baseline`` writes.
+
+    Raises
+    ------
+    BaselineError
+        If the file is none of these or shares no epoch with the run.
+    OSError
+        If it cannot be read.
+    """
+    seconds = run.time_nanoseconds / NANOSECONDS_PER_SECOND
+    if isinstance(truth, TrueBaseline):
+        return _errors(run, truth.time_nanoseconds / NANOSECONDS_PER_SECOND, truth.baseline_itrf)
+    path = truth
+    try:
+        if path.suffix == ".npz":
+            times, baseline = _read_npz(path)
+            if times.max() < 2 * SECONDS_PER_DAY:
+                times = times + seconds[0] // SECONDS_PER_DAY * SECONDS_PER_DAY
+        else:
+            times, baseline, is_rover = _read_csv(path)
+            if is_rover:
+                baseline = baseline - np.nanmedian(run.position_base_itrf, axis=0)
+    except (KeyError, IndexError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise BaselineError(f"{path}: not a file of true positions: {error}") from None
+    errors = _errors(run, times, baseline)
+    if np.isnan(errors).all():
+        raise BaselineError(f"{path}: no epoch in common with the solutions")
+    return errors
+
+
+def _errors(run: BaselineRun, times: FloatArray, baseline: FloatArray) -> FloatArray:
+    seconds = run.time_nanoseconds / NANOSECONDS_PER_SECOND
+    place = np.clip(np.searchsorted(times, seconds - _TOLERANCE), 0, len(times) - 1)
+    is_known = np.abs(times[place] - seconds) < _TOLERANCE
+    error_itrf = np.where(is_known[:, None], run.baseline_itrf - baseline[place], np.nan)
+    return np.asarray(np.einsum("nij,nj->ni", run.rotation_to_local, error_itrf))
+
+
+def _read_npz(path: pathlib.Path) -> tuple[FloatArray, FloatArray]:
+    with np.load(path, allow_pickle=False) as arrays:
+        base, rover = arrays["A"], arrays["B"]
+        return arrays["t"].astype(float), (rover - base)[:, :3].astype(float)
+
+
+def _read_csv(path: pathlib.Path) -> tuple[FloatArray, FloatArray, bool]:
+    """Return times, positions, and whether they are those of the rover, not the baseline."""
+    content = path.read_bytes()
+    if content[:2] == b"\x1f\x8b":
+        content = gzip.decompress(content)
+    rows = list(csv.reader(io.StringIO(content.decode("ascii"))))
+    for number, row in enumerate(rows[:5]):
+        names = [name.strip() for name in row]
+        for columns in (_OWN_COLUMNS, _SIMGEN_COLUMNS):
+            if set(columns) <= set(names):
+                places = [names.index(column) for column in columns]
+                values = np.array(
+                    [[float(r[i] or "nan") for i in places] for r in rows[number + 1 :] if r]
+                )
+                if columns is _OWN_COLUMNS:
+                    return values[:, 0], values[:, 1:], False
+                # The line above the names ends with the GPS seconds of the start.
+                start = float(rows[number - 1][-1])
+                return start + values[:, 0] / 1e3, values[:, 1:], True
+    raise ValueError(f"columns {', '.join(_OWN_COLUMNS)} or {', '.join(_SIMGEN_COLUMNS)} expected")

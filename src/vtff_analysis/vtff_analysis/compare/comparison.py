@@ -1,0 +1,220 @@
+"""Comparison of runs: the same numbers of each run side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
+from vtff_analysis.recordings.recording import read_run
+from vtff_analysis.recordings.settings import read_settings
+from vtff_analysis.report.navigation import SOLUTION_FIXED, NavigationError, navigation_error
+from vtff_analysis.report.summary import FormationFlight, formation_flight, plain, summarise_run
+from vtff_analysis.report.write import find_run
+from vtff_bag.file.reader import BagReader
+from vtff_bag.run.description import describe_run
+
+#: Heading and rows of the table: label, key, decimals.
+SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
+    (
+        "run",
+        (
+            ("length, s", "run_duration_s", 0),
+            ("times real time", "real_time_factor", 0),
+            ("late commands", "late_commands", 0),
+        ),
+    ),
+    (
+        "control",
+        (
+            ("closest approach, m", "minimum_separation_m", 2),
+            ("minimum in-track, m", "minimum_in_track_m", 2),
+            ("settled, s", "settling_time_s", 0),
+            *((f"  {axis}", f"settling_time_{axis}_s", 0) for axis in AXES),
+            *((f"keeping RMS {axis}, m", f"keeping_{axis}_rms_m", 4) for axis in AXES),
+        ),
+    ),
+    *(
+        (
+            f"dv {phase}, m/s",
+            tuple((f"  {axis}", f"delta_v_{phase}_{axis}_m_per_s", 3) for axis in AXES),
+        )
+        for phase in ("acquisition", "keeping", "total")
+    ),
+    (
+        "navigation against truth",
+        (
+            *((f"RMS {axis}, m", f"navigation_error_{axis}_rms_m", 4) for axis in AXES),
+            ("largest, m", "navigation_error_maximum_m", 3),
+            ("within 3 sigma, %", "navigation_within_three_sigma_percent", 1),
+            ("fixed, % of the time", "navigation_fixed_percent", 1),
+            ("first fixed, s", "navigation_first_fixed_s", 0),
+        ),
+    ),
+    (
+        "latency",
+        (
+            ("of a step, sum of nodes, median, ms", "step_compute_time_median_ms", 3),
+            ("  99 % below, ms", "step_compute_time_99_percent_ms", 3),
+        ),
+    ),
+    (
+        "ionosphere",
+        (
+            ("mean vertical TEC, TECU", "vertical_tec_mean_tecu", 2),
+            ("largest S4", "s4_maximum", 3),
+        ),
+    ),
+)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ComparedRun:
+    """One run of a comparison.
+
+    Attributes
+    ----------
+    name
+        Shown in tables and plots; unique in the comparison.
+    summary
+        Numbers by key: those of docs/summary.md and those of `SECTIONS`.
+    flights, errors
+        By deputy.
+    history
+        The run as recorded.
+    """
+
+    name: str
+    summary: dict[str, Any]
+    flights: dict[str, FormationFlight]
+    errors: dict[str, NavigationError]
+    history: RunHistory
+
+
+def read_compared_run(path: pathlib.Path, name: str) -> ComparedRun:
+    """Read a run folder or bag.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagReadError
+        If there is no bag or nothing in it can be read.
+    """
+    place = find_run(path)
+    history = read_run(place.bag)
+    settings = read_settings(describe_run(place.folder, BagReader(place.bag).custom_data))
+    flights = {}
+    errors = {}
+    for deputy, recorded in history.deputies.items():
+        flight = formation_flight(recorded, settings.controller(deputy))
+        error = navigation_error(recorded)
+        if flight is not None:
+            flights[deputy] = flight
+        if error is not None:
+            errors[deputy] = error
+    summary = summarise_run(history, settings, flights)
+    for deputy, recorded in history.deputies.items():
+        prefix = f"{deputy}_" if len(flights) > 1 else ""
+        quality = _navigation_quality(recorded, errors.get(deputy))
+        summary.update({f"{prefix}{key}": plain(value) for key, value in quality.items()})
+    summary.update({key: plain(value) for key, value in _latency(history).items()})
+    summary.update({key: plain(value) for key, value in _ionosphere(history).items()})
+    return ComparedRun(name, summary, flights, errors, history)
+
+
+def names_of_runs(paths: Sequence[pathlib.Path]) -> list[str]:
+    """Return a short unique name for each run: its folder, with a number where two are alike."""
+    names = [find_run(path).name for path in paths]
+    unique = []
+    for index, name in enumerate(names):
+        earlier = names[:index].count(name)
+        unique.append(f"{name} ({earlier + 1})" if names.count(name) > 1 else name)
+    return unique
+
+
+def comparison_rows(
+    runs: Sequence[ComparedRun],
+) -> list[tuple[str, list[tuple[str, int, list[Any]]]]]:
+    """Return the table: heading and rows of each section that any run has.
+
+    Returns
+    -------
+    list
+        Heading and rows; a row is a label, the decimals to show, and one value a run: None where
+        the number does not exist, ``...`` (Ellipsis) where the run has no such part.
+    """
+    prefixes = sorted({_prefix(run, deputy) for run in runs for deputy in run.flights} or {""})
+    sections = []
+    for prefix in prefixes:
+        for heading, section in SECTIONS:
+            own = heading in ("run", "latency", "ionosphere")
+            if own and prefix != prefixes[0]:
+                continue
+            part = "" if own else prefix
+            rows = []
+            for label, key, decimals in section:
+                values = [run.summary.get(part + key, ...) for run in runs]
+                if any(value is not ... for value in values):
+                    rows.append((label.replace("_", "-"), decimals, values))
+            if rows:
+                sections.append((f"{part.rstrip('_')} {heading}".strip(), rows))
+    return sections
+
+
+def _prefix(run: ComparedRun, deputy: str) -> str:
+    return f"{deputy}_" if len(run.flights) > 1 else ""
+
+
+def _navigation_quality(
+    recorded: DeputyHistory, error: NavigationError | None
+) -> Mapping[str, Any]:
+    found: dict[str, Any] = {}
+    inside = None if error is None else error.within_three_sigma()
+    if inside is not None:
+        found["navigation_within_three_sigma_percent"] = 100.0 * float(inside.mean())
+    quality = recorded.navigation
+    if quality is not None and quality.time.size:
+        fixed = quality.solution == SOLUTION_FIXED
+        found["navigation_fixed_percent"] = 100.0 * float(fixed.mean())
+        states = recorded.truth or recorded.estimate
+        assert states is not None
+        first = np.flatnonzero(fixed)
+        found["navigation_first_fixed_s"] = (
+            float((quality.time[first[0]] - states.time[0]) * 1e-9) if first.size else None
+        )
+    return found
+
+
+def _latency(history: RunHistory) -> Mapping[str, Any]:
+    """Sum the wall times that the nodes took for the same step."""
+    complete = [times for times in history.compute_time.values() if times.size > 1]
+    longest = max((times.size for times in complete), default=0)
+    # Side branches acknowledge only some steps: theirs do not add up with the others.
+    chain = [times for times in complete if times.size > 0.9 * longest]
+    if not chain:
+        return {}
+    shortest = min(times.size for times in chain)
+    sums = np.sum([times[:shortest] for times in chain], axis=0) * 1e3
+    return {
+        "step_compute_time_median_ms": float(np.median(sums)),
+        "step_compute_time_99_percent_ms": float(np.quantile(sums, 0.99)),
+    }
+
+
+def _ionosphere(history: RunHistory) -> Mapping[str, Any]:
+    found: dict[str, Any] = {}
+    vertical = _joined([c.values["vtec_tecu"] for c in history.slant_tec.values()])
+    s4 = _joined([c.values["s4"] for c in history.scintillation.values()])
+    if vertical.size:
+        found["vertical_tec_mean_tecu"] = float(vertical.mean())
+    if s4.size:
+        found["s4_maximum"] = float(s4.max())
+    return found
+
+
+def _joined(columns: Sequence[Any]) -> Any:
+    values = np.concatenate([np.empty(0), *columns])
+    return values[np.isfinite(values)]

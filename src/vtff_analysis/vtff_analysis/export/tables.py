@@ -1,0 +1,127 @@
+"""Every topic of a bag as a CSV or Parquet file."""
+
+from __future__ import annotations
+
+import csv
+import pathlib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from vtff_analysis.export.columns import column_types, exploded, message_columns
+from vtff_analysis.report.summary import key_part
+from vtff_bag.file.errors import BagReadError, UnknownTypeError
+from vtff_bag.file.message_definitions import message_class
+from vtff_bag.file.reader import BagReader
+
+#: Messages turned into rows at once: bounds the memory of a long bag.
+BATCH = 5000
+
+#: Element type of a ROS field -> name of the type in pyarrow.
+_ARROW_TYPES = {
+    **{name: name for name in ("int8", "int16", "int32", "int64")},
+    **{name: name for name in ("uint8", "uint16", "uint32", "uint64", "string")},
+    **{"boolean": "bool_", "octet": "uint8", "char": "uint8", "float": "float32"},
+    **{"double": "float64"},
+}
+
+Progress = Callable[[str], None]
+
+
+def export_csv(
+    reader: BagReader, folder: pathlib.Path, progress: Progress | None = None
+) -> tuple[list[pathlib.Path], list[str]]:
+    """Write each topic as ``<topic>.csv``: one row a message, or one a signal.
+
+    Parameters
+    ----------
+    reader
+        The bag.
+    folder
+        Where to; must exist.
+    progress
+        Called with the name of each topic.
+
+    Returns
+    -------
+    files, notes
+        The files, and a line for each topic that is left out.
+    """
+    return _export(reader, folder, ".csv", _write_csv, progress)
+
+
+def export_parquet(
+    reader: BagReader, folder: pathlib.Path, progress: Progress | None = None
+) -> tuple[list[pathlib.Path], list[str]]:
+    """Write each topic as ``<topic>.parquet``: one row a message, arrays as lists.
+
+    Parameters and returns are those of `export_csv`.
+    """
+    return _export(reader, folder, ".parquet", _write_parquet, progress)
+
+
+def _export(
+    reader: BagReader,
+    folder: pathlib.Path,
+    suffix: str,
+    write: Callable[[pathlib.Path, Iterator[dict[str, list[Any]]], Any], None],
+    progress: Progress | None,
+) -> tuple[list[pathlib.Path], list[str]]:
+    files, notes = [], []
+    for name, topic in sorted(reader.topics.items()):
+        if not topic.message_count:
+            continue
+        try:
+            class_of_topic = message_class(topic.type)
+        except UnknownTypeError as error:
+            notes.append(f"{name} is left out: {error}")
+            continue
+        if progress is not None:
+            progress(name)
+        path = folder / f"{key_part(name)}{suffix}"
+        try:
+            write(path, _batches(reader, name), class_of_topic())
+        except BagReadError as error:
+            notes.append(str(error))
+        if path.exists():
+            files.append(path)
+    return files, notes
+
+
+def _batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]]]:
+    batch: list[tuple[int, Any]] = []
+    for decoded in reader.messages(topic):
+        batch.append((decoded.log_time, decoded.message))
+        if len(batch) == BATCH:
+            yield message_columns(batch)
+            batch = []
+    if batch:
+        yield message_columns(batch)
+
+
+def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any) -> None:
+    with path.open("w", encoding="utf-8", newline="") as file:
+        # repr gives the shortest text that reads back as the same number.
+        writer = csv.writer(file)
+        head = list(column_types(example))
+        writer.writerow(head)
+        for batch in batches:
+            columns = exploded(batch)
+            writer.writerows(zip(*(columns[name] for name in head), strict=True))
+
+
+def _write_parquet(
+    path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any
+) -> None:
+    import pyarrow
+    import pyarrow.parquet
+
+    # From the definition, not from the first rows: their lists may be empty.
+    kinds = {name: getattr(pyarrow, kind)() for name, kind in _ARROW_TYPES.items()}
+    fields = [
+        (name, pyarrow.list_(kinds[kind]) if is_list else kinds[kind])
+        for name, (kind, is_list) in column_types(example).items()
+    ]
+    schema = pyarrow.schema(fields)
+    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
+        for batch in batches:
+            writer.write_table(pyarrow.table(batch, schema=schema))

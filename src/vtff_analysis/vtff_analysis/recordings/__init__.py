@@ -1,0 +1,1 @@
+"""Recordings as arrays and domain objects: topics, histories, orbits, settings, truth files."""

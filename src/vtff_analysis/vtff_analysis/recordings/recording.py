@@ -1,0 +1,305 @@
+"""Bag of a run -> `RunHistory`. One pass over the bag, whatever it holds; needs rclpy."""
+
+from __future__ import annotations
+
+import functools
+import pathlib
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vtff_analysis.recordings.history import (
+    AccelerationHistory,
+    DeputyHistory,
+    NavigationHistory,
+    ReceiverHistory,
+    RelativeStateHistory,
+    RunHistory,
+    SimulatorReport,
+)
+from vtff_analysis.recordings.recording_details import DetailCollector
+from vtff_analysis.recordings.topics import (
+    ESTIMATE_TOPIC,
+    STATE_ENDED,
+    STATUS_TOPIC,
+    TARGET_TOPIC,
+    TRUTH_TOPIC,
+)
+from vtff_bag.file.errors import UnknownTypeError
+from vtff_bag.file.message_definitions import message_class
+from vtff_bag.file.reader import BagReader, RawMessage
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_node.conversions.gnss import ephemeris_from_message
+
+#: Name of a receiver whose topics have no namespace.
+UNNAMED_RECEIVER = "receiver"
+
+_SOLUTION_NONE = 0  # vtff_msgs/RelativeState.SOLUTION_NONE
+_PACINGS = ("lockstep", "realtime")  # vtff_msgs/SimulatorStatus.PACING_*
+
+_RELATIVE_TOPICS = {TRUTH_TOPIC: "truth", ESTIMATE_TOPIC: "estimate", TARGET_TOPIC: "target"}
+_THRUST_TOPIC = re.compile(
+    r"^/(?P<deputy>.+)/(?P<what>control/thrust_command|propulsion/thrust_applied)$"
+)
+_GNSS_TOPIC = re.compile(r"^(?:/(?P<receiver>.+))?/gnss/(?P<what>epoch|fix|ephemeris)$")
+
+#: Fields of an estimate beside state and covariance.
+_QUALITY = ("solution", "satellites_used", "ambiguities_fixed", "ratio", "innovation_rms")
+_STATE_WIDTH = 6  # position and velocity
+
+Handler = Callable[[Any], None]
+
+
+def read_run(bag: pathlib.Path) -> RunHistory:
+    """Read what a report needs from a bag.
+
+    Parameters
+    ----------
+    bag
+        Bag directory or file. Topics that it does not have are simply missing in the result.
+
+    Returns
+    -------
+    RunHistory
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagReadError
+        If there is no bag or nothing in it can be read.
+    """
+    reader = BagReader(bag)
+    collector = _Collector()
+    details = DetailCollector()
+    decoders: dict[str, Callable[[RawMessage], None]] = {}
+    for topic in reader.topics.values():
+        handler = collector.handler(topic.name) or details.handler(topic.name)
+        if handler is None:
+            continue
+        try:
+            decoders[topic.name] = _decoder(message_class(topic.type), handler)
+        except UnknownTypeError as error:
+            collector.notes.append(f"topic '{topic.name}' is left out: {error}")
+    last_status: RawMessage | None = None
+    for raw in reader.raw_messages(list(decoders)):
+        if raw.topic == STATUS_TOPIC:
+            last_status = raw  # only the last one counts
+        else:
+            _decode(decoders, raw, collector.notes)
+    if last_status is not None:
+        _decode(decoders, last_status, collector.notes)
+    return RunHistory(
+        start_time=reader.start_time,
+        end_time=reader.end_time,
+        message_counts={topic.name: topic.message_count for topic in reader.topics.values()},
+        deputies=collector.deputies(),
+        receivers=collector.receivers(),
+        simulator=collector.simulator,
+        slant_tec=details.slant_tec(),
+        scintillation=details.scintillation(),
+        density=details.density(),
+        satellite_density=details.satellite_density(),
+        boundaries=tuple(details.boundaries),
+        health=details.health(),
+        compute_time=details.compute_time(),
+        notes=tuple([*reader.notes, *collector.notes]),
+    )
+
+
+def _decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None]:
+    from rclpy.serialization import deserialize_message
+
+    def decode(raw: RawMessage) -> None:
+        handler(deserialize_message(raw.serialized, message_type))
+
+    return decode
+
+
+def _decode(
+    decoders: dict[str, Callable[[RawMessage], None]], raw: RawMessage, notes: list[str]
+) -> None:
+    """Hand a message to its handler; a topic that does not decode is left out from there on."""
+    decode = decoders.get(raw.topic)
+    if decode is None:
+        return
+    try:
+        decode(raw)
+    except Exception as error:  # rclpy raises its own and C++ exceptions here
+        del decoders[raw.topic]
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+        notes.append(f"topic '{raw.topic}': unreadable from {raw.log_time} ns on: {reason}")
+
+
+def _nanoseconds(message: Any) -> int:
+    stamp = message.header.stamp
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+class _Rows:
+    """Times and rows of numbers that become arrays."""
+
+    def __init__(self, width: int) -> None:
+        self._width = width
+        self._times: list[int] = []
+        self._rows: list[Any] = []
+
+    def add(self, time: int, row: Any) -> None:
+        self._times.append(time)
+        self._rows.append(row)
+
+    def arrays(self) -> tuple[Any, Any]:
+        """Return ascending times (n,) without repetition, and rows (n, width)."""
+        times, first = np.unique(np.array(self._times, dtype=np.int64), return_index=True)
+        return times, np.array(self._rows, dtype=float).reshape(-1, self._width)[first]
+
+
+class _Receiver:
+    """Messages of one receiver."""
+
+    _COLUMNS = (
+        ("system", np.uint8),
+        ("prn", np.uint8),
+        ("band", np.uint8),
+        ("attribute", np.uint8),
+        ("flags", np.uint16),
+        ("cn0_dbhz", np.float32),
+    )
+
+    def __init__(self) -> None:
+        self._epoch_times: list[int] = []
+        self._counts: list[int] = []
+        self._columns: dict[str, list[Any]] = {name: [] for name, _ in self._COLUMNS}
+        self._fixes: list[tuple[int, int]] = []
+        self._positions: list[Any] = []
+        self._ephemerides: list[BroadcastEphemeris] = []
+
+    def epoch(self, message: Any) -> None:
+        self._epoch_times.append(_nanoseconds(message))
+        self._counts.append(len(message.system))
+        for name, kind in self._COLUMNS:
+            self._columns[name].append(np.array(getattr(message, name), dtype=kind))
+
+    def fix(self, message: Any) -> None:
+        self._fixes.append((_nanoseconds(message), message.status))
+        self._positions.append(message.position)
+
+    def ephemeris(self, message: Any) -> None:
+        self._ephemerides.append(ephemeris_from_message(message))
+
+    def history(self, name: str) -> ReceiverHistory:
+        columns = {
+            column: np.concatenate([np.empty(0, kind), *self._columns[column]])
+            for column, kind in self._COLUMNS
+        }
+        fixes = np.array(self._fixes, dtype=np.int64).reshape(-1, 2)
+        satellites = [(ephemeris.system, ephemeris.prn) for ephemeris in self._ephemerides]
+        ephemerides = np.array(satellites, dtype=np.uint8).reshape(-1, 2)
+        return ReceiverHistory(
+            name=name,
+            epoch_time=np.array(self._epoch_times, dtype=np.int64),
+            observations_per_epoch=np.array(self._counts, dtype=np.int64),
+            fix_time=fixes[:, 0],
+            fix_status=fixes[:, 1].astype(np.uint8),
+            ephemeris_system=ephemerides[:, 0],
+            ephemeris_prn=ephemerides[:, 1],
+            fix_position_itrf=np.array(self._positions, dtype=float).reshape(-1, 3),
+            ephemerides=tuple(self._ephemerides),
+            **columns,
+        )
+
+
+def _navigation(times: Any, values: Any) -> NavigationHistory:
+    solution, satellites, ambiguities, ratio, innovation = values[:, 12:].T
+    return NavigationHistory(
+        time=times,
+        position_sigma_rtn=values[:, 6:9],
+        velocity_sigma_rtn=values[:, 9:12],
+        solution=solution.astype(np.uint8),
+        satellites_used=satellites.astype(np.uint8),
+        ambiguities_fixed=ambiguities.astype(np.uint16),
+        ratio=ratio,
+        innovation_rms=innovation,
+    )
+
+
+class _Collector:
+    """Sorts messages by spacecraft while the bag is read."""
+
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+        self.simulator: SimulatorReport | None = None
+        self._relative: dict[str, dict[str, _Rows]] = {}
+        self._thrust: dict[str, dict[str, _Rows]] = {}
+        self._receivers: dict[str, _Receiver] = {}
+
+    def handler(self, topic: str) -> Handler | None:
+        """Return what takes the messages of a topic, None for a topic no report needs."""
+        if topic in _RELATIVE_TOPICS:
+            return functools.partial(self._relative_state, _RELATIVE_TOPICS[topic])
+        if topic == STATUS_TOPIC:
+            return self._status
+        thrust = _THRUST_TOPIC.match(topic)
+        if thrust is not None:
+            what = "command" if thrust["what"] == "control/thrust_command" else "applied"
+            rows = self._thrust.setdefault(thrust["deputy"], {}).setdefault(what, _Rows(3))
+            return functools.partial(self._acceleration, rows)
+        gnss = _GNSS_TOPIC.match(topic)
+        if gnss is not None:
+            name = gnss["receiver"] or UNNAMED_RECEIVER
+            receiver = self._receivers.setdefault(name, _Receiver())
+            handlers: dict[str, Handler] = {
+                "epoch": receiver.epoch,
+                "fix": receiver.fix,
+                "ephemeris": receiver.ephemeris,
+            }
+            return handlers[gnss["what"]]
+        return None
+
+    def _relative_state(self, what: str, message: Any) -> None:
+        row = np.concatenate((message.position, message.velocity))
+        unusable = what == "estimate" and message.solution == _SOLUTION_NONE
+        if unusable or not np.isfinite(row).all():
+            return
+        deputy = self._relative.setdefault(message.child_frame_id or "deputy", {})
+        if what == "estimate":
+            variance = np.asarray(message.covariance)[::7]  # the diagonal of 6 by 6
+            sigma = np.sqrt(np.where(variance > 0.0, variance, 0.0))
+            row = np.concatenate((row, sigma, [getattr(message, name) for name in _QUALITY]))
+        width = _STATE_WIDTH + (6 + len(_QUALITY) if what == "estimate" else 0)
+        deputy.setdefault(what, _Rows(width)).add(_nanoseconds(message), row)
+
+    @staticmethod
+    def _acceleration(rows: _Rows, message: Any) -> None:
+        linear = message.accel.linear
+        rows.add(_nanoseconds(message), (linear.x, linear.y, linear.z))
+
+    def _status(self, message: Any) -> None:
+        self.simulator = SimulatorReport(
+            scenario=message.scenario,
+            pacing=_PACINGS[message.pacing] if message.pacing < len(_PACINGS) else "unknown",
+            complete=message.state == STATE_ENDED,
+            time_into_run=message.time_into_run,
+            late_commands=message.late_commands,
+            real_time_factor=message.real_time_factor,
+        )
+
+    def deputies(self) -> dict[str, DeputyHistory]:
+        histories = {}
+        for name in sorted({*self._relative, *self._thrust}):
+            parts: dict[str, Any] = {}
+            for what, rows in self._relative.get(name, {}).items():
+                times, values = rows.arrays()
+                parts[what] = RelativeStateHistory(times, values[:, :3], values[:, 3:6])
+                if what == "estimate":
+                    parts["navigation"] = _navigation(times, values)
+            for what, rows in self._thrust.get(name, {}).items():
+                times, values = rows.arrays()
+                if times.size:
+                    parts[what] = AccelerationHistory(times, values)
+            if parts:
+                histories[name] = DeputyHistory(name, **parts)
+        return histories
+
+    def receivers(self) -> dict[str, ReceiverHistory]:
+        return {name: self._receivers[name].history(name) for name in sorted(self._receivers)}

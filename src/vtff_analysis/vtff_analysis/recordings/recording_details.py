@@ -1,0 +1,234 @@
+"""Topics of a run beside formation and receivers: ionosphere, health, timing."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from vtff_analysis.recordings.history import (
+    Boundary,
+    DensityHistory,
+    FloatArray,
+    HealthItem,
+    SatelliteColumns,
+)
+from vtff_dynamics.frames.frames import geodetic_from_itrf
+
+STEP_TOPIC = "/sim/step_done"
+DIAGNOSTICS_TOPIC = "/diagnostics"
+
+_SLANT_TEC = re.compile(r"/(?:iono/slant_tec|gnss/ism/slant_tec|differential_tec)$")
+_SCINTILLATION = re.compile(r"/(?:iono|gnss/ism)/scintillation$")
+_DENSITY = re.compile(r"/electron_density$")
+_BOUNDARY = re.compile(r"boundar")
+
+_SLANT_TEC_COLUMNS = (
+    *("stec_tecu", "stec_sigma_tecu", "vtec_tecu", "elevation", "azimuth"),
+    *("band_first", "band_second", "rejected"),
+)
+_SATELLITE_DENSITY_COLUMNS = ("density", "density_sigma", "altitude")
+_SCINTILLATION_COLUMNS = (
+    *("band", "attribute", "s4", "s4_corrected", "sigma_phi", "roti_tecu_per_minute", "cn0_dbhz"),
+    *("elevation", "azimuth"),
+)
+
+# vtff_msgs/IrregularityBoundary.KIND_* and SOURCE_*
+_KINDS = ("vertical", "horizontal")
+_SOURCES = ("density", "S4", "ROTI", "TEC gradient")
+
+_LEVELS = 4  # diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
+
+Handler = Callable[[Any], None]
+
+
+def _nanoseconds(stamp: Any) -> int:
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+class _Columns:
+    """Messages of columns, put one behind the other."""
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        self._names = names
+        self._times: list[Any] = []
+        self._parts: dict[str, list[Any]] = {name: [] for name in ("system", "prn", *names)}
+
+    def add(self, message: Any) -> None:
+        count = len(message.system)
+        self._times.append(np.full(count, _nanoseconds(message.header.stamp), dtype=np.int64))
+        for name, parts in self._parts.items():
+            column = np.asarray(getattr(message, name))
+            if column.ndim == 0:
+                column = np.full(count, column)  # holds for all rows
+            # A message of another program may leave columns out.
+            parts.append(column if len(column) == count else np.full(count, np.nan))
+
+    def columns(self) -> SatelliteColumns:
+        joined = {name: np.concatenate([np.empty(0), *p]) for name, p in self._parts.items()}
+        return SatelliteColumns(
+            time=np.concatenate([np.empty(0, np.int64), *self._times]),
+            system=joined.pop("system").astype(np.uint8),
+            prn=joined.pop("prn").astype(np.uint8),
+            values={name: column.astype(float) for name, column in joined.items()},
+        )
+
+
+class _Health:
+    """Reports of one name."""
+
+    def __init__(self) -> None:
+        self.counts = [0] * _LEVELS
+        self.changes: list[tuple[int, str]] = []
+        self.last: Any = None
+        self._state: tuple[int, str] = (0, "")
+
+    def add(self, time: int, status: Any) -> None:
+        level = min(_level(status), _LEVELS - 1)
+        self.counts[level] += 1
+        if level and (level, status.message) != self._state:
+            if len(self.changes) < HealthItem.LONGEST_CHANGES:
+                self.changes.append((time, status.message))
+        self._state = (level, status.message)
+        self.last = status
+
+
+def _level(status: Any) -> int:
+    """Return the level as a number: rclpy shows a byte as bytes of length one."""
+    level = status.level
+    return int.from_bytes(level, "little") if isinstance(level, bytes) else int(level)
+
+
+class DetailCollector:
+    """Sorts messages while the bag is read."""
+
+    def __init__(self) -> None:
+        self.boundaries: list[Boundary] = []
+        self._density: list[tuple[float, ...]] = []
+        self._density_time: list[int] = []
+        self._satellite_density = _Columns(_SATELLITE_DENSITY_COLUMNS)
+        self._slant_tec: dict[str, _Columns] = {}
+        self._scintillation: dict[str, _Columns] = {}
+        self._health: dict[str, _Health] = {}
+        self._compute_time: dict[str, list[float]] = {}
+
+    def handler(self, topic: str) -> Handler | None:
+        """Return what takes the messages of a topic, None for a topic no report needs."""
+        if topic == STEP_TOPIC:
+            return self._step_done
+        if topic == DIAGNOSTICS_TOPIC:
+            return self._diagnostics
+        if _SLANT_TEC.search(topic):
+            return self._slant_tec.setdefault(topic, _Columns(_SLANT_TEC_COLUMNS)).add
+        if _SCINTILLATION.search(topic):
+            return self._scintillation.setdefault(topic, _Columns(_SCINTILLATION_COLUMNS)).add
+        if _DENSITY.search(topic):
+            return self._add_density
+        if _BOUNDARY.search(topic):
+            return self._boundary
+        return None
+
+    def slant_tec(self) -> dict[str, SatelliteColumns]:
+        """Return slant TEC by topic, of topics that have any."""
+        return _filled(self._slant_tec)
+
+    def scintillation(self) -> dict[str, SatelliteColumns]:
+        """Return scintillation indices by topic, of topics that have any."""
+        return _filled(self._scintillation)
+
+    def density(self) -> DensityHistory | None:
+        """Return the density of all satellites combined, None where there is none."""
+        if not self._density:
+            return None
+        altitude, separation, density, sigma, *position = np.array(self._density).T
+        geodetic = np.degrees(geodetic_from_itrf(np.stack(position, axis=-1))[:, :2])
+        return DensityHistory(
+            time=np.array(self._density_time, dtype=np.int64),
+            altitude=altitude,
+            separation=separation,
+            latitude_deg=geodetic[:, 0],
+            longitude_deg=geodetic[:, 1],
+            density=density,
+            sigma=sigma,
+        )
+
+    def satellite_density(self) -> SatelliteColumns | None:
+        """Return the density of each satellite by itself, None where there is none."""
+        columns = self._satellite_density.columns()
+        kept = (columns.prn > 0) & np.isfinite(columns.values["density"])
+        if not kept.any():
+            return None
+        values = {name: column[kept] for name, column in columns.values.items()}
+        return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
+
+    def health(self) -> tuple[HealthItem, ...]:
+        """Return what was reported on /diagnostics, by name."""
+        return tuple(
+            HealthItem(
+                name=name,
+                hardware_id=reports.last.hardware_id,
+                counts=(*reports.counts,),  # type: ignore[arg-type]
+                changes=tuple(reports.changes),
+                level=min(_level(reports.last), _LEVELS - 1),
+                message=reports.last.message,
+                values={pair.key: pair.value for pair in reports.last.values},
+            )
+            for name, reports in sorted(self._health.items())
+        )
+
+    def compute_time(self) -> dict[str, FloatArray]:
+        """Return the wall time of each acknowledged step in s, by node."""
+        return {node: np.array(times) for node, times in sorted(self._compute_time.items())}
+
+    def _step_done(self, message: Any) -> None:
+        self._compute_time.setdefault(message.node, []).append(message.compute_time)
+
+    def _diagnostics(self, message: Any) -> None:
+        time = _nanoseconds(message.header.stamp)
+        for status in message.status:
+            # Two spacecraft may have nodes of the same name.
+            name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
+            self._health.setdefault(name, _Health()).add(time, status)
+
+    def _add_density(self, message: Any) -> None:
+        self._satellite_density.add(message)
+        # The last row is that of all satellites.
+        if len(message.density) and math.isfinite(message.density[-1]):
+            self._density_time.append(_nanoseconds(message.header.stamp))
+            self._density.append(
+                (
+                    message.altitude,
+                    message.vertical_separation,
+                    message.density[-1],
+                    message.density_sigma[-1],
+                    *message.position,
+                )
+            )
+
+    def _boundary(self, message: Any) -> None:
+        self.boundaries.append(
+            Boundary(
+                time=_nanoseconds(message.header.stamp),
+                kind=_name(_KINDS, message.kind),
+                source=_name(_SOURCES, message.source),
+                entry=bool(message.entry),
+                spacecraft=message.spacecraft,
+                system=message.system,
+                prn=message.prn,
+                latitude_deg=message.latitude_deg,
+                longitude_deg=message.longitude_deg,
+                altitude=message.altitude,
+            )
+        )
+
+
+def _name(names: tuple[str, ...], number: int) -> str:
+    return names[number] if number < len(names) else str(number)
+
+
+def _filled(collected: dict[str, _Columns]) -> dict[str, SatelliteColumns]:
+    found = {topic: columns.columns() for topic, columns in sorted(collected.items())}
+    return {topic: columns for topic, columns in found.items() if columns.time.size}

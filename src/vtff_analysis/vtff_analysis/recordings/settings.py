@@ -1,0 +1,121 @@
+"""Settings of a run from the parameters of its nodes."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+
+from vtff_analysis.recordings.history import FloatArray
+from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_parameters
+
+DEFAULT_DEPUTY = "deputy"  # default of the controller's parameter 'deputy'
+
+
+@dataclass(frozen=True, eq=False)
+class ControllerSettings:
+    """Settings of the controller of one deputy; None where the run's parameters do not tell.
+
+    Attributes
+    ----------
+    target_position_rtn
+        Wanted position relative to the chief in m, shape (3,).
+    acceleration_cap
+        Largest acceleration of each axis in m/s2.
+    design
+        Control design.
+    feedforward
+        Whether the holding acceleration is added.
+    """
+
+    target_position_rtn: FloatArray | None = None
+    acceleration_cap: float | None = None
+    design: str | None = None
+    feedforward: bool | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class RunSettings:
+    """Settings of a run.
+
+    Attributes
+    ----------
+    seed
+        Seed of the run's random streams; None where unknown.
+    controllers
+        By the name of the deputy.
+    notes
+        One line for each file that could not be read.
+    """
+
+    seed: int | None = None
+    controllers: dict[str, ControllerSettings] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    def controller(self, deputy: str) -> ControllerSettings:
+        """Return the settings of a deputy's controller, empty ones if it has none."""
+        return self.controllers.get(deputy, ControllerSettings())
+
+
+def read_settings(described: RunDescription) -> RunSettings:
+    """Take the settings from the parameters of the nodes.
+
+    Parameters
+    ----------
+    described
+        The run; without parameters the settings are empty.
+
+    Returns
+    -------
+    RunSettings
+    """
+    notes: list[str] = []
+    seed: int | None = None
+    controllers: dict[str, ControllerSettings] = {}
+    for name, text in sorted(described.parameter_texts.items()):
+        found = node_parameters(text)
+        if not found:
+            notes.append(f"parameters/{name}.yaml: not a ROS parameter file")
+        for values in found.values():
+            if "target_position_rtn" in values:
+                deputy = str(values.get("deputy", DEFAULT_DEPUTY))
+                controllers[deputy] = _controller(values, name, notes)
+            if SCENARIO_PARAMETER in values:
+                seed = _seed(values, described.scenario_text)
+    return RunSettings(seed, controllers, tuple(notes))
+
+
+def _controller(values: Mapping[str, Any], name: str, notes: list[str]) -> ControllerSettings:
+    target: FloatArray | None = None
+    cap: float | None = None
+    try:
+        target = np.array(values["target_position_rtn"], dtype=float).reshape(3)
+        cap = float(values["acceleration_cap"]) if "acceleration_cap" in values else None
+    except (TypeError, ValueError):
+        notes.append(
+            f"parameters/{name}.yaml: target_position_rtn or acceleration_cap is not numeric"
+        )
+    design = values.get("design")
+    feedforward = values.get("feedforward")
+    return ControllerSettings(
+        target_position_rtn=target,
+        acceleration_cap=cap,
+        design=None if design is None else str(design),
+        feedforward=None if feedforward is None else bool(feedforward),
+    )
+
+
+def _seed(values: Mapping[str, Any], scenario_text: str) -> int | None:
+    """Return the seed of the run: of the parameters, else of the scenario file."""
+    given = values.get("seed", -1)
+    if not (isinstance(given, int) and given >= 0):
+        try:
+            scenario = yaml.safe_load(scenario_text)
+        except yaml.YAMLError:
+            return None
+        given = scenario.get("seed") if isinstance(scenario, Mapping) else None
+    return given if isinstance(given, int) else None

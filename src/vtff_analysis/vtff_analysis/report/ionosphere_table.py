@@ -1,0 +1,103 @@
+"""Table of the ionosphere of a run: paper, measured and true beside each other."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from vtff_analysis.paper_reference import paper_columns
+from vtff_analysis.report.tables import number_text
+
+__all__ = ["IONOSPHERE_HEADS", "IONOSPHERE_REMARK", "ionosphere_rows", "print_ionosphere"]
+
+IONOSPHERE_HEADS = ("", "paper", "measured", "true")
+
+_ROWS = (
+    ("chief, lower edge at, s", "chief_bottom_time_s", 1),
+    ("chief, upper edge at, s", "chief_top_time_s", 1),
+    ("deputy, lower edge at, s", "deputy_bottom_time_s", 1),
+    ("deputy, upper edge at, s", "deputy_top_time_s", 1),
+    ("chief, lower edge, m", "chief_bottom_altitude_m", 0),
+    ("chief, upper edge, m", "chief_top_altitude_m", 0),
+    ("deputy, lower edge, m", "deputy_bottom_altitude_m", 0),
+    ("deputy, upper edge, m", "deputy_top_altitude_m", 0),
+    ("vertical edges found, both passes", "vertical_edges", 0),
+    ("vertical TEC inside, lower edge, TECU", "vtec_bottom_tecu", 2),
+    ("vertical TEC inside, upper edge, TECU", "vtec_top_tecu", 2),
+    ("separation from edges, rising, m", "separation_rising_m", 1),
+    ("separation from edges, falling, m", "separation_falling_m", 1),
+    ("lag of the deputy's fluctuations, s", "lag_s", 2),
+    ("first event, latitude, deg", "first_event_latitude_deg", 1),
+    ("first event, longitude, deg", "first_event_longitude_deg", 1),
+    ("last event, latitude, deg", "last_event_latitude_deg", 1),
+    ("last event, longitude, deg", "last_event_longitude_deg", 1),
+    ("chief, minutes with S4 > 0.2", "chief_scintillating_minutes", 0),
+    ("deputy, minutes with S4 > 0.2", "deputy_scintillating_minutes", 0),
+    ("chief, crossing minutes found, %", "chief_scintillation_detected_percent", 1),
+    ("deputy, crossing minutes found, %", "deputy_scintillation_detected_percent", 1),
+    ("chief, false among the others, %", "chief_scintillation_false_percent", 2),
+    ("deputy, false among the others, %", "deputy_scintillation_false_percent", 2),
+    ("mean density error, cm-3", "density_error_per_cm3", 0),
+    ("  at 480 to 520 km (bubble 1), cm-3", "density_error_bubble_1_per_cm3", 0),
+    ("  at 395 to 435 km (bubble 2), cm-3", "density_error_bubble_2_per_cm3", 0),
+    ("  at 340 to 380 km (bubble 3), cm-3", "density_error_bubble_3_per_cm3", 0),
+    ("mean error of one satellite, 1 s, cm-3", "density_error_single_satellite_per_cm3", 0),
+    ("differential TEC error, 1 s, RMS, TECU", "differential_tec_rms_tecu", 4),
+    ("chief, slant TEC error, RMS, TECU", "chief_slant_tec_error_rms_tecu", 2),
+    ("deputy, slant TEC error, RMS, TECU", "deputy_slant_tec_error_rms_tecu", 2),
+)
+
+IONOSPHERE_REMARK = (
+    "Edges: those of the rising pass. true: from the simulator; the paper's own separation was "
+    "984.90 m. Density errors: 1 km bins, 236 to 567 km, rising, against the truth averaged over "
+    "the separation. Crossing minutes: rays at least 30 s in a region."
+)
+"""What the numbers of the table are of."""
+
+
+def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+    """Return the texts of the table: label, paper, measured, true.
+
+    Parameters
+    ----------
+    summary
+        Summary of the run, keys of docs/summary.md.
+
+    Returns
+    -------
+    list of tuple
+        Empty where the run measured no ionosphere.
+    """
+    columns = paper_columns(summary.get("scenario"))
+    printed = {key: value for column in columns for key, value in column.values.items()}
+    rows = []
+    for label, name, decimals in _ROWS:
+        key = f"ionosphere_{name}"
+        if key in summary:
+            values = (printed.get(key), summary[key], summary.get(f"ionosphere_true_{name}"))
+            rows.append((label, *("" if v is None else number_text(v, decimals) for v in values)))
+    return rows
+
+
+def print_ionosphere(console: Console, summary: Mapping[str, Any], run_name: str) -> None:
+    """Print the table, if there is anything in it."""
+    rows = ionosphere_rows(summary)
+    if not rows:
+        return
+    table = Table(
+        title=escape(f"{run_name}: ionosphere"),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+    )
+    for place, head in enumerate(IONOSPHERE_HEADS):
+        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+    for row in rows:
+        table.add_row(*row)
+    console.print(table)
+    console.print(IONOSPHERE_REMARK, style="dim")

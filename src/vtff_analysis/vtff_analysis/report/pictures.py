@@ -1,0 +1,223 @@
+"""All plots of a report, each with the caption that explains it."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Mapping
+
+from vtff_analysis.recordings.history import DeputyHistory, RunHistory
+from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
+from vtff_analysis.recordings.settings import RunSettings
+from vtff_analysis.report.html import Picture
+from vtff_analysis.report.navigation import navigation_error
+from vtff_analysis.report.plots import plot_formation, plot_receiver
+from vtff_analysis.report.plots_details import (
+    plot_compute_time,
+    plot_navigation_error,
+    plot_navigation_quality,
+    plot_satellite_values,
+    plot_sky,
+)
+from vtff_analysis.report.plots_ionosphere import (
+    plot_density_profile,
+    plot_plateau,
+    plot_satellite_profiles,
+    plot_scintillation_map,
+    scenario_label,
+)
+from vtff_analysis.report.receiver_ionosphere import compare_with_receiver, plot_comparisons
+from vtff_analysis.report.summary import FormationFlight, key_part
+
+_FORMATION_CAPTIONS = {
+    "relative_position_and_thrust": (
+        "Relative position and applied thrust, in the form of figure A1 of the paper: the whole "
+        "run and the acquisition. Dotted lines are the largest thrust; an open circle is the "
+        "paper's closest in-track approach."
+    ),
+    "relative_position": (
+        "Relative position by axis with the target. The vertical line is the begin of the keeping "
+        "phase."
+    ),
+    "keeping_error": "Deviation from the target in the keeping phase, each axis on its own scale.",
+}
+
+_SLANT_TEC_PANELS = {
+    "stec_tecu": ("slant TEC along each ray", "slant TEC (TECU)"),
+    "vtec_tecu": ("vertical TEC at the pierce points", "vertical TEC (TECU)"),
+}
+_SCINTILLATION_PANELS = {
+    "s4": ("amplitude scintillation", "S4"),
+    "sigma_phi": ("phase scintillation", "sigma phi (rad)"),
+    "roti_tecu_per_minute": ("rate of TEC index", "ROTI (TECU/min)"),
+}
+
+
+def draw_pictures(
+    history: RunHistory,
+    settings: RunSettings,
+    flights: Mapping[str, FormationFlight],
+    folder: pathlib.Path,
+    run_name: str,
+    truth: IonosphereTruth | None = None,
+) -> list[Picture]:
+    """Draw every part that a run has.
+
+    Parameters
+    ----------
+    history, settings, flights
+        The run, its settings, and the flight of each deputy that has one.
+    folder
+        Where the PNG files go; must exist.
+    run_name
+        For the titles.
+    truth
+        The true ionosphere, where it is known.
+
+    Returns
+    -------
+    list of Picture
+        In the order in which they are to be shown.
+    """
+    scenario = history.simulator.scenario if history.simulator is not None else ""
+    pictures = []
+    for name, flight in flights.items():
+        prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
+        cap = settings.controller(name).acceleration_cap
+        for path in plot_formation(flight, folder, prefix, run_name, scenario, cap):
+            caption = _FORMATION_CAPTIONS[path.stem.removeprefix(prefix)]
+            pictures.append(Picture(path, caption, "formation"))
+        pictures += _navigation(history.deputies[name], folder, prefix, run_name)
+    for receiver in history.receivers.values():
+        prefix = f"{key_part(receiver.name)}_"
+        path = plot_receiver(receiver, folder, prefix, run_name)
+        if path is not None:
+            caption = f"Satellites that {receiver.name} tracked, coloured by the strongest signal."
+            pictures.append(Picture(path, caption, "gnss"))
+        title = f"{run_name}: sky of {receiver.name}"
+        path = plot_sky(receiver, folder, prefix, title)
+        if path is not None:
+            caption = (
+                f"Sky of {receiver.name}: azimuth around, elevation from the zenith outwards, from "
+                "recorded ephemerides and position fixes; labels stand where a satellite was "
+                "first seen."
+            )
+            pictures.append(Picture(path, caption, "gnss"))
+    labelled = f"{run_name}{scenario_label(scenario)}"
+    pictures += _density(history, truth, folder, labelled, scenario)
+    pictures += _ionosphere(history, folder, labelled)
+    comparisons = compare_with_receiver(history)
+    if comparisons:
+        path = folder / "receiver_ionosphere.png"
+        plot_comparisons(comparisons, path, f"{labelled}: ours against the receiver's own")
+        caption = "TEC and scintillation of the ionosphere processor against the receiver's own."
+        pictures.append(Picture(path, caption, "ionosphere"))
+    if any(times.size for times in history.compute_time.values()):
+        path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
+        caption = "Wall time that nodes took for a step, of those that acknowledge steps."
+        pictures.append(Picture(path, caption, "timing"))
+    return pictures
+
+
+def _navigation(
+    deputy: DeputyHistory, folder: pathlib.Path, prefix: str, run_name: str
+) -> list[Picture]:
+    pictures = []
+    error = navigation_error(deputy)
+    if error is not None:
+        title = f"{run_name}: navigation of {deputy.name} minus truth"
+        path = plot_navigation_error(error, folder, prefix, title)
+        caption = "Navigated minus true state of each axis"
+        inside = error.within_three_sigma()
+        if inside is not None:
+            shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
+            caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
+        pictures.append(Picture(path, f"{caption}.", "navigation"))
+    if deputy.navigation is not None and deputy.navigation.time.size:
+        states = deputy.truth or deputy.estimate
+        assert states is not None
+        title = f"{run_name}: quality of the navigation of {deputy.name}"
+        path = plot_navigation_quality(
+            deputy.navigation, int(states.time[0]), folder, prefix, title
+        )
+        caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
+        pictures.append(Picture(path, caption, "navigation"))
+    return pictures
+
+
+def _density(
+    history: RunHistory,
+    truth: IonosphereTruth | None,
+    folder: pathlib.Path,
+    run_name: str,
+    scenario: str,
+) -> list[Picture]:
+    """Draw figures 8 to 11 of the paper from a run with two spacecraft."""
+    density = history.density
+    if density is None:
+        return []
+    pictures = []
+    plateau = plot_plateau(
+        history.slant_tec,
+        history.start_time,
+        truth,
+        folder / "vertical_tec.png",
+        f"{run_name}: vertical TEC of single satellites",
+    )
+    if plateau is not None:
+        caption = "Vertical TEC above each spacecraft (figure 8 of the paper)."
+        if truth is not None and truth.region_altitudes is not None:
+            caption += " Dotted: 30.10 and 30.17 TECU, the paper's plateau."
+        pictures.append(Picture(plateau, caption, "ionosphere"))
+    if history.satellite_density is not None:
+        single = plot_satellite_profiles(
+            history.satellite_density,
+            density,
+            truth,
+            folder / "electron_density_satellites.png",
+            f"{run_name}: electron density from one satellite",
+        )
+        if single is not None:
+            caption = "Density from single satellites, rising (figure 9 of the paper)."
+            pictures.append(Picture(single, caption, "ionosphere"))
+    path = plot_density_profile(
+        density,
+        history.boundaries,
+        truth,
+        folder / "electron_density.png",
+        f"{run_name}: electron density",
+    )
+    caption = "Density from differential TEC of all satellites (figures 9 and 11 of the paper)."
+    pictures.append(Picture(path, caption, "ionosphere"))
+    for topic, columns in history.scintillation.items():
+        mapped = plot_scintillation_map(
+            columns,
+            density,
+            truth,
+            scenario,
+            folder / f"{key_part(topic)}_map.png",
+            f"{run_name}: {topic} against place",
+        )
+        if mapped is not None:
+            caption = f"{topic} against altitude and place (figure 10 of the paper)."
+            pictures.append(Picture(mapped, caption, "ionosphere"))
+    return pictures
+
+
+def _ionosphere(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+    pictures = []
+    parts = (
+        (history.slant_tec, _SLANT_TEC_PANELS, "electron content, one colour a satellite"),
+        (history.scintillation, _SCINTILLATION_PANELS, "scintillation, one colour a satellite"),
+    )
+    for topics, panels, what in parts:
+        for topic, columns in topics.items():
+            path = plot_satellite_values(
+                columns,
+                panels,
+                history.start_time,
+                folder / f"{key_part(topic)}.png",
+                f"{run_name}: {topic}",
+            )
+            if path is not None:
+                pictures.append(Picture(path, f"{topic}: {what}.", "ionosphere"))
+    return pictures

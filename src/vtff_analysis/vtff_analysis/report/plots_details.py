@@ -1,0 +1,298 @@
+"""Plots of navigation, sky, ionosphere and timing as PNG files, 1600 pixels wide."""
+
+from __future__ import annotations
+
+import pathlib
+from collections.abc import Mapping
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.ticker import NullFormatter
+
+from vtff_analysis.plot_style import (
+    AXIS_COLOURS,
+    AXIS_NAMES,
+    MARK_COLOUR,
+    STATE_COLOUR,
+    STYLE,
+    length_unit,
+    make_figure,
+    save_figure,
+    time_unit_of,
+)
+from vtff_analysis.recordings.history import (
+    FloatArray,
+    NavigationHistory,
+    ReceiverHistory,
+    SatelliteColumns,
+    TimeArray,
+)
+from vtff_analysis.report.navigation import SOLUTION_FIXED, SOLUTION_NAMES, NavigationError
+from vtff_analysis.report.summary import is_settled
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.signals import satellite_name
+from vtff_iono.geometry.satellite_geometry import satellite_geometry
+
+SKY_EPOCHS = 300
+"""Most epochs in a sky plot."""
+
+LINES = 12
+"""Most satellites drawn with a line of their own; the others stand behind them in grey."""
+
+# Tol's muted colours with black: twelve that differ with any colour vision.
+_SATELLITE_COLOURS = (
+    *("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77"),
+    *("#CC6677", "#882255", "#AA4499", "#000000", "#0072B2", "#D55E00"),
+)
+
+
+def plot_navigation_error(
+    error: NavigationError, folder: pathlib.Path, prefix: str, title: str
+) -> pathlib.Path:
+    """Draw position and velocity errors by axis with the 3-sigma bounds of navigation."""
+    with mpl.rc_context(STYLE):
+        figure = make_figure(9.6)
+        axes = figure.subplots(3, 2, sharex=True)
+        factor, time_unit = time_unit_of(float(error.time[-1]))
+        parts = (
+            ("position", "", error.position_rtn, error.position_sigma_rtn),
+            ("velocity", "/s", error.velocity_rtn, error.velocity_sigma_rtn),
+        )
+        for column, (what, per, values, sigma) in enumerate(parts):
+            # The first minutes of a filter are large: the scale is that of what follows.
+            settled = values[len(values) // 5 :]
+            for axis in range(3):
+                panel = axes[axis, column]
+                bound = 3.0 * sigma[:, axis]
+                usual = max(
+                    float(np.abs(settled[:, axis]).max()),
+                    float(np.quantile(bound, 0.8)),
+                    1e-9,
+                )
+                scale, unit = length_unit(usual)
+                if bound.any():
+                    panel.fill_between(
+                        error.time * factor, -bound / scale, bound / scale,
+                        color="0.85", linewidth=0.0, label="±3 sigma as stated",
+                    )  # fmt: skip
+                panel.plot(error.time * factor, values[:, axis] / scale, color=AXIS_COLOURS[axis])
+                panel.set_ylim(-1.5 * usual / scale, 1.5 * usual / scale)
+                counted = is_settled(error.time - error.time[0])
+                counted = counted if counted.any() else ~counted
+                rms = float(np.sqrt(np.mean(values[counted, axis] ** 2)))
+                after = "" if counted.all() else " after 60 s"
+                panel.set_title(
+                    f"{AXIS_NAMES[axis]} {what}: RMS{after} {rms / scale:.3g} {unit}{per}"
+                )
+                panel.set_ylabel(f"error ({unit}{per})")
+            axes[2, column].set_xlabel(f"time since the start ({time_unit})")
+        if error.position_sigma_rtn.any():
+            axes[0, 0].legend(loc="upper right")
+        return save_figure(figure, folder / f"{prefix}navigation_error.png", title)
+
+
+def plot_navigation_quality(
+    quality: NavigationHistory, start: int, folder: pathlib.Path, prefix: str, title: str
+) -> pathlib.Path:
+    """Draw kind of solution, satellites and ambiguities, and innovations over time."""
+    with mpl.rc_context(STYLE):
+        figure = make_figure(8.4)
+        upper, middle, lower = figure.subplots(3, 1, sharex=True, height_ratios=(2, 3, 3))
+        time = (quality.time - start) * 1e-9
+        factor, time_unit = time_unit_of(float(time[-1]))
+        time = time * factor
+        upper.plot(time, quality.solution, ".", color=STATE_COLOUR, markersize=4.0)
+        upper.set_yticks(range(1, 5), SOLUTION_NAMES[1:5])
+        upper.set_ylim(0.5, 4.5)
+        fixed = float((quality.solution == SOLUTION_FIXED).mean())
+        upper.set_title(f"kind of solution: fixed {100.0 * fixed:.1f} % of the time")
+        middle.step(
+            time, quality.ambiguities_fixed, where="post", color=AXIS_COLOURS[2],
+            label="ambiguities fixed",
+        )  # fmt: skip
+        middle.step(
+            time, quality.satellites_used, where="post", color=AXIS_COLOURS[0],
+            label="satellites used",
+        )  # fmt: skip
+        middle.set_ylabel("number")
+        middle.legend(loc="best")
+        lower.plot(time, quality.innovation_rms, color=AXIS_COLOURS[1])
+        lower.axhline(1.0, color=MARK_COLOUR, linewidth=1.0, linestyle=":")
+        lower.set_title("innovations: 1 where they are as large as the filter expects")
+        lower.set_ylabel("RMS (predicted sigma)")
+        lower.set_xlabel(f"time since the start ({time_unit})")
+        return save_figure(figure, folder / f"{prefix}navigation_quality.png", title)
+
+
+def plot_sky(
+    history: ReceiverHistory, folder: pathlib.Path, prefix: str, title: str
+) -> pathlib.Path | None:
+    """Draw where the satellites stood, coloured by C/N0, and C/N0 over elevation.
+
+    Returns
+    -------
+    pathlib.Path or None
+        ``sky.png``; None without fixes or ephemerides to compute it from.
+    """
+    seen = _seen(history)
+    if seen is None:
+        return None
+    elevation, azimuth, cn0, names, first_rows = seen
+    with mpl.rc_context(STYLE):
+        figure = make_figure(6.4)
+        sky = figure.add_subplot(1, 2, 1, projection="polar")
+        sky.set_theta_zero_location("N")  # type: ignore[attr-defined]
+        sky.set_theta_direction(-1)  # type: ignore[attr-defined]
+        lowest = min(0.0, np.floor(np.degrees(elevation.min()) / 10.0) * 10.0)
+        distance = 90.0 - np.degrees(elevation)
+        marks = sky.scatter(azimuth, distance, c=cn0, s=7.0, cmap="viridis")
+        sky.set_ylim(0.0, 90.0 - lowest)
+        rings = [value for value in (60.0, 30.0, 0.0, lowest) if value >= lowest]
+        sky.set_yticks([90.0 - ring for ring in rings], [f"{ring:.0f}°" for ring in rings])
+        sky.set_xticks(np.radians([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"])
+        for name, row in zip(names, first_rows, strict=True):
+            sky.annotate(name, (azimuth[row], distance[row]), fontsize=8.0, color="0.2")
+        panel = figure.add_subplot(1, 2, 2)
+        panel.scatter(np.degrees(elevation), cn0, s=5.0, color=STATE_COLOUR, alpha=0.35)
+        panel.set_xlabel("elevation (°)")
+        panel.set_ylabel("C/N0 (dB-Hz)")
+        panel.set_title("signal strength over elevation")
+        figure.colorbar(marks, ax=sky, label="C/N0 (dB-Hz)", pad=0.12, shrink=0.8)
+        return save_figure(figure, folder / f"{prefix}sky.png", title)
+
+
+def plot_satellite_values(
+    columns: SatelliteColumns,
+    panels: Mapping[str, tuple[str, str]],
+    start: int,
+    path: pathlib.Path,
+    title: str,
+) -> pathlib.Path | None:
+    """Draw columns over time, one line a satellite.
+
+    Parameters
+    ----------
+    columns
+        Slant TEC or scintillation indices.
+    panels
+        Column -> title and axis label, one panel each; columns without a value are left out.
+    start
+        Zero of the time axis, ns since 1970.
+    path
+        The file.
+    title
+        Of the figure.
+
+    Returns
+    -------
+    pathlib.Path or None
+        None if no column has a value.
+    """
+    wanted = {
+        name: text
+        for name, text in panels.items()
+        if np.isfinite(columns.values[name]).any() and np.nanmax(np.abs(columns.values[name])) > 0
+    }
+    if not wanted:
+        return None
+    satellites = columns.system.astype(np.int64) << 8 | columns.prn
+    codes, counts = np.unique(satellites, return_counts=True)
+    longest = set(codes[np.argsort(counts)[::-1][:LINES]].tolist())
+    seconds = (columns.time - start) * 1e-9
+    factor, time_unit = time_unit_of(float(seconds.max()))
+    with mpl.rc_context(STYLE):
+        figure = make_figure(1.4 + 3.2 * len(wanted))
+        drawn = figure.subplots(len(wanted), 1, sharex=True, squeeze=False)[:, 0]
+        for panel, (name, (text, label)) in zip(drawn, wanted.items(), strict=True):
+            colours = iter(_SATELLITE_COLOURS)
+            for code in codes.tolist():
+                rows = satellites == code
+                named = code in longest
+                panel.plot(
+                    seconds[rows] * factor, columns.values[name][rows],
+                    ".", markersize=2.5 if named else 1.5,
+                    color=next(colours) if named else "0.75", zorder=3 if named else 2,
+                    label=satellite_name(code >> 8, code & 255) if named else None,
+                )  # fmt: skip
+            panel.set_title(text)
+            panel.set_ylabel(label)
+        drawn[-1].set_xlabel(f"time since the start ({time_unit})")
+        figure.legend(
+            *drawn[0].get_legend_handles_labels(),
+            loc="outside right upper", markerscale=4.0, frameon=False,
+        )  # fmt: skip
+        return save_figure(figure, path, title)
+
+
+def plot_compute_time(
+    compute_time: Mapping[str, FloatArray], folder: pathlib.Path, title: str
+) -> pathlib.Path:
+    """Draw how long the nodes took for a step, as histograms on a logarithmic time axis."""
+    with mpl.rc_context(STYLE):
+        figure = make_figure(1.6 + 1.5 * len(compute_time))
+        panels = figure.subplots(len(compute_time), 1, sharex=True, squeeze=False)[:, 0]
+        positive = [times[times > 0.0] for times in compute_time.values()]
+        filled = np.concatenate(positive) if positive else np.empty(0)
+        low, high = (filled.min(), filled.max()) if filled.size else (1e-6, 1e-3)
+        bins = np.geomspace(0.8 * low, 1.25 * high, 60) * 1e3
+        for panel, (node, times) in zip(panels, compute_time.items(), strict=True):
+            milliseconds = times[times > 0.0] * 1e3
+            panel.hist(milliseconds, bins=bins, color=STATE_COLOUR)
+            if milliseconds.size:
+                median, late = np.quantile(milliseconds, [0.5, 0.99])
+                text = f"median {median:.3g} ms, 99 % below {late:.3g} ms"
+                panel.axvline(median, color=AXIS_COLOURS[1], linewidth=1.5)
+                panel.set_title(f"{node}: {text}, longest {milliseconds.max():.3g} ms")
+            panel.set_ylabel("steps")
+            panel.set_xscale("log")
+        panels[-1].set_xlabel("wall time for one step (ms)")
+        panels[-1].xaxis.set_major_formatter("{x:g}")
+        panels[-1].xaxis.set_minor_formatter(NullFormatter())
+        return save_figure(figure, folder / "timing.png", title)
+
+
+def _seen(
+    history: ReceiverHistory,
+) -> tuple[FloatArray, FloatArray, FloatArray, list[str], list[int]] | None:
+    """Return elevation, azimuth (rad) and C/N0 of what was observed, and names with first rows."""
+    usable = np.isfinite(history.fix_position_itrf).all(axis=1)
+    if not usable.any() or not history.ephemerides or not history.epoch_time.size:
+        return None
+    store = EphemerisStore(history.ephemerides, healthy_only=False)
+    epoch = np.unique(np.linspace(0, history.epoch_time.size - 1, SKY_EPOCHS).astype(np.int64))
+    epochs = np.isin(np.arange(history.epoch_time.size), epoch)
+    rows = np.repeat(epochs, history.observations_per_epoch)
+    time = np.repeat(history.epoch_time, history.observations_per_epoch)[rows]
+    system, prn, cn0 = history.system[rows], history.prn[rows], history.cn0_dbhz[rows]
+    nearest = _nearest(history.fix_time[usable], time)
+    geometry = satellite_geometry(
+        store, _gps_nanoseconds(time), system, prn, history.fix_position_itrf[usable][nearest]
+    )
+    known = np.isfinite(geometry.elevation)
+    if not known.any():
+        return None
+    codes = (system.astype(np.int64) << 8 | prn)[known]
+    satellites, first_rows = np.unique(codes, return_index=True)
+    names = [satellite_name(int(code) >> 8, int(code) & 255) for code in satellites]
+    return (
+        geometry.elevation[known],
+        geometry.azimuth[known],
+        cn0[known].astype(float),
+        names,
+        first_rows.tolist(),
+    )
+
+
+def _nearest(times: TimeArray, wanted: TimeArray) -> TimeArray:
+    """Return the index of the time not after each wanted one, the first where there is none."""
+    order = np.argsort(times, kind="stable")
+    place = np.searchsorted(times[order], wanted, side="right") - 1
+    return np.asarray(order[np.maximum(place, 0)])
+
+
+def _gps_nanoseconds(time: TimeArray) -> TimeArray:
+    """Return GPS times, ns since 1980, of stamps: leap seconds are few, so by distinct value."""
+    distinct, inverse = np.unique(time, return_inverse=True)
+    gps = [GpsTime.from_unix_nanoseconds(int(value)).nanoseconds for value in distinct]
+    return np.array(gps, dtype=np.int64)[inverse]

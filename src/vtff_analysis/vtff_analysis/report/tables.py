@@ -1,0 +1,310 @@
+"""Console tables of a run: measured numbers, beside the paper's where it has them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.padding import Padding
+from rich.table import Table
+
+from vtff_analysis.paper_reference import PAPER_DURATION, PaperColumn, formation_columns
+from vtff_analysis.recordings.history import AXES
+from vtff_analysis.report.summary import ACQUISITION_DURATION, SETTLED_WITHIN, key_part
+
+Summary = Mapping[str, Any]
+Section = Sequence[tuple[str, str, int]]  # label, key, decimals
+
+#: Below this a number is shown with an exponent.
+_SMALLEST_FIXED = 1e-3
+
+_AXIS_LABELS = dict(zip(AXES, ("radial", "in-track", "cross-track"), strict=True))
+
+
+def _axis_rows(label: str, unit: str, key: str, decimals: int) -> list[tuple[str, str, int]]:
+    """One row per axis; ``{}`` in the key stands for the axis."""
+    return [(f"{label} {_AXIS_LABELS[axis]}, {unit}", key.format(axis), decimals) for axis in AXES]
+
+
+_STATISTICS = {"maximum": "maximum", "minimum": "minimum", "mean": "mean", "rms": "RMS"}
+
+_ACQUISITION: Section = [
+    ("minimum in-track, m", "minimum_in_track_m", 2),
+    ("  at, s", "minimum_in_track_time_s", 0),
+    ("closest approach, m", "minimum_separation_m", 2),
+    *_axis_rows("settled", "s", "settling_time_{}_s", 0),
+    *_axis_rows("dv", "m/s", "delta_v_acquisition_{}_m_per_s", 2),
+]
+
+_KEEPING: Section = [
+    ("begins at, s", "keeping_start_time_s", 0),
+    *[
+        (f"{_AXIS_LABELS[axis]} {label}, m", f"keeping_{axis}_{what}_m", 4)
+        for axis in AXES
+        for what, label in _STATISTICS.items()
+    ],
+    *_axis_rows("dv", "m/s", "delta_v_keeping_{}_m_per_s", 2),
+]
+
+_TOTAL: Section = _axis_rows("dv", "m/s", "delta_v_total_{}_m_per_s", 2)
+
+_NAVIGATION: Section = [
+    *_axis_rows("RMS", "m", "navigation_error_{}_rms_m", 4),
+    ("largest, m", "navigation_error_maximum_m", 4),
+    ("3-D RMS after 60 s, m", "navigation_error_settled_3d_rms_m", 5),
+    ("3-D RMS after 60 s, m/s", "navigation_error_settled_3d_rms_m_per_s", 7),
+]
+
+_RECEIVER: Section = [
+    ("epochs", "gnss_epochs", 0),
+    ("time span, s", "gnss_time_span_s", 1),
+    ("interval, s", "gnss_interval_s", 3),
+    ("gaps", "gnss_gaps", 0),
+    ("  longest, s", "gnss_longest_gap_s", 1),
+    ("  missing epochs", "gnss_missing_epochs", 0),
+    ("satellites", "gnss_satellites", 0),
+    ("  per epoch, mean", "gnss_satellites_per_epoch_mean", 1),
+    ("mean C/N0, dB-Hz", "gnss_cn0_mean_dbhz", 1),
+    ("possible cycle slips", "gnss_possible_cycle_slips", 0),
+    ("position fixes", "gnss_fixes", 0),
+    ("  usable", "gnss_fixes_usable", 0),
+    ("ephemerides", "gnss_ephemerides", 0),
+    ("  of satellites", "gnss_ephemeris_satellites", 0),
+    ("observations", "gnss_observations", 0),
+]
+
+
+def print_formation(
+    console: Console, summary: Summary, deputies: Sequence[str], run_name: str
+) -> None:
+    """Print one table per deputy, the paper's numbers beside the measured ones.
+
+    Parameters
+    ----------
+    console
+        Where to.
+    summary
+        Summary of the run.
+    deputies
+        Names of the deputies in the summary.
+    run_name
+        For the title.
+    """
+    for name in deputies:
+        prefix = f"{key_part(name)}_" if len(deputies) > 1 else ""
+        own = {key.removeprefix(prefix): value for key, value in summary.items()}
+        columns = formation_columns(summary.get("scenario"))
+        title = f"{run_name}: {name}" if len(deputies) > 1 else run_name
+        title = f"{title}, {_length(summary)}"
+        console.print(_formation_table(title, own, columns))
+        for line in formation_remarks(own, columns):
+            console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim")
+
+
+def print_receivers(
+    console: Console, summary: Summary, receivers: Sequence[str], run_name: str
+) -> None:
+    """Print one table of observations with a column per receiver.
+
+    Parameters
+    ----------
+    console
+        Where to.
+    summary
+        Summary of the run.
+    receivers
+        Names of the receivers in the summary.
+    run_name
+        For the title.
+    """
+    table = _table(f"{run_name}: GNSS observations", receivers)
+    for label, values in receiver_rows(summary, receivers):
+        table.add_row(label, *values)
+    console.print(table)
+
+
+def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str, list[str]]]:
+    """Return the texts of the receiver table: a label and one number a receiver."""
+    prefixes = [f"{key_part(name)}_" for name in receivers]
+    signals = sorted(
+        {
+            key.removeprefix(prefix)
+            for prefix in prefixes
+            for key in summary
+            if key.startswith(f"{prefix}gnss_observations_")
+        }
+    )
+    found = []
+    for label, key, decimals in [
+        *_RECEIVER,
+        *[(f"  {key.removeprefix('gnss_observations_').upper()}", key, 0) for key in signals],
+    ]:
+        values = [summary.get(prefix + key) for prefix in prefixes]
+        if any(value is not None for value in values):
+            found.append((label, [number_text(value, decimals) for value in values]))
+    return found
+
+
+def print_message_counts(console: Console, counts: Mapping[str, int], run_name: str) -> None:
+    """Print the topics of a run that has neither a formation nor a receiver."""
+    table = _table(f"{run_name}: messages", ["messages"])
+    for topic, count in sorted(counts.items()):
+        table.add_row(escape(topic), str(count))
+    console.print(table)
+
+
+def _length(summary: Summary) -> str:
+    """Return the length of the run, and that it did not come to its end if so."""
+    length = f"{summary['run_duration_s']:.0f} s"
+    if summary.get("run_complete", True):
+        return length
+    return f"interrupted after {length}"
+
+
+def formation_rows(
+    summary: Summary, columns: Sequence[PaperColumn]
+) -> list[tuple[str, list[tuple[str, str, list[str]]]]]:
+    """Return the texts of the formation table: heading and rows of each section.
+
+    Parameters
+    ----------
+    summary
+        Summary of the run, keys without the deputy's name.
+    columns
+        The paper's results to set beside it.
+
+    Returns
+    -------
+    list
+        Heading and rows; a row is a label, the measured number, and one number a column.
+    """
+    left_out = _not_comparable(summary)
+    absent = "not yet" if _is_short(summary) else "never"
+    sections = []
+    for heading, section in _sections(summary):
+        rows = []
+        for label, key, decimals in section:
+            if key not in summary:
+                continue
+            printed = ["" if key in left_out else _paper_text(c.values.get(key)) for c in columns]
+            measured = absent if summary[key] is None else number_text(summary[key], decimals)
+            rows.append((label, measured, printed))
+        if rows:
+            sections.append((heading, rows))
+    return sections
+
+
+def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn]) -> Table:
+    table = _table(title, ["measured", *[column.title for column in columns]])
+    for heading, rows in formation_rows(summary, columns):
+        table.add_section()
+        table.add_row(f"[bold]{heading}[/bold]")
+        for label, measured, printed in rows:
+            table.add_row(f"  {label}", measured, *printed)
+    return table
+
+
+def _is_short(summary: Summary) -> bool:
+    """Whether the run is shorter than those of the paper."""
+    return bool(summary["run_duration_s"] < PAPER_DURATION - 1.0)
+
+
+def _not_comparable(summary: Summary) -> set[str]:
+    """Return the keys of sums over a time that the run is too short for."""
+    duration = summary["run_duration_s"]
+    keys: set[str] = set()
+    if _is_short(summary):
+        keys.update(key for _, key, _ in _TOTAL)
+        keys.update(key for _, key, _ in _KEEPING if key.startswith("delta_v_"))
+    if duration < ACQUISITION_DURATION:
+        keys.update(key for _, key, _ in _ACQUISITION if key.startswith("delta_v_"))
+    return keys
+
+
+def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
+    acquisition = min(ACQUISITION_DURATION, summary["run_duration_s"])
+    yield f"acquisition, {acquisition:.0f} s", _ACQUISITION
+    if "keeping_in_track_mean_m" in summary:
+        yield "keeping, from then on", _KEEPING
+        yield f"whole run, {summary['run_duration_s']:.0f} s", _TOTAL
+    yield "navigation error", _NAVIGATION
+
+
+def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[str]:
+    """Lines under the table that say what may be compared with what."""
+    lines = []
+    control_input = summary.get("control_input")
+    if control_input is not None:
+        fed = "truth" if control_input == "truth" else "GNSS navigation"
+        lines.append(f"measured: controller fed with {fed}{_like_for_like(summary, columns)}.")
+    for column in columns:
+        fed = (
+            "GNSS navigation in the loop (HIL)" if column.hardware_in_the_loop else "fed with truth"
+        )
+        lines.append(f"{_one_line(column.title)}: {column.source}; {fed}.")
+    duration = summary["run_duration_s"]
+    if columns and _is_short(summary):
+        lines.append(
+            f"the paper's runs have {PAPER_DURATION:.0f} s, this one {duration:.0f} s: "
+            "its totals are left out, its statistics are of the longer time."
+        )
+    elif columns and duration > PAPER_DURATION + 1.0:
+        lines.append(
+            f"this run has {duration:.0f} s; the paper's totals and statistics are "
+            f"of {PAPER_DURATION:.0f} s."
+        )
+    if "settling_time_s" in summary:
+        lines.append(
+            f"settled: stays within {SETTLED_WITHIN:g} m of the target on that axis "
+            "(the paper's bound in section 4.1)."
+        )
+    if "keeping_in_track_rms_m" in summary:
+        lines.append("RMS: of the deviation from the target. dv: sum of |acceleration| x time.")
+    return lines
+
+
+def _like_for_like(summary: Summary, columns: Sequence[PaperColumn]) -> str:
+    """Which columns were controlled by the same kind of state as the run."""
+    if not columns:
+        return ""
+    navigated = summary["control_input"] == "navigation"
+    alike = [
+        _one_line(column.title) for column in columns if column.hardware_in_the_loop == navigated
+    ]
+    return f", like '{alike[0]}'" if alike else "; the paper prints no such run"
+
+
+def _one_line(title: str) -> str:
+    return title.replace("\n", " ")
+
+
+def _table(title: str, columns: Sequence[str]) -> Table:
+    table = Table(
+        title=escape(title),
+        title_justify="left",
+        box=box.SIMPLE_HEAD,
+        pad_edge=False,
+        padding=(0, 1),
+    )
+    table.add_column("", no_wrap=True)
+    for column in columns:
+        table.add_column(escape(column), justify="right", no_wrap=True)
+    return table
+
+
+def number_text(value: Any, decimals: int) -> str:
+    """Return a measured number; a dash stands for None, a number that does not exist."""
+    if value is None:
+        return "-"
+    if not isinstance(value, float):
+        return str(value)
+    if value != 0.0 and decimals > 0 and abs(value) < _SMALLEST_FIXED:
+        return f"{value:.1e}"
+    return f"{value:.{decimals}f}"
+
+
+def _paper_text(value: float | None) -> str:
+    return "" if value is None else f"{value:.7g}"

@@ -1,0 +1,202 @@
+"""Report of a run: ``report.html``, ``summary.json``, plots, and tables on the console."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+
+from vtff_analysis.recordings.history import RunHistory
+from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, read_ionosphere_truth
+from vtff_analysis.recordings.recording import read_run
+from vtff_analysis.recordings.settings import read_settings
+from vtff_analysis.report.fluctuations import read_fluctuation_lag
+from vtff_analysis.report.html import render_report
+from vtff_analysis.report.ionosphere import (
+    CHIEF,
+    DEPUTY,
+    MINUTE,
+    scintillating_minutes,
+    summarise_ionosphere,
+)
+from vtff_analysis.report.ionosphere_table import print_ionosphere
+from vtff_analysis.report.pictures import draw_pictures
+from vtff_analysis.report.receiver_ionosphere import compare_with_receiver
+from vtff_analysis.report.summary import formation_flight, plain, summarise_run
+from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
+from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
+from vtff_bag.run.description import PARAMETER_FOLDER, describe_run
+from vtff_bag.run.environment import describe_environment
+
+REPORT_FOLDER = "report"
+SUMMARY_FILE = "summary.json"
+HTML_FILE = "report.html"
+PROCESSOR_TOPIC = "/iono/slant_tec"  # of the ionosphere processor
+
+
+def write_report(
+    path: pathlib.Path,
+    console: Console,
+    arguments: Mapping[str, Any] | None = None,
+    output: pathlib.Path | None = None,
+) -> pathlib.Path:
+    """Write the report of a run from its bag and print its tables.
+
+    Parameters
+    ----------
+    path
+        Run folder with the bag in ``bag`` and the parameter files in ``parameters``, or a bag
+        alone: directory or ``.mcap`` file.
+    console
+        Where the tables go.
+    arguments
+        Name of the system under ``system``, and the arguments that it was run with; as the run
+        folder or the bag tells if not given.
+    output
+        Folder for the report; ``report`` in the run folder, or ``<bag>_report`` beside a bag
+        that has none, if not given.
+
+    Returns
+    -------
+    pathlib.Path
+        The report folder: ``report.html``, ``summary.json`` with the keys of docs/summary.md,
+        and PNG plots of every part that the run has.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagReadError
+        If there is no bag or nothing in it can be read.
+    OSError
+        If the report cannot be written.
+    """
+    place = find_run(pathlib.Path(path), output)
+    history = read_run(place.bag)
+    reader = BagReader(place.bag)
+    described = describe_run(place.folder, reader.custom_data)
+    if arguments is not None:
+        described = dataclasses.replace(described, arguments=dict(arguments))
+    settings = read_settings(described)
+    found = {
+        name: formation_flight(deputy, settings.controller(name))
+        for name, deputy in history.deputies.items()
+    }
+    flights = {name: flight for name, flight in found.items() if flight is not None}
+    truth = None
+    processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
+    if processed or history.density is not None:
+        truth = read_ionosphere_truth(reader, described, place.folder)
+    summary = {
+        "run_name": place.name,
+        **_named_arguments(described.arguments),
+        **(described.environment or describe_environment()),
+        **summarise_run(history, settings, flights),
+        **_ionosphere(history, reader, truth),
+    }
+    folder = place.output
+    folder.mkdir(parents=True, exist_ok=True)
+    text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
+    (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
+    pictures = draw_pictures(history, settings, flights, folder, place.name, truth)
+    notes = (*history.notes, *settings.notes)
+    page = render_report(summary, history, described, list(flights), pictures, notes)
+    (folder / HTML_FILE).write_text(page, encoding="utf-8")
+    _print_tables(console, summary, history, list(flights), place.name)
+    for note in notes:
+        console.print(f"[yellow]note:[/yellow] {escape(note)}")
+    console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)
+    return folder
+
+
+def _ionosphere(
+    history: RunHistory, reader: BagReader, truth: IonosphereTruth | None
+) -> dict[str, Any]:
+    """Return the keys of the ionosphere."""
+    lag = None
+    minutes = scintillating_minutes(history)
+    if len(minutes):
+        start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
+        found = read_fluctuation_lag(reader, (CHIEF, DEPUTY), start, end)
+        lag = None if found is None else found.lag
+    summary = summarise_ionosphere(history, truth, lag)
+    for comparison in compare_with_receiver(history):
+        summary.update(comparison.keys())
+    return {key: plain(value) for key, value in summary.items()}
+
+
+@dataclasses.dataclass(frozen=True)
+class RunPlace:
+    """Where a run is and where its report goes.
+
+    Attributes
+    ----------
+    name
+        Name of the run.
+    bag
+        The bag: directory or file.
+    folder
+        The run folder; the bag's own folder where it has none.
+    output
+        Folder of the report.
+    """
+
+    name: str
+    bag: pathlib.Path
+    folder: pathlib.Path
+    output: pathlib.Path
+
+
+def find_run(path: pathlib.Path, output: pathlib.Path | None = None) -> RunPlace:
+    """Find run folder and bag behind what a user has named.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagReadError
+        If there is no bag.
+    """
+    bag = BagReader(path).path.resolve()
+    folder = bag.parent
+    is_run = bag.name == RUN_SUBDIRECTORY and (
+        path.resolve() == folder or (folder / PARAMETER_FOLDER).is_dir()
+    )
+    if is_run:
+        return RunPlace(folder.name, bag, folder, output or folder / REPORT_FOLDER)
+    name = bag.name if bag.is_dir() else bag.stem
+    own = bag if bag.is_dir() else folder
+    return RunPlace(name, bag, own, output or folder / f"{name}_{REPORT_FOLDER}")
+
+
+def _print_tables(
+    console: Console,
+    summary: Mapping[str, Any],
+    history: RunHistory,
+    deputies: Sequence[str],
+    run_name: str,
+) -> None:
+    if deputies:
+        print_formation(console, summary, deputies, run_name)
+    if history.receivers:
+        print_receivers(console, summary, list(history.receivers), run_name)
+    print_ionosphere(console, summary, run_name)
+    if not deputies and not history.receivers:
+        print_message_counts(console, history.message_counts, run_name)
+
+
+def _named_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the system under its own key and each argument as ``argument_<name>``."""
+    return {
+        key if key == "system" else f"argument_{key}": _flat(value)
+        for key, value in arguments.items()
+    }
+
+
+def _flat(value: Any) -> Any:
+    """Return a number or text; lists and mappings as JSON text, to keep the summary flat."""
+    value = plain(value)
+    if value is None or isinstance(value, (str, int, float, bool)):
+        return value
+    return json.dumps(value, default=str)

@@ -1,0 +1,154 @@
+"""Receivers of many files, as many at once as there are processors."""
+
+from __future__ import annotations
+
+import collections
+import contextlib
+import multiprocessing
+import os
+import pathlib
+import signal
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from vtff_analysis.tec.output import summary, write_plots, write_tables
+from vtff_analysis.tec.processing import process
+from vtff_analysis.tec.sources import TecError, bag_receivers, from_bag, from_file, is_bag
+from vtff_bag.file.errors import BagError
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.files.observation_files import ObservationFileError
+from vtff_iono.bias.code_biases import BiasFileError, CodeBiasTable
+
+__all__ = ["TecOptions", "TecOutcome", "TecTask", "find_tasks", "run_tasks"]
+
+
+@dataclass(frozen=True)
+class TecTask:
+    """One receiver that is to be processed.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        File or bag.
+    receiver : str or None
+        Namespace in a bag; None of a file.
+    name : str
+        Of the tables and plots, one for each task.
+    """
+
+    path: pathlib.Path
+    receiver: str | None
+    name: str
+
+
+@dataclass(frozen=True, eq=False)
+class TecOptions:
+    """What is the same for all receivers; see `vtff_analysis.tec.processing.process`.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+        Of tables and plots.
+    form : str
+        csv or parquet.
+    ephemerides : tuple of BroadcastEphemeris
+    biases : str or CodeBiasTable
+    partial : bool
+        Whether a damaged file is used up to the damage.
+    """
+
+    folder: pathlib.Path
+    form: str
+    ephemerides: tuple[BroadcastEphemeris, ...] = ()
+    biases: str | CodeBiasTable = "broadcast"
+    partial: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class TecOutcome:
+    """What became of a task: a summary, or an error for people."""
+
+    task: TecTask
+    summary: dict[str, Any] | None = None
+    error: str | None = None
+
+
+def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
+    """Return a task for each receiver of each path; an outcome for a bag that cannot be read."""
+    found: list[TecTask | TecOutcome] = []
+    names: collections.Counter[str] = collections.Counter()
+
+    def named(path: pathlib.Path, receiver: str | None, name: str) -> TecTask:
+        # Files of one name in two folders must not overwrite each other's tables.
+        names[name] += 1
+        return TecTask(path, receiver, name if names[name] == 1 else f"{name}_{names[name]}")
+
+    for path in paths:
+        if not is_bag(path):
+            found.append(named(path, None, path.name.split(".")[0]))
+            continue
+        bag = TecTask(path, None, path.resolve().name)
+        try:
+            receivers = bag_receivers(path)
+        except (BagError, TecError) as error:
+            found.append(TecOutcome(bag, error=str(error)))
+        except OSError as error:
+            found.append(TecOutcome(bag, error=_told(error, path)))
+        else:
+            found += [named(path, r, bag.name + r.replace("/", "_")) for r in receivers]
+    return found
+
+
+def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
+    try:
+        if task.receiver is None:
+            source = from_file(task.path, options.partial)
+        else:
+            source = from_bag(task.path, task.receiver)
+        result = process(source, options.ephemerides, options.biases)
+        write_tables(result, options.folder, task.name, options.form)
+        write_plots(result, options.folder, task.name)
+    except (BagError, TecError, ObservationFileError, BiasFileError) as error:
+        message = str(error)
+        prefix = "" if task.path.name in message else f"{task.path}: "
+        return TecOutcome(task, error=prefix + message)
+    except OSError as error:
+        return TecOutcome(task, error=_told(error, task.path))
+    return TecOutcome(task, summary=summary(result))
+
+
+def _told(error: OSError, path: pathlib.Path) -> str:
+    return f"{error.filename or path}: {error.strerror or error}"
+
+
+@contextlib.contextmanager
+def run_tasks(tasks: Sequence[TecTask], options: TecOptions) -> Iterator[Iterator[TecOutcome]]:
+    """Process receivers; a context with an iterator over the outcomes, in the order of the tasks.
+
+    Leaving the context ends what is still at work.
+    """
+    workers = min(len(tasks), os.cpu_count() or 1)
+    if workers < 2:
+        yield (_run_task(task, options) for task in tasks)
+        return
+    # Not forked from this process, whose libraries may have started threads.
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    with context.Pool(workers, _begin_worker, (options,)) as pool:
+        yield pool.imap(_run_in_worker, tasks)
+
+
+_options_of_worker: TecOptions | None = None
+
+
+def _begin_worker(options: TecOptions) -> None:
+    global _options_of_worker  # noqa: PLW0603 - sent once to each worker, not with each task
+    _options_of_worker = options
+    # The parent is told of Ctrl-C too, and ends its workers.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _run_in_worker(task: TecTask) -> TecOutcome:
+    assert _options_of_worker is not None
+    return _run_task(task, _options_of_worker)

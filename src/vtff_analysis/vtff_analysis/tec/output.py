@@ -1,0 +1,204 @@
+"""Tables and plots of `vtff tec`."""
+
+from __future__ import annotations
+
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import pyarrow as pa
+from matplotlib import rc_context
+from pyarrow import csv, parquet
+
+from vtff_analysis.plot_style import AXIS_COLOURS, STYLE, make_figure, save_figure
+from vtff_analysis.tec.processing import TecResult, rejection_counts
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.signals import carrier_frequency_hz, satellite_name
+from vtff_iono.links.geometry_free import tecu_per_metre
+
+__all__ = ["content_table", "summary", "write_plots", "write_summary", "write_tables"]
+
+# The axes are 1400 pixels wide.
+_EPOCHS_DRAWN = 3000
+_NANOSECONDS_PER_HOUR = 3600.0 * NANOSECONDS_PER_SECOND
+
+
+def content_table(result: TecResult) -> pa.Table:
+    """Return the contents, a row for each satellite, pair and epoch."""
+    content = result.content
+    pairs = content.rows.pairs
+    has_link = pairs.link >= 0
+    names = [satellite_name(link.system, link.prn) for link in content.links]
+    codes = [f"{link.code_first}-{link.code_second}" for link in content.links]
+    link = pairs.link[has_link]
+
+    def chosen(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        return values[has_link]
+
+    return pa.table(
+        {
+            "gps_time": _gps_time(chosen(pairs.time)),
+            "satellite": np.array(names, dtype=str)[link],
+            "pair": np.array(codes, dtype=str)[link],
+            "elevation_deg": np.degrees(chosen(content.rows.elevation)),
+            "azimuth_deg": np.degrees(chosen(content.azimuth)),
+            "pierce_latitude_deg": np.degrees(chosen(content.pierce_latitude)),
+            "pierce_longitude_deg": np.degrees(chosen(content.pierce_longitude)),
+            "stec_tecu": chosen(content.stec_tecu),
+            "stec_sigma_tecu": chosen(content.stec_sigma_tecu),
+            "stec_online_tecu": chosen(content.rows.stec_tecu),
+            "stec_code_tecu": chosen(content.rows.stec_code_tecu),
+            "vtec_tecu": chosen(content.vtec_tecu),
+            "arc": chosen(content.rows.arc).astype(np.uint32),
+            "rejected": chosen(content.rejected),
+        }
+    )
+
+
+def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> pa.Array:
+    """Return GPS calendar times, without leap seconds, to the millisecond."""
+    epoch = np.datetime64("1980-01-06T00:00:00", "ms")
+    return pa.array(epoch + (nanoseconds // 1_000_000).astype("timedelta64[ms]"))
+
+
+def write_tables(
+    result: TecResult, folder: pathlib.Path, name: str, form: str
+) -> list[pathlib.Path]:
+    """Write contents, ROTI and scintillation as CSV or Parquet; return the paths.
+
+    Their names begin with `name`.
+    """
+    roti = dict(result.roti)
+    times = roti.pop("time_nanoseconds")
+    tables = {
+        "tec": content_table(result),
+        "roti": pa.table({"gps_time_end": _gps_time(times), **roti}),
+    }
+    if result.scintillation:
+        tables["scintillation"] = _scintillation_table(result)
+    paths = []
+    for kind, table in tables.items():
+        path = folder / f"{name}_{kind}.{form}"
+        if form == "csv":
+            csv.write_csv(table, path)
+        else:
+            parquet.write_table(table, path)
+        paths.append(path)
+    return paths
+
+
+def _scintillation_table(result: TecResult) -> pa.Table:
+    windows = result.scintillation
+
+    def joined(name: str) -> npt.NDArray[Any]:
+        return np.concatenate([getattr(window, name) for window in windows])
+
+    times = np.concatenate([np.full(len(w.prn), w.time, dtype=np.int64) for w in windows])
+    signals = zip(*(joined(n).tolist() for n in ("band", "attribute")), strict=True)
+    satellites = zip(*(joined(n).tolist() for n in ("system", "prn")), strict=True)
+    return pa.table(
+        {
+            "gps_time_end": _gps_time(times),
+            "satellite": [satellite_name(*satellite) for satellite in satellites],
+            "signal": [f"{band}{chr(attribute)}" for band, attribute in signals],
+            **{
+                name: joined(name)
+                for name in ("s4", "s4_corrected", "s4_pseudo", "sigma_phi", "cn0_dbhz", "samples")
+            },
+        }
+    )
+
+
+def summary(result: TecResult) -> dict[str, Any]:
+    """Return what matters of a result, for JSON and for the terminal."""
+    content = result.content
+    good = content.rejected == 0
+    biases = []
+    for (system, first, second), bias in sorted(content.receiver_biases.items()):
+        bands = carrier_frequency_hz([system] * 2, [int(first[1]), int(second[1])])
+        value, sigma = bias.code_bias(tecu_per_metre(float(bands[0]), float(bands[1])))
+        biases.append(
+            {
+                "pair": f"{satellite_name(system, 0)[0]} {first}-{second}",
+                "bias_ns": 1e9 * value,
+                "sigma_ns": 1e9 * sigma,
+                "bias_tecu": bias.bias_tecu,
+                "sigma_tecu": bias.sigma_tecu,
+            }
+        )
+    vertical = content.vtec_tecu[good & np.isfinite(content.vtec_tecu)]
+    time = result.source.table.time_nanoseconds
+    return {
+        "source": result.source.description,
+        "first_epoch": str(GpsTime(int(time[0]))),
+        "last_epoch": str(GpsTime(int(time[-1]))),
+        "samples": len(good),
+        "good_samples": int(np.count_nonzero(good)),
+        "rejected_samples": rejection_counts(content.rejected),
+        "receiver_biases": biases,
+        "vtec_tecu": (
+            {
+                "minimum": float(vertical.min()),
+                "median": float(np.median(vertical)),
+                "maximum": float(vertical.max()),
+            }
+            if len(vertical)
+            else None
+        ),
+        "roti_interval": result.roti_interval,
+        "roti_window": result.roti_window,
+        "remarks": list(result.remarks),
+    }
+
+
+def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[pathlib.Path]:
+    """Plot vertical and slant content and ROTI against time; return the path."""
+    content = result.content
+    time = content.rows.pairs.time
+    hours = (time - result.source.table.time_nanoseconds[0]) / _NANOSECONDS_PER_HOUR
+    unit, factor = ("h", 1.0) if np.ptp(hours) > 2.0 else ("min", 60.0)
+    good = (content.rejected == 0) & np.isfinite(content.vtec_tecu) & _is_drawn(time)
+    with rc_context(STYLE):
+        figure = make_figure(9.5)
+        axes = figure.subplots(3, 1, sharex=True)
+        for axis, values, label in (
+            (axes[0], content.vtec_tecu, "vertical TEC, TECU"),
+            (axes[1], content.stec_tecu, "slant TEC, TECU"),
+        ):
+            points = axis.scatter(
+                factor * hours[good], values[good], c=np.degrees(content.rows.elevation[good]),
+                s=3.0, cmap="cividis", vmin=0.0, vmax=90.0, rasterized=True,
+            )  # fmt: skip
+            axis.set_ylabel(label)
+        figure.colorbar(points, ax=axes[:2], label="elevation, deg", ticks=[0, 30, 60, 90])
+        ends = result.roti["time_nanoseconds"] - result.source.table.time_nanoseconds[0]
+        axes[2].plot(
+            factor * ends / _NANOSECONDS_PER_HOUR,
+            result.roti["roti_tecu_per_minute"],
+            ".", color=AXIS_COLOURS[1], markersize=3.0,
+        )  # fmt: skip
+        axes[2].set_ylabel("ROTI, TECU/min")
+        # Quiet air is at 0.05, a bubble at 5.
+        axes[2].set_yscale("log")
+        start = GpsTime(int(result.source.table.time_nanoseconds[0]))
+        axes[2].set_xlabel(f"{unit} since {str(start)[:19]} GPS")
+        axes[2].set_title(
+            f"rates over {result.roti_interval:g} s in windows of {result.roti_window:g} s"
+        )
+        path = folder / f"{name}_tec.png"
+        save_figure(figure, path, f"Electron content, {result.source.description}")
+    return [path]
+
+
+def _is_drawn(time: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return the rows of every n-th epoch: a picture has no room for more."""
+    epochs, number = np.unique(time, return_inverse=True)
+    return np.asarray(number % max(1, len(epochs) // _EPOCHS_DRAWN) == 0)
+
+
+def write_summary(results: list[dict[str, Any]], path: pathlib.Path) -> None:
+    """Write the summaries of all receivers as JSON."""
+    path.write_text(json.dumps(results, indent=1) + "\n", encoding="utf-8")

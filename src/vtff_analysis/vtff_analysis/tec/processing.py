@@ -1,0 +1,160 @@
+"""From the observations of a receiver to its table of electron contents."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_analysis.tec.sources import TecError, TecSource, receiver_positions
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.signals import satellite_name
+from vtff_iono.bias.code_biases import CodeBiasTable, broadcast_code_biases
+from vtff_iono.content.absolute_tec import AbsoluteTec, absolute_tec
+from vtff_iono.content.rate_of_tec import RateOfTecMonitor
+from vtff_iono.content.slant_tec import Rejection, no_bias
+from vtff_iono.scintillation.indices import ScintillationMonitor, ScintillationWindow
+
+__all__ = ["TecResult", "process", "rejection_counts"]
+
+_SLOWEST_FOR_SCINTILLATION = 4.0
+_BIAS_TOLERANCE = 86400.0
+_FEWEST_EPOCHS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class TecResult:
+    """What `vtff tec` writes about one receiver.
+
+    Parameters
+    ----------
+    source : TecSource
+    content : AbsoluteTec
+    roti : dict of str to ndarray
+        Columns of the table of ROTI.
+    roti_interval, roti_window : float
+        s.
+    scintillation : list of ScintillationWindow
+        Empty for rates below 4 Hz.
+    remarks : tuple of str
+    """
+
+    source: TecSource
+    content: AbsoluteTec
+    roti: dict[str, npt.NDArray[Any]]
+    roti_interval: float
+    roti_window: float
+    scintillation: list[ScintillationWindow]
+    remarks: tuple[str, ...]
+
+
+def process(
+    source: TecSource,
+    ephemerides: Sequence[BroadcastEphemeris],
+    biases: str | CodeBiasTable,
+) -> TecResult:
+    """Return contents, ROTI and, at high rates, scintillation of a receiver.
+
+    Parameters
+    ----------
+    source : TecSource
+    ephemerides : sequence of BroadcastEphemeris
+        In addition to those of the source.
+    biases : CodeBiasTable or {"broadcast", "none"}
+        Of the satellites.
+
+    Raises
+    ------
+    TecError
+        If there are no observations, ephemerides or position.
+    vtff_iono.bias.code_biases.BiasFileError
+        If the biases are of another time.
+    """
+    table = source.table
+    if len(table) < _FEWEST_EPOCHS:
+        raise TecError(
+            f"{source.description}: {len(table)} epochs of observations; TEC needs "
+            f"{_FEWEST_EPOCHS} at least"
+        )
+    orbits = tuple(dict.fromkeys((*source.ephemerides, *ephemerides)))
+    if not orbits:
+        raise TecError(
+            f"{source.description}: no ephemerides in it, name a navigation file with --nav"
+        )
+    counts = np.diff(table.first_row)
+    time = np.repeat(table.time_nanoseconds, counts)
+    if source.position_itrf is not None:
+        position: npt.NDArray[np.float64] = np.array(source.position_itrf)
+    else:
+        position = np.repeat(receiver_positions(table, orbits), counts, axis=0)
+    if isinstance(biases, CodeBiasTable):
+        biases.require_valid(GpsTime(int(time[0])), _BIAS_TOLERANCE)
+    chosen = broadcast_code_biases(orbits) if biases == "broadcast" else biases
+    satellite_bias = no_bias
+    if isinstance(chosen, CodeBiasTable):
+        known = chosen
+
+        def satellite_bias(link, when):  # type: ignore[no-untyped-def]
+            codes = (link.code_first, link.code_second)
+            return known.satellite_bias(link.system, link.prn, *codes, when, _BIAS_TOLERANCE)
+
+    content = absolute_tec(time, table.columns, position, orbits, satellite_bias)
+    remarks = [*source.remarks, *content.remarks]
+    if not (content.rejected == 0).any():
+        remarks.append(f"no sample is good: {rejection_counts(content.rejected)}")
+    step = float(np.median(np.diff(table.time_nanoseconds))) / NANOSECONDS_PER_SECOND
+    interval = 1.0 if step <= 1.0 else step
+    window = 60.0 if step <= 1.0 else 10.0 * interval
+    scintillation = []
+    if step <= 1.0 / _SLOWEST_FOR_SCINTILLATION:
+        angles = content.geometry
+        monitor = ScintillationMonitor()
+        scintillation = [
+            *monitor.update(time, table.columns, angles.elevation, angles.azimuth),
+            *monitor.flush(),
+        ]
+    return TecResult(
+        source=source,
+        content=content,
+        roti=_roti(content, interval, window),
+        roti_interval=interval,
+        roti_window=window,
+        scintillation=scintillation,
+        remarks=tuple(remarks),
+    )
+
+
+def rejection_counts(rejected: npt.NDArray[np.uint16]) -> dict[str, int]:
+    """Return how many samples were rejected for each reason that occurs."""
+    counts = {
+        str(reason.name): int(np.count_nonzero(rejected & np.uint16(reason)))
+        for reason in Rejection
+        if reason
+    }
+    return {name: count for name, count in counts.items() if count}
+
+
+def _roti(content: AbsoluteTec, interval: float, window: float) -> dict[str, npt.NDArray[Any]]:
+    monitor = RateOfTecMonitor(interval, window)
+    windows = [*monitor.update(content.rows), *monitor.flush()]
+    links = [number for one in windows for number in one.link.tolist()]
+    return {
+        "time_nanoseconds": np.array(
+            [one.time for one in windows for _ in one.link], dtype=np.int64
+        ),
+        "satellite": np.array(
+            [satellite_name(content.links[n].system, content.links[n].prn) for n in links]
+        ),
+        "pair": np.array(
+            [f"{content.links[n].code_first}-{content.links[n].code_second}" for n in links]
+        ),
+        "roti_tecu_per_minute": np.concatenate(
+            [np.zeros(0), *(one.roti_tecu_per_minute for one in windows)]
+        ),
+        "rates": np.concatenate([np.zeros(0, np.int64), *(one.rates for one in windows)]),
+    }

@@ -1,0 +1,187 @@
+"""Receivers whose electron content is asked for: observation files and bags."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.interpolate import CubicSpline
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.files.observation_files import open_observations
+from vtff_gnss.observation_table import ObservationTable
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_nav.relative.cdgps.orbit_filter import combinations, single_point
+from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
+
+__all__ = [
+    "TecError",
+    "TecSource",
+    "bag_receivers",
+    "from_bag",
+    "from_file",
+    "is_bag",
+    "receiver_positions",
+]
+
+# Kinds of topics with observations, the preferred one first.
+_OBSERVATIONS = ("high_rate", "epoch")
+_BANDS = {SYSTEM_GPS: (1, 2), SYSTEM_GALILEO: (1, 5)}
+_POINT_INTERVAL = 30.0
+_LARGEST_JUMP = 1e3
+_MASK = math.radians(5.0)
+_FEWEST_POINTS = 4
+
+
+class TecError(ValueError):
+    """A file cannot be processed; the message names it and says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class TecSource:
+    """Observations of one receiver.
+
+    Parameters
+    ----------
+    description : str
+        For people.
+    table : ObservationTable
+    ephemerides : tuple of BroadcastEphemeris
+        Those that came with the observations.
+    position_itrf : tuple of 3 float or None
+        Of a receiver at rest, m.
+    remarks : tuple of str
+    """
+
+    description: str
+    table: ObservationTable
+    ephemerides: tuple[BroadcastEphemeris, ...]
+    position_itrf: tuple[float, float, float] | None
+    remarks: tuple[str, ...]
+
+
+def is_bag(path: pathlib.Path) -> bool:
+    """Return whether a path is a bag: a folder or an ``.mcap`` file."""
+    return path.is_dir() or path.suffix == ".mcap"
+
+
+def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
+    """Read an observation file of any kind that `open_observations` knows.
+
+    Raises
+    ------
+    vtff_gnss.files.observation_files.ObservationFileError, OSError
+        As there.
+    TecError
+        If no satellite has a second frequency.
+    """
+    file = open_observations(path, partial=partial)
+    bands = np.unique(file.table.columns["system"].astype(int) * 10 + file.table.columns["band"])
+    if len(bands) == len(np.unique(bands // 10)):
+        raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
+    return TecSource(
+        description=f"{path.name}, {file.format_name}",
+        table=file.table,
+        ephemerides=file.ephemerides,
+        position_itrf=file.approximate_position,
+        remarks=file.remarks,
+    )
+
+
+def bag_receivers(path: pathlib.Path) -> list[str]:
+    """Return the namespaces of the receivers of a bag, such as ``/chief``.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagError
+        If the bag cannot be read.
+    TecError
+        If it holds no observations.
+    """
+    # Imported here, because it needs rclpy.
+    from vtff_bag.file.reader import BagReader
+
+    receivers = {
+        topic.removesuffix(f"/gnss/{kind}")
+        for topic in BagReader(path).topics
+        for kind in _OBSERVATIONS
+        if topic.endswith(f"/gnss/{kind}")
+    }
+    if not receivers:
+        raise TecError(f"{path}: no topic NAME/gnss/high_rate or NAME/gnss/epoch in this bag")
+    return sorted(receivers)
+
+
+def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
+    """Read a receiver of a bag: ``RECEIVER/gnss/high_rate``, else ``RECEIVER/gnss/epoch``.
+
+    Raises
+    ------
+    vtff_bag.file.errors.BagError
+        If the bag cannot be read.
+    TecError
+        If it holds no observations of this receiver.
+    """
+    # Imported here, because these need rclpy.
+    from vtff_analysis.recordings.observation_recording import recorded_observations
+    from vtff_bag.file.reader import BagReader
+    from vtff_node.conversions.gnss import ephemeris_from_message
+
+    reader = BagReader(path)
+    topics = [f"{receiver}/gnss/{kind}" for kind in _OBSERVATIONS]
+    topic = next((topic for topic in topics if topic in reader.topics), None)
+    if topic is None:
+        raise TecError(f"{path}: neither {' nor '.join(topics)} in this bag")
+    latched = f"{receiver}/gnss/ephemeris"
+    found = reader.messages(latched) if latched in reader.topics else []
+    return TecSource(
+        description=f"{topic} of {path.name}",
+        table=recorded_observations(reader, topic),
+        ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
+        position_itrf=None,
+        remarks=tuple(reader.notes),
+    )
+
+
+def receiver_positions(
+    table: ObservationTable, ephemerides: Sequence[BroadcastEphemeris]
+) -> npt.NDArray[np.float64]:
+    """Return the positions of a moving receiver at all epochs, ITRF, m, shape (m, 3).
+
+    Positions from code each 30 s, joined by cubic splines: in orbit that leaves the noise of the
+    codes, some metres, which is nothing to an elevation.
+
+    Raises
+    ------
+    TecError
+        If fewer than four epochs give a position.
+    """
+    store = EphemerisStore(ephemerides)
+    reader = SignalReader(MeasurementNoise(), _BANDS)
+    seconds = 1e-9 * (table.time_nanoseconds - table.time_nanoseconds[0])
+    step = round(_POINT_INTERVAL * NANOSECONDS_PER_SECOND)
+    chosen = np.flatnonzero(np.diff(table.time_nanoseconds // step, prepend=-1))
+    times, positions = [], []
+    for index in np.unique(np.append(chosen, len(table) - 1)).tolist():
+        epoch = table.epoch(index)
+        orbits = store.table(epoch.time)
+        known = orbits.system.astype(np.int64) << 8 | orbits.prn
+        signals = reader.read(epoch, satellite_mask(known))
+        if len(signals) == 0:
+            continue
+        point = single_point(combinations(signals, orbits), orbits, epoch.time, _MASK, False)
+        if point is not None:
+            times.append(seconds[index])
+            positions.append(point.position_itrf)
+    if len(times) < _FEWEST_POINTS:
+        raise TecError("the position of the receiver is not stated and cannot be computed")
+    spline = CubicSpline(np.array(times), np.array(positions))
+    inside = (seconds >= times[0] - _POINT_INTERVAL) & (seconds <= times[-1] + _POINT_INTERVAL)
+    result: npt.NDArray[np.float64] = np.where(inside[:, np.newaxis], spline(seconds), np.nan)
+    return result

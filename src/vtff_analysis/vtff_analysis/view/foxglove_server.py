@@ -1,0 +1,92 @@
+"""A websocket with the Foxglove protocol: recorded or live topics for Foxglove and Lichtblick."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from vtff_bag.file.errors import UnknownTypeError
+from vtff_bag.file.message_definitions import message_definition
+
+DEFAULT_PORT = 8765
+HOST = "127.0.0.1"
+
+
+class FoxgloveMissingError(ImportError):
+    """The package foxglove-sdk is not installed."""
+
+
+class FoxgloveServer:
+    """Offers topics as they are, with their message definitions.
+
+    Parameters
+    ----------
+    port
+        0 for a free one.
+
+    Raises
+    ------
+    FoxgloveMissingError
+        If foxglove-sdk is not installed.
+    RuntimeError
+        If the port is taken.
+    """
+
+    def __init__(self, port: int = DEFAULT_PORT) -> None:
+        try:
+            # By name: an optional package is none that package.xml must declare.
+            foxglove = importlib.import_module("foxglove")
+        except ImportError as error:
+            raise FoxgloveMissingError(
+                "--foxglove needs the package foxglove-sdk: "
+                "python -m pip install foxglove-sdk (in .venv)"
+            ) from error
+        self._foxglove = foxglove
+        # Its own context, so that nothing else in this process is offered.
+        self._context = foxglove.Context()
+        self._server = foxglove.start_server(
+            name="vtff",
+            host=HOST,
+            port=port,
+            capabilities=[foxglove.Capability.Time],
+            context=self._context,
+        )
+        self._channels: dict[str, Any] = {}
+
+    @property
+    def address(self) -> str:
+        """What to connect to."""
+        return f"ws://{HOST}:{self._server.port}"
+
+    def send(self, topic: str, type_name: str, serialized: bytes, stamp: int) -> None:
+        """Send a message; a topic whose definition is not installed is left out.
+
+        Parameters
+        ----------
+        topic, type_name
+            ``/name`` and ``package/msg/Type``.
+        serialized
+            CDR.
+        stamp
+            ns since 1970.
+        """
+        if topic not in self._channels:
+            self._channels[topic] = self._channel(topic, type_name)
+        channel = self._channels[topic]
+        if channel is not None:
+            channel.log(bytes(serialized), log_time=max(0, stamp))
+            self._server.broadcast_time(max(0, stamp))
+
+    def _channel(self, topic: str, type_name: str) -> Any:
+        try:
+            definition = message_definition(type_name)
+        except UnknownTypeError:
+            return None
+        schema = self._foxglove.Schema(name=type_name, encoding="ros2msg", data=definition.encode())
+        return self._foxglove.Channel(
+            topic, schema=schema, message_encoding="cdr", context=self._context
+        )
+
+    def stop(self) -> None:
+        """Close all connections."""
+        self._server.stop()

@@ -1,0 +1,60 @@
+"""Irregularity regions of a run, from the configuration of its GNSS simulator."""
+
+from __future__ import annotations
+
+import math
+import pathlib
+
+from vtff_analysis.view.scene import Region
+from vtff_bag.run.description import RunDescription
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+
+GNSS_ARGUMENT = "gnss"
+_STEP = 60.0  # s over which the motion of the sides is taken
+
+
+def irregularity_regions(described: RunDescription, start: int) -> tuple[Region, ...]:
+    """Return the irregularity regions of the simulated ionosphere.
+
+    Parameters
+    ----------
+    described
+        The run; its argument ``gnss`` names the file of the GNSS simulator.
+    start
+        Start of the scene, ns since 1970.
+
+    Returns
+    -------
+    tuple of Region
+        Empty where the run names no file, or it is not on this machine.
+
+    Raises
+    ------
+    ValueError
+        If the file is wrong.
+    """
+    named = described.arguments.get(GNSS_ARGUMENT)
+    path = pathlib.Path(str(named)) if named else None
+    if path is None or not path.is_file():
+        return ()
+    time = GpsTime.from_unix_nanoseconds(start)
+    regions = []
+    for region in load_gnss_configuration(path).regions:
+        west, width = region.longitude_limits(time)
+        later, _ = region.longitude_limits(time + _STEP)
+        turn = math.remainder(later - west, 2.0 * math.pi)
+        regions.append(
+            Region(
+                name=region.name,
+                latitude_south_deg=math.degrees(region.latitude_south),
+                latitude_north_deg=math.degrees(region.latitude_north),
+                longitude_west_deg=math.degrees(math.remainder(west, 2.0 * math.pi)),
+                width_deg=math.degrees(width),
+                longitude_rate_deg=math.degrees(turn) / _STEP,
+                altitude_bottom=region.altitude_bottom,
+                altitude_top=region.altitude_top,
+                s4=region.s4,
+            )
+        )
+    return tuple(regions)

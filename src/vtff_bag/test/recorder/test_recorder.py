@@ -1,0 +1,479 @@
+"""Rules of the recorder without ROS, then the node against real publishers."""
+
+import os
+import re
+import signal
+import struct
+import subprocess
+import sys
+import textwrap
+import time
+import types
+
+import bag_samples
+import pytest
+
+from vtff_bag.file.errors import BagWriteError
+from vtff_bag.file.reader import BagReader
+from vtff_bag.file.recover import recover
+from vtff_bag.file.writer import BagWriter
+from vtff_bag.recorder.recorder import (
+    Acknowledger,
+    Recorder,
+    ScenarioTime,
+    TopicSelection,
+    leading_stamp,
+    strongest_common,
+)
+
+SECOND = 10**9
+
+
+def test_leading_stamp_in_both_byte_orders():
+    assert leading_stamp(b"\x00\x01\x00\x00" + struct.pack("<iI", 5, 7)) == 5 * SECOND + 7
+    assert leading_stamp(b"\x00\x00\x00\x00" + struct.pack(">iI", 5, 7)) == 5 * SECOND + 7
+
+
+def test_leading_stamp_of_negative_or_short_message_is_unset():
+    assert leading_stamp(b"\x00\x01\x00\x00" + struct.pack("<iI", -5, 7)) == 0
+    assert leading_stamp(b"\x00\x01\x00\x00\x01") == 0
+
+
+def test_clock_outranks_stamps():
+    scenario = ScenarioTime()
+    scenario.stamp(3)
+    scenario.stamp(2)
+    assert scenario.nanoseconds == 3
+    scenario.clock(1)
+    scenario.stamp(9)
+    assert scenario.nanoseconds == 1
+
+
+@pytest.mark.parametrize(
+    ("topic", "settings", "wanted"),
+    [
+        ("/chief/gnss/epoch", {}, True),
+        ("/rosout", {}, True),
+        ("/diagnostics", {}, True),
+        ("/parameter_events", {}, False),
+        ("/node/_hidden", {}, False),
+        ("/_hidden/topic", {}, False),
+        ("/_hidden/topic", {"include_hidden": True}, True),
+        ("/chief/gnss/raw", {"exclude": ("/chief/gnss/raw",)}, False),
+        ("/chief/gnss/epoch", {"include": "^/chief/"}, True),
+        ("/deputy/gnss/epoch", {"include": "^/chief/"}, False),
+    ],
+)
+def test_topic_selection(topic, settings, wanted):
+    assert TopicSelection(**settings).wants(topic) is wanted
+
+
+def test_bad_regular_expression_is_named():
+    with pytest.raises(ValueError, match=r"include '\('"):
+        TopicSelection(include="(")
+
+
+class TestAcknowledger:
+    def setup_method(self):
+        self.sent = []
+        self.acknowledger = Acknowledger(self.sent.append, acknowledge_every=10)
+
+    def test_first_step_waits_for_a_stable_topic_set(self):
+        self.acknowledger.clock(100)
+        assert self.sent == []
+        self.acknowledger.topics_stable()
+        assert self.sent == [100]
+
+    def test_first_step_is_acknowledged_at_once_when_topics_are_stable_before(self):
+        self.acknowledger.topics_stable()
+        assert self.sent == []
+        self.acknowledger.clock(100)
+        assert self.sent == [100]
+
+    def test_every_tenth_step_by_its_own_stamp(self):
+        self.acknowledger.topics_stable()
+        for step in range(35):
+            self.acknowledger.clock(step)
+        assert self.sent == [0, 10, 20, 30]
+
+    def test_nothing_after_the_stop(self):
+        self.acknowledger.topics_stable()
+        self.acknowledger.stopped = True
+        self.acknowledger.clock(0)
+        assert self.sent == []
+
+
+def profile(reliability, durability):
+    return types.SimpleNamespace(
+        reliability=types.SimpleNamespace(name=reliability),
+        durability=types.SimpleNamespace(name=durability),
+    )
+
+
+def test_subscription_asks_for_what_every_publisher_offers():
+    strong = profile("RELIABLE", "TRANSIENT_LOCAL")
+    weak = profile("BEST_EFFORT", "VOLATILE")
+    assert strongest_common([strong, strong]) == (True, True)
+    assert strongest_common([strong, weak]) == (False, False)
+    assert strongest_common([strong, profile("RELIABLE", "VOLATILE")]) == (True, False)
+
+
+class FakeNode:
+    """The graph and the subscriptions of a node, without DDS."""
+
+    def __init__(self, topics):
+        self.topics = dict(topics)
+        self.nodes = {}
+        self.callbacks = {}
+        self.warnings = []
+
+    def get_topic_names_and_types(self):
+        return [(name, [kind]) for name, kind in self.topics.items()]
+
+    def get_publishers_info_by_topic(self, name):
+        from rclpy.duration import Infinite
+        from rclpy.qos import QoSProfile
+
+        offer = QoSProfile(depth=10)
+        for part in ("deadline", "lifespan", "liveliness_lease_duration"):
+            setattr(offer, part, Infinite)
+        return [
+            types.SimpleNamespace(
+                qos_profile=offer,
+                topic_type_hash=bag_samples.STRING_HASH,
+                node_name=self.nodes.get(name, "source"),
+                node_namespace="/",
+            )
+        ]
+
+    def create_subscription(self, message_type, topic, callback, profile, raw):
+        assert raw and profile.depth == 5000
+        self.callbacks[topic] = callback
+
+    def get_logger(self):
+        return types.SimpleNamespace(warning=self.warnings.append)
+
+
+def stamped(seconds):
+    return b"\x00\x01\x00\x00" + struct.pack("<iI", seconds, 0) + struct.pack("<I", 1) + b"\0"
+
+
+TOPICS = {
+    "/clock": "rosgraph_msgs/msg/Clock",
+    "/stamped": "std_msgs/msg/Header",
+    "/state": "geometry_msgs/msg/AccelStamped",
+    "/text": "std_msgs/msg/String",
+}
+
+
+@pytest.fixture
+def recording(tmp_path):
+    pytest.importorskip("rclpy")
+    node = FakeNode(TOPICS)
+    writer = BagWriter(tmp_path / "bag")
+    failures = []
+    recorder = Recorder(node, writer, TopicSelection(), on_failure=failures.append)
+    recorder.tick()
+    return types.SimpleNamespace(
+        node=node, writer=writer, recorder=recorder, failures=failures, path=tmp_path / "bag"
+    )
+
+
+def close_and_read(recording):
+    recording.recorder.finish()
+    recording.writer.close()
+    return [(m.topic, m.log_time // SECOND) for m in BagReader(recording.path).raw_messages()]
+
+
+def test_log_time_is_stamp_or_clock_or_latest_scenario_time(recording):
+    callbacks = recording.node.callbacks
+    callbacks["/text"](bag_samples.string_message("before any time"))
+    callbacks["/clock"](stamped(100))
+    callbacks["/text"](bag_samples.string_message("at 100"))
+    callbacks["/state"](stamped(101))
+    callbacks["/text"](bag_samples.string_message("still 100: /clock counts"))
+    callbacks["/state"](stamped(0))
+    callbacks["/clock"](stamped(102))
+    assert close_and_read(recording) == [
+        ("/text", 100),
+        ("/clock", 100),
+        ("/text", 100),
+        ("/text", 100),
+        ("/state", 100),
+        ("/state", 101),
+        ("/clock", 102),
+    ]
+
+
+def test_without_clock_the_newest_stamp_is_the_time(recording):
+    callbacks = recording.node.callbacks
+    callbacks["/state"](stamped(7))
+    callbacks["/state"](stamped(5))
+    callbacks["/text"](bag_samples.string_message("x"))
+    assert close_and_read(recording) == [("/state", 5), ("/state", 7), ("/text", 7)]
+
+
+def test_messages_that_never_get_a_time_are_kept(recording):
+    recording.node.callbacks["/text"](bag_samples.string_message("x"))
+    assert [topic for topic, _ in close_and_read(recording)] == ["/text"]
+
+
+@pytest.mark.parametrize("clock_first", [True, False])
+def test_in_lockstep_messages_without_a_time_stay_before_those_of_their_topic(
+    tmp_path, clock_first
+):
+    """Whatever comes first on other topics: a thrust is stamped a second ahead."""
+    pytest.importorskip("rclpy")
+    node = FakeNode({**TOPICS, "/thrust": "geometry_msgs/msg/AccelStamped"})
+    writer = BagWriter(tmp_path / "bag")
+    acknowledger = Acknowledger(lambda stamp: None, 1)
+    recorder = Recorder(node, writer, TopicSelection(), acknowledger)
+    recorder.tick()
+    node.callbacks["/state"](stamped(0))
+    node.callbacks["/thrust"](stamped(101))
+    if clock_first:
+        node.callbacks["/clock"](stamped(100))
+    node.callbacks["/state"](stamped(100))
+    recorder.finish()
+    writer.close()
+    items = BagReader(tmp_path / "bag").raw_messages()
+    on_topic = [(m.log_time // SECOND, m.serialized) for m in items if m.topic == "/state"]
+    assert on_topic == [(100, stamped(0)), (100, stamped(100))]
+
+
+def test_unknown_type_is_named_once_and_skipped(recording):
+    recording.node.topics["/foreign"] = "absent_msgs/msg/Thing"
+    recording.recorder._next_search = 0.0
+    recording.recorder.tick()
+    recording.recorder._next_search = 0.0
+    recording.recorder.tick()
+    assert len(recording.node.warnings) == 1
+    assert "/foreign" in recording.node.warnings[0]
+    assert "absent_msgs/msg/Thing" in recording.node.warnings[0]
+    assert "/foreign" not in recording.recorder.topic_names
+
+
+def test_topic_set_is_not_stable_before_expected_nodes_are_seen(tmp_path, monkeypatch):
+    pytest.importorskip("rclpy")
+    now = [0.0]
+    monkeypatch.setattr("vtff_bag.recorder.recorder.time.monotonic", lambda: now[0])
+    node = FakeNode({"/text": "std_msgs/msg/String"})
+    sent = []
+    acknowledger = Acknowledger(sent.append)
+    recorder = Recorder(
+        node, BagWriter(tmp_path / "bag"), TopicSelection(), acknowledger, ["/late"]
+    )
+    for tick in range(10):
+        now[0] = 0.1 * tick
+        recorder.tick()
+    assert not recorder.stable and recorder.missing_nodes == ["/late"]
+    node.topics["/more"] = "std_msgs/msg/String"
+    node.nodes["/more"] = "late"
+    recorder.tick()
+    now[0] += 0.05
+    recorder.tick()
+    assert recorder.missing_nodes == [] and not recorder.stable
+    for _ in range(10):
+        now[0] += 0.1
+        recorder.tick()
+    assert recorder.stable and acknowledger.ready
+
+
+def test_write_error_is_reported_once_and_recording_goes_quiet(recording, monkeypatch):
+    def full(*arguments):
+        raise BagWriteError("bag_0.mcap: cannot write: No space left on device")
+
+    monkeypatch.setattr(recording.writer, "write", full)
+    for _ in range(3):
+        recording.node.callbacks["/clock"](stamped(100))
+    assert len(recording.failures) == 1
+    assert recording.recorder.received == 3
+
+
+PUBLISHER = textwrap.dedent(
+    """
+    import sys, time
+    import rclpy
+    from rclpy.duration import Duration
+    from geometry_msgs.msg import AccelStamped
+    from rosgraph_msgs.msg import Clock
+    from std_msgs.msg import String
+    from vtff_msgs.msg import StepDone
+    from vtff_node.qos import PUBLISH, subscribe
+
+    rclpy.init()
+    node = rclpy.create_node("source")
+    clock = node.create_publisher(Clock, "/clock", PUBLISH)
+    state = node.create_publisher(AccelStamped, "/deputy/state", PUBLISH)
+    text = node.create_publisher(String, "/text", PUBLISH)
+    acknowledged = []
+    node.create_subscription(
+        StepDone,
+        "/sim/step_done",
+        lambda message: acknowledged.append(message.header.stamp.sec),
+        subscribe(True),
+    )
+
+    def step(index):
+        message = AccelStamped()
+        message.header.stamp.sec = 1458521983 + index
+        clock.publish(Clock(clock=message.header.stamp))
+        if index < 667:
+            state.publish(message)
+            text.publish(String(data=f"step {index}"))
+
+    def wait_for(seconds):
+        deadline = time.monotonic() + 60.0
+        while seconds not in acknowledged:
+            if time.monotonic() > deadline:
+                raise SystemExit(f"no acknowledgement of {seconds}")
+            rclpy.spin_once(node, timeout_sec=1.0)
+
+    # The first step is published before anybody is known to listen.
+    step(0)
+    wait_for(1458521983)
+    for index in range(1, 666):
+        step(index)
+        if index % 10 == 0:
+            wait_for(1458521983 + index)
+    step(666)
+    step(667)  # a clock alone: 668 + 667 + 667 messages
+    for publisher in (clock, state, text):
+        assert publisher.wait_for_all_acked(Duration(seconds=10.0))
+    print("published", flush=True)
+    sys.stdin.read()
+    """
+)
+
+
+@pytest.fixture
+def ros_environment():
+    pytest.importorskip("rclpy")
+    pytest.importorskip("vtff_msgs")
+    return {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+
+
+def start(arguments, environment):
+    return subprocess.Popen(
+        [sys.executable, *arguments],
+        env=environment,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+LOCKSTEP = ["-p", "lockstep:=true", "-p", "acknowledge_steps:=true"]
+RECORDER = ["-m", "vtff_bag.bag_recorder_node", "--ros-args"]
+
+
+@pytest.mark.parametrize("ending", [signal.SIGINT, signal.SIGTERM])
+def test_node_records_every_message_in_lockstep(tmp_path, ros_environment, ending):
+    bag = tmp_path / "run" / "bag"
+    source = start(["-c", PUBLISHER], ros_environment)
+    recorder = start(
+        [*RECORDER, "-p", f"output:={bag}", *LOCKSTEP]
+        + ["-p", "wait_for_nodes:=['/source']", "-p", "custom_data:=['configuration=abc']"],
+        ros_environment,
+    )
+    try:
+        line = source.stdout.readline()
+        assert line == "published\n", source.communicate()[1]
+        recorder.send_signal(ending)
+        printed, errors = recorder.communicate(timeout=30)
+    finally:
+        for process in (source, recorder):
+            process.kill()
+            process.communicate()
+    assert recorder.returncode == 0, errors
+    reader = BagReader(bag)
+    assert reader.complete
+    counts = {name: topic.message_count for name, topic in reader.topics.items()}
+    assert counts["/clock"] == 668
+    assert counts["/deputy/state"] == counts["/text"] == 667
+    assert "/rosout" in counts and "/parameter_events" not in counts
+    for name, count in counts.items():
+        assert f"{count:10d}  {name}\n" in printed
+    read = list(reader.messages("/text"))
+    assert [m.message.data for m in read] == [f"step {index}" for index in range(667)]
+    states = list(reader.messages("/deputy/state"))
+    assert all(m.log_time == m.message.header.stamp.sec * SECOND for m in states)
+    steps = [m.message.header.stamp.sec - 1458521983 for m in reader.messages("/sim/step_done")]
+    assert steps == list(range(0, 667, 10))
+    assert reader.topics["/text"].type_hash == bag_samples.STRING_HASH
+    assert reader.topics["/text"].offered_qos_profiles[0]["durability"] == "transient_local"
+    assert reader.custom_data == {"configuration": "abc"}
+
+
+def test_killed_node_leaves_everything_it_had_flushed(tmp_path, ros_environment):
+    """The source falls silent; the recorder flushes by its own timer, then is killed."""
+    bag = tmp_path / "bag"
+    source = start(["-c", PUBLISHER], ros_environment)
+    recorder = start([*RECORDER, "-p", f"output:={bag}", *LOCKSTEP], ros_environment)
+    try:
+        assert source.stdout.readline() == "published\n"
+        deadline = time.monotonic() + 30.0
+        while time.monotonic() < deadline:
+            counts = BagReader(bag).topics
+            if [counts[name].message_count for name in ("/clock", "/text")] == [668, 667]:
+                break
+            time.sleep(0.2)
+        recorder.kill()
+        recorder.wait()
+    finally:
+        for process in (source, recorder):
+            process.kill()
+            process.communicate()
+    report = recover(bag)
+    assert not report.was_complete
+    assert report.message_counts["/clock"] == 668
+    assert report.message_counts["/deputy/state"] == report.message_counts["/text"] == 667
+    assert BagReader(report.output).complete
+
+
+def test_full_disk_ends_the_node_with_an_error_and_a_readable_bag(tmp_path, ros_environment):
+    limited = (
+        "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000)); "
+        "from vtff_bag.bag_recorder_node import main; main()"
+    )
+    bag = tmp_path / "bag"
+    source = start(["-c", PUBLISHER], ros_environment)
+    recorder = start(
+        ["-c", limited, "--ros-args", "-p", f"output:={bag}", *LOCKSTEP]
+        + ["-p", "chunk_size:=2048"],
+        ros_environment,
+    )
+    try:
+        _, errors = recorder.communicate(timeout=60)
+    finally:
+        for process in (source, recorder):
+            process.kill()
+            process.communicate()
+    assert recorder.returncode == 1
+    assert "Traceback" not in errors
+    assert f"recording ends: {bag}/bag_0.mcap: cannot write: File too large" in errors
+    assert recover(bag).message_count > 0
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ([], "output"),
+        (["-p", "output:={bag}", "-p", "compression:=bzip2"], "compression.*bzip2"),
+        (["-p", "output:={bag}", "-p", "include:=("], "include"),
+        (["-p", "output:={bag}", "-p", "custom_data:=['novalue']"], "custom_data.*novalue"),
+        (["-p", "output:={file}/bag"], "output.*occupied"),
+    ],
+)
+def test_wrong_parameters_end_with_one_clear_line(tmp_path, ros_environment, arguments, named):
+    occupied = tmp_path / "occupied"
+    occupied.write_text("")
+    filled = [text.format(bag=tmp_path / "bag", file=occupied) for text in arguments]
+    recorder = start([*RECORDER, *filled], ros_environment)
+    _, errors = recorder.communicate(timeout=60)
+    assert recorder.returncode == 2
+    lines = [line for line in errors.splitlines() if line.startswith("error: ")]
+    assert len(lines) == 1
+    assert re.search(named, lines[0])
+    assert "Traceback" not in errors

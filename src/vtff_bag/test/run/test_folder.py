@@ -1,0 +1,52 @@
+"""Folders of runs: never shared, never overwritten, and one line for what cannot be used."""
+
+from __future__ import annotations
+
+import pathlib
+
+import pytest
+
+from vtff_bag.run.folder import RunFolderError, chosen_folder, new_folder, remove_if_empty
+
+
+def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path):
+    made = [new_folder(tmp_path / "bags" / "run") for _ in range(3)]
+    assert [folder.name for folder in made] == ["run", "run_2", "run_3"]
+    assert all(folder.is_dir() for folder in made)
+
+
+def test_a_chosen_folder_is_made_or_must_be_empty(tmp_path):
+    folder = tmp_path / "a" / "b"
+    assert chosen_folder(folder, empty=True) == folder
+    assert chosen_folder(folder, empty=True) == folder
+    (folder / "notes.txt").write_text("")
+    with pytest.raises(RunFolderError, match="is not empty; choose another --out"):
+        chosen_folder(folder, empty=True)
+    assert chosen_folder(folder, empty=False) == folder
+    (folder / "bag").mkdir()
+    with pytest.raises(RunFolderError, match="already holds a run"):
+        chosen_folder(folder, empty=True)
+
+
+def test_what_is_no_folder_is_named(tmp_path):
+    file = tmp_path / "file"
+    file.write_text("")
+    (tmp_path / "circle").symlink_to("circle")
+    for path in (file, file / "below", pathlib.Path("/proc/x"), tmp_path / "circle"):
+        with pytest.raises(RunFolderError) as caught:
+            chosen_folder(path, empty=True)
+        assert str(path) in str(caught.value)
+        assert "\n" not in str(caught.value)
+    for path in (file / "below", pathlib.Path("/proc/x")):
+        with pytest.raises(RunFolderError, match="cannot make|is not a folder"):
+            new_folder(path)
+
+
+def test_only_an_empty_folder_is_taken_away(tmp_path):
+    folder = new_folder(tmp_path / "run")
+    (folder / "log").write_text("")
+    remove_if_empty(folder)
+    assert folder.is_dir()
+    (folder / "log").unlink()
+    remove_if_empty(folder)
+    assert not folder.exists()

@@ -1,0 +1,1 @@
+"""MCAP bags: files, recorder, player and the folder of a run; imports no algorithm."""

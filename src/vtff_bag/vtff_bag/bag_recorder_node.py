@@ -1,0 +1,193 @@
+"""bag_recorder: every topic of the graph into an MCAP bag that `ros2 bag` opens."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import pathlib
+import time
+from dataclasses import dataclass
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from vtff_bag.file.errors import BagWriteError
+from vtff_bag.file.writer import COMPRESSIONS, DEFAULT_CHUNK_SIZE, BagWriter
+from vtff_bag.recorder.recorder import SEARCH_INTERVAL, Acknowledger, Recorder, TopicSelection
+from vtff_bag.run.description import describe_run_folder
+from vtff_bag.run.environment import describe_environment
+from vtff_node import diagnostics
+from vtff_node.main import run_node
+from vtff_node.node import RUN_DIRECTORY_VARIABLE, VtffNode
+from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.stamps import to_stamp
+
+DRAIN_QUIET = 0.2  # s of wall time without a message that end the draining
+DRAIN_LIMIT = 5.0  # s of wall time after which draining ends in any case
+
+
+@dataclass(frozen=True)
+class BagRecorderParameters:
+    """Parameters of the node."""
+
+    output: str = parameter(REQUIRED, "directory of the bag, made by the recorder")
+    compression: str = parameter("zstd", "compression of the chunks", choices=tuple(COMPRESSIONS))
+    chunk_size: int = parameter(
+        DEFAULT_CHUNK_SIZE,
+        "size of a chunk before compression",
+        unit="bytes",
+        minimum=1024,
+        maximum=64 * 1024 * 1024,
+    )
+    include: str = parameter("", "regular expression: record only topics that it is found in")
+    exclude_topics: list[str] = parameter([], "full names of topics that are not recorded")
+    include_hidden: bool = parameter(False, "record hidden topics and /parameter_events as well")
+    acknowledge_every: int = parameter(
+        10, "in lockstep, steps between acknowledgements", minimum=1, maximum=1000
+    )
+    wait_for_nodes: list[str] = parameter(
+        [], "in lockstep, full names of nodes to discover before the first acknowledgement"
+    )
+    custom_data: list[str] = parameter([], "texts for the metadata of the bag, each key=value")
+
+    def __post_init__(self) -> None:
+        """Check the regular expression and the form of the texts."""
+        self.selection()
+        self.custom_metadata()
+
+    def selection(self) -> TopicSelection:
+        """Return which topics are recorded."""
+        return TopicSelection(self.include, tuple(self.exclude_topics), self.include_hidden)
+
+    def custom_metadata(self) -> dict[str, str]:
+        """Return `custom_data` as a mapping.
+
+        Raises
+        ------
+        ValueError
+            If an entry has no equals sign.
+        """
+        pairs = {}
+        for entry in self.custom_data:
+            key, separator, value = entry.partition("=")
+            if not key or not separator:
+                raise ValueError(f"parameter 'custom_data': '{entry}' is not of the form key=value")
+            pairs[key] = value
+        return pairs
+
+
+class BagRecorderNode(VtffNode):
+    """Record every topic into an MCAP bag, stamped with scenario time, until SIGINT or SIGTERM."""
+
+    Parameters = BagRecorderParameters
+
+    def __init__(self, **node_arguments: Any) -> None:
+        super().__init__("bag_recorder", **node_arguments)
+        table: BagRecorderParameters = self.parameters
+        try:
+            self._writer = BagWriter(
+                table.output,
+                {**_run_texts(), **table.custom_metadata()},
+                table.chunk_size,
+                table.compression,
+            )
+        except BagWriteError as error:
+            raise ParameterError(f"parameter 'output': {error}") from error
+        self._failure: BagWriteError | None = None
+        self._acknowledger = (
+            Acknowledger(self._acknowledge, table.acknowledge_every) if self.lockstep else None
+        )
+        self._recorder = Recorder(
+            self,
+            self._writer,
+            table.selection(),
+            self._acknowledger,
+            table.wait_for_nodes,
+            self._fail,
+        )
+        self.create_timer(SEARCH_INTERVAL, self._recorder.tick, clock=self.steady_clock)
+
+    def _acknowledge(self, stamp_nanoseconds: int) -> None:
+        self.acknowledge_step(to_stamp(stamp_nanoseconds), time.perf_counter())
+
+    def _fail(self, error: BagWriteError) -> None:
+        self._failure = error
+        self.get_logger().fatal(f"recording ends: {error}")
+        self.finish(1)
+
+    def health(self) -> list[DiagnosticStatus]:
+        """Report the number of topics and messages, or why recording has ended."""
+        recorder = self._recorder
+        self.scenario_nanoseconds = recorder.scenario_nanoseconds
+        values = {
+            "bag": self._writer.directory,
+            "topics": len(recorder.topic_names),
+            "messages": recorder.received,
+        }
+        name = f"{self.get_name()}: recording"
+        if self._failure is not None:
+            return [diagnostics.status(name, diagnostics.ERROR, str(self._failure), values)]
+        if recorder.missing_nodes:
+            missing = ", ".join(recorder.missing_nodes)
+            text = f"not discovered yet: {missing}"
+            return [diagnostics.status(name, diagnostics.WARN, text, values)]
+        if not recorder.topic_names:
+            return [diagnostics.status(name, diagnostics.WARN, "no topic yet", values)]
+        return [diagnostics.status(name, diagnostics.OK, "recording", values)]
+
+    def on_stop(self) -> None:
+        """Stop acknowledging, take in what is still on its way, and close the bag."""
+        if self._acknowledger is not None:
+            self._acknowledger.stopped = True
+        if self._failure is None:
+            self._drain()
+            self._close_bag()
+        counts = self._writer.message_counts
+        for topic in sorted(counts):
+            print(f"{counts[topic]:10d}  {topic}")
+        print(f"{sum(counts.values()):10d}  messages in {self._writer.directory}", flush=True)
+
+    def _drain(self) -> None:
+        executor = self.executor
+        if executor is None:
+            return
+        started = quiet_since = time.monotonic()
+        received = self._recorder.received
+        while self.context.ok() and time.monotonic() - started < DRAIN_LIMIT:
+            executor.spin_once(timeout_sec=DRAIN_QUIET / 4)
+            now = time.monotonic()
+            if self._recorder.received != received:
+                received, quiet_since = self._recorder.received, now
+            elif now - quiet_since >= DRAIN_QUIET:
+                return
+
+    def _close_bag(self) -> None:
+        try:
+            self._recorder.finish()
+            # Again: by now every node has left its parameters.
+            self._writer.add_custom_metadata(_run_texts())
+            self._writer.close()
+        except BagWriteError as error:
+            self._fail(error)
+
+
+def _run_texts() -> dict[str, str]:
+    """Return how the run came about, as texts for the metadata; empty outside `vtff run`."""
+    directory = os.environ.get(RUN_DIRECTORY_VARIABLE)
+    if not directory:
+        return {}
+    described = describe_run_folder(pathlib.Path(directory))
+    complete = dataclasses.replace(described, environment=describe_environment())
+    return complete.as_custom_data(directory, str(pathlib.Path.cwd()))
+
+
+NODE_CLASS = BagRecorderNode
+
+
+def main() -> None:
+    """Run the recorder until it is told to stop."""
+    run_node(BagRecorderNode)
+
+
+if __name__ == "__main__":
+    main()

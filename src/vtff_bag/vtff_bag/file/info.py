@@ -1,0 +1,94 @@
+"""Text about a bag, in the form of ``ros2 bag info`` and with the state of the bag."""
+
+from __future__ import annotations
+
+import datetime
+import os
+
+from vtff_bag.file.metadata import STORAGE_IDENTIFIER
+from vtff_bag.file.reader import BagReader
+
+_INDENT = 19
+_LONGEST_TEXT = 60
+_NANOSECONDS = 1_000_000_000
+
+
+def describe_bag(path: str | os.PathLike[str]) -> str:
+    """Return the table for a bag directory or MCAP file.
+
+    Raises
+    ------
+    BagReadError
+        Naming the file, if there is no bag or nothing in it can be read.
+    """
+    return format_information(BagReader(path))
+
+
+def format_information(reader: BagReader) -> str:
+    """Return the table for an open bag; times are UTC, where ros2 prints local time."""
+    distribution = reader.metadata.ros_distribution if reader.metadata is not None else "unknown"
+    topics = [
+        f"Topic: {topic.name} | Type: {topic.type} | Count: {topic.message_count} | "
+        f"Serialization Format: {topic.serialization_format}"
+        for topic in sorted(reader.topics.values(), key=lambda topic: topic.name)
+    ]
+    rows = [
+        ("Files", [file.name for file in reader.files]),
+        ("Bag size", [_size(sum(file.stat().st_size for file in reader.files))]),
+        ("Storage id", [STORAGE_IDENTIFIER]),
+        ("ROS Distro", [distribution]),
+        ("Duration", [f"{_seconds(reader.end_time - reader.start_time)}s"]),
+        ("Start", [_time(reader.start_time)]),
+        ("End", [_time(reader.end_time)]),
+        ("Messages", [str(reader.message_count)]),
+        ("Topic information", topics),
+        ("State", [_state(reader), *reader.notes]),
+    ]
+    if reader.custom_data:
+        custom = sorted(reader.custom_data.items())
+        rows.append(("Custom data", [f"{key}: {_shortened(text)}" for key, text in custom]))
+    return "\n".join(_row(title, values) for title, values in rows)
+
+
+def _shortened(text: str) -> str:
+    """Return a text on one line that fits a terminal."""
+    line = " ".join(text.split())
+    return line if len(line) <= _LONGEST_TEXT else f"{line[: _LONGEST_TEXT - 4]} ..."
+
+
+def _row(title: str, values: list[str]) -> str:
+    separator = "\n" + " " * _INDENT
+    return f"{title + ':':{_INDENT}}{separator.join(values)}".rstrip()
+
+
+def _state(reader: BagReader) -> str:
+    if reader.complete:
+        return "complete"
+    if all(content.closed for content in reader.contents):
+        return f"damaged -> vtff bag recover {reader.path}"
+    return f"not closed properly -> vtff bag recover {reader.path}"
+
+
+def _seconds(nanoseconds: int) -> str:
+    return f"{nanoseconds // _NANOSECONDS}.{nanoseconds % _NANOSECONDS:09d}"
+
+
+def _time(nanoseconds: int) -> str:
+    epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
+    try:
+        moment = epoch + datetime.timedelta(seconds=nanoseconds // _NANOSECONDS)
+    except OverflowError:
+        return f"({_seconds(nanoseconds)})"
+    fraction = f"{nanoseconds % _NANOSECONDS:09d}"
+    return f"{moment:%b %d %Y %H:%M:%S}.{fraction} UTC ({_seconds(nanoseconds)})"
+
+
+def _size(size: int) -> str:
+    if size < 1024:
+        return f"{size} B"
+    value = float(size)
+    for unit in ("KiB", "MiB", "GiB"):
+        value /= 1024.0
+        if value < 1024.0:
+            return f"{value:.1f} {unit}"
+    return f"{value / 1024.0:.1f} TiB"

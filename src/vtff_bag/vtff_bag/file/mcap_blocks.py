@@ -1,0 +1,439 @@
+"""Intact parts of an MCAP file, found by its summary or, if it is damaged, by scanning it.
+
+The mcap package stops at the first damaged byte and reports nothing of what it read.
+Here a damaged file is scanned record by record, chunks are checked with their checksum,
+and after a damaged place the scan goes on at the next intact chunk. Record layout: MCAP
+specification, version 0.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import mmap
+import os
+import pathlib
+import re
+import struct
+import zlib
+from collections.abc import Collection, Iterator
+from typing import BinaryIO, NamedTuple
+
+import lz4.frame
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.reader import SeekingReader
+from mcap.records import Channel, Chunk, Metadata, Schema
+
+from vtff_bag.file.errors import BagReadError
+
+MAGIC = b"\x89MCAP0\r\n"
+_RECORD = struct.Struct("<BQ")  # opcode, length of what follows
+_MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_CHANNEL_ID = struct.Struct("<H")  # the begin of a message
+_CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
+_FOOTER_LENGTH = 20
+_LARGEST_CHUNK = 1 << 30  # B uncompressed; a larger claim is a damaged length
+BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
+_GROUP_SIZE = 128 * 1024  # B of messages outside chunks that make one block
+
+# After damage: a chunk (length below 2^40, known compression) or the 13 bytes of DataEnd.
+_RESYNCHRONISE = re.compile(
+    rb"\x06.{5}\0\0\0.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)|\x0f\x04\0\0\0\0\0\0\0",
+    re.DOTALL,
+)
+
+_DAMAGE = (
+    McapError,
+    zstandard.ZstdError,
+    ValueError,
+    KeyError,
+    struct.error,
+    RuntimeError,
+    MemoryError,
+    EOFError,
+    OverflowError,
+)
+
+
+class StoredMessage(NamedTuple):
+    """A message as it lies in the file; times in ns since 1970."""
+
+    channel_id: int
+    log_time: int
+    publish_time: int
+    serialized: bytes
+
+
+class Block(NamedTuple):
+    """A chunk, or a run of messages outside chunks.
+
+    ``offset`` and ``length`` are bytes of the file, record headers included.
+    """
+
+    start_time: int
+    end_time: int
+    offset: int
+    length: int
+    chunked: bool
+
+
+@dataclasses.dataclass
+class FileContent:
+    """What an MCAP file holds that can be read.
+
+    ``bag_metadata`` is the text of metadata.yaml as the file repeats it; empty without one.
+    """
+
+    path: pathlib.Path
+    channels: dict[int, Channel] = dataclasses.field(default_factory=dict)
+    schemas: dict[int, Schema] = dataclasses.field(default_factory=dict)
+    blocks: list[Block] = dataclasses.field(default_factory=list)
+    message_counts: dict[int, int] = dataclasses.field(default_factory=dict)
+    start_time: int = 0
+    end_time: int = 0
+    closed: bool = False
+    damaged_bytes: int = 0
+    bag_metadata: str = ""
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def complete(self) -> bool:
+        """Whether the file was closed properly and nothing in it is damaged."""
+        return self.closed and not self.damaged_bytes
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all channels."""
+        return sum(self.message_counts.values())
+
+
+def read_content(path: pathlib.Path) -> FileContent:
+    """Return the content of a file by its summary if that is intact, else by a scan.
+
+    Raises
+    ------
+    BagReadError
+        If the file cannot be opened or is not an MCAP file.
+    """
+    try:
+        with open(path, "rb") as file:
+            content = _content_by_summary(path, file)
+    except OSError as error:
+        raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
+    return content if content is not None else scan_content(path)
+
+
+def scan_content(path: pathlib.Path) -> FileContent:
+    """Return the content of a file by reading all of it, every chunk checked.
+
+    Raises
+    ------
+    BagReadError
+        If the file cannot be opened or holds nothing of an MCAP file.
+    """
+    try:
+        with open(path, "rb") as file:
+            if os.fstat(file.fileno()).st_size == 0:
+                raise BagReadError(f"{path}: the file is empty")
+            with mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as mapped:
+                return _Scan(path, mapped).run()
+    except (OSError, ValueError) as error:
+        raise BagReadError(f"{path}: cannot read: {error}") from error
+
+
+def read_block(
+    content: FileContent,
+    block: Block,
+    file: BinaryIO,
+    channel_ids: Collection[int] | None = None,
+) -> Iterator[StoredMessage]:
+    """Iterate over the messages of a block in file order.
+
+    Parameters
+    ----------
+    content, block, file
+        Where it lies.
+    channel_ids
+        Only messages of these; all if not given.
+
+    Raises
+    ------
+    BagReadError
+        If the block is damaged; before its first message is returned.
+    """
+    file.seek(block.offset)
+    stored = file.read(block.length)
+    try:
+        if block.chunked:
+            stored = _chunk_records(stored)
+        records = [
+            (start, end) for opcode, start, end in _records(stored) if opcode == Opcode.MESSAGE
+        ]
+        if channel_ids is not None:
+            # Most of a bag is of other topics, and a message costs more than its number.
+            channel = _CHANNEL_ID.unpack_from
+            records = [place for place in records if channel(stored, place[0])[0] in channel_ids]
+        messages = [_message(stored, start, end) for start, end in records]
+    except _DAMAGE as error:
+        raise BagReadError(
+            f"{content.path}: damaged between bytes {block.offset} and "
+            f"{block.offset + block.length}: {error}"
+        ) from error
+    return iter(messages)
+
+
+def _message(stored: bytes, start: int, end: int) -> StoredMessage:
+    channel_id, _, log_time, publish_time = _MESSAGE.unpack_from(stored, start)
+    return StoredMessage(channel_id, log_time, publish_time, stored[start + _MESSAGE.size : end])
+
+
+def _records(stored: bytes) -> Iterator[tuple[int, int, int]]:
+    """Opcode, start and end of the content of each record; ValueError if one is cut off."""
+    position = 0
+    while position < len(stored):
+        opcode, length = _RECORD.unpack_from(stored, position)
+        start = position + _RECORD.size
+        position = start + length
+        if position > len(stored) or (opcode == Opcode.MESSAGE and length < _MESSAGE.size):
+            raise ValueError("a record is cut off")
+        yield opcode, start, position
+
+
+def _chunk_records(stored: bytes) -> bytes:
+    """Return the records inside a stored chunk record, decompressed and checked."""
+    chunk = Chunk.read(ReadDataStream(io.BytesIO(stored[_RECORD.size :])))
+    if chunk.uncompressed_size > _LARGEST_CHUNK:
+        raise ValueError(f"a chunk claims {chunk.uncompressed_size} bytes")
+    if chunk.compression == "zstd":
+        claimed = zstandard.frame_content_size(chunk.data)
+        if claimed not in (-1, chunk.uncompressed_size):
+            raise ValueError("a chunk contradicts its size")
+        records = zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
+    elif chunk.compression == "lz4":
+        records = lz4.frame.decompress(chunk.data)
+    elif chunk.compression == "":
+        records = chunk.data
+    else:
+        raise ValueError(f"compression '{chunk.compression}' is not supported")
+    if len(records) != chunk.uncompressed_size:
+        raise ValueError("a chunk is cut off")
+    if chunk.uncompressed_crc and zlib.crc32(records) != chunk.uncompressed_crc:
+        raise ValueError("a chunk fails its checksum")
+    return records
+
+
+def _content_by_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
+    """Content by an intact summary section, None where a scan is needed."""
+    try:
+        if not _summary_is_intact(file):
+            return None
+        file.seek(0)
+        summary = SeekingReader(file).get_summary()
+    except _DAMAGE:
+        return None
+    if summary is None or summary.statistics is None:
+        return None
+    statistics = summary.statistics
+    if statistics.message_count and not summary.chunk_indexes:
+        return None
+    content = FileContent(
+        path=path,
+        channels=dict(summary.channels),
+        schemas=dict(summary.schemas),
+        message_counts=dict(statistics.channel_message_counts),
+        start_time=statistics.message_start_time,
+        end_time=statistics.message_end_time,
+        closed=True,
+    )
+    for index in summary.chunk_indexes:
+        file.seek(index.chunk_start_offset)
+        header = file.read(_RECORD.size)
+        expected = _RECORD.pack(Opcode.CHUNK, index.chunk_length - _RECORD.size)
+        if header != expected:
+            return None
+        content.blocks.append(
+            Block(
+                index.message_start_time,
+                index.message_end_time,
+                index.chunk_start_offset,
+                index.chunk_length,
+                True,
+            )
+        )
+    for entry in summary.metadata_indexes:
+        file.seek(entry.offset)
+        _take_metadata(content, file.read(entry.length)[_RECORD.size :])
+    return content
+
+
+def _take_metadata(content: FileContent, stored: bytes) -> None:
+    try:
+        record = Metadata.read(ReadDataStream(io.BytesIO(stored)))
+    except _DAMAGE:
+        return  # a supplement: the messages do not depend on it
+    if record.name == BAG_METADATA_RECORD:
+        content.bag_metadata = record.metadata.get("serialized_metadata", "")
+
+
+def _summary_is_intact(file: BinaryIO) -> bool:
+    """Whether the file ends with a footer whose checksum covers the summary before it."""
+    size = file.seek(0, os.SEEK_END)
+    footer_start = size - len(MAGIC) - _FOOTER_LENGTH - _RECORD.size
+    if footer_start < len(MAGIC):
+        return False
+    file.seek(footer_start)
+    ending = file.read()
+    opcode, length = _RECORD.unpack_from(ending)
+    summary_start, _, checksum = struct.unpack_from("<QQI", ending, _RECORD.size)
+    if (opcode, length) != (Opcode.FOOTER, _FOOTER_LENGTH) or not ending.endswith(MAGIC):
+        return False
+    if not len(MAGIC) < summary_start <= footer_start:
+        return False
+    file.seek(summary_start)
+    covered = file.read(size - summary_start - len(MAGIC) - 4)
+    return checksum == 0 or zlib.crc32(covered) == checksum
+
+
+class _Scan:
+    """Walk through a file record by record."""
+
+    def __init__(self, path: pathlib.Path, mapped: mmap.mmap) -> None:
+        self._content = FileContent(path)
+        self._file = mapped
+        self._size = len(mapped)
+        self._group: Block | None = None
+
+    def run(self) -> FileContent:
+        content = self._content
+        has_magic = self._file[: len(MAGIC)] == MAGIC
+        position = len(MAGIC) if has_magic else 0
+        if not has_magic:
+            content.notes.append("the first bytes are damaged")
+        while position < self._size and not content.closed:
+            following = self._record_at(position)
+            if following is None:
+                following = self._after_damage(position)
+                content.damaged_bytes += following - position
+                content.notes.append(f"bytes {position} to {following} are damaged or cut off")
+            position = following
+        self._close_group()
+        if not has_magic and not content.blocks and not content.channels:
+            raise BagReadError(f"{content.path}: not an MCAP file, and nothing in it is readable")
+        self._conclude()
+        return content
+
+    def _conclude(self) -> None:
+        content = self._content
+        unknown = {id for id in content.message_counts if id not in content.channels}
+        lost = sum(content.message_counts.pop(id) for id in unknown)
+        if lost:
+            content.notes.append(f"{lost} messages belong to topics whose description is lost")
+        if not content.closed:
+            content.notes.append("the file was not closed properly: no summary at its end")
+        content.start_time = min((block.start_time for block in content.blocks), default=0)
+        content.end_time = max((block.end_time for block in content.blocks), default=0)
+
+    def _record_at(self, position: int) -> int | None:
+        """Take in the record at a position; None if it is damaged."""
+        if position + _RECORD.size > self._size:
+            return None
+        opcode, length = _RECORD.unpack_from(self._file, position)
+        end = position + _RECORD.size + length
+        if end > self._size or not Opcode.HEADER <= opcode <= Opcode.DATA_END:
+            return None
+        try:
+            self._take(opcode, position, end)
+        except _DAMAGE:
+            return None
+        return end
+
+    def _take(self, opcode: int, position: int, end: int) -> None:
+        start = position + _RECORD.size
+        if opcode == Opcode.MESSAGE:
+            self._take_message(position, start, end)
+        elif opcode == Opcode.CHUNK:
+            self._take_chunk(position, end)
+        elif opcode == Opcode.CHANNEL or opcode == Opcode.SCHEMA:
+            self._take_description(opcode, self._file[start:end])
+        elif opcode == Opcode.METADATA:
+            _take_metadata(self._content, self._file[start:end])
+        elif opcode == Opcode.FOOTER:
+            if self._file[end : end + len(MAGIC)] != MAGIC:
+                raise ValueError("the last bytes are damaged")
+            self._content.closed = True
+
+    def _take_description(self, opcode: int, stored: bytes) -> None:
+        stream = ReadDataStream(io.BytesIO(stored))
+        if opcode == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            self._content.channels.setdefault(channel.id, channel)
+            self._content.message_counts.setdefault(channel.id, 0)
+        else:
+            schema = Schema.read(stream)
+            self._content.schemas.setdefault(schema.id, schema)
+
+    def _take_message(self, position: int, start: int, end: int) -> None:
+        if end - start < _MESSAGE.size:
+            raise ValueError("a message is cut off")
+        channel_id, _, log_time, _ = _MESSAGE.unpack_from(self._file, start)
+        if channel_id not in self._content.channels:
+            raise ValueError("a message belongs to no topic")
+        counts = self._content.message_counts
+        counts[channel_id] = counts.get(channel_id, 0) + 1
+        group = self._group
+        if group is None or group.offset + group.length != position or group.length > _GROUP_SIZE:
+            self._close_group()
+            self._group = Block(log_time, log_time, position, end - position, False)
+        else:
+            self._group = group._replace(
+                start_time=min(group.start_time, log_time),
+                end_time=max(group.end_time, log_time),
+                length=end - group.offset,
+            )
+
+    def _close_group(self) -> None:
+        if self._group is not None:
+            self._content.blocks.append(self._group)
+            self._group = None
+
+    def _take_chunk(self, position: int, end: int) -> None:
+        stored = _chunk_records(self._file[position:end])
+        records = list(_records(stored))  # all of them before any is believed
+        times = []
+        counts = self._content.message_counts
+        for opcode, start, record_end in records:
+            if opcode == Opcode.MESSAGE:
+                channel_id, _, log_time, _ = _MESSAGE.unpack_from(stored, start)
+                times.append(log_time)
+                counts[channel_id] = counts.get(channel_id, 0) + 1
+            elif opcode == Opcode.CHANNEL or opcode == Opcode.SCHEMA:
+                self._take_description(opcode, stored[start:record_end])
+        self._close_group()
+        if times:
+            self._content.blocks.append(
+                Block(min(times), max(times), position, end - position, True)
+            )
+
+    def _after_damage(self, position: int) -> int:
+        """Position of the next intact chunk, or of the end of the data, or of the file."""
+        match = _RESYNCHRONISE.search(self._file, position + 1)
+        while match is not None:
+            candidate = match.start()
+            opcode, length = _RECORD.unpack_from(self._file, candidate)
+            end = candidate + _RECORD.size + length
+            if end <= self._size and self._is_intact(opcode, candidate, end):
+                return candidate
+            match = _RESYNCHRONISE.search(self._file, candidate + 1)
+        return self._size
+
+    def _is_intact(self, opcode: int, position: int, end: int) -> bool:
+        if opcode == Opcode.DATA_END:
+            return True
+        try:
+            _chunk_records(self._file[position:end])
+        except _DAMAGE:
+            return False
+        return True

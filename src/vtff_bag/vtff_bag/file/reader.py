@@ -1,0 +1,330 @@
+"""Bag reader: a bag directory or a single MCAP file, complete or damaged."""
+
+from __future__ import annotations
+
+import bisect
+import contextlib
+import dataclasses
+import os
+import pathlib
+from collections.abc import Collection, Iterator
+from typing import Any, BinaryIO, NamedTuple
+
+from vtff_bag.file import mcap_blocks
+from vtff_bag.file import metadata as bag_metadata
+from vtff_bag.file.errors import BagError, BagReadError
+from vtff_bag.file.mcap_blocks import Block, FileContent
+from vtff_bag.file.message_definitions import message_class
+from vtff_bag.file.metadata import BagMetadata, TopicInformation
+
+SUFFIX = ".mcap"
+RUN_SUBDIRECTORY = "bag"
+
+
+class RawMessage(NamedTuple):
+    """A message as recorded: topic, type, log time in ns since 1970, CDR bytes."""
+
+    topic: str
+    type: str
+    log_time: int
+    serialized: bytes
+
+
+class DecodedMessage(NamedTuple):
+    """Log time in ns since 1970 and the message object."""
+
+    log_time: int
+    message: Any
+
+
+@dataclasses.dataclass(frozen=True)
+class TimeRange:
+    """First and last log time, ns since 1970."""
+
+    start: int
+    end: int
+
+
+class BagReader:
+    """Read a bag.
+
+    Parameters
+    ----------
+    path
+        The bag directory, a run folder with a bag in ``bag/``, or one ``.mcap`` file.
+
+    Attributes
+    ----------
+    topics
+        `TopicInformation` by topic name, in the order of the file.
+    files
+        The storage files.
+    start_time, end_time
+        Log time of the first and the last message, ns since 1970; 0 in an empty bag.
+    notes
+        One line for each thing that is wrong; empty for a complete bag.
+
+    Raises
+    ------
+    BagReadError
+        Naming the file, if there is no bag or nothing in it can be read.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], *, scan: bool = False) -> None:
+        self.path = _bag_of_run(pathlib.Path(path))
+        self.notes: list[str] = []
+        self.metadata: BagMetadata | None = None
+        self.files = self._find_files()
+        read = mcap_blocks.scan_content if scan else mcap_blocks.read_content
+        self.contents: list[FileContent] = [read(file) for file in self.files]
+        for content in self.contents:
+            self.notes.extend(f"{content.path.name}: {note}" for note in content.notes)
+        self.topics = self._merge_topics()
+        self._check_metadata()
+        filled = [content for content in self.contents if content.message_count]
+        self.start_time = min((content.start_time for content in filled), default=0)
+        self.end_time = max((content.end_time for content in filled), default=0)
+
+    @property
+    def complete(self) -> bool:
+        """Whether every file was closed properly and nothing is damaged."""
+        return all(content.complete for content in self.contents) and not self.notes
+
+    @property
+    def message_count(self) -> int:
+        """Messages of all topics."""
+        return sum(topic.message_count for topic in self.topics.values())
+
+    @property
+    def custom_data(self) -> dict[str, str]:
+        """Texts stored by the recorder, for example configuration hashes."""
+        return dict(self.metadata.custom_data) if self.metadata is not None else {}
+
+    def raw_messages(
+        self,
+        topics: Collection[str] | None = None,
+        start: int | None = None,
+        end: int | None = None,
+    ) -> Iterator[RawMessage]:
+        """Iterate over messages by log time, then in file order.
+
+        A damaged part is left out and noted in `notes`.
+
+        Parameters
+        ----------
+        topics
+            Only these; all if not given.
+        start, end
+            Log times from ``start`` on and before ``end``, ns since 1970.
+
+        Raises
+        ------
+        BagReadError
+            If a topic is not in the bag.
+        """
+        for name in topics or ():
+            self._check_topic(name)
+        return self._ordered(set(self.topics if topics is None else topics), start, end)
+
+    def messages(self, topic: str) -> Iterator[DecodedMessage]:
+        """Iterate over the deserialised messages of a topic by log time; needs rclpy.
+
+        Raises
+        ------
+        BagReadError
+            If the topic is not in the bag, or a message does not fit its type.
+        UnknownTypeError
+            If the message type is not installed.
+        """
+        for raw in self.raw_messages([topic]):
+            yield self.decoded(raw)
+
+    def decoded(self, raw: RawMessage) -> DecodedMessage:
+        """Return a deserialised message; needs rclpy, raises as `messages`."""
+        # Only here, so that a bag can be inspected on a machine without ROS.
+        from rclpy.serialization import deserialize_message
+
+        class_of_topic = message_class(raw.type)
+        try:
+            message = deserialize_message(raw.serialized, class_of_topic)
+        except Exception as error:  # rclpy raises its own and C++ exceptions here
+            raise BagReadError(
+                f"{self.path}: topic '{raw.topic}': a message at {raw.log_time} ns is not a "
+                f"{raw.type}: {error}"
+            ) from error
+        return DecodedMessage(raw.log_time, message)
+
+    def time_range(self, topic: str) -> TimeRange | None:
+        """Log times of the first and last message of a topic; None if it has none."""
+        first = last = None
+        for raw in self.raw_messages([topic]):
+            first = raw.log_time if first is None else first
+            last = raw.log_time
+        return None if first is None or last is None else TimeRange(first, last)
+
+    def _check_topic(self, name: str) -> None:
+        if name not in self.topics:
+            known = ", ".join(self.topics) or "none"
+            raise BagReadError(f"{self.path}: no topic '{name}' in the bag; topics: {known}")
+
+    def _find_files(self) -> list[pathlib.Path]:
+        if not self.path.exists():
+            raise BagReadError(f"{self.path}: no such bag")
+        if not self.path.is_dir():
+            self._read_metadata_beside(self.path)
+            return [self.path]
+        present = sorted(self.path.glob(f"*{SUFFIX}"))
+        metadata_path = self.path / bag_metadata.METADATA_FILE
+        if not metadata_path.is_file():
+            if not present:
+                raise BagReadError(
+                    f"{self.path}: not a bag: neither {bag_metadata.METADATA_FILE} nor a "
+                    f"{SUFFIX} file in it"
+                )
+            self.notes.append(f"{bag_metadata.METADATA_FILE} is missing")
+            return present
+        return self._files_by_metadata(metadata_path, present)
+
+    def _files_by_metadata(
+        self, metadata_path: pathlib.Path, present: list[pathlib.Path]
+    ) -> list[pathlib.Path]:
+        try:
+            self.metadata = bag_metadata.read_metadata(metadata_path)
+        except BagReadError as error:
+            if not present:
+                raise
+            self.notes.append(str(error))
+            return present
+        if self.metadata.storage_identifier != bag_metadata.STORAGE_IDENTIFIER:
+            raise BagReadError(
+                f"{metadata_path}: storage '{self.metadata.storage_identifier}' is not supported, "
+                f"only {bag_metadata.STORAGE_IDENTIFIER}"
+            )
+        # Only the name counts: old versions stored a path that began with the bag's folder.
+        listed = [self.path / pathlib.PurePath(file.path).name for file in self.metadata.files]
+        missing = [file for file in listed if not file.is_file()]
+        if missing and not present:
+            raise BagReadError(f"{missing[0]}: named in {metadata_path.name} but missing")
+        self.notes.extend(
+            f"{file.name}: named in {metadata_path.name} but missing" for file in missing
+        )
+        return [file for file in listed if file not in missing] or present
+
+    def _read_metadata_beside(self, file: pathlib.Path) -> None:
+        metadata_path = file.parent / bag_metadata.METADATA_FILE
+        # Metadata is a supplement of a single file, whatever is wrong with it.
+        with contextlib.suppress(BagError):
+            found = bag_metadata.read_metadata(metadata_path)
+            if any(pathlib.PurePath(entry.path).name == file.name for entry in found.files):
+                self.metadata = found
+
+    def _check_metadata(self) -> None:
+        """Replace metadata.yaml by what the file itself repeats where it is missing or foreign."""
+        stored = next(
+            (content.bag_metadata for content in self.contents if content.bag_metadata), ""
+        )
+        own = bag_metadata.parse_stored_metadata(stored) if stored else None
+        if self.metadata is None:
+            self.metadata = own
+            return
+        reason = self._contradiction(self.metadata)
+        if reason:
+            self.notes.append(f"{bag_metadata.METADATA_FILE} is of another bag: {reason}")
+            self.metadata = own
+
+    def _contradiction(self, metadata: BagMetadata) -> str:
+        """Return how metadata contradict the files; empty if they may belong to them."""
+        listed = {topic.name for topic in metadata.topics}
+        unlisted = sorted(set(self.topics) - listed)
+        # A recorder that was killed has left the metadata of its start, without topics.
+        if listed and unlisted:
+            return f"it does not list topic '{unlisted[0]}'"
+        present = {file.name for file in self.files}
+        whole = present == {pathlib.PurePath(file.path).name for file in metadata.files}
+        if whole and all(content.complete for content in self.contents):
+            if metadata.message_count != self.message_count:
+                return (
+                    f"it lists {metadata.message_count} messages, the files hold "
+                    f"{self.message_count}"
+                )
+        return ""
+
+    def _merge_topics(self) -> dict[str, TopicInformation]:
+        topics: dict[str, TopicInformation] = {}
+        for content in self.contents:
+            for channel_id, channel in sorted(content.channels.items()):
+                schema = content.schemas.get(channel.schema_id)
+                topic = topics.setdefault(
+                    channel.topic,
+                    TopicInformation(
+                        name=channel.topic,
+                        type=schema.name if schema is not None else "",
+                        offered_qos_profiles=bag_metadata.parse_qos(
+                            channel.metadata.get("offered_qos_profiles")
+                        ),
+                        type_hash=channel.metadata.get("topic_type_hash", ""),
+                        serialization_format=channel.message_encoding,
+                    ),
+                )
+                topic.message_count += content.message_counts.get(channel_id, 0)
+        return topics
+
+    def _ordered(
+        self, wanted: set[str], start: int | None, end: int | None
+    ) -> Iterator[RawMessage]:
+        """Merge the blocks of all files; only those that overlap in time are in memory."""
+        blocks = sorted(
+            (block.start_time, number, block.offset, block)
+            for number, content in enumerate(self.contents)
+            for block in content.blocks
+            if (start is None or block.end_time >= start)
+            and (end is None or block.start_time < end)
+        )
+        pending: list[Any] = []  # (log time, file, offset of the block, place in it, message)
+        with contextlib.ExitStack() as stack:
+            opened = [stack.enter_context(open(file, "rb")) for file in self.files]
+            for start_time, number, _, block in blocks:
+                # Strictly before: at equal times an earlier place in the file goes first.
+                ready = bisect.bisect_left(pending, (start_time,))
+                yield from (item[-1] for item in pending[:ready])
+                del pending[:ready]
+                pending.extend(self._select(number, block, opened[number], wanted, start, end))
+                pending.sort()
+            yield from (item[-1] for item in pending)
+
+    def _select(
+        self,
+        number: int,
+        block: Block,
+        file: BinaryIO,
+        wanted: set[str],
+        start: int | None,
+        end: int | None,
+    ) -> Iterator[tuple[int, int, int, int, RawMessage]]:
+        content = self.contents[number]
+        names = {
+            channel_id: (channel.topic, self.topics[channel.topic].type)
+            for channel_id, channel in content.channels.items()
+            if channel.topic in wanted
+        }
+        try:
+            messages = mcap_blocks.read_block(content, block, file, names)
+        except BagReadError as error:
+            if str(error) not in self.notes:
+                self.notes.append(str(error))
+            return
+        for index, message in enumerate(messages):
+            log_time = message.log_time
+            if start is not None and log_time < start:
+                continue
+            if end is not None and log_time >= end:
+                continue
+            raw = RawMessage(*names[message.channel_id], log_time, message.serialized)
+            yield log_time, number, block.offset, index, raw
+
+
+def _bag_of_run(path: pathlib.Path) -> pathlib.Path:
+    """Return the bag inside a run folder; any other path as it is."""
+    inside = path / RUN_SUBDIRECTORY
+    is_bag = (path / bag_metadata.METADATA_FILE).is_file() or any(path.glob(f"*{SUFFIX}"))
+    return inside if inside.is_dir() and not is_bag else path

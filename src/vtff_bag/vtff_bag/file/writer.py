@@ -1,0 +1,350 @@
+"""Bag writer: one MCAP file and its ``metadata.yaml``, safe against sudden death.
+
+Every second of wall time the chunk in progress is finished and handed to the operating
+system, so that a killed process loses at most its last second.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import pathlib
+import time
+from collections.abc import Callable, Iterable, Mapping
+from types import TracebackType
+
+from mcap.exceptions import McapError
+from mcap.writer import CompressionType, IndexType, Writer
+
+from vtff_bag.file import metadata as bag_metadata
+from vtff_bag.file.errors import BagWriteError
+from vtff_bag.file.message_definitions import message_definition
+from vtff_bag.file.metadata import (
+    BagMetadata,
+    FileInformation,
+    QosEntry,
+    TopicInformation,
+    dump_yaml,
+)
+
+PROFILE = "ros2"
+LIBRARY = "vtff bag_recorder"
+MESSAGE_ENCODING = "cdr"
+SCHEMA_ENCODING = "ros2msg"
+DEFAULT_CHUNK_SIZE = 128 * 1024
+FLUSH_INTERVAL = 1.0  # s of wall time
+
+COMPRESSIONS = {
+    "zstd": CompressionType.ZSTD,
+    "lz4": CompressionType.LZ4,
+    "none": CompressionType.NONE,
+}
+
+
+class _RecordFile:
+    """The MCAP file as the writer sees it: unbuffered, whole records or nothing.
+
+    The MCAP writer hands over whole records in a few large blocks, so that a buffer would
+    gain nothing. After a failed write the part that did reach the disk is cut off again:
+    the file then still ends after a whole record.
+    """
+
+    def __init__(self, path: pathlib.Path) -> None:
+        self._path = path
+        try:
+            self._file = io.FileIO(path, "xb")
+        except OSError as error:
+            raise BagWriteError(f"{path}: cannot create: {error.strerror or error}") from error
+        self._length = 0
+
+    def write(self, block: bytes) -> int:
+        remaining = memoryview(block)
+        try:
+            while remaining:
+                remaining = remaining[self._file.write(remaining) or 0 :]
+        except OSError as error:
+            self._cut_off_partial_record()
+            raise BagWriteError(f"{self._path}: cannot write: {error.strerror or error}") from error
+        self._length += len(block)
+        return len(block)
+
+    def _cut_off_partial_record(self) -> None:
+        try:
+            self._file.truncate(self._length)
+        except OSError:
+            # A partial record at the end is what a killed process leaves too: readable.
+            return
+
+    def tell(self) -> int:
+        return self._length
+
+    def flush(self) -> None:
+        """Nothing waits here: every write has reached the operating system."""
+
+    def close(self) -> None:
+        try:
+            self._file.close()
+        except OSError as error:
+            raise BagWriteError(f"{self._path}: cannot close: {error.strerror or error}") from error
+
+
+class BagWriter:
+    """Write a bag directory ``<directory>/<name>_0.mcap`` with ``metadata.yaml``.
+
+    Parameters
+    ----------
+    directory
+        The bag; made if absent, must not hold a bag yet.
+    custom_metadata
+        Texts for ``custom_data`` of the metadata, for example configuration hashes.
+    chunk_size
+        Bytes of message records per chunk before compression.
+    compression
+        ``zstd``, ``lz4`` or ``none``.
+    steady_clock
+        Source of wall time in s for the flush each second.
+
+    Raises
+    ------
+    BagWriteError
+        Naming the path, here and in every method, if the bag cannot be written.
+    """
+
+    def __init__(
+        self,
+        directory: str | os.PathLike[str],
+        custom_metadata: Mapping[str, str] | None = None,
+        chunk_size: int = DEFAULT_CHUNK_SIZE,
+        compression: str = "zstd",
+        *,
+        steady_clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        if compression not in COMPRESSIONS:
+            raise BagWriteError(
+                f"compression '{compression}' is unknown; choose one of: {', '.join(COMPRESSIONS)}"
+            )
+        self.directory = pathlib.Path(directory)
+        self._make_directory()
+        self.path = self.directory / f"{self.directory.absolute().name}_0.mcap"
+        self._file_information = FileInformation(path=self.path.name)
+        self._topics: dict[int, TopicInformation] = {}
+        self._schemas: dict[tuple[str, str], int] = {}
+        self._custom_metadata = {str(k): str(v) for k, v in (custom_metadata or {}).items()}
+        self._steady_clock = steady_clock
+        self._next_flush = steady_clock() + FLUSH_INTERVAL
+        self._unflushed = False
+        self._closed = False
+        self._failed = False
+        self._file = _RecordFile(self.path)
+        try:
+            self._writer = Writer(
+                self._file,  # type: ignore[arg-type]
+                chunk_size=chunk_size,
+                compression=COMPRESSIONS[compression],
+                index_types=IndexType.ALL,
+            )
+            self._writer.start(profile=PROFILE, library=LIBRARY)
+            self._write_metadata_file()
+        except McapError as error:
+            self._abandon()
+            raise BagWriteError(f"{self.path}: cannot write: {error}") from error
+        except BagWriteError:
+            self._abandon()
+            raise
+
+    def _make_directory(self) -> None:
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            occupied = any(
+                entry.suffix == ".mcap" or entry.name == bag_metadata.METADATA_FILE
+                for entry in self.directory.iterdir()
+            )
+        except OSError as error:
+            raise BagWriteError(
+                f"{self.directory}: cannot make the bag directory: {error.strerror or error}"
+            ) from error
+        if occupied:
+            raise BagWriteError(f"{self.directory}: holds a bag already; choose another directory")
+
+    @property
+    def message_counts(self) -> dict[str, int]:
+        """Messages written so far by topic."""
+        return {topic.name: topic.message_count for topic in self._topics.values()}
+
+    def topic_number(self, name: str) -> int | None:
+        """Return the number of a topic added before, else None."""
+        return next((number for number, topic in self._topics.items() if topic.name == name), None)
+
+    def add_custom_metadata(self, custom_metadata: Mapping[str, str]) -> None:
+        """Add texts to ``custom_data``; they are written when the bag is closed."""
+        self._custom_metadata.update({str(k): str(v) for k, v in custom_metadata.items()})
+
+    @property
+    def message_count(self) -> int:
+        """Messages written so far."""
+        return self._file_information.message_count
+
+    @property
+    def failed(self) -> bool:
+        """Whether a write error has ended this bag."""
+        return self._failed
+
+    def add_topic(
+        self,
+        name: str,
+        type_name: str,
+        offered_qos_profiles: Iterable[QosEntry] = (),
+        type_hash: str = "",
+        definition: str | None = None,
+    ) -> int:
+        """Add a topic and return the number that `write` wants.
+
+        Parameters
+        ----------
+        name
+            Topic with its leading slash.
+        type_name
+            ``package/msg/Type``.
+        offered_qos_profiles
+            Profiles of the publishers, see `vtff_bag.file.metadata.offered_qos`.
+        type_hash
+            ``RIHS01_...``; empty where unknown.
+        definition
+            Schema text; looked up among the installed messages if not given.
+
+        Raises
+        ------
+        UnknownTypeError
+            If no definition is given and the type is not installed.
+        """
+        self._check_open()
+        text = message_definition(type_name) if definition is None else definition
+        topic = TopicInformation(
+            name=name,
+            type=type_name,
+            offered_qos_profiles=list(offered_qos_profiles),
+            type_hash=type_hash,
+        )
+        try:
+            topic_id = self._register(topic, text)
+        except BagWriteError:
+            self._abandon()
+            raise
+        self._topics[topic_id] = topic
+        return topic_id
+
+    def _register(self, topic: TopicInformation, text: str) -> int:
+        schema_id = self._schemas.get((topic.type, text))
+        if schema_id is None:
+            schema_id = self._writer.register_schema(topic.type, SCHEMA_ENCODING, text.encode())
+            self._schemas[topic.type, text] = schema_id
+        return self._writer.register_channel(
+            topic=topic.name,
+            message_encoding=MESSAGE_ENCODING,
+            schema_id=schema_id,
+            metadata={
+                "offered_qos_profiles": dump_yaml(topic.offered_qos_profiles),
+                "topic_type_hash": topic.type_hash,
+            },
+        )
+
+    def write(
+        self, topic_id: int, serialized: bytes, log_time: int, publish_time: int | None = None
+    ) -> None:
+        """Append a message.
+
+        Parameters
+        ----------
+        topic_id
+            From `add_topic`.
+        serialized
+            CDR with its four bytes of encapsulation.
+        log_time, publish_time
+            ns since 1970, not negative; ``publish_time`` equals ``log_time`` if not given.
+        """
+        self._check_open()
+        topic = self._topics[topic_id]
+        try:
+            self._writer.add_message(
+                topic_id, log_time, serialized, log_time if publish_time is None else publish_time
+            )
+        except BagWriteError:
+            self._abandon()
+            raise
+        topic.message_count += 1
+        information = self._file_information
+        if information.message_count == 0:
+            information.start_time = information.end_time = log_time
+        elif log_time < information.start_time:
+            information.start_time = log_time
+        elif log_time > information.end_time:
+            information.end_time = log_time
+        information.message_count += 1
+        self._unflushed = True
+        if self._steady_clock() >= self._next_flush:
+            self.flush()
+
+    def flush(self) -> None:
+        """Finish the chunk in progress and hand everything to the operating system."""
+        self._check_open()
+        self._next_flush = self._steady_clock() + FLUSH_INTERVAL
+        if not self._unflushed:
+            return
+        try:
+            self._writer.flush()
+        except BagWriteError:
+            self._abandon()
+            raise
+        self._unflushed = False
+
+    def flush_if_due(self) -> None:
+        """Flush if the last flush is a second ago; for a caller whose messages have ceased."""
+        if self._steady_clock() >= self._next_flush:
+            self.flush()
+
+    def close(self) -> None:
+        """Write the summary and the final ``metadata.yaml``; a second call does nothing."""
+        if self._closed or self._failed:
+            return
+        try:
+            serialized = dump_yaml(self._metadata().as_dictionary())
+            self._writer.add_metadata("rosbag2", {"serialized_metadata": serialized})
+            self._writer.finish()
+            self._file.close()
+            self._write_metadata_file()
+        except BagWriteError:
+            self._abandon()
+            raise
+        self._closed = True
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        self.close()
+
+    def _check_open(self) -> None:
+        if self._failed:
+            raise BagWriteError(f"{self.path}: an earlier write failed; nothing more is written")
+        if self._closed:
+            raise BagWriteError(f"{self.path}: the bag is closed")
+
+    def _abandon(self) -> None:
+        """End after a failure: what was flushed stays readable by stream and by `recover`."""
+        self._failed = True
+        self._file.close()
+
+    def _metadata(self) -> BagMetadata:
+        return BagMetadata(
+            files=[self._file_information],
+            topics=list(self._topics.values()),
+            custom_data=self._custom_metadata,
+        )
+
+    def _write_metadata_file(self) -> None:
+        bag_metadata.write_metadata(self.directory, self._metadata())

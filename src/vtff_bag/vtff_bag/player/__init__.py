@@ -1,0 +1,1 @@
+"""Playing of a bag: message order, clock, quality of service and steps."""

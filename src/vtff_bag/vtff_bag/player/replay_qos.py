@@ -1,0 +1,124 @@
+"""Recorded offers of quality of service as the profile of a publisher that replays them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from rclpy.duration import Duration, Infinite
+from rclpy.qos import (
+    DurabilityPolicy,
+    HistoryPolicy,
+    LivelinessPolicy,
+    QoSProfile,
+    ReliabilityPolicy,
+)
+
+from vtff_bag.file.metadata import INFINITE_DURATION, QosEntry
+from vtff_node.qos import HISTORY_DEPTH
+
+# Up to metadata version 8 rosbag2 writes the numbers of rmw's enumerations.
+_POLICIES: dict[str, tuple[Any, dict[str, Any]]] = {
+    "history": (
+        HistoryPolicy,
+        {"keep_last": HistoryPolicy.KEEP_LAST, "keep_all": HistoryPolicy.KEEP_ALL},
+    ),
+    "reliability": (
+        ReliabilityPolicy,
+        {"reliable": ReliabilityPolicy.RELIABLE, "best_effort": ReliabilityPolicy.BEST_EFFORT},
+    ),
+    "durability": (
+        DurabilityPolicy,
+        {
+            "transient_local": DurabilityPolicy.TRANSIENT_LOCAL,
+            "volatile": DurabilityPolicy.VOLATILE,
+        },
+    ),
+    "liveliness": (
+        LivelinessPolicy,
+        {
+            "automatic": LivelinessPolicy.AUTOMATIC,
+            "manual_by_topic": LivelinessPolicy.MANUAL_BY_TOPIC,
+        },
+    ),
+}
+
+
+def publisher_profile(offers: Sequence[QosEntry]) -> QoSProfile:
+    """Return a profile that matches every subscription that the recorded publishers matched.
+
+    Parameters
+    ----------
+    offers
+        ``offered_qos_profiles`` of a topic. Where its publishers differed, the strongest of
+        each policy is offered; where none was recorded, reliable and volatile.
+
+    Returns
+    -------
+    QoSProfile
+        With room for at least `vtff_node.qos.HISTORY_DEPTH` messages: DDS does not tell a
+        recorder the depth of a publisher.
+    """
+    reliable = [_policy(offer, "reliability") is ReliabilityPolicy.RELIABLE for offer in offers]
+    latched = [_policy(offer, "durability") is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers]
+    manual = [_policy(offer, "liveliness") is LivelinessPolicy.MANUAL_BY_TOPIC for offer in offers]
+    keep_all = [_policy(offer, "history") is HistoryPolicy.KEEP_ALL for offer in offers]
+    depths = [int(offer.get("depth") or 0) for offer in offers if _is_count(offer.get("depth"))]
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_ALL if any(keep_all) else HistoryPolicy.KEEP_LAST,
+        depth=max([HISTORY_DEPTH, *depths]),
+        reliability=(
+            ReliabilityPolicy.RELIABLE
+            if any(reliable) or not offers
+            else ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if any(latched) else DurabilityPolicy.VOLATILE
+        ),
+        deadline=_shortest(offers, "deadline"),
+        lifespan=_longest(offers, "lifespan"),
+        liveliness=(
+            LivelinessPolicy.MANUAL_BY_TOPIC if any(manual) else LivelinessPolicy.AUTOMATIC
+        ),
+        liveliness_lease_duration=_shortest(offers, "liveliness_lease_duration"),
+    )
+
+
+def _policy(offer: QosEntry, name: str) -> Any:
+    """Return a policy by its word or number; None where neither is known."""
+    enumeration, words = _POLICIES[name]
+    value = offer.get(name)
+    if isinstance(value, str):
+        return words.get(value)
+    try:
+        return enumeration(value)
+    except (TypeError, ValueError):
+        return None
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and 0 <= value < 1_000_000
+
+
+def _shortest(offers: Sequence[QosEntry], name: str) -> Any:
+    return min((_duration(offer.get(name)) for offer in offers), key=_length, default=Infinite)
+
+
+def _longest(offers: Sequence[QosEntry], name: str) -> Any:
+    return max((_duration(offer.get(name)) for offer in offers), key=_length, default=Infinite)
+
+
+def _duration(value: Any) -> Any:
+    """Return a duration; infinite where it is unset, infinite or damaged."""
+    if not isinstance(value, Mapping):
+        return Infinite
+    seconds, nanoseconds = value.get("sec"), value.get("nsec")
+    if not isinstance(seconds, int) or not isinstance(nanoseconds, int):
+        return Infinite
+    if seconds >= INFINITE_DURATION["sec"] or (seconds, nanoseconds) <= (0, 0):
+        return Infinite
+    return Duration(seconds=seconds, nanoseconds=nanoseconds)
+
+
+def _length(duration: Any) -> int:
+    return int(duration.nanoseconds)

@@ -1,0 +1,1 @@
+"""Recording of every topic into a bag, counted message by message."""

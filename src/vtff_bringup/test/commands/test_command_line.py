@@ -1,0 +1,90 @@
+"""The vtff command itself: interrupts, help, and folders that cannot be used."""
+
+from __future__ import annotations
+
+import io
+import pathlib
+import subprocess
+import sys
+
+import pytest
+from rich.console import Console
+from typer.testing import CliRunner
+
+from vtff_analysis import report
+from vtff_bringup import cli
+from vtff_bringup.commands import run
+from vtff_bringup.run.runner import RunResult
+
+
+def shown_by(function, *arguments):
+    console = Console(file=io.StringIO(), width=80)
+    returned = function(console, *arguments)
+    return returned, console.file.getvalue()
+
+
+def test_an_interrupt_while_importing_ends_without_a_traceback(monkeypatch):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "make_app", interrupted)
+    with pytest.raises(SystemExit) as caught:
+        cli.main()
+    assert caught.value.code == 130
+
+
+def test_the_command_line_imports_little():
+    code = (
+        "import sys, vtff_bringup.cli\n"
+        "assert 'typer' not in sys.modules\n"
+        "vtff_bringup.cli.make_app()\n"
+        "print(sorted({'rclpy', 'numpy', 'matplotlib'} & set(sys.modules)))"
+    )
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert result.stdout == "[]\n", result.stderr
+
+
+def test_an_interrupt_while_the_report_is_written(tmp_path, monkeypatch):
+    def interrupted(*arguments, **options):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report, "write_report", interrupted)
+    exit_code, shown = shown_by(run.report_run, tmp_path)
+    assert exit_code == 130
+    assert "report interrupted" in shown
+
+
+def test_a_run_that_never_started_shows_no_speed(tmp_path):
+    result = RunResult(2, "a failed (exit code 2); log: a.log", ("last words",), 0.3, {})
+    returned, shown = shown_by(run.conclude_run, tmp_path, result)
+    assert returned == (2, 0)
+    assert "a failed" in shown and "last words" in shown and f"run: {tmp_path}" in shown
+    assert "real time" not in shown and "messages" not in shown
+
+
+@pytest.mark.parametrize("command", [["run", "reference_software"], ["study", "thrust_cap"]])
+@pytest.mark.parametrize("folder", ["/proc/x", "file"])
+def test_an_odd_folder_is_one_line(tmp_path, monkeypatch, command, folder):
+    monkeypatch.chdir(pathlib.Path(__file__).resolve().parents[4])
+    (tmp_path / "file").write_text("")
+    path = str(tmp_path / folder)  # of an absolute folder, it is that folder
+    result = CliRunner().invoke(cli.make_app(), [*command, "--out", path])
+    assert result.exit_code == 2
+    assert result.output.startswith("error: ") and path in result.output.replace("\n", "")
+
+
+@pytest.mark.parametrize("command", ["run", "bag recover", "study thrust_cap"])
+def test_help_loses_no_words(command):
+    words = " ".join(
+        CliRunner().invoke(cli.make_app(), [*command.split(), "--help"]).output.split()
+    )
+    assert {
+        "run": "bags/SYSTEM_DATE_TIME",
+        "bag recover": "BAG_recovered beside it",
+        "study thrust_cap": "studies/thrust_cap_DATE_TIME",
+    }[command] in words
+
+
+def test_the_command_has_its_name_however_it_is_started():
+    command = [sys.executable, "-m", "vtff_bringup.cli", "run", "--help"]
+    assert "Usage: vtff run" in subprocess.run(command, capture_output=True, text=True).stdout

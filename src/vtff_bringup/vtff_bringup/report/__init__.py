@@ -1,5 +1,0 @@
-"""Report of a run: bag to arrays, arrays to numbers, numbers to tables and plots."""
-
-from vtff_bringup.report.write import write_report
-
-__all__ = ["write_report"]

@@ -1,0 +1,1 @@
+"""Running of a graph: processes, progress, end states and exit codes."""

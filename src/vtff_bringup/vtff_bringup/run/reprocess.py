@@ -1,0 +1,99 @@
+"""Recomputed outputs beside the recorded ones."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pathlib
+from collections.abc import Iterable
+
+from vtff_bag.file.reader import BagReader, RawMessage
+from vtff_bag.run.description import PARAMETER_FOLDER, describe_run
+from vtff_bringup.run.runner import NODE_RECORDS
+
+#: What nodes say about themselves, with wall times in it.
+REPORTS = frozenset(("/diagnostics", "/sim/step_done", "/rosout", "/clock"))
+
+
+@dataclasses.dataclass(frozen=True)
+class OutputComparison:
+    """A recomputed topic beside the recorded one.
+
+    Attributes
+    ----------
+    topic
+        Its name.
+    recorded, recomputed
+        Messages in the two bags.
+    differing
+        Messages, of those at the same place in both, whose bytes differ.
+    first_difference
+        Time of the first of them, s since the begin of the recording; None without.
+    """
+
+    topic: str
+    recorded: int
+    recomputed: int
+    differing: int
+    first_difference: float | None
+
+    @property
+    def identical(self) -> bool:
+        """Whether both bags hold the same bytes."""
+        return self.recorded == self.recomputed and not self.differing
+
+
+def recomputed_topics(run_directory: pathlib.Path, replaying: Iterable[str]) -> list[str]:
+    """Return what the nodes of a run published, apart from those that replay or record.
+
+    Parameters
+    ----------
+    run_directory
+        Folder of the run with the counts that each node left.
+    replaying
+        Fully qualified names of the nodes to leave out.
+    """
+    left_out = set(replaying)
+    topics: set[str] = set()
+    for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
+        record = json.loads(path.read_text(encoding="utf-8"))
+        if record["node"] not in left_out:
+            topics.update(record["published"])
+    return sorted(topics - REPORTS)
+
+
+def compare_outputs(
+    recorded: BagReader, recomputed: BagReader, topics: Iterable[str]
+) -> list[OutputComparison]:
+    """Compare topics of two bags byte by byte, in the order in which they are stored."""
+    return [_compare(recorded, recomputed, topic) for topic in topics]
+
+
+def _compare(recorded: BagReader, recomputed: BagReader, topic: str) -> OutputComparison:
+    before, after = _messages(recorded, topic), _messages(recomputed, topic)
+    differences = [
+        old.log_time
+        for old, new in zip(before, after, strict=False)
+        if old.serialized != new.serialized
+    ]
+    first = (differences[0] - recorded.start_time) * 1e-9 if differences else None
+    return OutputComparison(topic, len(before), len(after), len(differences), first)
+
+
+def _messages(reader: BagReader, topic: str) -> list[RawMessage]:
+    return list(reader.raw_messages([topic])) if topic in reader.topics else []
+
+
+def carry_over_parameters(recorded: BagReader, run_directory: pathlib.Path) -> None:
+    """Put the recorded parameters into the new run folder; recomputed nodes replace theirs.
+
+    Raises
+    ------
+    OSError
+        If the folder cannot be written.
+    """
+    described = describe_run(recorded.path.parent, recorded.custom_data)
+    folder = run_directory / PARAMETER_FOLDER
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in described.parameter_texts.items():
+        (folder / f"{pathlib.PurePath(name).name}.yaml").write_text(text, encoding="utf-8")

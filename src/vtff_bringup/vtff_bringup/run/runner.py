@@ -1,0 +1,308 @@
+"""Run a system: start its processes, follow them, end them, and check what was recorded."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+import pathlib
+import selectors
+import signal
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from types import FrameType
+from typing import Any
+
+import yaml
+
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.processes import ManagedProcess, end_together
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
+from vtff_bringup.system.system_file import NodeDescription, SystemDescription
+from vtff_node.executables import executable_path, share_file
+
+POLL_INTERVAL = 0.05  # s
+NODE_RECORDS = "nodes"  # folder in which each node leaves its message counts
+ANOTHER_PUBLISHER = "(another run or program publishes on the same ROS_DOMAIN_ID)"
+
+
+@dataclasses.dataclass(frozen=True)
+class RunResult:
+    """How a run ended.
+
+    Attributes
+    ----------
+    exit_code
+        0 complete, 1 a process failed, 2 a process was started with wrong parameters or
+        arguments, 130 interrupted by the user.
+    reason
+        One line for the user; empty when complete.
+    last_output
+        Last lines of the process that failed, without those that `on_line` marked noteworthy.
+    wall_time
+        Seconds from the first process to the end of the last.
+    progress
+        Last progress report of the node that ends the run.
+    """
+
+    exit_code: int
+    reason: str
+    last_output: tuple[str, ...]
+    wall_time: float
+    progress: dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class _Failure:
+    """A process that ended when or as it should not have."""
+
+    process: ManagedProcess
+    what: str
+
+    @property
+    def exit_code(self) -> int:
+        return EXIT_USAGE if self.process.exit_code == EXIT_USAGE else EXIT_FAILURE
+
+    @property
+    def reason(self) -> str:
+        code = self.process.exit_code
+        how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
+        return f"{self.process.name} {self.what} ({how}); log: {self.process.log_path}"
+
+
+class Runner:
+    """Runs one system once.
+
+    Parameters
+    ----------
+    system
+        The resolved system file.
+    run_directory
+        Folder for bag, logs, counts and parameters; created.
+    composed
+        All nodes that allow it in one process and one executor.
+    on_progress
+        Called with each progress report.
+    on_line
+        Called with ``(process name, line, noteworthy)`` for what the processes print, until the
+        user interrupts: what they print while they end is in their logs only.
+    """
+
+    def __init__(
+        self,
+        system: SystemDescription,
+        run_directory: pathlib.Path,
+        *,
+        composed: bool = False,
+        on_progress: Callable[[dict[str, Any]], None] | None = None,
+        on_line: Callable[[str, str, bool], None] | None = None,
+    ) -> None:
+        self._system = system
+        self._directory = run_directory
+        self._composed = composed
+        self._on_progress = on_progress
+        self._on_line = on_line
+        self._interrupted = False
+        self._progress: dict[str, Any] = {}
+        # In the order in which they have to be ended.
+        self._nodes: list[tuple[ManagedProcess, bool]] = []
+        self._recorders: list[ManagedProcess] = []
+        self._helpers: list[ManagedProcess] = []
+
+    def run(self) -> RunResult:
+        """Run to the end, to a failure or to Ctrl-C; every process is ended in any case.
+
+        Raises
+        ------
+        ExecutableNotFoundError
+            If an executable of the system is not installed.
+        OSError
+            If the run folder cannot be written.
+        """
+        started = time.monotonic()
+        failure: _Failure | None = None
+        with self._signals(), _domain() as environment, _pipe() as (progress_read, progress_write):
+            # Imports rclpy, which takes a while: within the handlers, so that Ctrl-C waits for it.
+            from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
+
+            self._directory.mkdir(parents=True, exist_ok=True)
+            environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
+            environment[PROGRESS_VARIABLE] = str(progress_write)
+            try:
+                self._start(environment, progress_write)
+                failure = self._follow(progress_read)
+            finally:
+                failures = self._end_all()
+                self._drain_progress(progress_read)
+        wall_time = time.monotonic() - started
+        failure = failure or (failures[0] if failures else None)
+        if self._interrupted:
+            return RunResult(EXIT_INTERRUPTED, "interrupted", (), wall_time, self._progress)
+        if failure is not None:
+            output = tuple(failure.process.tail())
+            return RunResult(failure.exit_code, failure.reason, output, wall_time, self._progress)
+        return RunResult(0, "", (), wall_time, self._progress)
+
+    def _start(self, environment: dict[str, str], progress_descriptor: int) -> None:
+        def start(name: str, command: Sequence[str]) -> ManagedProcess:
+            return ManagedProcess(
+                name,
+                command,
+                self._directory / "logs" / f"{name}.log",
+                environment,
+                (progress_descriptor,),
+                self._pass_on,
+            )
+
+        for process in self._system.processes:
+            path = executable_path(process.package, process.executable)
+            self._helpers.append(start(process.name, [str(path), *process.arguments]))
+        composed = []
+        for node in self._system.nodes:
+            if self._interrupted:
+                return
+            arguments = node.ros_arguments(self._write_parameters(node))
+            if self._composed and not node.own_process:
+                entry = {"package": node.package, "executable": node.executable}
+                composed.append({**entry, "ros_arguments": arguments})
+                continue
+            path = executable_path(node.package, node.executable)
+            name = node.qualified_name.strip("/").replace("/", "__")
+            managed = start(name, [str(path), *arguments])
+            if node.own_process:
+                self._recorders.append(managed)
+            else:
+                self._nodes.append((managed, node.ends_run))
+        if composed:
+            file = self._directory / "composed.json"
+            file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
+            command = [sys.executable, "-m", "vtff_bringup.system.composed", str(file)]
+            self._nodes.append((start("composed", command), True))
+
+    def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
+        name = node.qualified_name.strip("/").replace("/", "__")
+        path = self._directory / "parameters" / f"{name}.yaml"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # ROS cannot read the type of an empty list; leaving it out means the default.
+        values = {key: value for key, value in node.all_parameters().items() if value != []}
+        content = {node.qualified_name: {"ros__parameters": values}}
+        path.write_text(yaml.safe_dump(content), encoding="utf-8")
+        return path
+
+    def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:
+        if self._on_line is not None and not self._interrupted:
+            self._on_line(name, line, noteworthy)
+
+    def _follow(self, progress_read: int) -> _Failure | None:
+        """Wait for the end; return the failure that was it, if it was one."""
+        with selectors.DefaultSelector() as selector:
+            selector.register(progress_read, selectors.EVENT_READ)
+            while not self._interrupted:
+                if selector.select(POLL_INTERVAL):
+                    self._read_progress(progress_read)
+                for process in [*self._helpers, *self._recorders]:
+                    if process.exit_code is not None:
+                        return _Failure(process, "ended before the run did")
+                for process, ends_run in self._nodes:
+                    if process.exit_code is None:
+                        continue
+                    if process.exit_code != 0:
+                        return _Failure(process, "failed")
+                    if ends_run:
+                        return None
+        return None
+
+    def _end_all(self) -> list[_Failure]:
+        """End the nodes, then the recorders that record their last messages, then the rest."""
+        failures = []
+        nodes = [process for process, _ in self._nodes]
+        for processes in (nodes, self._recorders, self._helpers):
+            for process, code in zip(processes, end_together(processes), strict=True):
+                if code not in (0, -signal.SIGINT):
+                    failures.append(_Failure(process, "did not end in order"))
+        return failures
+
+    def _read_progress(self, descriptor: int) -> None:
+        for line in os.read(descriptor, 65536).decode().splitlines():
+            # A line may be cut where the pipe's buffer ends; the next one replaces it.
+            with contextlib.suppress(json.JSONDecodeError):
+                self._progress = json.loads(line)
+                if self._on_progress is not None:
+                    self._on_progress(self._progress)
+
+    def _drain_progress(self, descriptor: int) -> None:
+        os.set_blocking(descriptor, False)
+        with contextlib.suppress(BlockingIOError):
+            self._read_progress(descriptor)
+
+    @contextlib.contextmanager
+    def _signals(self) -> Iterator[None]:
+        def interrupt(number: int, frame: FrameType | None) -> None:
+            self._interrupted = True
+
+        previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+        try:
+            yield
+        finally:
+            for number, handler in previous.items():
+                signal.signal(number, handler)
+
+
+def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[str]:
+    """Compare what the nodes say they published with what the bag holds.
+
+    Parameters
+    ----------
+    run_directory
+        Folder of the run with ``nodes/*.json``.
+    recorded
+        Messages in the bag by topic.
+
+    Returns
+    -------
+    list of str
+        One line per topic that differs; empty when everything was recorded and nothing else.
+    """
+    published: dict[str, int] = {}
+    for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
+        for topic, count in json.loads(path.read_text(encoding="utf-8"))["published"].items():
+            published[topic] = published.get(topic, 0) + count
+    lines = []
+    for topic, count in sorted(published.items()):
+        found = recorded.get(topic, 0)
+        if count != found:
+            line = f"{topic}: published {count}, recorded {found}"
+            lines.append(f"{line} {ANOTHER_PUBLISHER}" if found > count else line)
+    return lines
+
+
+@contextlib.contextmanager
+def _domain() -> Iterator[dict[str, str]]:
+    """Yield the environment of the children, with a DDS domain no other run uses."""
+    environment = dict(os.environ)
+    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    environment.setdefault("PYTHONUNBUFFERED", "1")
+    profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
+    environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+    environment = {**ONE_BLAS_THREAD, **environment}
+    if "ROS_DOMAIN_ID" in environment:
+        yield environment
+        return
+    from domain_coordinator import domain_id
+
+    with domain_id() as free_domain:
+        environment["ROS_DOMAIN_ID"] = str(free_domain)
+        yield environment
+
+
+@contextlib.contextmanager
+def _pipe() -> Iterator[tuple[int, int]]:
+    read, write = os.pipe()
+    os.set_blocking(write, False)
+    try:
+        yield read, write
+    finally:
+        os.close(read)
+        os.close(write)

@@ -1,0 +1,194 @@
+"""Launch descriptions from system files, for those who start with `ros2 launch`.
+
+The nodes, parameters and remaps are those of `vtff run`; only the front end differs. This
+module needs launch and launch_ros, which come with an apt ROS 2 and are not on PyPI.
+"""
+
+from __future__ import annotations
+
+import datetime
+import os
+import pathlib
+import shlex
+from typing import Any
+
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
+from vtff_bringup.system.system_file import (
+    NodeDescription,
+    RunSettings,
+    find_system_file,
+    load_system,
+)
+from vtff_node.executables import executable_path, share_file
+from vtff_node.node import RUN_DIRECTORY_VARIABLE
+
+DEFAULT_SYSTEM = "reference_software"
+
+#: Launch argument -> (default, description). The same for every launch file.
+ARGUMENTS = {
+    "overrides": ("", "argument:=value and node.parameter:=value texts, blanks between them"),
+    "pacing": ("lockstep", "lockstep: as fast as it goes; realtime: one second each second"),
+    "duration": ("", "scenario seconds to run; empty: as the scenario says"),
+    "seed": ("", "seed of every random stream; empty: as the scenario says"),
+    "run_directory": ("", "folder of the run; empty: bags/<system>_<date>_<time>"),
+}
+
+
+def launch_description(system: str | None = None) -> Any:
+    """Return the launch description of a launch file.
+
+    Parameters
+    ----------
+    system
+        Name or path of the system file; without one it is the launch argument ``system``.
+
+    Returns
+    -------
+    launch.LaunchDescription
+    """
+    from launch import LaunchDescription
+    from launch.actions import DeclareLaunchArgument, OpaqueFunction
+    from launch.substitutions import LaunchConfiguration
+
+    arguments = dict(ARGUMENTS)
+    if system is None:
+        arguments["system"] = (DEFAULT_SYSTEM, "name of a file in config/system, or a path")
+
+    def start(context: Any) -> list[Any]:
+        values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        if system is not None:
+            values["system"] = system
+        return launch_actions(**values)
+
+    declared = [
+        DeclareLaunchArgument(
+            name,
+            default_value=default,
+            description=description,
+            choices=["lockstep", "realtime"] if name == "pacing" else None,
+        )
+        for name, (default, description) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+
+
+def launch_actions(
+    system: str,
+    overrides: str = "",
+    pacing: str = "lockstep",
+    duration: str = "",
+    seed: str = "",
+    run_directory: str = "",
+) -> list[Any]:
+    """Return the launch actions of a system file.
+
+    Parameters
+    ----------
+    system
+        Name or path of the system file.
+    overrides
+        ``key:=value`` texts separated by blanks; one with a blank in it stands in quotes.
+    pacing
+        ``lockstep`` or ``realtime``.
+    duration
+        Scenario seconds to run; empty for the scenario's own.
+    seed
+        Seed of every random stream; empty for the scenario's own.
+    run_directory
+        Folder of the run; empty for ``bags/<system>_<date>_<time>``.
+
+    Raises
+    ------
+    SystemFileError
+        If the system file or an override is wrong.
+    ValueError
+        If `duration` or `seed` is not a number, or the folder already holds a run.
+    """
+    from launch.actions import ExecuteProcess
+
+    path = find_system_file(system)
+    now = datetime.datetime.now().strftime("%Y%m%d_%H%M%S")
+    directory = pathlib.Path(run_directory or f"bags/{path.stem}_{now}").resolve()
+    if (directory / "bag").exists():
+        raise ValueError(f"{directory} already holds a run; choose another run_directory")
+    settings = RunSettings(
+        run_directory=directory,
+        pacing=pacing,
+        duration=_number("duration", duration, float),
+        seed=_number("seed", seed, int),
+    )
+    description = load_system(path, shlex.split(overrides), settings)
+    directory.mkdir(parents=True, exist_ok=True)
+    environment = _environment(directory)
+    actions: list[Any] = []
+    for process in description.processes:
+        program = executable_path(process.package, process.executable)
+        action = ExecuteProcess(
+            cmd=[str(program), *process.arguments],
+            name=process.name,
+            additional_env=environment,
+            output="screen",
+        )
+        actions += [action, _on_exit(action, process.name, ends_run=False)]
+    for node in description.nodes:
+        action = _node_action(node, environment)
+        actions += [action, _on_exit(action, node.qualified_name, ends_run=node.ends_run)]
+    return actions
+
+
+def _number(name: str, text: str, kind: type) -> Any:
+    if not text.strip():
+        return None
+    try:
+        return kind(text)
+    except ValueError as error:
+        raise ValueError(f"launch argument '{name}' is '{text}'; it must be a number") from error
+
+
+def _environment(directory: pathlib.Path) -> dict[str, str]:
+    """Return what the processes get beside the environment of `ros2 launch`."""
+    profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
+    defaults = {
+        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles),
+        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        **ONE_BLAS_THREAD,
+    }
+    chosen = {name: value for name, value in defaults.items() if name not in os.environ}
+    return {RUN_DIRECTORY_VARIABLE: str(directory), **chosen}
+
+
+def _node_action(node: NodeDescription, environment: dict[str, str]) -> Any:
+    from launch_ros.actions import Node
+
+    # Empty lists are left out: ROS cannot read their type, and they mean the default.
+    values = {key: value for key, value in node.parameters.items() if value != []}
+    return Node(
+        package=node.package,
+        executable=node.executable,
+        name=node.name,
+        namespace=node.namespace,
+        parameters=[*(str(path) for path in node.parameter_files), values],
+        remappings=list(node.remaps.items()),
+        additional_env=environment,
+        output="screen",
+    )
+
+
+def _on_exit(action: Any, name: str, *, ends_run: bool) -> Any:
+    """Return the handler that ends the launch when this process ends.
+
+    A failure is raised, because that is what gives `ros2 launch` a non-zero exit code.
+    """
+    from launch.actions import EmitEvent, RegisterEventHandler
+    from launch.event_handlers import OnProcessExit
+    from launch.events import Shutdown
+
+    def ended(event: Any, context: Any) -> list[Any]:
+        if context.is_shutdown:
+            return []
+        if ends_run and event.returncode == 0:
+            return [EmitEvent(event=Shutdown(reason="run complete"))]
+        what = "failed" if event.returncode else "ended before the run did"
+        raise RuntimeError(f"{name} {what} (exit code {event.returncode})")
+
+    return RegisterEventHandler(OnProcessExit(target_action=action, on_exit=ended))

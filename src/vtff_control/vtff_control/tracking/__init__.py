@@ -1,0 +1,1 @@
+"""Tracking of a target by feedback: SDRE control and its Riccati gains (no ROS)."""

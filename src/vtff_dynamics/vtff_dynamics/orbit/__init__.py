@@ -1,0 +1,1 @@
+"""Orbits of one spacecraft: elements, gravity, forces and propagation."""

@@ -1,0 +1,86 @@
+"""Closed-form gravity of a point mass and of J2, and its derivatives along a motion.
+
+These small models serve feedforward, jerk and rates of frames, where microseconds count. Orbits
+are propagated with the full harmonics of `vtff_dynamics.orbit.propagator`.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["gravity_acceleration", "gravity_jerk"]
+
+
+def gravity_acceleration(
+    position_gcrf: npt.ArrayLike, gravitational_parameter: float = GM_EARTH, j2: float = J2_EARTH
+) -> FloatArray:
+    """Return the acceleration by a point mass and J2 at a position, m/s2, shape (3,).
+
+    The symmetry axis is the GCRF z axis, which in 2016 is 1.6 mrad from the true pole: the J2 part
+    is wrong by about its 0.3 %, 4e-5 m/s2 in low orbit.
+
+    Parameters
+    ----------
+    position_gcrf : array_like, shape (3,)
+        Position, m.
+    gravitational_parameter : float
+        m3/s2.
+    j2 : float
+        Second zonal coefficient; 0 leaves the point mass.
+
+    References
+    ----------
+    Montenbruck and Gill (2000), Satellite Orbits, eq. (3.29) for C20 alone.
+    """
+    x, y, z = np.asarray(position_gcrf, dtype=float).tolist()
+    r2 = x * x + y * y + z * z
+    factor = -gravitational_parameter / (r2 * math.sqrt(r2))
+    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3 / r2
+    sine_squared = z * z / r2
+    equatorial = factor * (1.0 + oblateness * (1.0 - 5.0 * sine_squared))
+    polar = factor * (1.0 + oblateness * (3.0 - 5.0 * sine_squared))
+    return np.array([equatorial * x, equatorial * y, polar * z])
+
+
+def gravity_jerk(
+    state_gcrf: npt.ArrayLike, gravitational_parameter: float = GM_EARTH, j2: float = J2_EARTH
+) -> FloatArray:
+    """Return the rate of change of `gravity_acceleration` along a motion, m/s3, shape (3,).
+
+    Parameters
+    ----------
+    state_gcrf : array_like, shape (6,)
+        Position and velocity, m and m/s.
+    gravitational_parameter, j2 : float
+        As in `gravity_acceleration`.
+    """
+    x, y, z, vx, vy, vz = np.asarray(state_gcrf, dtype=float).tolist()
+    r2 = x * x + y * y + z * z
+    range_rate_ratio = (x * vx + y * vy + z * vz) / r2
+    factor = -gravitational_parameter / (r2 * math.sqrt(r2))
+    factor_rate = -3.0 * factor * range_rate_ratio
+    oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3 * RADIUS_EARTH_JGM3 / r2
+    oblateness_rate = -2.0 * oblateness * range_rate_ratio
+    sine_squared = z * z / r2
+    sine_squared_rate = 2.0 * z * vz / r2 - 2.0 * sine_squared * range_rate_ratio
+
+    common = -5.0 * oblateness * sine_squared_rate
+    equatorial = 1.0 + oblateness * (1.0 - 5.0 * sine_squared)
+    equatorial_rate = oblateness_rate * (1.0 - 5.0 * sine_squared) + common
+    polar = 1.0 + oblateness * (3.0 - 5.0 * sine_squared)
+    polar_rate = oblateness_rate * (3.0 - 5.0 * sine_squared) + common
+    along_position = factor_rate * equatorial + factor * equatorial_rate
+    along_pole = factor_rate * polar + factor * polar_rate
+    return np.array(
+        [
+            along_position * x + factor * equatorial * vx,
+            along_position * y + factor * equatorial * vy,
+            along_pole * z + factor * polar * vz,
+        ]
+    )

@@ -1,0 +1,1 @@
+"""Relative motion of two spacecraft."""

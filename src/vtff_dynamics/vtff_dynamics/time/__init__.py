@@ -1,0 +1,1 @@
+"""Time scales as exact integer nanoseconds."""

@@ -1,6 +1,0 @@
-"""Make the shared frame builders importable whatever import mode pytest uses."""
-
-import pathlib
-import sys
-
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent))

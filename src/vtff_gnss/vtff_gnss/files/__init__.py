@@ -1,0 +1,1 @@
+"""One way into every observation file, whatever its format."""

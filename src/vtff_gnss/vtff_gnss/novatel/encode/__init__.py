@@ -1,0 +1,1 @@
+"""NovAtel logs written as an emulated receiver sends them."""

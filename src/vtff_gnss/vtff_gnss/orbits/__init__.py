@@ -1,0 +1,1 @@
+"""Orbits and clocks of GNSS satellites, and the lines of sight to them."""

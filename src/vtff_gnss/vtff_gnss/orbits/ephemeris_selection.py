@@ -1,0 +1,96 @@
+"""Choice of the broadcast ephemeris of each satellite that is valid at a time."""
+
+from __future__ import annotations
+
+import bisect
+from collections.abc import Iterable
+
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.constants import EPHEMERIS_SOURCE_INAV, EPHEMERIS_SOURCE_LNAV, SYSTEM_GALILEO
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+
+__all__ = ["EphemerisStore", "validity_interval"]
+
+
+def validity_interval(ephemeris: BroadcastEphemeris) -> tuple[GpsTime, GpsTime]:
+    """Return the first time and the end of the validity of an ephemeris.
+
+    The fit interval of GPS lies about `toe` (IS-GPS-200, 20.3.4.4), so that a set is in use from
+    its start on, hours before its `toe`. That of Galileo begins at `toe`, which is not later than
+    the transmission.
+    """
+    reference = ephemeris.time_of_ephemeris
+    if ephemeris.system == SYSTEM_GALILEO:
+        return reference, reference + ephemeris.fit_interval
+    half = 0.5 * ephemeris.fit_interval
+    return reference - half, reference + half
+
+
+class EphemerisStore:
+    """Ephemerides of many satellites and times; gives the table that is valid at a time.
+
+    Of each satellite the set with the newest `toe` among the valid ones is used; of several with
+    the same `toe` the one received last, and of those the last given.
+
+    Parameters
+    ----------
+    ephemerides : iterable of BroadcastEphemeris
+        GPS and Galileo.
+    sources : tuple of int
+        ``EPHEMERIS_SOURCE_*`` to use; others are left out. Galileo files hold I/NAV and F/NAV,
+        whose clocks refer to different pairs of signals.
+    healthy_only : bool
+        Leave out a satellite while the chosen set has health bits. The set of an unhealthy
+        satellite does not make room for an older, healthy one.
+    """
+
+    def __init__(
+        self,
+        ephemerides: Iterable[BroadcastEphemeris],
+        sources: tuple[int, ...] = (EPHEMERIS_SOURCE_LNAV, EPHEMERIS_SOURCE_INAV),
+        healthy_only: bool = True,
+    ) -> None:
+        self._healthy_only = healthy_only
+        # With their validity, which is asked for at every change of any satellite.
+        self._sets: dict[tuple[int, int], list[tuple[GpsTime, GpsTime, BroadcastEphemeris]]] = {}
+        changes: set[GpsTime] = set()
+        for ephemeris in ephemerides:
+            if ephemeris.source in sources:
+                start, end = validity_interval(ephemeris)
+                satellite = (ephemeris.system, ephemeris.prn)
+                self._sets.setdefault(satellite, []).append((start, end, ephemeris))
+                changes.update((start, end))
+        for sets in self._sets.values():
+            sets.sort(key=lambda entry: (entry[2].time_of_ephemeris, entry[2].time))
+        self._changes = sorted(changes)
+        self._interval: int | None = None
+        self._table = EphemerisTable(())
+
+    def __len__(self) -> int:
+        """Return the number of sets."""
+        return sum(len(sets) for sets in self._sets.values())
+
+    def ephemeris(self, system: int, prn: int, time: GpsTime) -> BroadcastEphemeris | None:
+        """Return the set of one satellite to be used at `time`, or None."""
+        for start, end, ephemeris in reversed(self._sets.get((system, prn), [])):
+            if start <= time < end:
+                return None if self._healthy_only and ephemeris.health else ephemeris
+        return None
+
+    def table(self, time: GpsTime) -> EphemerisTable:
+        """Return the ephemerides to be used at `time`, ordered by system and number.
+
+        The same object is returned until the choice changes, so that it costs nothing to ask.
+        """
+        interval = bisect.bisect_right(self._changes, time)
+        if interval != self._interval:
+            chosen = (self.ephemeris(system, prn, time) for system, prn in sorted(self._sets))
+            self._table = EphemerisTable([e for e in chosen if e is not None])
+            self._interval = interval
+        return self._table
+
+    def next_change(self, time: GpsTime) -> GpsTime | None:
+        """Return until when `table` gives the object of `time`; None if for ever."""
+        interval = bisect.bisect_right(self._changes, time)
+        return self._changes[interval] if interval < len(self._changes) else None

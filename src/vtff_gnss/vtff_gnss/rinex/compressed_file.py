@@ -1,0 +1,100 @@
+"""Bytes of RINEX files, whatever compression they are stored in."""
+
+from __future__ import annotations
+
+import bz2
+import gzip
+import io
+import pathlib
+import warnings
+import zipfile
+import zlib
+
+from vtff_gnss.rinex.navigation_records import RinexError
+
+__all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
+
+_VERSION_LABEL = b"RINEX VERSION / TYPE"
+_LABEL_COLUMN = 60
+# What the decompressors raise at damaged or incomplete content.
+# A HatanakaException is a RuntimeError.
+_DAMAGES = (OSError, EOFError, ValueError, RuntimeError, zlib.error, zipfile.BadZipFile)
+
+
+def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
+    """Undo gzip, bzip2, zip or Unix compress, found by content; other bytes are returned as is.
+
+    Parameters
+    ----------
+    content : bytes
+        The file.
+    path : path-like
+        Its name, for messages.
+
+    Raises
+    ------
+    RinexError
+        If the compressed file is damaged or incomplete, or a zip archive of several files.
+    """
+    try:
+        if content[:2] == b"\x1f\x8b":
+            return gzip.decompress(content)
+        if content[:3] == b"BZh":
+            return bz2.decompress(content)
+        if content[:2] == b"\x1f\x9d":
+            import hatanaka  # here, because it takes a while and few files need it
+
+            return bytes(hatanaka.decompress(content))
+        if content[:4] == b"PK\x03\x04":
+            return _unzip(content, path)
+    except RinexError:
+        raise
+    except _DAMAGES as error:
+        raise RinexError(f"{path}: compressed file is damaged or incomplete: {error}") from None
+    return content
+
+
+def is_hatanaka(content: bytes) -> bool:
+    """Return whether (decompressed) bytes are a Compact RINEX file."""
+    return b"COMPACT RINEX" in content[:80]
+
+
+def is_rinex(content: bytes) -> bool:
+    """Return whether (decompressed) bytes begin like a RINEX or Compact RINEX file."""
+    first = content[:200].split(b"\n", 1)[0]
+    return is_hatanaka(content) or first[_LABEL_COLUMN:].strip() == _VERSION_LABEL
+
+
+def decompress_hatanaka(content: bytes, path: str | pathlib.Path) -> tuple[bytes, tuple[str, ...]]:
+    """Restore an observation file from Compact RINEX (Hatanaka 2008).
+
+    Returns
+    -------
+    content : bytes
+        RINEX.
+    remarks : tuple of str
+        What the decompressor found odd without giving up.
+
+    Raises
+    ------
+    RinexError
+        If the file is damaged or incomplete.
+    """
+    import hatanaka  # see `decompress`
+
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        try:
+            restored = bytes(hatanaka.crx2rnx(content))
+        except hatanaka.HatanakaException as error:
+            reason = " ".join(str(error).split()) or "no reason given"
+            raise RinexError(f"{path}: Compact RINEX is damaged or incomplete: {reason}") from None
+    return restored, tuple(" ".join(str(warning.message).split()) for warning in caught)
+
+
+def _unzip(content: bytes, path: str | pathlib.Path) -> bytes:
+    with zipfile.ZipFile(io.BytesIO(content)) as archive:
+        names = archive.namelist()
+        if len(names) != 1:
+            raise RinexError(f"{path}: zip archive of {len(names)} files, one is required")
+        return archive.read(names[0])

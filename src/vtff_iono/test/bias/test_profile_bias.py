@@ -1,0 +1,130 @@
+"""Biases with a density profile: known answers, many draws of noise, gradients, a plasmasphere."""
+
+import numpy as np
+import pytest
+from orbit_simulation import BIAS, PER_NS, PROFILES, samples, seen
+
+from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_iono.bias.bias_samples import BiasSamples
+from vtff_iono.bias.profile_bias import profile_biases
+from vtff_iono.bias.receiver_bias import estimate_receiver_biases
+from vtff_iono.geometry.mapping import pierce_point
+
+PHASE_NOISE = 0.0135
+LEVEL_SIGMA, SATELLITE_SIGMA = 0.1, 0.13
+# What is stated of satellites is far more than what their biases are in truth.
+STATED_SATELLITE_SIGMA = 3.7
+
+
+def noisy(rows, seed):
+    """Return samples with errors of levels, satellites and phases drawn from `seed`."""
+    generator = np.random.default_rng(1000 + seed)
+    clean = samples(rows, seed, LEVEL_SIGMA)
+    satellite = rows[:, 9].astype(np.int64)
+    error = generator.normal(0.0, SATELLITE_SIGMA, satellite.max() + 1)[satellite]
+    error += generator.normal(0.0, PHASE_NOISE, len(rows))
+    return BiasSamples(
+        **{
+            **vars(clean),
+            "stec_tecu": clean.stec_tecu + error,
+            "stec_sigma_tecu": np.full(len(rows), np.hypot(LEVEL_SIGMA, STATED_SATELLITE_SIGMA)),
+            "link": satellite,
+            "satellite_sigma_tecu": np.full(len(rows), STATED_SATELLITE_SIGMA),
+        }
+    )
+
+
+def estimate(rows, seed):
+    (found,) = estimate_receiver_biases(noisy(rows, seed))
+    return found.bias_tecu - BIAS, found.sigma_tecu
+
+
+def altitude_of(rows):
+    return geodetic_from_itrf(rows[:, 6:9])[:, 2]
+
+
+@pytest.mark.parametrize(("name", "hours"), [("plumex", 0.5), ("chapman", 1.0)])
+def test_errors_are_as_large_as_the_sigmas(name, hours):
+    rows = seen(name, hours)
+    errors, sigmas = np.transpose([estimate(rows, seed) for seed in range(12)])
+    assert np.abs(errors).max() <= 0.15 * PER_NS
+    normalised = errors / sigmas
+    assert np.mean(np.abs(normalised) <= 2.0) >= 0.9
+    # Root mean square of 12 normal numbers: outside 0.55 to 1.5 once in hundreds.
+    assert 0.55 < np.sqrt(np.mean(normalised**2)) < 1.5
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_plasmasphere_is_not_taken_for_a_bias(seed):
+    error, sigma = estimate(seen("plasmasphere", 1.0), seed)
+    assert abs(error) <= 0.15 * PER_NS
+    assert abs(error) <= 2.0 * sigma
+
+
+def test_few_data_have_a_large_sigma():
+    rows = seen("plasmasphere", 1.0)
+    early = rows[rows[:, 0] < 400.0]
+    error, sigma = estimate(early, 0)
+    assert abs(error) <= 2.0 * sigma
+    assert sigma > estimate(rows, 0)[1]
+
+
+@pytest.mark.parametrize("amplitude", [0.05, 0.2, 0.5])
+def test_horizontal_gradients_are_told_from_the_bias(amplitude):
+    """The ionosphere of a day: content larger by a part that changes along and across the orbit."""
+    rows = seen("chapman", 1.0).copy()
+    point = pierce_point(rows[:, 6:9], rows[:, 3:6], altitude_of(rows) + 200e3)
+    latitude, longitude = geodetic_from_itrf(point)[:, :2].T
+    errors, sigmas = [], []
+    for seed in range(4):
+        phase = np.random.default_rng(seed).uniform(0.0, 2.0 * np.pi, 2)
+        factor = 1.0 + amplitude * 0.5 * (
+            np.sin(2.0 * longitude + phase[0]) + np.sin(3.0 * latitude + phase[1])
+        )
+        changed = rows.copy()
+        changed[:, 1] *= factor
+        error, sigma = estimate(changed, seed)
+        errors.append(error)
+        sigmas.append(sigma)
+    assert np.abs(errors).max() <= 0.15 * PER_NS
+    assert np.sqrt(np.mean((np.array(errors) / sigmas) ** 2)) < 2.0
+
+
+def test_profile_noise_and_satellites_are_found():
+    rows = seen("chapman", 1.0)
+    found = profile_biases(noisy(rows, 0), altitude_of(rows))
+    # Neighbouring shells of 5 km may share their electrons wrongly; those of 40 km may not.
+    flown = (found.altitude > 260e3) & (found.altitude < 700e3)
+    true = np.interp(found.altitude, *PROFILES["chapman"])[flown]
+    mean, expected = (values.reshape(-1, 8).mean(axis=1) for values in (found.density[flown], true))
+    assert mean == pytest.approx(expected, rel=0.05)
+    assert found.noise_tecu == pytest.approx(PHASE_NOISE, rel=0.2)
+    assert found.satellite_sigma_tecu == pytest.approx(SATELLITE_SIGMA, rel=0.35)
+    without = BiasSamples(**{**vars(noisy(rows, 0)), "link": None})
+    assert np.isnan(profile_biases(without, altitude_of(rows)).satellite_sigma_tecu)
+
+
+def test_outliers_count_little():
+    rows = seen("chapman", 1.0)
+    clean = noisy(rows, 0)
+    stec = clean.stec_tecu.copy()
+    stec[::50] += 30.0
+    bad = BiasSamples(**{**vars(clean), "stec_tecu": stec})
+    altitude = altitude_of(rows)
+    one, other = (profile_biases(part, altitude) for part in (clean, bad))
+    assert np.abs(one.bias_tecu - other.bias_tecu).max() < 0.1
+
+
+def test_shells_remain_where_the_altitude_hardly_changes():
+    rows = seen("chapman", 3.0)
+    level = rows[np.abs(altitude_of(rows) - 500e3) < 45e3]
+    (found,) = estimate_receiver_biases(noisy(level, 0))
+    assert len(found.model_tecu) > 3  # shells, elevations and bases
+    assert abs(found.bias_tecu - BIAS) <= 2.0 * found.sigma_tecu
+
+
+def test_arcs_are_required():
+    rows = seen("chapman", 0.5)
+    without = BiasSamples(**{**vars(noisy(rows, 0)), "arc": None})
+    with pytest.raises(ValueError, match="arcs are required"):
+        profile_biases(without, altitude_of(rows))

@@ -1,0 +1,237 @@
+"""Electron density from two spacecraft, against the true density averaged over the separation."""
+
+import functools
+import math
+
+import numpy as np
+import pytest
+from formation_simulation import NOISE_ONE_SECOND, chapman, fly, mean_density, plumex_like
+from link_simulation import START
+
+from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.density.density_profile import (
+    DEPARTURE_LEVEL_DB,
+    binned_profile,
+    deconvolved_profile,
+    departure_scale,
+    model_profile,
+    wavenumber_spectrum,
+)
+from vtff_iono.density.differential_tec import SecondAverage, differential_stec
+from vtff_iono.density.electron_density import ElectronDensityEstimator
+
+CM3 = 1e6
+BIAS = 3.7
+
+
+@functools.lru_cache(maxsize=2)
+def flight(offset):
+    """Half a revolution over the synthetic PLUMEX-like profile, an epoch each 2 s."""
+    profile = plumex_like(step=400.0)
+    return profile, fly(profile, offset, step=2.0)
+
+
+def retrieved(offset, vtec_error=0.5, seed=3, bias=BIAS):
+    """Densities from noisy differences; the absolute content is wrong by 0.5 TECU."""
+    profile, flown = flight(offset)
+    noise = NOISE_ONE_SECOND * np.random.default_rng(seed).standard_normal(flown.stec_chief.shape)
+    observed = flown.stec_deputy - flown.stec_chief + bias + noise
+    estimator = ElectronDensityEstimator()
+    epochs = [
+        estimator.update(
+            flown.time[k],
+            flown.altitude_chief[k],
+            flown.altitude_deputy[k],
+            flown.elevation_chief[k],
+            flown.elevation_deputy[k],
+            observed[k],
+            np.full(observed.shape[1], NOISE_ONE_SECOND),
+            flown.vtec_chief[k] + vtec_error,
+        )
+        for k in range(len(flown.time))
+    ]
+    low = np.minimum(flown.altitude_chief, flown.altitude_deputy)
+    truth = mean_density(*profile, low, low + abs(offset))
+    return epochs, truth
+
+
+@pytest.mark.parametrize("offset", [1000.0, -1000.0])
+def test_plumex_like_profile_at_1_km(offset):
+    """Bound of the project: 2e4 cm-3 from 236 to 567 km and in each bubble (paper: 6.56e4)."""
+    epochs, truth = retrieved(offset)
+    altitude = np.array([epoch.altitude for epoch in epochs])
+    density = np.array([epoch.density for epoch in epochs])
+    sigma = np.array([epoch.sigma for epoch in epochs])
+    inside = (altitude >= 236e3) & (altitude < 567e3)
+    error = binned_profile(altitude[inside], (density - truth)[inside], sigma[inside])
+    for low, high in ((236e3, 567e3), (480e3, 520e3), (395e3, 435e3), (340e3, 380e3)):
+        part = (error.altitude >= low) & (error.altitude < high)
+        assert np.count_nonzero(part) > 20
+        assert np.abs(error.density[part]).mean() <= 2e4 * CM3
+    # The stated sigma is that of the error.
+    ratio = (density - truth)[inside] / sigma[inside]
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.35)
+    assert epochs[-1].bias_tecu == pytest.approx(BIAS, abs=0.002)
+
+
+def test_single_satellites_agree_with_all():
+    epochs, truth = retrieved(1000.0)
+    single = np.array([epoch.density_satellite for epoch in epochs])
+    sigma = np.array([epoch.sigma_satellite for epoch in epochs])
+    good = np.isfinite(single)
+    assert np.isnan(single).any() and good.any()
+    ratio = ((single - truth[:, None]) / sigma)[good]
+    assert np.sqrt(np.mean(ratio**2)) == pytest.approx(1.0, abs=0.3)
+    combined = np.array([epoch.sigma for epoch in epochs])
+    # At first the common constant is not known apart from the density.
+    assert (combined <= np.nanmin(sigma, axis=1))[50:].all()
+
+
+def test_a_density_is_never_far_below_zero():
+    """Empty space: the density pulled to zero holds the bias."""
+    estimator = ElectronDensityEstimator()
+    generator = np.random.default_rng(2)
+    elevation = np.radians([15.0, 30.0, 45.0, 60.0, 80.0])
+    for second in range(300):
+        epoch = estimator.update(
+            second,
+            600e3,
+            601e3,
+            elevation,
+            elevation,
+            2.0 + 0.0043 * generator.standard_normal(5),
+            np.full(5, 0.0043),
+            0.01,
+        )
+        assert epoch.density > -3.0 * epoch.sigma
+    assert epoch.bias_tecu == pytest.approx(2.0, abs=0.002)
+
+
+def test_no_estimate_without_separation_or_satellites():
+    estimator = ElectronDensityEstimator()
+    angle = np.array([0.5])
+    for altitude, observed in ((400e3, 1.0), (401e3, math.nan)):
+        epoch = estimator.update(
+            0.0, 400e3, altitude, angle, angle, np.array([observed]), np.array([0.004])
+        )
+        assert math.isnan(epoch.density) and np.isnan(epoch.density_satellite).all()
+
+
+def test_running_profile_knows_what_was_measured():
+    profile = RunningProfile()
+    profile.scale_model(300e3, 25.0)
+    assert profile.content_above(300e3) == pytest.approx(25.0, rel=1e-6)
+    for middle in np.arange(500e3, 300e3, -300.0):
+        density = float(chapman(middle))
+        profile.absorb(middle - 500.0, middle + 500.0, density, 1e9)
+    assert profile.mean_density(380e3, 381e3) == pytest.approx(float(chapman(380.5e3)), rel=0.01)
+    for _ in range(200):
+        profile.scale_model(300e3, 25.0)
+    assert profile.content_above(300e3) == pytest.approx(25.0, rel=1e-3)
+    assert profile.mean_density(380e3, 381e3) == pytest.approx(float(chapman(380.5e3)), rel=0.01)
+
+
+def test_differential_content_of_fixed_integers():
+    """A content that delays L1 and L2 by known cycles, with integers of millions."""
+    f1, f2, light = 1575.42e6, 1227.60e6, 299_792_458.0
+    content = np.array([-0.5, 0.0, 0.25])
+    delay = 40.308193e16 * content
+    first = 12345.6 * f1 / light - delay / f1 / light + 5_000_000
+    second = 12345.6 * f2 / light - delay / f2 / light - 3_000_000
+    result = differential_stec(first, second, 5_000_000, -3_000_000, f1, f2)
+    assert result == pytest.approx(content, abs=1e-6)
+
+
+def test_one_second_of_20_hz_samples_is_good_to_5_milli_tecu():
+    """Bound of the project: 0.005 TECU with 1 mm on each of the four carriers."""
+    generator = np.random.default_rng(4)
+    time = START + np.arange(20 * 500) * 50_000_000
+    slope = 0.01 * 1e-9 * (time - START)
+    noise = 9.51775 * 1e-3 * 2.0 * generator.standard_normal(len(time))
+    average = SecondAverage()
+    satellite = np.zeros(len(time), dtype=np.int64)
+    columns = {"content": slope + noise, "altitude": slope}
+    means = [*average.update(time, satellite, columns), *average.flush()]
+    assert len(means) == 500 and all(samples[0] == 20 for *_, samples in means)
+    error = np.array([mean["content"][0] - mean["altitude"][0] for _, _, mean, _ in means])
+    assert np.sqrt(np.mean(error**2)) <= 0.005
+    middle = np.array([when for when, *_ in means])
+    assert middle[0] == START + 0.475e9
+    online = SecondAverage()
+    pieces = []
+    for start in range(0, len(time), 7):
+        part = slice(start, start + 7)
+        pieces += online.update(
+            time[part], satellite[part], {name: v[part] for name, v in columns.items()}
+        )
+    pieces += online.flush()
+    assert [p[2]["content"][0] for p in pieces] == [m[2]["content"][0] for m in means]
+
+
+def samples(separation, seed=1):
+    """Averages over the separation each 296 m, as one second apart in the paper's orbit."""
+    profile = plumex_like(step=100.0)
+    middle = np.arange(236e3, 567e3, 296.0)
+    low, high = middle - 0.5 * separation, middle + 0.5 * separation
+    sigma = np.full(len(middle), NOISE_ONE_SECOND / math.sqrt(8.0) * 1e16 / separation)
+    noise = sigma * np.random.default_rng(seed).standard_normal(len(middle))
+    return profile, low, high, mean_density(*profile, low, high) + noise, sigma
+
+
+@pytest.mark.parametrize("separation", [3e3, 10e3])
+def test_departure_at_twice_the_offset_and_what_deconvolution_gains(separation):
+    """Paper: 3 km departs below 6 km, 10 km below 20 km."""
+    profile, low, high, density, sigma = samples(separation)
+    deconvolved = deconvolved_profile(low, high, density, sigma)
+    grid = np.arange(240e3, 562e3, 250.0)
+    truth = np.interp(grid, *profile)
+    wavenumber, reference = wavenumber_spectrum(grid, truth)
+    raw = np.interp(grid, 0.5 * (low + high), density)
+    better = np.interp(grid, deconvolved.altitude, deconvolved.density)
+    scale = departure_scale(wavenumber, wavenumber_spectrum(grid, raw)[1], reference)
+    assert scale == pytest.approx(2.0 * separation, rel=0.15)
+    gained = departure_scale(wavenumber, wavenumber_spectrum(grid, better)[1], reference)
+    assert gained < 1.4 * separation
+    assert np.abs(better - truth).mean() < 0.85 * np.abs(raw - truth).mean()
+    inner = (deconvolved.altitude > 240e3) & (deconvolved.altitude < 562e3)
+    error = np.interp(deconvolved.altitude, *profile) - deconvolved.density
+    ratio = np.sqrt(np.mean((error / deconvolved.sigma)[inner] ** 2))
+    assert 0.5 < ratio < 1.6
+
+
+def test_deconvolution_of_a_smooth_profile_changes_nothing():
+    middle = np.arange(240e3, 560e3, 500.0)
+    density = chapman(middle)
+    result = deconvolved_profile(middle - 500.0, middle + 500.0, density, np.full(640, 1e9))
+    inner = (result.altitude > 245e3) & (result.altitude < 555e3)
+    assert result.density[inner] == pytest.approx(chapman(result.altitude[inner]), rel=0.02)
+    with pytest.raises(ValueError, match="8 samples"):
+        deconvolved_profile(middle[:5], middle[:5] + 1e3, density[:5], np.ones(5))
+
+
+def test_departure_of_a_box_average_is_at_twice_its_length():
+    """White structure averaged over 4 km: the response is sinc, -3.9 dB at 8 km."""
+    generator = np.random.default_rng(5)
+    altitude = np.arange(0.0, 800e3, 100.0)
+    fine = generator.standard_normal(len(altitude))
+    averaged = np.convolve(fine, np.full(41, 1.0 / 41.0), mode="same")
+    wavenumber, reference = wavenumber_spectrum(altitude, fine)
+    _, measured = wavenumber_spectrum(altitude, averaged)
+    assert departure_scale(wavenumber, measured, reference) == pytest.approx(8.2e3, rel=0.1)
+    assert math.isnan(departure_scale(wavenumber, reference, reference))
+    assert 20.0 * math.log10(2.0 / math.pi) == pytest.approx(DEPARTURE_LEVEL_DB, abs=0.05)
+    with pytest.raises(ValueError, match="even steps"):
+        wavenumber_spectrum([0.0, 1.0, 2.0, 4.0, 5.0], np.ones(5))
+
+
+def test_the_analysis_of_the_paper_with_75_db():
+    """0.0053 TECU; 6e4 cm-3 at 1 km, and in inverse proportion to the separation."""
+    altitude, density = plumex_like(step=100.0)
+    errors = {}
+    for separation in (100.0, 1e3, 3e3, 10e3):
+        result = model_profile(altitude, density, separation)
+        assert result.noise_tecu == pytest.approx(0.0053, abs=1e-4)
+        errors[separation] = result.mean_absolute_error / CM3
+    assert errors[1e3] == pytest.approx(6e4, rel=0.05)
+    assert errors[100.0] == pytest.approx(10.0 * errors[1e3], rel=0.05)
+    assert errors[100.0] > errors[1e3] > errors[3e3] > errors[10e3]

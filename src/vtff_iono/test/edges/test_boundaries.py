@@ -1,0 +1,166 @@
+"""Edges of a bubble, horizontal edges of rays, scores and the lag between spacecraft."""
+
+import math
+
+import numpy as np
+import pytest
+from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
+from hypothesis import given
+from hypothesis import strategies as st
+from iono_test_support import examples
+
+from vtff_dynamics.frames.frames import itrf_from_geodetic
+from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_iono.edges.boundaries import (
+    DensityEdgeDetector,
+    ExceedanceDetector,
+    edge_position,
+    intensity_variance,
+)
+from vtff_iono.edges.boundary_scores import score_boundaries, score_minutes
+from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
+
+BOTTOM, TOP = 290e3, 350e3
+
+
+def bubble():
+    """The paper's region: a plateau of the content from 290 to 350 km, edges 100 m wide."""
+    altitude = np.arange(150e3, 1000e3, 10.0)
+    inside = np.interp(altitude, [BOTTOM - 50, BOTTOM + 50, TOP - 50, TOP + 50], [0.0, 1, 1, 0])
+    density = (1.0 - inside) * chapman(altitude, 1.9e12) + inside * 1.2e10
+    return altitude, density
+
+
+def pass_through(rising, offset=984.9, seed=0, speed=296.0):
+    """Densities each second of a pass through the bubble with the noise of eight satellites."""
+    time = np.arange(0.0, 400.0)
+    chief = 265e3 + speed * time if rising else 265e3 + speed * (399.0 - time)
+    sigma = NOISE_ONE_SECOND / math.sqrt(8.0) * 1e16 / abs(offset)
+    low = np.minimum(chief, chief + offset)
+    density = mean_density(*bubble(), low, low + abs(offset))
+    density = density + sigma * np.random.default_rng(seed).standard_normal(len(time))
+    return time, chief, chief + 0.5 * offset, density, np.full(len(time), sigma)
+
+
+def found(rising, **options):
+    time, _, altitude, density, sigma = pass_through(rising, **options)
+    separation = options.get("offset", 984.9)
+    detector = DensityEdgeDetector()
+    edges = []
+    for sample in zip(time, altitude, density, sigma, strict=True):
+        edges += detector.update(sample[0], sample[1], separation, sample[2], sample[3])
+    return [*edges, *detector.flush()]
+
+
+@pytest.mark.parametrize("rising", [True, False])
+@pytest.mark.parametrize("offset", [984.9, -984.9, 300.0])
+@pytest.mark.parametrize("seed", range(4))
+def test_vertical_edges_within_100_m(rising, offset, seed):
+    edges = found(rising, offset=offset, seed=seed)
+    expected = [BOTTOM, TOP] if rising else [TOP, BOTTOM]
+    assert [edge.is_entry for edge in edges] == [True, False]
+    assert [edge.altitude for edge in edges] == pytest.approx(expected, abs=100.0)
+    assert all(edge.confidence > 0.9 and edge.time_sigma < 0.5 for edge in edges)
+
+
+def test_no_edge_in_a_smooth_layer_with_noise():
+    generator = np.random.default_rng(1)
+    detector = DensityEdgeDetector()
+    edges = []
+    for second, altitude in enumerate(np.arange(236e3, 567e3, 296.0)):
+        density = float(chapman(altitude)) + 1.5e10 * generator.standard_normal()
+        edges += detector.update(float(second), altitude, 985.0, density, 1.5e10)
+    assert [*edges, *detector.flush()] == []
+
+
+def rays(s4, onset, end, seconds=300, seed=0, rate=20):
+    """Intensity of a ray that scintillates from `onset` to `end`, with thermal noise."""
+    generator = np.random.default_rng(seed)
+    white = generator.standard_normal((2, seconds * rate))
+    kernel = np.exp(-0.5 * (np.arange(-20, 21) / 5.0) ** 2)
+    smooth = np.array([np.convolve(part, kernel, mode="same") for part in white])
+    smooth /= smooth.std()
+    time = np.arange(seconds * rate) / rate
+    active = (time >= onset) & (time < end)
+    direct = math.sqrt(math.sqrt(1.0 - s4**2))
+    scattered = math.sqrt(1.0 - math.sqrt(1.0 - s4**2))
+    gain = direct + scattered * (smooth[0] + 1j * smooth[1]) / math.sqrt(2.0)
+    power = np.where(active, np.abs(gain) ** 2, 1.0)
+    return power * (1.0 + 0.035 * generator.standard_normal(len(power)))
+
+
+@pytest.mark.parametrize("s4", [0.4, 0.8])
+@pytest.mark.parametrize("seed", range(5))
+def test_horizontal_edges_within_a_few_seconds(s4, seed):
+    variance = intensity_variance(rays(s4, 100.0, 220.0, seed=seed).reshape(-1, 20))
+    detector = ExceedanceDetector(threshold=0.01)
+    edges = []
+    for second, value in enumerate(variance):
+        edges += detector.update(float(second), float(value))
+    edges += detector.flush()
+    assert [edge.is_entry for edge in edges] == [True, False]
+    assert edges[0].time == pytest.approx(100.0, abs=5.0)
+    assert edges[1].time == pytest.approx(220.0, abs=5.0)
+
+
+def test_a_quiet_ray_and_single_outliers_have_no_edge():
+    variance = intensity_variance(rays(0.4, 1e9, 1e9, seconds=3600).reshape(-1, 20))
+    variance[[10, 11, 500]] = 1.0
+    detector = ExceedanceDetector(threshold=0.01)
+    edges = [e for t, v in enumerate(variance) for e in detector.update(float(t), float(v))]
+    assert edges == [] and detector.flush() == []
+
+
+def test_an_event_ends_with_a_gap():
+    detector = ExceedanceDetector(threshold=1.0)
+    edges = [edge for t in range(10) for edge in detector.update(float(t), 2.0)]
+    edges += detector.update(500.0, 0.0)
+    assert [(edge.is_entry, edge.time) for edge in edges] == [(True, 0.0), (False, 10.0)]
+    assert detector.update(501.0, math.nan) == []
+
+
+@examples(40)
+@given(st.lists(st.floats(0.0, 1000.0), max_size=12), st.floats(0.1, 50.0))
+def test_scores_count_everything_once(places, tolerance):
+    score = score_boundaries(places, [100.0, 500.0, 900.0], tolerance)
+    assert score.matched_count + score.false_alarms == len(places)
+    assert 0.0 <= score.detection_rate <= 1.0
+    assert (np.abs(score.errors) <= tolerance).all()
+
+
+def test_scores():
+    score = score_boundaries([101.0, 480.0, 104.0], [100.0, 500.0], 10.0)
+    assert (score.detection_rate, score.false_alarms, score.errors.tolist()) == (0.5, 2, [1.0])
+    score = score_boundaries([100.0], [100.0], 10.0, [True], [False])
+    assert score.matched_count == 0
+    assert math.isnan(score_boundaries([], [], 1.0).detection_rate)
+    minutes = score_minutes([True, False, True, False], [60.0, 40.0, 10.0, 0.0])
+    assert (minutes.detection_rate, minutes.false_alarm_rate) == (0.5, 0.0)
+    assert (minutes.crossing_count, minutes.other_count) == (2, 1)
+
+
+@pytest.mark.parametrize("lag", [2.0, -1.37])
+def test_lag_of_the_deputy(lag):
+    """Bound of the project: 2.0 +- 0.2 s."""
+    shift = round(lag * 20)
+    first, second = [], []
+    for seed in range(3):
+        pattern = rays(0.4, 50.0, 250.0, seed=seed, seconds=320)
+        noise = np.random.default_rng(100 + seed).standard_normal((2, 5600)) * 0.05
+        first.append(pattern[400:6000] + noise[0])
+        second.append(pattern[400 - shift : 6000 - shift] + noise[1])
+    result = fluctuation_lag(first, second, 20.0)
+    assert result.lag == pytest.approx(shift / 20.0, abs=0.05)
+    assert abs(result.lag - shift / 20.0) < 4.0 * result.sigma + 0.01
+    assert result.correlation > 0.8
+    assert math.isnan(fluctuation_lag(np.ones((1, 100)), np.ones((1, 100)), 20.0).lag)
+
+
+def test_where_a_ray_meets_the_region():
+    below = itrf_from_geodetic([0.1, 0.2, 250e3])
+    direction = ellipsoid_normal(below)
+    assert np.linalg.norm(edge_position(below, direction, 320e3) - below) == pytest.approx(
+        70e3, abs=50
+    )
+    above = itrf_from_geodetic([0.1, 0.2, 400e3])
+    assert edge_position(above, direction, 320e3) == pytest.approx(above)

@@ -1,0 +1,114 @@
+"""Crossings of an edge by two spacecraft, in scintillation and without."""
+
+import math
+
+import numpy as np
+import pytest
+from formation_simulation import chapman
+
+from vtff_iono.edges.edge_crossing import ContentSeries, fit_edge_crossings
+
+RATE = 20
+SPEED = 256.0
+EDGE = 290e3
+SEPARATION = 985.0
+LAG = 2.034
+"""Of the deputy behind the chief, s: 15 km at 7.4 km/s."""
+ELEVATIONS = np.radians([20.0, 22.0, 23.0, 28.0, 31.0, 38.0, 39.0, 40.0, 46.0, 68.0])
+TIME = np.arange(-45 * RATE, 45 * RATE + 1) / RATE
+
+
+def vertical_content():
+    """Content above an altitude: the paper's bubble above 290 km, its edge 100 m wide."""
+    altitude = np.arange(250e3, 360e3, 10.0)
+    inside = np.interp(altitude, [EDGE - 50, EDGE + 50], [0.0, 1.0])
+    density = (1.0 - inside) * chapman(altitude, 1.3e12) + inside * 1.1e10
+    return altitude, -np.concatenate(([0.0], np.cumsum(density[:-1] * 10.0 / 1e16)))
+
+
+def pattern(generator, size=0.063):
+    """Scintillation of one ray: 0.063 TECU on L1 and L2 together, correlated over 0.5 s."""
+    place = np.arange(-60.0, 60.0, 0.01)
+    step = np.arange(0.0, 6.5, 0.01)
+    # The Butterworth low pass of the Cornell model; see the emulator's scintillation field.
+    response = np.exp(-step / 0.4) * np.sin(step / 0.4)
+    noise = np.convolve(generator.standard_normal(len(place)), response)[: len(place)]
+    return place, size * noise / noise.std()
+
+
+def crossing(rising=True, size=0.063, seed=0, slip=False):
+    """Series of chief and deputy, and the true times of both."""
+    generator = np.random.default_rng(seed)
+    speed = SPEED if rising else -SPEED
+    shift = -0.5 * SEPARATION
+    heights = [EDGE + shift + speed * TIME, EDGE - shift + speed * TIME]
+    if rising:
+        # The deputy is below and comes later, as on the paper's second pass.
+        heights.reverse()
+    table = vertical_content()
+    patterns = [pattern(generator, size) for _ in ELEVATIONS]
+    series = []
+    for craft, height in enumerate(heights):
+        content = np.interp(height, *table)
+        slope = np.outer(np.linspace(-0.02, 0.03, len(ELEVATIONS)), TIME)
+        stec = content / np.sin(ELEVATIONS)[:, np.newaxis] + slope + 0.0001 * slope * TIME
+        stec += 7.0 * craft + np.arange(len(ELEVATIONS))[:, np.newaxis]
+        stec += [np.interp(TIME - craft * LAG, *one) for one in patterns]
+        stec += 0.0135 * generator.standard_normal(stec.shape)
+        arc = np.ones(stec.shape, dtype=np.int64)
+        if slip:
+            stec[::3, 700:] += 5.0
+            arc[::3, 700:] = 2
+        elevation = np.repeat(ELEVATIONS[:, np.newaxis], len(TIME), axis=1)
+        series.append(ContentSeries(height, stec, arc, elevation))
+    true = [float(np.interp(0.0, (h - EDGE) * math.copysign(1, speed), TIME)) for h in heights]
+    return series, np.array(true)
+
+
+def fitted(series, rising=True):
+    found = fit_edge_crossings(TIME, *series, EDGE + 90.0, is_dense_above=False)
+    assert found is not None
+    return found
+
+
+@pytest.mark.parametrize("rising", [True, False])
+@pytest.mark.parametrize("seed", range(3))
+def test_without_scintillation_within_a_few_metres(rising, seed):
+    series, true = crossing(rising, 0.0, seed)
+    found = fitted(series)
+    assert np.abs(found.time - true).max() * SPEED < 20.0
+    assert (np.abs(found.time - true) < 4.0 * found.time_sigma).all()
+    assert found.density == pytest.approx(chapman(EDGE, 1.3e12) - 1.1e10, rel=0.05)
+
+
+@pytest.mark.parametrize("slip", [False, True])
+@pytest.mark.parametrize("seed", range(5))
+def test_in_scintillation(seed, slip):
+    """Bounds of the project: 100 m, and 5 % of 985 m between the two."""
+    series, true = crossing(seed=seed, slip=slip)
+    found = fitted(series)
+    error = found.time - true
+    assert np.abs(error).max() * SPEED < 100.0
+    assert abs(error[1] - error[0]) * SPEED < 0.05 * SEPARATION
+    assert (np.abs(error) < 4.0 * found.time_sigma).all()
+    assert found.lag == pytest.approx(LAG, abs=0.03)
+
+
+def test_what_shows_no_edge_has_none():
+    series, _ = crossing(size=0.0)
+    flat = [
+        ContentSeries(one.altitude + 5e3, 0.0 * one.stec, one.arc, one.elevation) for one in series
+    ]
+    assert fit_edge_crossings(TIME, *flat, EDGE, is_dense_above=False) is None
+    # Dense on the other side: the fitted density is negative.
+    assert fit_edge_crossings(TIME, *series, EDGE, is_dense_above=True) is None
+    nothing = [
+        ContentSeries(one.altitude, np.full_like(one.stec, np.nan), 0 * one.arc, one.elevation)
+        for one in series
+    ]
+    assert fit_edge_crossings(TIME, *nothing, EDGE, is_dense_above=False) is None
+    unknown = [
+        ContentSeries(np.full_like(one.altitude, np.nan), one.stec, one.arc, one.elevation)
+        for one in series
+    ]
+    assert fit_edge_crossings(TIME, *unknown, EDGE, is_dense_above=False) is None

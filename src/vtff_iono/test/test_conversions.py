@@ -1,0 +1,64 @@
+"""What is believed of a second when relative navigation and the receivers disagree."""
+
+import numpy as np
+import pytest
+
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_iono.conversions import block_from_messages, second_from_messages
+from vtff_msgs.msg import AmbiguityStatus, GnssFix, RelativeState
+
+TIME = GpsTime.from_week_tow(1889, 90_000.0)
+NOTHING = block_from_messages([])
+POSITION = np.array([6.7e6, 0.0, 0.0])
+VELOCITY = np.array([0.0, 7.5e3, 0.0])
+
+
+def relative_state():
+    message = RelativeState()
+    message.solution = RelativeState.SOLUTION_FIXED
+    message.position_chief_gcrf = POSITION
+    message.velocity_chief_gcrf = VELOCITY
+    message.position = np.array([-1000.0, -15000.0, 0.0])
+    message.velocity = np.zeros(3)
+    unix = TIME.to_unix_nanoseconds()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(unix, 10**9)
+    return message
+
+
+def ambiguities():
+    message = AmbiguityStatus()
+    for name, value in (("system", 0), ("band", 1), ("attribute", 67), ("prn", 5)):
+        setattr(message, name, [value])
+    message.ambiguity_cycles = [3.0]
+    message.state = [AmbiguityStatus.STATE_FIXED]
+    return message
+
+
+def fix(state, shift):
+    message = GnssFix()
+    message.position, message.velocity = state[:3] + [shift, 0.0, 0.0], state[3:]
+    return message
+
+
+def second(relative, fixes):
+    return second_from_messages(TIME, (NOTHING, NOTHING), relative, ambiguities(), fixes)
+
+
+@pytest.mark.parametrize(("shift", "is_lost"), [(15.0, False), (300.0, True)])
+def test_fixes_overrule_relative_navigation_that_is_lost(shift, is_lost):
+    told = second(relative_state(), [None, None])
+    assert len(told.integers) == 1
+    fixes = [fix(state, shift) for state in told.states_itrf]
+    result = second(relative_state(), fixes)
+    expected = [fixes[n].position if is_lost else told.states_itrf[n][:3] for n in (0, 1)]
+    for state, position in zip(result.states_itrf, expected, strict=True):
+        assert state[:3] == pytest.approx(position)
+    assert (len(result.integers) == 0) == is_lost
+
+
+def test_fixes_alone():
+    told = second(relative_state(), [None, None])
+    fixes = [fix(state, 0.0) for state in told.states_itrf]
+    result = second(None, fixes)
+    assert result.states_itrf[1] == pytest.approx(told.states_itrf[1])
+    assert second(None, [None, None]).states_itrf == (None, None)

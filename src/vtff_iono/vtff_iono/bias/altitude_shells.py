@@ -1,0 +1,124 @@
+"""Density in shells of altitude: paths of rays through them, and what is known beforehand.
+
+In and near the range of altitudes of an orbit the shells are thin and their densities free; far
+above they widen up to the orbits of the GNSS satellites, and the density is expected to fall with a
+power of altitude whose exponent varies slowly. Where O+ dominates (its scale height is some 100 km,
+at altitudes of 500 to 700 km) the exponent is 4 to 8; in the plasmasphere, which is H+, 2 to 4.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.geometry.mapping import distance_to_altitude
+
+__all__ = ["TopsideModel", "log_density_prior", "shell_edges", "shell_middles", "shell_paths"]
+
+_STEP = 5e3
+_HIGHEST = 20.2e6
+"""m; of the orbits of GPS."""
+_GROWTH = 1.15
+_LARGEST_STEP = 0.12
+# The peak of the layer is below: above, the density falls with altitude.
+_HIGHEST_PEAK = 500e3
+# Natural logarithm of the ratio of densities of neighbouring thin shells, one sigma: bubbles have
+# edges. The level of all densities is free within many orders of magnitude.
+_THIN_SHELL_SIGMA = 1.0
+_LEVEL_SIGMA = 100.0
+_LEVEL = math.log(1e11)
+
+
+@dataclass(frozen=True)
+class TopsideModel:
+    """Expected decrease of density, as altitude to the power of minus `exponent`.
+
+    Parameters
+    ----------
+    exponent, exponent_sigma : float
+        Mean and one sigma.
+    correlation_length : float
+        Of the exponent, in the natural logarithm of altitude.
+    """
+
+    exponent: float = 4.0
+    exponent_sigma: float = 2.5
+    correlation_length: float = 0.7
+
+
+def shell_edges(altitude_low: float, altitude_high: float) -> FloatArray:
+    """Return the edges of shells for an orbit between two altitudes (m), m, increasing."""
+    top = max(altitude_high, _HIGHEST_PEAK)
+    low = math.floor(altitude_low / _STEP) * _STEP
+    edges = np.arange(low, top + _STEP, _STEP).tolist()
+    step = _STEP
+    while edges[-1] < _HIGHEST:
+        step = min(step * _GROWTH, _LARGEST_STEP * edges[-1])
+        edges.append(edges[-1] + step)
+    return np.array(edges)
+
+
+def shell_middles(edges: FloatArray) -> FloatArray:
+    """Return the altitudes of the middles of shells, m."""
+    return 0.5 * (edges[1:] + edges[:-1])
+
+
+def shell_paths(
+    position_receiver_itrf: FloatArray,
+    direction_itrf: FloatArray,
+    altitude: FloatArray,
+    edges: FloatArray,
+) -> FloatArray:
+    """Return content per density of rays in shells, TECU m^3, shape (n, shells).
+
+    Parameters
+    ----------
+    position_receiver_itrf, direction_itrf : ndarray, shape (n, 3)
+        Receivers, m, and unit vectors to satellites above the horizon.
+    altitude : ndarray, shape (n,)
+        Of the receivers, m.
+    edges : ndarray, shape (shells + 1,)
+        m.
+    """
+    distance = distance_to_altitude(
+        position_receiver_itrf[:, np.newaxis], direction_itrf[:, np.newaxis], edges
+    )
+    below = edges <= altitude[:, np.newaxis]
+    # Within metres of the receiver the ellipsoid of its altitude may already be below it.
+    distance = np.where(below | np.isnan(distance), 0.0, distance)
+    return np.asarray(np.diff(distance, axis=1) / ELECTRONS_PER_TECU)
+
+
+def log_density_prior(
+    edges: FloatArray, altitude_high: float, topside: TopsideModel
+) -> tuple[FloatArray, FloatArray]:
+    """Return precision (shells, shells) and precision times mean (shells,) of ln(density m^3).
+
+    Parameters
+    ----------
+    edges : ndarray, shape (shells + 1,)
+        m.
+    altitude_high : float
+        Highest altitude of the orbit, m.
+    topside : TopsideModel
+    """
+    middle = shell_middles(edges)
+    count = len(middle)
+    differences = np.diff(np.eye(count), axis=0)
+    rise = np.diff(np.log(middle))
+    topmost = np.flatnonzero(middle[1:] > max(altitude_high, _HIGHEST_PEAK))
+    mean = np.zeros(count - 1)
+    mean[topmost] = -topside.exponent * rise[topmost]
+    precision = np.eye(count - 1) / _THIN_SHELL_SIGMA**2
+    height = np.log(middle[1:][topmost])
+    apart = np.abs(height[:, np.newaxis] - height) / topside.correlation_length
+    covariance = topside.exponent_sigma**2 * np.exp(-apart)
+    covariance *= rise[topmost, np.newaxis] * rise[topmost]
+    precision[np.ix_(topmost, topmost)] = np.linalg.inv(covariance)
+    level = 1.0 / (count * _LEVEL_SIGMA**2)
+    matrix = differences.T @ precision @ differences + level * np.eye(count)
+    return matrix, differences.T @ (precision @ mean) + level * _LEVEL

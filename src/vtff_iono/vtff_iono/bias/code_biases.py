@@ -1,0 +1,217 @@
+"""Differential code biases of satellites and receivers, chained over pairs of signals.
+
+A bias is the hardware delay of a code observation. Only differences of two signals matter to the
+electron content (differential signal biases, DSB): with ``P`` pseudoranges and ``K`` of
+`vtff_iono.links.geometry_free.tecu_per_metre`,
+
+    (P_second - P_first) = STEC / K - c (DSB_satellite + DSB_receiver),   DSB = first - second.
+
+Files give some pairs and not others. Every known bias is an edge of a graph whose nodes are
+signals; a wanted pair is the sum along the path with the smallest variance.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS, SYSTEM_LETTERS
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.signals import carrier_frequency_hz
+
+__all__ = ["BiasFileError", "CodeBias", "CodeBiasTable", "broadcast_code_biases"]
+
+BROADCAST_SIGMA = 0.5e-9
+"""s; scatter of broadcast group delays about network solutions after their common mean is removed
+(0.4 ns for GPS against CAS on 2024-01-10), which a receiver bias absorbs."""
+
+_BROADCAST_PAIRS = {
+    SYSTEM_GPS: (("C1W", "C2W", "group_delay"),),
+    SYSTEM_GALILEO: (
+        ("C1X", "C5X", "group_delay"),
+        ("C1C", "C5Q", "group_delay"),
+        ("C1X", "C7X", "group_delay_secondary"),
+        ("C1C", "C7Q", "group_delay_secondary"),
+    ),
+}
+
+# GPS broadcasts no delay of C/A against P(Y); 1.2 ns is the scatter of C1C-C1W over the satellites.
+_COARSE_CODE_SIGMA = 1.2e-9
+
+
+class BiasFileError(ValueError):
+    """A bias file cannot be read or does not hold what is asked for; the message names the file."""
+
+
+@dataclass(frozen=True)
+class CodeBias:
+    """A code bias with its validity.
+
+    Parameters
+    ----------
+    system : int
+        ``SYSTEM_*``.
+    prn : int
+        RINEX satellite number; 0 for a receiver.
+    station : str
+        Name of the receiver; empty for a satellite.
+    first, second : str
+        RINEX 3 observation codes of the pair; `second` is empty for an absolute bias (OSB).
+    start, end : GpsTime
+        Validity.
+    value, sigma : float
+        First less second, s, and its standard deviation as stated by the file.
+    """
+
+    system: int
+    prn: int
+    station: str
+    first: str
+    second: str
+    start: GpsTime
+    end: GpsTime
+    value: float
+    sigma: float
+
+
+class CodeBiasTable:
+    """Biases of many satellites and receivers.
+
+    Parameters
+    ----------
+    biases : iterable of CodeBias
+    origin : str
+        Where they come from; named in messages.
+    """
+
+    def __init__(self, biases: Iterable[CodeBias], origin: str = "code biases") -> None:
+        self.origin = origin
+        self.biases: tuple[CodeBias, ...] = tuple(biases)
+        self._by_owner: dict[tuple[int, int, str], list[CodeBias]] = {}
+        for bias in self.biases:
+            self._by_owner.setdefault((bias.system, bias.prn, bias.station), []).append(bias)
+
+    def __len__(self) -> int:
+        """Return the number of biases."""
+        return len(self.biases)
+
+    def require_valid(self, time: GpsTime, tolerance: float = 0.0) -> None:
+        """Raise `BiasFileError` unless some bias is valid within `tolerance` (s) of a time."""
+        if any(b.start - tolerance <= time <= b.end + tolerance for b in self.biases):
+            return
+        if not self.biases:
+            raise BiasFileError(f"{self.origin}: holds no code bias")
+        first = min(bias.start for bias in self.biases)
+        last = max(bias.end for bias in self.biases)
+        raise BiasFileError(
+            f"{self.origin}: its biases are valid from {_day(first)} to {_day(last)}, "
+            f"the observations are of {_day(time)}"
+        )
+
+    def satellite_bias(
+        self, system: int, prn: int, first: str, second: str, time: GpsTime, tolerance: float = 0.0
+    ) -> tuple[float, float]:
+        """Return the bias first - second of a satellite and its sigma, s.
+
+        Parameters
+        ----------
+        system, prn : int
+            ``SYSTEM_*`` and RINEX satellite number.
+        first, second : str
+            RINEX 3 observation codes, e.g. ``"C1C"`` and ``"C2W"``.
+        time : GpsTime
+            When it must be valid.
+        tolerance : float
+            s outside its validity for which a bias is still used.
+
+        Returns
+        -------
+        value, sigma : float
+            NaN if no chain of known pairs connects the two signals.
+        """
+        return self._chained((system, prn, ""), first, second, time, tolerance)
+
+    def receiver_bias(
+        self,
+        station: str,
+        system: int,
+        first: str,
+        second: str,
+        time: GpsTime,
+        tolerance: float = 0.0,
+    ) -> tuple[float, float]:
+        """Return the bias first - second of a receiver and its sigma, s; see `satellite_bias`."""
+        return self._chained((system, 0, station), first, second, time, tolerance)
+
+    def _chained(
+        self, owner: tuple[int, int, str], first: str, second: str, time: GpsTime, tolerance: float
+    ) -> tuple[float, float]:
+        edges: dict[str, list[tuple[str, float, float]]] = {}
+        for bias in self._by_owner.get(owner, ()):
+            if bias.start - tolerance <= time <= bias.end + tolerance:
+                variance = bias.sigma**2
+                edges.setdefault(bias.first, []).append((bias.second, bias.value, variance))
+                edges.setdefault(bias.second, []).append((bias.first, -bias.value, variance))
+        # Dijkstra over variances; the number of steps breaks ties between perfect biases.
+        queue: list[tuple[float, int, str, float]] = [(0.0, 0, first, 0.0)]
+        done: set[str] = set()
+        while queue:
+            variance, steps, signal, value = heapq.heappop(queue)
+            if signal == second:
+                return value, math.sqrt(variance)
+            if signal in done:
+                continue
+            done.add(signal)
+            for following, step_value, step_variance in edges.get(signal, ()):
+                entry = (variance + step_variance, steps + 1, following, value + step_value)
+                heapq.heappush(queue, entry)
+        return math.nan, math.nan
+
+
+def broadcast_code_biases(ephemerides: Sequence[BroadcastEphemeris]) -> CodeBiasTable:
+    """Return the satellite biases that the navigation messages imply.
+
+    GPS: ``C1W - C2W`` from TGD, and ``C1C - C1W`` as zero with 1.2 ns. Galileo: E1 - E5a and
+    E1 - E5b from the two BGD. Their datum is that of the system, not that of a network solution:
+    a receiver bias estimated with them differs by a constant from one estimated with a file.
+
+    References
+    ----------
+    IS-GPS-200, 20.3.3.3.3.2; Galileo OS SIS ICD 2.1, 5.1.5: TGD = (t_first - t_second) /
+    (1 - (f_first / f_second)^2).
+    """
+    biases = []
+    for ephemeris in ephemerides:
+        half = 0.5 * ephemeris.fit_interval
+        for first, second, field in _BROADCAST_PAIRS.get(ephemeris.system, ()):
+            frequency_first, frequency_second = carrier_frequency_hz(
+                [ephemeris.system] * 2, [int(first[1]), int(second[1])]
+            )
+            value = getattr(ephemeris, field) * (1.0 - (frequency_first / frequency_second) ** 2)
+            pairs = [(first, second, float(value), BROADCAST_SIGMA)]
+            if ephemeris.system == SYSTEM_GPS:
+                pairs.append(("C1C", "C1W", 0.0, _COARSE_CODE_SIGMA))
+            reference = ephemeris.time_of_ephemeris
+            biases += [
+                CodeBias(
+                    system=ephemeris.system,
+                    prn=ephemeris.prn,
+                    station="",
+                    first=one,
+                    second=other,
+                    start=reference - half,
+                    end=reference + half,
+                    value=bias,
+                    sigma=sigma,
+                )
+                for one, other, bias, sigma in pairs
+            ]
+    systems = sorted({SYSTEM_LETTERS[bias.system] for bias in biases})
+    return CodeBiasTable(biases, f"broadcast group delays ({', '.join(systems) or 'none'})")
+
+
+def _day(time: GpsTime) -> str:
+    return time.isoformat()[:10]

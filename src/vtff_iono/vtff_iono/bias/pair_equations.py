@@ -1,0 +1,221 @@
+"""Pairs of satellites of one epoch, which tell receiver biases with a given mapping.
+
+See `vtff_iono.bias.receiver_bias` for the method.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.vectors import FloatArray
+from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
+from vtff_iono.geometry.mapping import pierce_point
+
+__all__ = ["IntArray", "PairEquations", "satellite_pairs", "solve_pairs"]
+
+IntArray = npt.NDArray[np.intp]
+
+_SMALLEST_CONTENT = 1.0
+_HUBER = 2.0
+_ITERATIONS = 15
+_CONVERGED = 0.01
+# The relative gradient per metre that the iteration starts from, its limits, and the error of a
+# vertical content that does not depend on distance, TECU.
+_START_GRADIENT = 3e-7
+_GRADIENT_LIMITS = (1e-9, 1e-5)
+_NOISE = 0.3
+_MEDIAN_CHI_SQUARE = 0.4549
+"""Median of the square of a standard normal number."""
+
+
+def satellite_pairs(time: FloatArray) -> tuple[IntArray, IntArray]:
+    """Return the indices of all pairs of samples of equal time; `time` does not decrease."""
+    edges = np.append(np.flatnonzero(np.diff(time, prepend=-np.inf)), len(time))
+    firsts, seconds = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    for start, end in zip(edges[:-1], edges[1:], strict=True):
+        i, j = np.triu_indices(end - start, 1)
+        firsts.append(start + i)
+        seconds.append(start + j)
+    return np.concatenate(firsts), np.concatenate(seconds)
+
+
+class PairEquations:
+    """The equations of all pairs for one mapping, ordered by blocks of time.
+
+    Parameters
+    ----------
+    samples : BiasSamples
+        In the order of time.
+    mapping, pierce_altitude : ndarray, shape (n,)
+        Slant over vertical content; altitude of the pierce points, m.
+    first, second : ndarray of int
+        Of `satellite_pairs`.
+    block : float
+        Length of the blocks of time, s.
+    """
+
+    def __init__(
+        self,
+        samples: BiasSamples,
+        mapping: FloatArray,
+        pierce_altitude: FloatArray,
+        first: IntArray,
+        second: IntArray,
+        block: float,
+    ) -> None:
+        groups = int(samples.group.max()) + 1 if len(samples.group) else 0
+        inverse = 1.0 / mapping
+        columns = np.zeros((len(inverse), groups))
+        columns[np.arange(len(inverse)), samples.group] = inverse
+        vertical = samples.stec_tecu * inverse
+        noise = (samples.stec_sigma_tecu * inverse) ** 2 + _NOISE**2
+        point = pierce_point(
+            samples.position_receiver_itrf, samples.direction_itrf, pierce_altitude
+        )
+        self.level_shift = _level_shifts(samples, inverse, first, second)
+        self.elevation = np.minimum(samples.elevation[first], samples.elevation[second])
+        self.design = columns[first] - columns[second]
+        self.mean_design = 0.5 * (columns[first] + columns[second])
+        self.mean_vertical = 0.5 * (vertical[first] + vertical[second])
+        self.difference = vertical[first] - vertical[second]
+        self.noise = noise[first] + noise[second]
+        self.separation = np.linalg.norm(point[first] - point[second], axis=-1)
+        self.gradients = _gradient_columns(point, first, second)
+        self.block = np.floor(samples.time[first] / block).astype(np.int64)
+
+    def above(self, elevation: float) -> PairEquations:
+        """Return the equations of which both satellites are above an elevation, rad."""
+        chosen = self.elevation >= elevation
+        part = object.__new__(PairEquations)
+        for name, value in vars(self).items():
+            setattr(part, name, value[chosen])
+        return part
+
+    def level_sigma(self, weight: FloatArray, matrix: FloatArray) -> FloatArray:
+        """Return what the errors of the levels make of the biases, TECU, shape (groups,).
+
+        `weight` (n,) is that of the equations, `matrix` their normal matrix.
+        """
+        arcs = self.level_shift[:, :2].astype(np.int64)
+        if arcs.size == 0 or arcs.max() < 0:
+            return np.zeros(len(matrix))
+        influence = self.design * weight[:, np.newaxis]
+        shift = np.zeros((arcs.max() + 1, len(matrix)))
+        for side in (0, 1):
+            moved = influence * self.level_shift[:, 2 + side, np.newaxis]
+            np.add.at(shift, arcs[:, side], moved if side == 0 else -moved)
+        return np.asarray(np.sqrt(((np.linalg.pinv(matrix) @ shift.T) ** 2).sum(axis=1)))
+
+
+def _level_shifts(
+    samples: BiasSamples, inverse: FloatArray, first: IntArray, second: IntArray
+) -> FloatArray:
+    """Return arcs of both samples and what one sigma of their levels does to them, (n, 4).
+
+    The arcs are -1 if they are not known.
+    """
+    number = np.full(len(inverse), -1)
+    if samples.arc is not None:
+        number = np.unique(samples.arc, return_inverse=True)[1]
+    moved = samples.stec_sigma_tecu * inverse
+    return np.stack((number[first], number[second], moved[first], moved[second]), axis=-1)
+
+
+def _gradient_columns(point: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
+    """Return the separation of pierce points to the east and to the north, 1000 km, (n, 2)."""
+    geodetic = geodetic_from_itrf(point)
+    radius = np.linalg.norm(point, axis=-1)[first] * 1e-6
+    latitude, longitude = geodetic[..., 0], geodetic[..., 1]
+    east = np.angle(np.exp(1j * (longitude[first] - longitude[second])))
+    east = east * np.cos(0.5 * (latitude[first] + latitude[second]))
+    return np.stack((radius * east, radius * (latitude[first] - latitude[second])), axis=-1)
+
+
+def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatArray, FloatArray]:
+    """Return the biases of one model and their jackknife sigmas, TECU, shapes (groups,).
+
+    With gradients, one of the content to the east and one to the north is estimated in each block.
+    Raises ReceiverBiasError if the equations do not tell the biases.
+    """
+    groups = equations.design.shape[1]
+    starts = np.flatnonzero(np.diff(equations.block, prepend=equations.block[0] - 1))
+    lengths = np.diff(starts, append=len(equations.block))
+    biases, gradient = np.zeros(groups), _START_GRADIENT
+    huber = variance = np.ones(len(equations.difference))
+    matrices = vectors = np.zeros(0)
+    for _ in range(_ITERATIONS):
+        content = equations.mean_vertical - equations.mean_design @ biases
+        content = np.maximum(content, _SMALLEST_CONTENT)
+        variance = equations.noise + (gradient * content * equations.separation) ** 2
+        design = equations.design
+        if with_gradients:
+            # Relative to the content, as the structure function is.
+            design = np.hstack((design, equations.gradients * content[:, np.newaxis]))
+        weighted = design * (huber / variance)[:, np.newaxis]
+        matrices = np.add.reduceat(weighted[:, :, np.newaxis] * design[:, np.newaxis, :], starts)
+        vectors = np.add.reduceat(weighted * equations.difference[:, np.newaxis], starts)
+        matrix, vector, local = _without_gradients(matrices, vectors, groups)
+        previous, biases = biases, _solution(matrix.sum(axis=0), vector.sum(axis=0))
+        residual = equations.difference - equations.design @ biases
+        if with_gradients:
+            slopes = np.repeat(local(biases), lengths, axis=0)
+            residual -= (design[:, groups:] * slopes).sum(axis=1)
+        normed = residual**2 / variance
+        huber = np.minimum(1.0, _HUBER / np.sqrt(np.maximum(normed, 1e-12)))
+        # The gradient for which the residuals are as large as their variance says, robustly.
+        gradient *= math.sqrt(float(np.median(normed)) / _MEDIAN_CHI_SQUARE)
+        gradient = min(max(gradient, _GRADIENT_LIMITS[0]), _GRADIENT_LIMITS[1])
+        if np.abs(biases - previous).max() < _CONVERGED:
+            break
+    matrix, vector, _ = _without_gradients(matrices, vectors, groups)
+    level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
+    return biases, np.hypot(_jackknife(matrix, vector), level)
+
+
+def _without_gradients(matrices: FloatArray, vectors: FloatArray, groups: int):  # type: ignore[no-untyped-def]
+    """Eliminate the gradients of each block; return its equations of the biases.
+
+    The third result is a function that gives the gradients (blocks, 2) for given biases.
+    """
+    own, both, inner = matrices[:, :groups, :groups], matrices[:, :groups, groups:], None
+    if matrices.shape[1] == groups:
+        return own, vectors, lambda biases: np.zeros((len(matrices), 0))
+    inner = np.linalg.pinv(matrices[:, groups:, groups:], hermitian=True)
+    carried = both @ inner
+    matrix = own - carried @ both.transpose(0, 2, 1)
+    vector = vectors[:, :groups] - (carried @ vectors[:, groups:, np.newaxis])[..., 0]
+
+    def local(biases: FloatArray) -> FloatArray:
+        right = vectors[:, groups:] - np.einsum("bgi,g->bi", both, biases)
+        return np.asarray((inner @ right[..., np.newaxis])[..., 0])
+
+    return matrix, vector, local
+
+
+def _solution(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(matrix, vector))
+    except np.linalg.LinAlgError:
+        raise ReceiverBiasError(
+            "receiver bias: the satellites are all at the same elevation, or a group has no pairs"
+        ) from None
+
+
+def _jackknife(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return the sigmas of the solution, from leaving out one block after the other."""
+    count = len(matrices)
+    if count < 2:
+        return np.full(vectors.shape[1], np.inf)
+    matrix, vector = matrices.sum(axis=0), vectors.sum(axis=0)
+    left_out = np.array(
+        [
+            np.linalg.lstsq(matrix - one, vector - other)[0]
+            for one, other in zip(matrices, vectors, strict=True)
+        ]
+    )
+    deviation = left_out - left_out.mean(axis=0)
+    return np.asarray(np.sqrt((count - 1) / count * (deviation**2).sum(axis=0)))

@@ -1,0 +1,1 @@
+"""Electron density between two spacecraft, and the integers that it rests on."""

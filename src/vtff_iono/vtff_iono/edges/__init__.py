@@ -1,0 +1,1 @@
+"""Edges of irregularity regions, seen by one or two spacecraft."""

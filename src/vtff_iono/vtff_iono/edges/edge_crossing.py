@@ -1,0 +1,376 @@
+"""When each of two spacecraft crosses an edge, from the slopes of their slant contents.
+
+In a dense layer the content of a satellite at elevation E changes by N dh / sin(E) while the
+spacecraft climbs by dh; in an empty one it does not. The edge is where that begins or ends.
+
+Scintillation moves contents by 0.06 TECU for seconds at a time, which hides the change. But its
+pattern is nearly frozen: the spacecraft that comes second meets it a lag later, so that it cancels
+in the lagged difference of the two,
+
+    D(t) = S_deputy(t + lag) - S_chief(t),
+
+while the two changes of slope remain: they happen at an altitude, not at a place. D and the mean of
+the same two, M, have independent noise. Both are fitted together, each weighted by the density of
+its noise at low frequencies, which its own residuals show. The altitude at which each spacecraft
+crosses is a parameter of its own; the times follow from the motion. Without scintillation the fit
+is that of each spacecraft by itself, because D and M then only are another basis of the two.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import least_squares
+
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.scintillation.fluctuation_lag import series_lag
+
+__all__ = ["ContentSeries", "EdgeCrossing", "fit_edge_crossings"]
+
+_ELEVATION_MINIMUM = math.radians(10.0)
+_LARGEST_LAG = 5.0
+# Second differences over this time show scintillation; a change of slope is short in them.
+_DIFFERENCE = 0.5
+_LEAST_CORRELATION = 0.5
+# Part of the window in which a satellite must be seen, and mean of noise that is formed of it.
+_COVERAGE = 0.7
+_NOISE_INTERVAL = 1.0
+# Polynomial of each satellite in time, besides a constant of each arc: what lies above the layer,
+# and its mapping.
+_DEGREE = 2
+_FITS = 3
+_SEARCH = 500.0
+_SEARCH_STEP = 50.0
+# The fit has gone astray if it ends farther from where the density has shown the edge.
+_FARTHEST = 1000.0
+_LEAST_SIGNIFICANCE = 5.0
+# What the model leaves out, m: an edge 100 m wide, and the third order of density with depth.
+_MODEL_SIGMA = 5.0
+# Depths are in km and altitudes in units of 100 m, so that all parameters are near one.
+_DEPTH_UNIT = 1e3
+_ALTITUDE_UNIT = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class ContentSeries:
+    """Contents that one spacecraft sees of m satellites at n even instants.
+
+    Parameters
+    ----------
+    altitude : ndarray, shape (n,)
+        Of the spacecraft above the ellipsoid, m; NaN where unknown.
+    stec : ndarray, shape (m, n)
+        From phases, TECU; each arc has a constant of its own. NaN where there is none.
+    arc : ndarray of int, shape (m, n)
+        Positive; 0 where there is no phase.
+    elevation : ndarray, shape (m, n)
+        rad.
+    """
+
+    altitude: FloatArray
+    stec: FloatArray
+    arc: npt.NDArray[np.int64]
+    elevation: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class EdgeCrossing:
+    """An edge as chief and deputy have crossed it.
+
+    Parameters
+    ----------
+    time, time_sigma : ndarray, shape (2,)
+        s, in the origin of the samples.
+    altitude : ndarray, shape (2,)
+        m.
+    density : float
+        Next to the edge, on its dense side, less that of the other side, electrons per cubic metre.
+    significance : float
+        Square root of the drop of chi-square that the edge makes.
+    lag : float
+        At which the deputy meets the pattern of the chief, s; 0 without scintillation.
+    """
+
+    time: FloatArray
+    time_sigma: FloatArray
+    altitude: FloatArray
+    density: float
+    significance: float
+    lag: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Satellite:
+    """Lagged difference and mean of a satellite with what they depend on; k samples.
+
+    Parameters
+    ----------
+    nuisance : ndarray, shape (k, p)
+        Orthonormal: constants of the arcs and polynomial.
+    observed : ndarray, shape (2, k)
+        D and M, the nuisance removed, TECU.
+    altitude, path : ndarray, shape (2, k)
+        Of chief and deputy: altitude, m, and path of the ray in a layer over its height.
+    """
+
+    nuisance: FloatArray
+    observed: FloatArray
+    altitude: FloatArray
+    path: FloatArray
+
+    def change(self, altitude: FloatArray, dense_side: float, power: int) -> FloatArray:
+        """Return what a density that grows with a power of depth adds to D and M, (2, k)."""
+        depth = np.maximum(dense_side * (self.altitude - altitude[:, np.newaxis]), 0.0)
+        single = self.path * (depth / _DEPTH_UNIT) ** power
+        return _without(self.nuisance, _difference_and_mean(single))
+
+
+def fit_edge_crossings(
+    time: npt.ArrayLike,
+    chief: ContentSeries,
+    deputy: ContentSeries,
+    altitude: float,
+    is_dense_above: bool,
+    half_window: float = 40.0,
+) -> EdgeCrossing | None:
+    """Return when chief and deputy cross an edge; None if their contents do not show it.
+
+    Parameters
+    ----------
+    time : array_like, shape (n,)
+        Even instants, s.
+    chief, deputy : ContentSeries
+        The same satellites in the same rows.
+    altitude : float
+        Where the edge is, to some hundred metres, m.
+    is_dense_above : bool
+        Whether the dense side of the edge is above it.
+    half_window : float
+        How far the fit reaches, s.
+    """
+    instants = np.asarray(time, dtype=float)
+    if len(instants) < 3 or not len(chief.stec):
+        return None
+    interval = float(instants[1] - instants[0])
+    lag = _pattern_lag(chief, deputy, interval)
+    later = _lagged(deputy, lag / interval)
+    middle = _crossing(instants, 0.5 * (chief.altitude + later.altitude), altitude)
+    if not math.isfinite(middle):
+        return None
+    window = np.abs(instants - middle) <= half_window
+    satellites = _satellites(instants - middle, chief, later, window, half_window)
+    if not satellites:
+        return None
+    dense_side = 1.0 if is_dense_above else -1.0
+    samples = max(1, round(_NOISE_INTERVAL / interval))
+    fitted = _fit(satellites, altitude, dense_side, samples)
+    if fitted is None:
+        return None
+    altitudes, sigma, change, significance = fitted
+    # Contents are those above a spacecraft: they fall while it climbs.
+    density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
+    far = float(np.abs(altitudes - altitude).max())
+    if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and far <= _FARTHEST):
+        return None
+    series = (chief.altitude, deputy.altitude)
+    times = [_crossing(instants, one, at) for one, at in zip(series, altitudes, strict=True)]
+    speeds = [_speed(instants, one, at) for one, at in zip(series, times, strict=True)]
+    if not np.isfinite(times + speeds).all():
+        return None
+    return EdgeCrossing(
+        time=np.array(times),
+        time_sigma=np.hypot(sigma, _MODEL_SIGMA) / np.abs(speeds),
+        altitude=altitudes,
+        density=density,
+        significance=significance,
+        lag=lag,
+    )
+
+
+def _difference_and_mean(pair: FloatArray) -> FloatArray:
+    """Return deputy less chief, and their mean, of rows chief and deputy."""
+    return np.stack((pair[1] - pair[0], 0.5 * (pair[0] + pair[1])))
+
+
+def _without(basis: FloatArray, rows: FloatArray) -> FloatArray:
+    return np.asarray(rows - (rows @ basis) @ basis.T)
+
+
+def _pattern_lag(chief: ContentSeries, deputy: ContentSeries, interval: float) -> float:
+    """Return the lag at which the deputy meets the scintillation of the chief, s; 0 if none."""
+    step = max(1, round(_DIFFERENCE / interval))
+    found = series_lag(
+        _second_difference(chief, step),
+        _second_difference(deputy, step),
+        1.0 / interval,
+        _LARGEST_LAG,
+    )
+    return found.lag if found.correlation > _LEAST_CORRELATION else 0.0
+
+
+def _second_difference(series: ContentSeries, step: int) -> FloatArray:
+    """Return second differences of contents within arcs, zero where there is none."""
+    stec, arc = series.stec, series.arc
+    change = stec[:, 2 * step :] - 2.0 * stec[:, step:-step] + stec[:, : -2 * step]
+    whole = (arc[:, 2 * step :] == arc[:, step:-step]) & (arc[:, step:-step] == arc[:, : -2 * step])
+    return np.where(whole & np.isfinite(change), change, 0.0)
+
+
+def _lagged(series: ContentSeries, samples: float) -> ContentSeries:
+    """Return a series so many samples later, between samples by straight lines."""
+    whole = math.floor(samples)
+    part = samples - whole
+
+    def moved(rows: FloatArray) -> FloatArray:
+        one, other = _shifted(rows, whole, np.nan), _shifted(rows, whole + 1, np.nan)
+        return one if part == 0.0 else (1.0 - part) * one + part * other
+
+    arc = _shifted(series.arc, whole, 0)
+    if part > 0.0:
+        arc = np.where(arc == _shifted(series.arc, whole + 1, 0), arc, 0)
+    return ContentSeries(moved(series.altitude), moved(series.stec), arc, moved(series.elevation))
+
+
+def _shifted(rows: npt.NDArray, samples: int, fill: float) -> npt.NDArray:  # type: ignore[type-arg]
+    """Return rows whose sample i is the old sample i + samples."""
+    result = np.full_like(rows, fill)
+    count = rows.shape[-1]
+    kept = max(0, count - abs(samples))
+    begin = max(0, samples)
+    result[..., begin - samples : begin - samples + kept] = rows[..., begin : begin + kept]
+    return result
+
+
+def _crossing(time: FloatArray, altitude: FloatArray, at: float) -> float:
+    """Return when a monotonic altitude reaches a value; NaN if it is unknown."""
+    known = np.isfinite(altitude)
+    if np.count_nonzero(known) < 2:
+        return math.nan
+    seconds, heights = time[known], altitude[known]
+    order = 1 if heights[-1] > heights[0] else -1
+    return float(np.interp(at, heights[::order], seconds[::order], left=np.nan, right=np.nan))
+
+
+def _speed(time: FloatArray, altitude: FloatArray, at: float) -> float:
+    """Return the vertical speed at a time, m/s, from two seconds around it."""
+    known = np.isfinite(altitude)
+    before, after = np.interp([at - 1.0, at + 1.0], time[known], altitude[known])
+    return float(0.5 * (after - before)) or math.nan
+
+
+def _satellites(
+    place: FloatArray,
+    chief: ContentSeries,
+    later: ContentSeries,
+    window: npt.NDArray[np.bool_],
+    half_window: float,
+) -> list[_Satellite]:
+    """Return what both spacecraft have seen of each satellite in a window."""
+    found = []
+    altitudes = np.stack((chief.altitude, later.altitude))
+    usable = window & np.isfinite(altitudes).all(axis=0)
+    for row in range(len(chief.stec)):
+        stec = np.stack((chief.stec[row], later.stec[row]))
+        elevation = np.stack((chief.elevation[row], later.elevation[row]))
+        arcs = np.stack((chief.arc[row], later.arc[row]))
+        good = usable & (arcs > 0).all(axis=0) & np.isfinite(stec + elevation).all(axis=0)
+        if np.count_nonzero(good) < _COVERAGE * np.count_nonzero(window):
+            continue
+        if elevation[:, good].min() < _ELEVATION_MINIMUM:
+            continue
+        _, arc = np.unique(arcs[:, good], axis=1, return_inverse=True)
+        constants = np.eye(arc.max() + 1)[arc.ravel()]
+        powers = np.vander(place[good] / half_window, _DEGREE + 1)[:, :-1]
+        nuisance, _ = np.linalg.qr(np.column_stack((constants, powers)))
+        found.append(
+            _Satellite(
+                nuisance=nuisance,
+                observed=_without(nuisance, _difference_and_mean(stec[:, good])),
+                altitude=altitudes[:, good],
+                path=1.0 / np.sin(elevation[:, good]),
+            )
+        )
+    return found
+
+
+def _fit(
+    satellites: list[_Satellite], altitude: float, dense_side: float, samples: int
+) -> tuple[FloatArray, FloatArray, float, float] | None:
+    """Return altitudes of the crossings, their sigmas, change of content per km, significance."""
+    sigma = np.ones((len(satellites), 2))
+
+    def residuals(offset: FloatArray) -> FloatArray:
+        return _solution(satellites, sigma, altitude + _ALTITUDE_UNIT * offset, dense_side)[0]
+
+    offset = np.zeros(2)
+    for turn in range(_FITS):
+        at = altitude + _ALTITUDE_UNIT * offset
+        sigma = _noise(satellites, sigma, residuals(offset), samples)
+        if turn == 0:
+            common = np.arange(-_SEARCH, _SEARCH + 1.0, _SEARCH_STEP) / _ALTITUDE_UNIT
+            costs = [float(np.sum(residuals(np.full(2, one)) ** 2)) for one in common]
+            offset = np.full(2, common[int(np.argmin(costs))])
+        fit = least_squares(residuals, offset, method="lm", diff_step=1e-3, max_nfev=60)
+        offset = fit.x
+    information = fit.jac.T @ fit.jac
+    if not np.linalg.cond(information) < 1e12:
+        return None
+    at = altitude + _ALTITUDE_UNIT * offset
+    _, change, significance = _solution(satellites, sigma, at, dense_side)
+    spread = _ALTITUDE_UNIT * np.sqrt(np.diag(np.linalg.inv(information)))
+    return at, spread, change, significance
+
+
+def _solution(
+    satellites: list[_Satellite], sigma: FloatArray, altitude: FloatArray, dense_side: float
+) -> tuple[FloatArray, float, float]:
+    """Return residuals over their sigmas, change of content per km and significance.
+
+    The density next to the edge and its gradient are estimated; they are common to all.
+    """
+    observed = np.concatenate(
+        [
+            (one.observed / s[:, np.newaxis]).ravel()
+            for one, s in zip(satellites, sigma, strict=True)
+        ]
+    )
+    design = np.stack(
+        [
+            np.concatenate(
+                [
+                    (one.change(altitude, dense_side, power) / s[:, np.newaxis]).ravel()
+                    for one, s in zip(satellites, sigma, strict=True)
+                ]
+            )
+            for power in (1, 2)
+        ],
+        axis=-1,
+    )
+    change, *_ = np.linalg.lstsq(design, observed, rcond=None)
+    residual = observed - design @ change
+    drop = float(observed @ observed - residual @ residual)
+    return residual, float(change[0]), math.sqrt(max(0.0, drop))
+
+
+def _noise(
+    satellites: list[_Satellite], sigma: FloatArray, residual: FloatArray, samples: int
+) -> FloatArray:
+    """Return the sigmas, (m, 2), of white noise as dense as residuals are at low frequencies."""
+    result = np.empty_like(sigma)
+    begin = 0
+    for row, one in enumerate(satellites):
+        count = len(one.nuisance)
+        for column in (0, 1):
+            part = residual[begin : begin + count] * sigma[row, column]
+            begin += count
+            white = float(np.mean(np.diff(part) ** 2)) / 2.0
+            whole = count // samples
+            means = part[: whole * samples].reshape(whole, samples).mean(axis=1)
+            freedom = max(1, whole - one.nuisance.shape[1])
+            slow = float(np.sum(means**2)) / freedom * samples
+            result[row, column] = math.sqrt(max(white, slow, 1e-12))
+    return result

@@ -1,0 +1,1 @@
+"""Geometry of signals in the ionosphere: pierce points, mapping to the vertical."""

@@ -1,0 +1,228 @@
+"""Mapping of slant to vertical electron content, and where rays pierce a shell.
+
+The mapping factor M is slant over vertical content. Three ways to get it:
+
+- `thin_shell_mapping` for a receiver below the ionosphere;
+- `foelsche_kirchengast_mapping` for one inside it: all electrons above the receiver are taken as a
+  slab of constant density and of a thickness of the order of the shell height. The best height
+  depends on how much of the layer is above, see `shell_height`;
+- `profile_mapping` from a density profile, exact for spherical symmetry.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.links.compiled import compiled
+
+__all__ = [
+    "GROUND_SHELL_HEIGHT",
+    "LOWEST_ORBIT",
+    "distance_to_altitude",
+    "foelsche_kirchengast_mapping",
+    "mapping_factor",
+    "pierce_point",
+    "profile_content",
+    "profile_mapping",
+    "shell_height",
+    "thin_shell_mapping",
+]
+
+GROUND_SHELL_HEIGHT = 450e3
+"""m; height of the thin shell of the global ionosphere maps (IONEX products of the IGS)."""
+
+LOWEST_ORBIT = 150e3
+"""m; a receiver below it is treated as one on the ground: the E and F layers are above."""
+
+# Height above the orbit with the smallest error of the Foelsche-Kirchengast factor, integrated
+# through PyIRI profiles of Jicamarca, 2016-03-21, F10.7 = 90; then the error is below 1.5 %.
+_ORBIT_ALTITUDE = np.array([200e3, 250e3, 300e3, 350e3, 400e3, 470e3, 550e3, 700e3])
+_SHELL_HEIGHT = np.array([550e3, 430e3, 340e3, 310e3, 360e3, 550e3, 850e3, 1420e3])
+
+
+def shell_height(altitude: npt.ArrayLike) -> FloatArray:
+    """Return the height above the receiver, m, to be given to `foelsche_kirchengast_mapping`.
+
+    Parameters
+    ----------
+    altitude : array_like
+        Altitude of the receiver, m. It is the altitude relative to the peak of the layer (378 km
+        in the underlying profile) that counts; near the peak the height is smallest, far above it
+        the topside decays slowly. Outside 200 to 700 km the last value is kept.
+    """
+    return np.asarray(np.interp(np.asarray(altitude, dtype=float), _ORBIT_ALTITUDE, _SHELL_HEIGHT))
+
+
+def foelsche_kirchengast_mapping(
+    elevation: npt.ArrayLike, radius: npt.ArrayLike, height: npt.ArrayLike
+) -> FloatArray:
+    """Return slant over vertical content for a receiver inside the ionosphere.
+
+    Parameters
+    ----------
+    elevation : array_like
+        rad.
+    radius : array_like
+        Distance of the receiver from the centre of the Earth, m.
+    height : array_like
+        Height of the shell above the receiver, m.
+
+    References
+    ----------
+    Foelsche and Kirchengast (2002), A simple "geometric" mapping function for the hydrostatic delay
+    at radio frequencies, Geophys. Res. Lett. 29(10), 1473.
+    """
+    ratio = (np.asarray(radius, dtype=float) + height) / radius
+    sine, cosine = np.sin(elevation), np.cos(elevation)
+    return np.asarray((1.0 + ratio) / (sine + np.sqrt(ratio**2 - cosine**2)))
+
+
+def thin_shell_mapping(
+    elevation: npt.ArrayLike,
+    radius: npt.ArrayLike = WGS84_SEMI_MAJOR_AXIS,
+    height: npt.ArrayLike = GROUND_SHELL_HEIGHT,
+) -> FloatArray:
+    """Return slant over vertical content for a thin shell `height` above the receiver.
+
+    Arguments as in `foelsche_kirchengast_mapping`; M = 1 / sqrt(1 - (r cos E / (r + h))^2).
+    """
+    ratio = np.asarray(radius, dtype=float) / (np.asarray(radius, dtype=float) + height)
+    return np.asarray(1.0 / np.sqrt(1.0 - (ratio * np.cos(elevation)) ** 2))
+
+
+def mapping_factor(
+    elevation: npt.ArrayLike, radius: npt.ArrayLike, altitude: npt.ArrayLike
+) -> FloatArray:
+    """Return the factor that suits the altitude of the receiver: on the ground or in orbit.
+
+    Parameters
+    ----------
+    elevation, radius : array_like
+        As in `foelsche_kirchengast_mapping`.
+    altitude : array_like
+        Altitude of the receiver above the ellipsoid, m.
+    """
+    altitude = np.asarray(altitude, dtype=float)
+    # Both are computed for all; of a receiver in orbit the first one is not used.
+    above = np.where(altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT - altitude, GROUND_SHELL_HEIGHT)
+    ground = thin_shell_mapping(elevation, radius, above)
+    orbit = foelsche_kirchengast_mapping(elevation, radius, shell_height(altitude))
+    return np.where(altitude < LOWEST_ORBIT, ground, orbit)
+
+
+def profile_content(
+    elevation: npt.ArrayLike, radius: npt.ArrayLike, altitude: FloatArray, density: FloatArray
+) -> FloatArray:
+    """Return the slant content, TECU, of rays through a density that depends on altitude only.
+
+    Parameters
+    ----------
+    elevation, radius : array_like, broadcast to shape (...)
+        Elevation, rad, above zero; distance of the receiver from the centre of symmetry, m.
+    altitude : ndarray, shape (n,)
+        Altitudes of the table above the sphere of radius `WGS84_SEMI_MAJOR_AXIS`, m, increasing.
+    density : ndarray, shape (n,)
+        Electrons per cubic metre; linear in between, zero outside.
+
+    Notes
+    -----
+    With p = r cos E the path element is r' dr' / sqrt(r'^2 - p^2), whose integral over an interval
+    of constant density is the difference of sqrt(r'^2 - p^2); the density of an interval is the
+    mean of its two ends.
+    """
+    elevation, radius = np.broadcast_arrays(
+        np.asarray(elevation, dtype=float), np.asarray(radius, dtype=float)
+    )
+    content: FloatArray = _profile_contents(
+        (radius * np.cos(elevation)).ravel(), radius.ravel(), altitude, density
+    )
+    return content.reshape(elevation.shape)
+
+
+@compiled
+def _profile_contents(
+    perigee: FloatArray, radius: FloatArray, altitude: FloatArray, density: FloatArray
+) -> FloatArray:
+    """Return the contents, TECU, of rays by their perigees and starts, m, shape (n,) each."""
+    contents = np.zeros(len(perigee))
+    for ray in range(len(perigee)):
+        start, square = radius[ray], perigee[ray] ** 2
+        first = np.searchsorted(altitude, start - WGS84_SEMI_MAJOR_AXIS)
+        if first == len(altitude):
+            continue
+        # The interval in which the receiver lies begins at the receiver, with the density there.
+        before, density_before = math.sqrt(max(start**2 - square, 0.0)), 0.0
+        if first > 0:
+            part = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
+            part /= altitude[first] - altitude[first - 1]
+            density_before = density[first - 1] + part * (density[first] - density[first - 1])
+        content = 0.0
+        for edge in range(first, len(altitude)):
+            distance = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
+            if edge > 0:
+                content += 0.5 * (density_before + density[edge]) * (distance - before)
+            before, density_before = distance, density[edge]
+        contents[ray] = content / ELECTRONS_PER_TECU
+    return contents
+
+
+def profile_mapping(
+    elevation: npt.ArrayLike, radius: npt.ArrayLike, altitude: FloatArray, density: FloatArray
+) -> FloatArray:
+    """Return slant over vertical content of `profile_content`; NaN without electrons above."""
+    slant = profile_content(elevation, radius, altitude, density)
+    vertical = profile_content(np.full_like(slant, 0.5 * np.pi), radius, altitude, density)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        return np.asarray(slant / np.where(vertical > 0.0, vertical, np.nan))
+
+
+def distance_to_altitude(
+    position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
+) -> FloatArray:
+    """Return how far receivers are, along rays, from the ellipsoid `altitude` above WGS-84.
+
+    Parameters
+    ----------
+    position_receiver_itrf, direction_itrf : array_like, shapes that broadcast to (..., 3)
+        Receivers, m, and unit vectors towards the satellites.
+    altitude : array_like, shape that broadcasts with (...)
+        m. The surface has half axes longer by it; it is that of constant geodetic height within
+        6 m at 500 km.
+
+    Returns
+    -------
+    ndarray, shape (...)
+        m; NaN where the ray does not pass the surface upwards, as for a receiver above it.
+    """
+    altitude = np.asarray(altitude, dtype=float)
+    equatorial = WGS84_SEMI_MAJOR_AXIS + altitude
+    polar = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING) + altitude
+    stretch = np.stack((1.0 / equatorial, 1.0 / equatorial, 1.0 / polar), axis=-1)
+    start = np.asarray(position_receiver_itrf, dtype=float) * stretch
+    along = np.asarray(direction_itrf, dtype=float) * stretch
+    square = (along * along).sum(axis=-1)
+    middle = (start * along).sum(axis=-1)
+    inside = (start * start).sum(axis=-1) - 1.0
+    with np.errstate(invalid="ignore"):
+        distance = (-middle + np.sqrt(middle**2 - square * inside)) / square
+    return np.where(inside <= 0.0, distance, np.nan)
+
+
+def pierce_point(
+    position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
+) -> FloatArray:
+    """Return where rays leave the ellipsoid that lies `altitude` above WGS-84, ITRF, m.
+
+    Arguments and shapes as in `distance_to_altitude`; shape (..., 3), NaN where that is NaN.
+    """
+    distance = distance_to_altitude(position_receiver_itrf, direction_itrf, altitude)
+    receiver = np.asarray(position_receiver_itrf, dtype=float)
+    direction = np.asarray(direction_itrf, dtype=float)
+    point: FloatArray = receiver + distance[..., np.newaxis] * direction
+    return point

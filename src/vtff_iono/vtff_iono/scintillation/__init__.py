@@ -1,0 +1,1 @@
+"""Scintillation: S4, sigma-phi, and the lag between two receivers."""

@@ -1,0 +1,147 @@
+"""Scintillating phases in the relative filter: more noise, not slips, and no wrong integers."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from cdgps_test_support import CHIEF, START, configuration, fly, simulate
+from cdgps_truth_support import wrong_integers
+from scipy.spatial.transform import Rotation
+
+from vtff_nav.relative.cdgps.measurement_faults import without_faults
+from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
+from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
+
+WAVELENGTH, STATED, LIMIT = 0.19, 2e-6, 5.0
+COUNT = 8
+
+
+def everywhere(s4: float) -> IrregularityRegion:
+    """Return plasma that scintillates around the spacecraft at all local times."""
+    quarter = 0.5 * math.pi
+    return IrregularityRegion("all", -quarter, quarter, 0.0, 24.0, 450e3, 700e3, s4, 0.5)
+
+
+def behind(seconds: float) -> np.ndarray:
+    """Return the state of a deputy that passes where the chief does, later."""
+    normal = np.cross(CHIEF[:3], CHIEF[3:])
+    rate = np.linalg.norm(normal) / (CHIEF[:3] @ CHIEF[:3])
+    turn = Rotation.from_rotvec(-seconds * rate * normal / np.linalg.norm(normal))
+    return np.concatenate((turn.apply(CHIEF[:3]), turn.apply(CHIEF[3:])))
+
+
+def differences(phase: np.ndarray) -> SingleDifferences:
+    """Return L1 phases of `COUNT` satellites, with codes that say nothing."""
+    empty = np.zeros(COUNT)
+    return SingleDifferences(
+        keys=[SignalKey(0, prn, 1, ord("C")) for prn in range(1, COUNT + 1)],
+        satellite=np.arange(COUNT),
+        wavelength=np.full(COUNT, WAVELENGTH),
+        frequency_hz=np.full(COUNT, 1575.42e6),
+        code=empty,
+        phase=phase,
+        code_variance=np.full(COUNT, 1e4),
+        phase_variance=np.full(COUNT, STATED),
+        range_rate=empty,
+        is_parity_known=np.ones(COUNT, dtype=bool),
+        half_cycles=np.zeros(COUNT, dtype=np.int64),
+        is_lock_lost=np.zeros(COUNT, dtype=bool),
+        lock_time=np.zeros((2, COUNT)),
+    )
+
+
+def innovation_of(measured: SingleDifferences):
+    """Return the innovation where all phases have one unknown mean, and codes another."""
+    state = GaussianState([("code",)], np.zeros(1), np.eye(1))
+    design = np.repeat([[1.0], [0.0]], COUNT, axis=0)
+    nuisance = np.repeat([[0.0], [1.0]], COUNT, axis=0)
+    values = np.concatenate((measured.code, measured.phase))
+    variances = np.concatenate((measured.code_variance, measured.phase_variance))
+    return state.innovation(design, values, variances, nuisance)
+
+
+def learned(sigma: np.ndarray, epochs: int, scatter: PhaseScatter, seed: int) -> PhaseScatter:
+    """Show phases of some sigmas to a scatter."""
+    random = np.random.default_rng(seed)
+    for epoch in range(epochs):
+        stated = differences(sigma * random.standard_normal(COUNT))
+        measured = scatter.with_scatter(stated)
+        judged = without_faults(
+            innovation_of(measured), measured, scatter.scattered(measured), LIMIT
+        )
+        raised = judged.innovation.noise[COUNT:] > measured.phase_variance
+        scatter.learn(START + float(epoch), stated, judged.innovation, raised)
+    return scatter
+
+
+def test_quiet_phases_are_believed():
+    scatter = learned(np.full(COUNT, math.sqrt(STATED)), 2000, PhaseScatter(), 1)
+    quiet = differences(np.zeros(COUNT))
+    assert scatter.with_scatter(quiet) is quiet
+
+
+@pytest.mark.parametrize("scattered", [3e-3, 9e-3, 20e-3])
+def test_variances_are_followed(scattered):
+    """Up where there is scatter, and only there; back when it is over."""
+    sigma = np.full(COUNT, math.sqrt(STATED))
+    noisy = np.where(np.arange(COUNT) < 3, scattered, sigma)
+    scatter, found = PhaseScatter(), []
+    for block in range(200):
+        learned(noisy, 10, scatter, block)
+        found.append(scatter.with_scatter(differences(np.zeros(COUNT))).phase_variance)
+    mean = np.mean(found, axis=0)
+    assert np.all(mean[3:] < 1.2 * STATED)
+    assert np.sqrt(mean[:3]) == pytest.approx(scattered, rel=0.2)
+    learned(sigma, 150, scatter, 1)
+    assert not scatter.scattered(differences(np.zeros(COUNT))).any()
+
+
+def test_slow_change_is_no_scatter():
+    """Residuals that motion or plasma shifts step by step do not pass for noise."""
+    drift, scatter = np.where(np.arange(COUNT) < 2, 0.3e-3, 0.0), PhaseScatter()
+    random = np.random.default_rng(3)
+    for epoch in range(20):
+        phase = epoch * drift + math.sqrt(STATED) * random.standard_normal(COUNT)
+        measured = differences(phase)
+        innovation = innovation_of(measured)
+        scatter.learn(START + float(epoch), measured, innovation, np.zeros(COUNT, bool))
+    assert np.abs(innovation.normalised[COUNT : COUNT + 2]).max() > 2.0
+    assert not scatter.scattered(measured).any()
+
+
+def test_slip_and_scatter():
+    """Less than a quarter of a cycle is noise, more is a slip, whatever noise is known of."""
+    measured = differences(np.zeros(COUNT))
+    measured.phase[1], measured.phase[4] = 0.24 * WAVELENGTH, -0.5 * WAVELENGTH
+    judged = without_faults(innovation_of(measured), measured, np.zeros(COUNT, bool), LIMIT)
+    assert sorted(judged.odd) == [1, 4]
+    assert judged.satellites(measured) == 2
+    assert np.flatnonzero(~judged.innovation.is_used).tolist() == [COUNT + 4]
+    assert judged.innovation.noise[COUNT + 1] > (0.2 * WAVELENGTH) ** 2
+    measured.phase_variance[4] = (0.2 * WAVELENGTH) ** 2
+    for is_known in (False, True):
+        scattered = np.full(COUNT, is_known)
+        judged = without_faults(innovation_of(measured), measured, scattered, LIMIT)
+        assert judged.innovation.is_used[COUNT + 4] != is_known
+
+
+def test_epochs_to_average():
+    assert epochs_to_average(STATED, WAVELENGTH, 0.05) == 1
+    assert epochs_to_average((0.1 * WAVELENGTH) ** 2, WAVELENGTH, 0.05) == 4
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_scintillation(seed):
+    """Weak enough that no phase runs around a fade: every integer right, every epoch fixed."""
+    scenario = simulate(120, behind(2.0), seed, regions=[everywhere(0.25)])
+    flight = fly(scenario, configuration())
+    wrong = [wrong_integers(scenario.truth, k, s) for k, s in enumerate(flight.solutions)]
+    assert not any(wrong)
+    assert flight.is_fixed[60:].all()
+    # Noise of 5 and 9 mm on each carrier instead of 1.4 mm.
+    assert flight.rms() < 10e-3
+    assert not any(s.degraded for s in flight.solutions[60:])

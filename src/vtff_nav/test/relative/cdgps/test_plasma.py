@@ -1,0 +1,74 @@
+"""The layers of plasma against the slant content that the emulator integrates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cdgps_test_support import CHIEF, DEPUTY_5KM, DEPUTY_250M, NAVIGATION, START, require_data
+
+from vtff_dynamics.frames.frames import state_gcrf_to_itrf
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.orbits.line_of_sight import lines_of_sight
+from vtff_gnss.rinex.navigation import read_rinex_navigation
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths
+from vtff_sim_bridge.atmosphere.density_models import (
+    ChapmanLayer,
+    chapman_profile,
+    constant_profile,
+)
+from vtff_sim_bridge.atmosphere.slant_tec import SlantTecIntegrator
+
+LAYERS = CdgpsConfiguration().plasma_layers
+
+
+def differential(profile, deputy):
+    """Return differential slant TEC of the integrator and the paths of the layers."""
+    require_data()
+    table = EphemerisStore(read_rinex_navigation(NAVIGATION).ephemerides).table(START)
+    states = np.array([state_gcrf_to_itrf(START, state) for state in (CHIEF, deputy)])
+    seen = lines_of_sight(table, START, np.zeros(2), states[:, :3], states[:, 3:])
+    integrator = SlantTecIntegrator(profile)
+    content = integrator.slant_tec_tecu(states[:, :3], seen.position_satellite_itrf)
+    is_high = seen.elevation[0] > np.radians(5.0)
+    altitude = integrator.altitude(states[:, :3])
+    rise = float(altitude[1] - altitude[0])
+    radius = float(np.linalg.norm(states[0, :3]))
+    paths = plasma_paths(radius, rise, seen.elevation[:, is_high], LAYERS)
+    return (content[1] - content[0])[is_high], paths
+
+
+@pytest.mark.parametrize(
+    ("deputy", "bound"), [(DEPUTY_250M, 2e-4), (DEPUTY_5KM, 3e-3)], ids=["250 m", "5 km"]
+)
+@pytest.mark.parametrize(
+    "profile",
+    [
+        constant_profile(5e11, 450e3, 800e3),
+        chapman_profile([ChapmanLayer(9e11, 378e3, 35e3, 55e3)]),
+        chapman_profile([ChapmanLayer(1.5e12, 400e3, 40e3, 110e3)]),
+    ],
+    ids=["constant", "reference", "thick"],
+)
+def test_layers_reproduce_profiles(profile, deputy, bound):
+    """Least squares of the layers leaves less than 0.2 (5 km: 3) mTECU above 5 deg."""
+    content, paths = differential(profile, deputy)
+    densities, *_ = np.linalg.lstsq(paths, content, rcond=None)
+    assert np.abs(content - paths @ densities).max() < bound
+
+
+def test_constant_layer_is_exact_at_the_equator():
+    """A layer of the model is the layer of the integrator where the Earth is round."""
+    altitude = float(np.linalg.norm(CHIEF[:3])) - 6378137.0
+    thickness = LAYERS[1]
+    profile = constant_profile(DENSITY_UNIT, 300e3, altitude + thickness)
+    content, paths = differential(profile, DEPUTY_250M)
+    np.testing.assert_allclose(content, paths[:, 1], rtol=5e-3)
+
+
+def test_equal_receivers_see_no_difference():
+    elevation = np.radians([[5.0, 40.0, 90.0]] * 2)
+    np.testing.assert_allclose(plasma_paths(6.93e6, 0.0, elevation, LAYERS), 0.0, atol=1e-9)
+    rise = plasma_paths(6.93e6, 1000.0, elevation, LAYERS)
+    # At the zenith what lies between the altitudes is all.
+    np.testing.assert_allclose(rise[2], -1000.0 * DENSITY_UNIT / 1e16, rtol=1e-9)

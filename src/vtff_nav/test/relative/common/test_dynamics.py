@@ -1,0 +1,137 @@
+"""Motion of chief and difference between epochs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from cdgps_test_support import CHIEF, DEPUTY_5KM, J2, START
+
+from vtff_dynamics.frames.frames import rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_dynamics.orbit.propagator import Propagator
+from vtff_nav.relative.common.dynamics import (
+    MotionNoise,
+    OrbitalMotion,
+    TerrestrialMotion,
+    ThrustInterval,
+    empirical_noise,
+)
+
+NOISE = MotionNoise(empirical_sigma=1e-6)
+
+
+def motion(model: ForceModel = J2, thrust_sigma: float = 0.0) -> OrbitalMotion:
+    return OrbitalMotion(model, NOISE, NOISE, thrust_relative_sigma=thrust_sigma)
+
+
+def nine(state: np.ndarray) -> np.ndarray:
+    return np.concatenate((state, np.zeros(3)))
+
+
+@pytest.mark.parametrize("model", [J2, ForceModel(degree=8, order=8, drag="harris_priester")])
+def test_follows_the_propagator(model):
+    """Both spacecraft over a minute, with the thrust of some seconds."""
+    chief, deputy = (Propagator(START, state, model) for state in (CHIEF, DEPUTY_5KM))
+    thrust = [
+        ThrustInterval(START + 10.0, 1.0, np.array([0.05, -0.02, 0.01])),
+        ThrustInterval(START + 11.0, 1.0, np.array([0.0, 0.0, -0.05])),
+    ]
+    for second in range(60):
+        acceleration = None
+        for interval in thrust:
+            if interval.start == START + float(second):
+                rotation = rotation_gcrf_to_rtn(chief.state_gcrf)
+                acceleration = rotation.T @ interval.acceleration_rtn
+        chief.advance()
+        deputy.advance(acceleration)
+    predicted = motion(model).predict(START, 60.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
+    np.testing.assert_allclose(predicted.chief[:6], chief.state_gcrf, rtol=0, atol=2e-5)
+    difference = deputy.state_gcrf - chief.state_gcrf
+    np.testing.assert_allclose(predicted.relative[:3], difference[:3], rtol=0, atol=1e-5)
+    np.testing.assert_allclose(predicted.relative[3:6], difference[3:], rtol=0, atol=1e-7)
+
+
+def test_follows_the_euler_steps_of_a_simulation():
+    """Without a residual force, thrust included, however far apart the epochs are."""
+    chief, deputy = (
+        Propagator(START, state, J2, integrator="euler") for state in (CHIEF, DEPUTY_5KM)
+    )
+    thrust = [ThrustInterval(START + 3.0, 1.0, np.array([0.05, -0.02, 0.01]))]
+    for second in range(10):
+        acceleration = None
+        if second == 3:
+            acceleration = rotation_gcrf_to_rtn(chief.state_gcrf).T @ thrust[0].acceleration_rtn
+        chief.advance()
+        deputy.advance(acceleration)
+    stepped = OrbitalMotion(J2, NOISE, NOISE, 0.0, integrator="euler", longest_step=1.0)
+    predicted = stepped.predict(START, 10.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
+    np.testing.assert_allclose(predicted.chief[:6], chief.state_gcrf, rtol=0, atol=1e-6)
+    difference = deputy.state_gcrf - chief.state_gcrf
+    np.testing.assert_allclose(predicted.relative[:6], difference, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("wrong", "text"), [({"integrator": "rk5"}, "rk5"), ({"longest_step": 0.0}, "longest_step")]
+)
+def test_integration_is_checked(wrong, text):
+    with pytest.raises(ValueError, match=text):
+        OrbitalMotion(J2, NOISE, NOISE, 0.0, **wrong)
+
+
+def test_thrust_in_the_middle_of_a_second():
+    """Intervals need not begin at epochs, nor end there."""
+    whole = [ThrustInterval(START + 0.25, 1.5, np.array([0.0, 0.04, 0.0]))]
+    once = motion().predict(START, 3.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), whole)
+    relative, chief = nine(DEPUTY_5KM - CHIEF), nine(CHIEF)
+    free = motion().predict(START, 3.0, chief, relative)
+    gained = once.relative[3:6] - free.relative[3:6]
+    along = rotation_gcrf_to_rtn(CHIEF)[1]
+    assert gained @ along == pytest.approx(0.06, rel=1e-3)
+
+
+@pytest.mark.parametrize("duration", [1.0, 30.0])
+def test_transition_is_the_derivative(duration):
+    """Finite differences; J2 is not in the matrix (0.3 percent of the gravity gradient)."""
+    relative = nine(DEPUTY_5KM - CHIEF)
+    relative[6:] = 1e-6
+    predicted = motion().predict(START, duration, nine(CHIEF), relative)
+    steps = np.repeat([10.0, 0.1, 1e-3], 3)
+    for column, step in enumerate(steps):
+        moved = relative.copy()
+        moved[column] += step
+        after = motion().predict(START, duration, nine(CHIEF), moved)
+        derivative = (after.relative - predicted.relative) / step
+        expected = predicted.transition_relative[:, column]
+        scale = np.abs(expected).max()
+        np.testing.assert_allclose(derivative, expected, rtol=0.02, atol=2e-5 * scale)
+
+
+def test_noise_of_two_steps_is_that_of_one():
+    """Q(2 dt) = Phi Q(dt) Phi' + Q(dt) of the triple integrator."""
+    axes = rotation_gcrf_to_rtn(CHIEF).T
+    phi = np.eye(9)
+    phi[:3, 3:6] = np.eye(3)
+    phi[:3, 6:] = 0.5 * axes
+    phi[3:6, 6:] = axes
+    one, two = empirical_noise(NOISE, axes, 1.0), empirical_noise(NOISE, axes, 2.0)
+    np.testing.assert_allclose(phi @ one @ phi.T + one, two, rtol=1e-9, atol=1e-30)
+    assert np.linalg.eigvalsh(one / one.max()).min() > -1e-12
+
+
+def test_error_of_thrust_is_noise():
+    thrust = [ThrustInterval(START, 1.0, np.array([0.0, 0.05, 0.0]))]
+    arguments = (START, 1.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
+    free = motion().predict(*arguments).noise_relative
+    noisy = motion(thrust_sigma=0.01).predict(*arguments).noise_relative
+    assert np.sqrt((noisy - free)[4, 4]) == pytest.approx(0.0005, rel=1e-6)
+
+
+def test_on_the_ground():
+    state = np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.0, 0.0, 0.0])
+    still = np.array([4e6, 0.0, 5e6, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0])
+    moving = TerrestrialMotion("static", "kinematic", NOISE, NOISE)
+    predicted = moving.predict(START, 2.0, still, state)
+    np.testing.assert_array_equal(predicted.chief, still)
+    np.testing.assert_allclose(predicted.relative[:3], [1.2, 2.4, 3.6])
+    assert not predicted.noise_chief.any()
+    assert predicted.noise_relative[3, 3] == pytest.approx(200.0)

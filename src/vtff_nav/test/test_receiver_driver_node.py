@@ -1,0 +1,151 @@
+"""The node by itself, without lockstep: late subscribers, end of a log, errors, diagnostics."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import time
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+
+import rclpy
+import rclpy.executors
+from domain_coordinator import domain_id
+from rclpy.parameter import Parameter
+
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.novatel import read_log
+from vtff_msgs.msg import GnssEphemeris
+from vtff_nav.receiver_driver_node import ReceiverDriverNode
+from vtff_node import diagnostics, qos
+from vtff_node.conversions.gnss import ephemeris_from_message
+from vtff_node.parameters import ParameterError
+
+SHARED = pathlib.Path(
+    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
+)
+
+
+@pytest.fixture()
+def ros():
+    """A context of this test alone, in a DDS domain that no other process uses."""
+    context = rclpy.Context()
+    with domain_id() as free_domain:
+        rclpy.init(context=context, domain_id=free_domain)
+        yield context
+        rclpy.shutdown(context=context)
+
+
+@pytest.fixture()
+def log():
+    path = SHARED / "data/oem/gavlab_test2_rcvr2.dat"
+    if not path.is_file():
+        pytest.skip(f"reference data {path} is not there")
+    return path
+
+
+def driver(context, namespace, **values):
+    overrides = [Parameter(name, value=value) for name, value in values.items()]
+    return ReceiverDriverNode(context=context, namespace=namespace, parameter_overrides=overrides)
+
+
+def run_to_end(node):
+    """Call what the node's timer calls until the node has ended."""
+    for _ in range(10_000):
+        node._feed.pump()
+        if node.finished:
+            return
+    pytest.fail("the node did not end")
+
+
+def test_a_late_subscriber_gets_every_current_ephemeris(ros, log):
+    node = driver(ros, "late_chief", port=str(log), replay_rate=0.0)
+    run_to_end(node)
+    assert node.exit_code == 0
+    received = []
+    listener = rclpy.create_node("listener", context=ros)
+    listener.create_subscription(
+        GnssEphemeris, "/late_chief/gnss/ephemeris", received.append, qos.subscribe(True)
+    )
+    expected = [event for event in read_log(log) if isinstance(event, BroadcastEphemeris)]
+    executor = rclpy.executors.SingleThreadedExecutor(context=ros)
+    executor.add_node(listener)
+    deadline = time.monotonic() + 20.0
+    while len(received) < len(expected) and time.monotonic() < deadline:
+        executor.spin_once(timeout_sec=0.05)
+    executor.shutdown()
+    node.destroy_node()
+    listener.destroy_node()
+    assert [ephemeris_from_message(message) for message in received] == expected
+    assert len(expected) == 13
+
+
+def test_without_lockstep_the_wall_clock_paces(ros, log):
+    node = driver(ros, "slow", port=str(log), replay_rate=1e-6)
+    for _ in range(50):
+        node._feed.pump()
+    assert not node.finished
+    assert node._publisher.published["fixes"] + node._publisher.published["epochs"] == 1
+    node.on_stop()
+    node.destroy_node()
+
+
+def test_a_follower_waits_for_the_clock_and_says_so(ros, log):
+    node = driver(ros, "follower", port=str(log), lockstep=True, start_timeout=0.1)
+    node._feed.pump()
+    assert not node.finished
+    time.sleep(0.15)
+    node._feed.pump()
+    assert node.finished
+    assert node.exit_code == 1
+    assert node.health()[0].message == "no /clock to follow within 0 s"
+    node.destroy_node()
+
+
+def test_health(ros, log, tmp_path):
+    damaged = bytearray(log.read_bytes())
+    damaged[150_000] ^= 0xFF
+    path = tmp_path / "damaged.gps"
+    path.write_bytes(damaged)
+    node = driver(ros, "health", port=str(path), replay_rate=0.0)
+    assert node.health()[0].message == "reading"
+    while not node._feed.at_end and not node._stream.counters.frames_crc_bad:
+        node._feed.pump()
+    first, second = node.health()[0], node.health()[0]
+    assert first.level == diagnostics.WARN
+    assert first.message == "1 damaged logs since the last report"
+    assert first.hardware_id == str(path)
+    assert second.level == diagnostics.OK
+    run_to_end(node)
+    values = {pair.key: pair.value for pair in node.health()[0].values}
+    assert values["frames_crc_bad"] == "1"
+    assert int(values["epochs"]) + int(values["fixes"]) == 429 + 437 - 1
+    node.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (b"", "no NovAtel log that vtff reads was found in"),
+        (bytes(range(256)) * 400, "no NovAtel log that vtff reads was found in"),
+        (b"\r\n<OK\r\n[COM1]", "(1 logs or answers without a time)"),
+    ],
+)
+def test_a_file_without_logs_fails_in_one_line(ros, tmp_path, content, expected):
+    path = tmp_path / "other.bin"
+    path.write_bytes(content)
+    node = driver(ros, "wrong", port=f"file://{path}")
+    run_to_end(node)
+    assert node.exit_code == 1
+    message = node.health()[0].message
+    assert expected in message
+    assert str(path) in message
+    assert "\n" not in message
+    node.destroy_node()
+
+
+def test_a_missing_log_is_a_wrong_parameter(ros):
+    with pytest.raises(ParameterError, match="nowhere.gps: No such file"):
+        driver(ros, "missing", port="file://nowhere.gps")

@@ -1,0 +1,150 @@
+"""Publishes what a receiver log stream yields on the topics of one receiver."""
+
+from __future__ import annotations
+
+from rclpy.publisher import Publisher
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
+from vtff_gnss.fix import Fix
+from vtff_gnss.novatel import Event, IsmScintillation, IsmSlantTec, RawLog
+from vtff_gnss.observations import ObservationEpoch
+from vtff_msgs.msg import GlonassEphemeris as GlonassEphemerisMessage
+from vtff_msgs.msg import (
+    GnssEphemeris,
+    GnssFix,
+    GnssObservations,
+    ReceiverLog,
+    Scintillation,
+    SlantTec,
+)
+from vtff_node.conversions.gnss import (
+    ephemeris_to_message,
+    fix_to_message,
+    glonass_ephemeris_to_message,
+    ism_scintillation_to_message,
+    ism_slant_tec_to_message,
+    observations_to_message,
+    raw_log_to_message,
+)
+from vtff_node.node import VtffNode
+
+__all__ = ["EventPublisher"]
+
+
+class EventPublisher:
+    """The publishers of one receiver.
+
+    The topics of a GPStation-6 appear with its first log.
+
+    Parameters
+    ----------
+    node : VtffNode
+        Owns the publishers.
+    frame_id : str
+        Frame of observations and raw logs.
+    publishes_raw : bool
+        Publish gnss/raw.
+    holds_epoch : bool
+        Keep each gnss/epoch back until `release_epoch` or the next observations, so that it comes
+        after the fix of its second.
+
+    Attributes
+    ----------
+    published, left_out : dict of str to int
+        What was published, and what was not.
+    """
+
+    def __init__(
+        self, node: VtffNode, frame_id: str, *, publishes_raw: bool, holds_epoch: bool
+    ) -> None:
+        self._node = node
+        self._frame_id = frame_id
+        self._holds_epoch = holds_epoch
+        self._held: tuple[int, GnssObservations] | None = None
+        self._last_epoch: ObservationEpoch | None = None
+        self.published = {"epochs": 0, "fixes": 0, "ephemerides": 0, "raw logs": 0}
+        self.left_out = {"epochs repeated": 0}
+        self._high_rate = node.publisher(GnssObservations, "gnss/high_rate")
+        self._epoch = node.publisher(GnssObservations, "gnss/epoch")
+        self._ephemeris = node.publisher(GnssEphemeris, "gnss/ephemeris")
+        self._glonass_ephemeris = node.publisher(GlonassEphemerisMessage, "gnss/glonass_ephemeris")
+        self._fix = node.publisher(GnssFix, "gnss/fix")
+        self._raw = node.publisher(ReceiverLog, "gnss/raw") if publishes_raw else None
+        self._ism_slant_tec: Publisher | None = None
+        self._ism_scintillation: Publisher | None = None
+
+    def publish(self, event: Event) -> None:
+        """Publish an event; those without a topic are passed over.
+
+        Raises
+        ------
+        ValueError
+            If its time does not fit a stamp.
+        """
+        if isinstance(event, ObservationEpoch):
+            self._publish_observations(event)
+        elif isinstance(event, Fix):
+            self.published["fixes"] += 1
+            self._fix.publish(fix_to_message(event))
+        elif isinstance(event, BroadcastEphemeris):
+            self.published["ephemerides"] += 1
+            self._ephemeris.publish(ephemeris_to_message(event))
+        elif isinstance(event, GlonassEphemeris):
+            self.published["ephemerides"] += 1
+            self._glonass_ephemeris.publish(glonass_ephemeris_to_message(event))
+        elif isinstance(event, RawLog) and self._raw is not None:
+            self.published["raw logs"] += 1
+            self._raw.publish(raw_log_to_message(event, self._frame_id))
+        elif isinstance(event, IsmSlantTec):
+            self._publish_ism_slant_tec(event)
+        elif isinstance(event, IsmScintillation):
+            self._publish_ism_scintillation(event)
+
+    def release_epoch(self, newest_second: int | None = None) -> None:
+        """Publish the gnss/epoch that is held back, if any.
+
+        Parameters
+        ----------
+        newest_second
+            Only if it is of this second, s since 1980-01-06 (GPS), or an earlier one.
+        """
+        if self._held is None:
+            return
+        second, message = self._held
+        if newest_second is None or second <= newest_second:
+            self._held = None
+            self._epoch.publish(message)
+
+    def _publish_observations(self, epoch: ObservationEpoch) -> None:
+        last = self._last_epoch
+        if last is not None and epoch.time == last.time and len(last) > 0:
+            # The same epoch in a second format, e.g. RANGE and RANGECMP in one log. One without
+            # signals does not count: RANGECMP4 cannot be decoded without its reference.
+            self.left_out["epochs repeated"] += 1
+            return
+        self.release_epoch()
+        self._last_epoch = epoch
+        self.published["epochs"] += 1
+        message = observations_to_message(epoch, self._frame_id)
+        self._high_rate.publish(message)
+        second, remainder = divmod(epoch.time.nanoseconds, NANOSECONDS_PER_SECOND)
+        if remainder == 0:
+            self._held = (second, message)
+            if not self._holds_epoch:
+                self.release_epoch()
+
+    def _publish_ism_slant_tec(self, event: IsmSlantTec) -> None:
+        if self._ism_slant_tec is None:
+            self._ism_slant_tec = self._node.publisher(SlantTec, "gnss/ism/slant_tec")
+        self._count("slant TEC of the receiver")
+        self._ism_slant_tec.publish(ism_slant_tec_to_message(event, self._frame_id))
+
+    def _publish_ism_scintillation(self, event: IsmScintillation) -> None:
+        if self._ism_scintillation is None:
+            self._ism_scintillation = self._node.publisher(Scintillation, "gnss/ism/scintillation")
+        self._count("scintillation of the receiver")
+        self._ism_scintillation.publish(ism_scintillation_to_message(event, self._frame_id))
+
+    def _count(self, name: str) -> None:
+        self.published[name] = self.published.get(name, 0) + 1

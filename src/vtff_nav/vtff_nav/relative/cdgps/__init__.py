@@ -1,0 +1,1 @@
+"""The millimetre filter: carrier-phase differential GNSS with orbit dynamics."""

@@ -1,0 +1,177 @@
+"""Integers for the float ambiguities of a filter: when they are certain, they leave the state.
+
+The single-difference ambiguity of satellite i on a signal is ``A_i = wavelength N_i + beta``, beta
+being a bias of the receivers that all satellites share on that signal. While A_i is a real
+number it is a state of its own. When the integers of a signal become known, one A_i turns into
+beta and the others leave the state: the phase is then predicted from beta and N_i. Every integer
+can be given up again by adding A_i as a new, unknown state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_nav.relative.cdgps.ambiguity_arcs import Arc
+from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.common.measurements import SignalKey
+from vtff_nav.relative.integers.validation import FixStatus, partial_fix
+
+__all__ = ["FixAttempt", "fix_ambiguities"]
+
+# A float ambiguity on an arc that lost half a cycle: the prediction must be this sure.
+_HALF_CYCLE_SIGMA = 0.04
+_HALF_CYCLE_TOLERANCE = 0.15
+
+
+@dataclass(frozen=True)
+class FixAttempt:
+    """What an attempt has brought.
+
+    Parameters
+    ----------
+    fixed : tuple of SignalKey
+        Arcs that have become integers.
+    ratio, success_rate : float
+        0 if there was nothing to test.
+    reason : str
+        Why not all were fixed; empty if they were.
+    """
+
+    fixed: tuple[SignalKey, ...]
+    ratio: float
+    success_rate: float
+    reason: str
+
+
+def fix_ambiguities(
+    state: GaussianState,
+    time: GpsTime,
+    arcs: Sequence[Arc],
+    wavelength: dict[SignalKey, float],
+    elevation: dict[SignalKey, float],
+    success_rate: float,
+    failure_rate: float,
+    smallest_ratio: float,
+    scattered: Container[SignalKey] = (),
+) -> FixAttempt:
+    """Try to make integers of the float ambiguities of arcs.
+
+    Parameters
+    ----------
+    state : GaussianState
+        With the members ``("ambiguity", key)`` (m) of the arcs and ``("phase_bias", group)`` (m)
+        of the signals that have integers already. Changed where integers are found.
+    time : GpsTime
+    arcs : sequence of Arc
+        Candidates.
+    wavelength, elevation : dict
+        By signal; m, rad.
+    success_rate, failure_rate, smallest_ratio : float
+        See `vtff_nav.relative.integers.validation.partial_fix`.
+    scattered : container of SignalKey, optional
+        Signals in scintillation: what lies between two integers is no lost half cycle there.
+    """
+    candidates, references = _pairs(state, arcs, elevation)
+    if not candidates:
+        return FixAttempt((), 0.0, 0.0, "")
+    design = np.zeros((len(candidates), len(state)))
+    for row, arc in enumerate(candidates):
+        scale = 1.0 / wavelength[arc.key]
+        design[row, state.index(("ambiguity", arc.key))] = scale
+        design[row, state.index(_reference_label(arc, references))] = -scale
+    floats = design @ state.mean
+    covariance = design @ state.covariance @ design.T
+    covariance = 0.5 * (covariance + covariance.T)
+    result = partial_fix(
+        floats,
+        covariance,
+        success_rate=success_rate,
+        failure_rate=failure_rate,
+        minimum_ratio=smallest_ratio,
+    )
+    values = np.rint(result.ambiguities)
+    accepted = result.determined.copy()
+    if result.status in (FixStatus.RATIO, FixStatus.RESIDUAL, FixStatus.WEAK):
+        accepted, values = _half_cycles(candidates, references, floats, covariance)
+        accepted &= [arc.key not in scattered for arc in candidates]
+    rows = np.flatnonzero(accepted)
+    ratio = float(result.ratio) if np.isfinite(result.ratio) else 0.0
+    if len(rows) == 0:
+        return FixAttempt((), ratio, result.success_rate, result.reason)
+    state.constrain(design[rows], (values - floats)[rows], covariance[np.ix_(rows, rows)])
+    fixed = _leave_state(state, time, [candidates[row] for row in rows], values[rows], references)
+    return FixAttempt(fixed, ratio, result.success_rate, result.reason)
+
+
+def _pairs(
+    state: GaussianState, arcs: Sequence[Arc], elevation: dict[SignalKey, float]
+) -> tuple[list[Arc], dict[tuple[int, int, int], Arc]]:
+    """Return the arcs to fix and the reference of each signal that has no integers yet."""
+    groups: dict[tuple[int, int, int], list[Arc]] = {}
+    for arc in arcs:
+        groups.setdefault(arc.key.group, []).append(arc)
+    candidates: list[Arc] = []
+    references: dict[tuple[int, int, int], Arc] = {}
+    for group, members in groups.items():
+        if ("phase_bias", group) not in state:
+            # The highest satellite with a known half cycle.
+            reference = max(members, key=lambda arc: elevation[arc.key])
+            references[group] = reference
+            members = [arc for arc in members if arc is not reference]
+        candidates.extend(members)
+    return candidates, references
+
+
+def _reference_label(
+    arc: Arc, references: dict[tuple[int, int, int], Arc]
+) -> tuple[str, SignalKey] | tuple[str, tuple[int, int, int]]:
+    reference = references.get(arc.key.group)
+    if reference is None:
+        return ("phase_bias", arc.key.group)
+    return ("ambiguity", reference.key)
+
+
+def _half_cycles(
+    candidates: list[Arc],
+    references: dict[tuple[int, int, int], Arc],
+    floats: FloatArray,
+    covariance: FloatArray,
+) -> tuple[npt.NDArray[np.bool_], FloatArray]:
+    """Return which ambiguities are certain by prediction alone, and their (half) integers.
+
+    Only against a bias that is known already: each ambiguity is then predicted to a few
+    hundredths of a cycle, so that a lost half cycle is as plain as an integer.
+    """
+    sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
+    values = 0.5 * np.rint(2.0 * floats)
+    is_predicted = np.array([arc.key.group not in references for arc in candidates])
+    is_certain = (sigma < _HALF_CYCLE_SIGMA) & (np.abs(floats - values) < _HALF_CYCLE_TOLERANCE)
+    is_certain &= np.abs(floats - values) < 4.0 * sigma + 0.02
+    return is_predicted & is_certain, values
+
+
+def _leave_state(
+    state: GaussianState,
+    time: GpsTime,
+    arcs: list[Arc],
+    values: FloatArray,
+    references: dict[tuple[int, int, int], Arc],
+) -> tuple[SignalKey, ...]:
+    """Take the ambiguities that are integers now out of the state."""
+    fixed = []
+    for arc, value in zip(arcs, values.tolist(), strict=True):
+        reference = references.get(arc.key.group)
+        if reference is not None and reference.integer is None:
+            reference.integer, reference.fixed_since = 0.0, time
+            state.rename(("ambiguity", reference.key), ("phase_bias", arc.key.group))
+            fixed.append(reference.key)
+        arc.integer, arc.fixed_since = value, time
+        fixed.append(arc.key)
+    state.remove([("ambiguity", arc.key) for arc in arcs])
+    return tuple(fixed)

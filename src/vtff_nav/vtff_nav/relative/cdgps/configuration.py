@@ -1,0 +1,148 @@
+"""Parameters of the carrier-phase differential filter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics, MotionNoise
+from vtff_nav.relative.common.measurements import DEFAULT_BANDS, MeasurementNoise
+
+__all__ = ["CdgpsConfiguration"]
+
+
+@dataclass(frozen=True)
+class CdgpsConfiguration:
+    """Parameters of `vtff_nav.relative.cdgps.estimator.CdgpsEstimator`.
+
+    Parameters
+    ----------
+    dynamics : str
+        ``orbital``: both spacecraft in orbit; ``kinematic``: the deputy moves freely on or near
+        the ground; ``static``: it does not move.
+    dynamics_chief : str or None
+        Of the chief where the deputy is not in orbit; ``static`` by default.
+    position_chief_itrf : tuple of 3 float or None
+        Surveyed antenna of a static chief, m.
+    force_model, force_model_deputy : ForceModel
+        Forces on the chief, and on the deputy if they differ.
+    integrator : str
+        ``euler`` where the motion is simulated with explicit Euler steps, which no force explains.
+    longest_step : float
+        Of integration, s; with ``euler`` the step of the simulation.
+    noise_chief, noise_relative : MotionNoise
+        Process noise of the chief's motion and of the relative motion. That of the chief must
+        cover the forces left out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2 for J2 alone
+        (velocities of the chief wrong by 5 mm/s turn its RTN frame by 0.6 mm at 1 km).
+    thrust_relative_sigma : float
+        Error of the known thrust relative to its magnitude.
+    measurement_noise : MeasurementNoise
+        Of each receiver.
+    bands : mapping of int to tuple of int
+        RINEX frequency digits used of each system.
+    elevation_mask_deg : float
+        Above the horizontal plane.
+    ephemeris_sigma : float
+        Error of broadcast orbit and clock in a range, m; matters to the chief's orbit only.
+    ephemeris_phase_sigma : float
+        Its change over minutes, m: keeps the chief's phase from being trusted to the millimetre.
+    estimate_plasma : bool or None
+        Estimate the plasma between and above the two altitudes; None: in orbit only.
+    electron_density_sigma, electron_density_time : float
+        Steady-state sigma (electrons/m3) and correlation time (s) of the density of each layer.
+    layer_content_sigma_tecu : float
+        The sigma of the density of a thick layer is so much smaller that its vertical content has
+        this one, TECU.
+    plasma_layers : tuple of float
+        Thicknesses above the chief of the layers of constant density whose sum stands for the
+        profile, m.
+    receiver_bias_walk : float
+        Random walk of the differences of receiver biases between signals, m/sqrt(s).
+    troposphere : bool or None
+        Model the troposphere (receivers below 20 km); None: unless in orbit.
+    success_rate : float
+        Bootstrapped success rate that integers must have.
+    failure_rate : float
+        Of the ratio test: 0.001 or 0.01.
+    smallest_ratio : float
+        Ratio of second to best squared norm that is asked for in any case.
+    fault_sigmas : float
+        A measurement is a fault beyond this normalised innovation.
+    global_probability : float
+        The filter starts anew when innovations of consecutive epochs are less likely than this.
+    longest_prediction : float
+        s without measurements after which the solution is given up.
+    laser_latency_sigma : float
+        A priori sigma of the latency of the laser, s.
+    """
+
+    dynamics: Dynamics = "orbital"
+    dynamics_chief: Dynamics | None = None
+    position_chief_itrf: tuple[float, float, float] | None = None
+    force_model: ForceModel = field(default_factory=ForceModel)
+    force_model_deputy: ForceModel | None = None
+    integrator: str = "rk4"
+    longest_step: float = 5.0
+    noise_chief: MotionNoise = MotionNoise(empirical_sigma=5e-6)
+    noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8)
+    thrust_relative_sigma: float = 5e-4
+    measurement_noise: MeasurementNoise = MeasurementNoise()
+    bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
+    elevation_mask_deg: float = 5.0
+    ephemeris_sigma: float = 0.5
+    ephemeris_phase_sigma: float = 0.005
+    estimate_plasma: bool | None = None
+    electron_density_sigma: float = 1e12
+    electron_density_time: float = 1200.0
+    layer_content_sigma_tecu: float = 15.0
+    plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
+    receiver_bias_walk: float = 1e-6
+    troposphere: bool | None = None
+    success_rate: float = 0.999
+    failure_rate: float = 0.001
+    smallest_ratio: float = 2.0
+    fault_sigmas: float = 5.0
+    global_probability: float = 1e-9
+    longest_prediction: float = 600.0
+    laser_latency_sigma: float = 0.02
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        if self.dynamics not in DYNAMICS:
+            raise ValueError(f"dynamics {self.dynamics!r}: one of {', '.join(DYNAMICS)} expected")
+        chief = self.dynamics_chief
+        if chief is not None and (chief == "orbital") != (self.dynamics == "orbital"):
+            raise ValueError("dynamics_chief: orbital if, and only if, dynamics is orbital")
+        if not 0.5 < self.success_rate < 1.0:
+            raise ValueError("success_rate: between 0.5 and 1 expected")
+        if not self.fault_sigmas > 3.0:
+            raise ValueError("fault_sigmas: more than 3 expected")
+        if not self.longest_prediction >= 0.0:
+            raise ValueError("longest_prediction: 0 s or more expected")
+
+    @property
+    def chief_motion(self) -> Dynamics:
+        """Motion of the chief."""
+        if self.dynamics_chief is not None:
+            return self.dynamics_chief
+        return "orbital" if self.dynamics == "orbital" else "static"
+
+    @property
+    def has_troposphere(self) -> bool:
+        """Whether the troposphere is modelled."""
+        return self.dynamics != "orbital" if self.troposphere is None else self.troposphere
+
+    @property
+    def layer_sigmas(self) -> tuple[float, ...]:
+        """Steady-state sigma of the density of each layer, electrons per m3."""
+        content = self.layer_content_sigma_tecu * ELECTRONS_PER_TECU
+        return tuple(min(self.electron_density_sigma, content / t) for t in self.plasma_layers)
+
+    @property
+    def has_plasma(self) -> bool:
+        """Whether the plasma is estimated."""
+        if self.estimate_plasma is None:
+            return self.dynamics == "orbital"
+        return self.estimate_plasma

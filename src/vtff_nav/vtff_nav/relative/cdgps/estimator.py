@@ -1,0 +1,433 @@
+"""Carrier-phase differential filter: the position of one receiver relative to another.
+
+Single differences of code and phase on any mix of signals, relative motion by nonlinear
+propagation of both spacecraft, integers fixed and held, faults found by innovation. Sources: Kroes
+(2006), Precise relative positioning of formation flying spacecraft using GPS; Leung and
+Montenbruck (2005), Real-time navigation of formation-flying spacecraft using GPS (JGCD 28, 2);
+Teunissen (1995) for the integers.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.frames.frames import state_itrf_to_gcrf
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
+from vtff_nav.relative.cdgps.model import sky_of
+from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
+from vtff_nav.relative.cdgps.output import (
+    ambiguity_table,
+    differential_tec_table,
+    relative_rtn,
+)
+from vtff_nav.relative.common.dynamics import (
+    DYNAMIC_STATES,
+    OrbitalMotion,
+    TerrestrialMotion,
+)
+from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
+from vtff_nav.relative.common.measurements import (
+    Geometry,
+    SignalReader,
+    SignalTable,
+    SingleDifferences,
+    geometry,
+    median,
+    satellite_mask,
+    satellite_rows,
+    single_differences,
+)
+from vtff_nav.relative.common.orbit_single_point import combinations, single_point
+from vtff_nav.relative.common.solution import (
+    SOLUTION_FIXED,
+    SOLUTION_PREDICTED,
+    LaserMeasurement,
+    RelativeSolution,
+)
+
+__all__ = ["CdgpsEstimator"]
+
+# Codes begin both the state and its first update: the start counts for little.
+_START_INFLATION = 25.0
+_START_VELOCITY_SIGMA = 30.0
+
+# The clocks used for the times of reception are set anew beyond this, s: below, their error is
+# corrected exactly enough by the derivative of the range.
+_CLOCK_TOLERANCE = 3e-7
+
+
+class CdgpsEstimator(EstimatorInputs):
+    """Relative navigation filter; see `vtff_nav.relative.common.solution.RelativeEstimator`.
+
+    Parameters
+    ----------
+    configuration : CdgpsConfiguration, optional
+    ephemerides : iterable of BroadcastEphemeris, optional
+    """
+
+    def __init__(
+        self,
+        configuration: CdgpsConfiguration | None = None,
+        ephemerides: Iterable[BroadcastEphemeris] = (),
+    ) -> None:
+        super().__init__(ephemerides)
+        self.configuration = configuration or CdgpsConfiguration()
+        self._motion = _motion(self.configuration)
+        self._absolute = AbsoluteFilter(self.configuration)
+        self._signal_reader = SignalReader(
+            self.configuration.measurement_noise, self.configuration.bands
+        )
+        self._known: tuple[EphemerisTable, npt.NDArray[np.bool_]] | None = None
+        self._subset: tuple[EphemerisTable, npt.NDArray[np.bool_], EphemerisTable] | None = None
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget every estimate; ephemerides are kept."""
+        self._absolute.reset()
+        self._time: GpsTime | None = None
+        self._start_anew()
+        self._last_update: GpsTime | None = None
+
+    def _start_anew(self) -> None:
+        """Forget the relative state."""
+        self._relative: RelativeFilter | None = None
+
+    def process(
+        self,
+        time: GpsTime,
+        chief: ObservationEpoch | None,
+        deputy: ObservationEpoch | None,
+        laser: LaserMeasurement | None = None,
+    ) -> RelativeSolution:
+        """Go on to an epoch and use what was measured there; see `RelativeEstimator.process`.
+
+        Raises
+        ------
+        ValueError
+            If `time` is not after the epoch before.
+        """
+        interval = 1.0 if self._time is None else time - self._time
+        if not interval > 0.0:
+            raise ValueError(f"time {time}: not after the epoch before, {self._time}")
+        table = self._table(time)
+        signals = [self._signals(epoch, table) for epoch in (chief, deputy)]
+        if self._absolute.state is not None and self._time is not None:
+            self._predict(self._time, interval)
+        self._time = time
+        if self._is_outdated(time):
+            self.reset()
+            self._time = time
+        reasons = self._start(time, (chief, deputy), signals, table)
+        if self._absolute.state is None or self._relative is None:
+            return RelativeSolution.none(time, tuple(reasons), self._age(time))
+        return self._use(time, interval, (chief, deputy), signals, table, laser)
+
+    def _is_outdated(self, time: GpsTime) -> bool:
+        """Return whether the last measurement is too old to go on from."""
+        last = self._last_update
+        return last is not None and time - last > self.configuration.longest_prediction
+
+    def _age(self, time: GpsTime) -> float:
+        return 0.0 if self._last_update is None else time - self._last_update
+
+    def _signals(self, epoch: ObservationEpoch | None, table: EphemerisTable) -> SignalTable | None:
+        """Return the signals of a receiver whose satellites have an ephemeris."""
+        if epoch is None:
+            return None
+        if self._known is None or self._known[0] is not table:
+            self._known = (table, satellite_mask(satellite_rows(table)))
+        signals = self._signal_reader.read(epoch, self._known[1])
+        return signals if len(signals) else None
+
+    def _table_of(self, table: EphemerisTable, signals: list[SignalTable | None]) -> EphemerisTable:
+        """Return the rows of a table that are in view; the same object as long as they are."""
+        satellites = np.concatenate([s.satellite for s in signals if s is not None])
+        if self._subset is not None:
+            whole, is_there, subset = self._subset
+            if whole is table and is_there[satellites].all():
+                return subset
+        needed = np.unique(satellites)
+        rows = np.searchsorted(satellite_rows(table), needed)
+        subset = EphemerisTable([table.ephemerides[row] for row in rows.tolist()])
+        self._subset = (table, satellite_mask(needed), subset)
+        return subset
+
+    def _start(
+        self,
+        time: GpsTime,
+        epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
+        signals: list[SignalTable | None],
+        table: EphemerisTable,
+    ) -> list[str]:
+        """Begin with the chief and with the difference as far as they have not begun."""
+        chief, deputy = epochs
+        if self._absolute.state is None:
+            self._start_anew()
+            if chief is None or signals[0] is None:
+                return ["no observations of the chief"]
+            if not self._absolute.start(time, chief.time, signals[0], table):
+                return ["the chief has no position: too few satellites or no velocity yet"]
+        if self._relative is not None:
+            return []
+        if deputy is None or signals[1] is None:
+            return ["no observations of the deputy"]
+        mask = math.radians(self.configuration.elevation_mask_deg)
+        measured = combinations(signals[1], table)
+        has_troposphere = self.configuration.has_troposphere
+        point = single_point(measured, table, deputy.time, mask, has_troposphere)
+        if point is None:
+            return ["the deputy has no position: too few satellites"]
+        received = deputy.time - point.clock / SPEED_OF_LIGHT
+        state_itrf = self._motion.state_itrf(time, self._absolute.mean[:6])
+        position = point.position_itrf + (time - received) * state_itrf[3:]
+        # Where the chief's position is known better than by its codes, what is wrong with the
+        # codes of both is taken off.
+        position -= self._absolute.code_error(chief, state_itrf)
+        mean = np.zeros(DYNAMIC_STATES)
+        mean[:3] = self._motion.to_itrf(time).T @ (position - state_itrf[:3])
+        covariance = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
+        covariance[:3, :3] = _START_INFLATION * (point.covariance + np.eye(3))
+        covariance[:3, :3] += self._absolute.covariance[:3, :3]
+        if self.configuration.dynamics != "static":
+            covariance[3:6, 3:6] = _START_VELOCITY_SIGMA**2 * np.eye(3)
+        if self.configuration.dynamics == "orbital":
+            if np.isfinite(point.velocity_itrf).all():
+                # Of the Doppler; not in the covariance, where it would count twice.
+                found = np.concatenate((point.position_itrf, point.velocity_itrf))
+                velocity = state_itrf_to_gcrf(received, found)[3:]
+                mean[3:6] = velocity - self._absolute.mean[3:6]
+            sigma = self.configuration.noise_relative.empirical_sigma
+            covariance[6:, 6:] = sigma**2 * np.eye(3)
+        clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
+        self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
+        return []
+
+    def _predict(self, time: GpsTime, interval: float) -> None:
+        """Propagate both filters from `time` on."""
+        absolute = self._absolute
+        relative = np.zeros(DYNAMIC_STATES)
+        if self._relative is not None:
+            relative = self._relative.state.mean[:DYNAMIC_STATES]
+        end = time + interval
+        thrust = [t for t in self._thrust if t.start < end and t.end > time]
+        self._thrust = [t for t in self._thrust if t.end > end]
+        predicted = self._motion.predict(time, interval, absolute.mean, relative, thrust)
+        absolute.predict(predicted.chief, predicted.transition_chief, predicted.noise_chief)
+        if self._relative is not None:
+            self._relative.predict(predicted, interval)
+
+    def _use(
+        self,
+        time: GpsTime,
+        interval: float,
+        epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
+        signals: list[SignalTable | None],
+        table: EphemerisTable,
+        laser: LaserMeasurement | None,
+    ) -> RelativeSolution:
+        """Update both filters with the observations of an epoch and return the solution."""
+        degraded = [
+            f"no observations of the {name}"
+            for name, of_one in zip(("chief", "deputy"), signals, strict=True)
+            if of_one is None
+        ]
+        seen, states = None, np.zeros((2, 6))
+        if signals[0] is not None or signals[1] is not None:
+            table = self._table_of(table, signals)
+            states = self._states_itrf(time)
+            seen = self._synchronised(time, epochs, signals, table, states)
+        if seen is not None and signals[0] is not None:
+            before = self._absolute.mean[:3].copy()
+            self._absolute.update(time, signals[0], table, seen)
+            if self._absolute.state is None:
+                self._start_anew()
+                return RelativeSolution.none(
+                    time, ("the orbit of the chief has been given up",), self._age(time)
+                )
+            shift = seen.direction @ (self._absolute.mean[:3] - before)
+            seen = dataclasses.replace(seen, range=seen.range - shift)
+        if seen is None or signals[0] is None or signals[1] is None:
+            return self._solution(time, None, degraded, None)
+        measured = single_differences(signals[0], signals[1])
+        rows = seen.rows(measured.satellite)
+        mask = math.radians(self.configuration.elevation_mask_deg)
+        measured = _taken(measured, np.flatnonzero(seen.elevation[0, rows] > mask))
+        if not len(measured):
+            degraded.append("no satellite in common view")
+            return self._solution(time, None, degraded, None)
+        sky = sky_of(measured, seen, states[:, :3], self.configuration)
+        assert self._relative is not None
+        update = self._relative.update(time, interval, measured, sky, laser)
+        self._last_update = time
+        if update.has_failed:
+            self._start_anew()
+            reason = "innovations too large: starting anew"
+            return RelativeSolution.none(time, (reason,), self._age(time))
+        return self._solution(time, update, degraded, laser)
+
+    def _states_itrf(self, time: GpsTime) -> FloatArray:
+        """Return position and Earth-fixed velocity of both, shape (2, 6)."""
+        assert self._relative is not None
+        chief = self._absolute.mean[:6]
+        deputy = chief + self._relative.state.mean[:6]
+        return np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
+
+    def _synchronised(
+        self,
+        time: GpsTime,
+        epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
+        signals: list[SignalTable | None],
+        table: EphemerisTable,
+        states: FloatArray,
+    ) -> Geometry:
+        """Return the lines of sight at the true times of reception; sets the clocks."""
+        to_itrf = self._motion.to_itrf(time)
+        assert self._relative is not None
+        clocks = [self._absolute.clock, self._absolute.clock + self._relative.clock]
+        for _ in range(3):
+            offsets = np.array(
+                [
+                    (0.0 if epoch is None else epoch.time - time) - clock
+                    for epoch, clock in zip(epochs, clocks, strict=True)
+                ]
+            )
+            seen = geometry(table, time, offsets, states, to_itrf)
+            changed = False
+            for receiver, of_one in enumerate(signals):
+                if of_one is None:
+                    continue
+                clock = _code_clock(of_one, seen, receiver)
+                if abs(clock - clocks[receiver]) > _CLOCK_TOLERANCE:
+                    clocks[receiver], changed = clock, True
+            if not changed:
+                break
+        self._absolute.clock = clocks[0]
+        self._relative.clock = clocks[1] - clocks[0]
+        return seen
+
+    def _solution(
+        self,
+        time: GpsTime,
+        update: Update | None,
+        degraded: list[str],
+        laser: LaserMeasurement | None,
+    ) -> RelativeSolution:
+        """Return the solution of an epoch; without `update` it is predicted."""
+        filter_, absolute = self._relative, self._absolute
+        assert filter_ is not None
+        state = filter_.state
+        chief, relative = self._gcrf(time)
+        covariance_chief, covariance = absolute.covariance, state.covariance[:6, :6]
+        if self.configuration.dynamics != "orbital":
+            both = np.kron(np.eye(2), OrbitalMotion.to_itrf(time).T)
+            covariance_chief = both @ covariance_chief @ both.T
+            covariance = both @ covariance @ both.T
+        state_rtn, covariance_rtn = relative_rtn(chief, relative, covariance_chief, covariance)
+        to_itrf = self._motion.to_itrf(time)
+        density, density_sigma = filter_.local_density()
+        latency, latency_sigma, residual = filter_.laser(laser)
+        predicted = RelativeSolution(
+            time=time,
+            solution=SOLUTION_PREDICTED,
+            position_rtn=state_rtn[:3],
+            velocity_rtn=state_rtn[3:],
+            covariance_rtn=covariance_rtn,
+            position_itrf=to_itrf @ state.mean[:3],
+            covariance_position_itrf=to_itrf @ state.covariance[:3, :3] @ to_itrf.T,
+            position_chief_gcrf=chief[:3],
+            velocity_chief_gcrf=chief[3:],
+            covariance_chief_gcrf=covariance_chief,
+            age=self._age(time),
+            local_electron_density=density,
+            local_electron_density_sigma=density_sigma,
+            clock_difference=filter_.clock,
+            degraded=tuple(degraded),
+            laser_latency=latency,
+            laser_latency_sigma=latency_sigma,
+            laser_residual=residual,
+        )
+        return predicted if update is None else _updated(predicted, filter_, update)
+
+    def _gcrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray]:
+        """Return chief and difference in GCRF, each (6,)."""
+        assert self._relative is not None
+        chief, relative = self._absolute.mean[:6], self._relative.state.mean[:6]
+        if self.configuration.dynamics == "orbital":
+            return chief.copy(), relative.copy()
+        first = state_itrf_to_gcrf(time, chief)
+        return first, state_itrf_to_gcrf(time, chief + relative) - first
+
+
+def _updated(
+    predicted: RelativeSolution, filter_: RelativeFilter, update: Update
+) -> RelativeSolution:
+    """Return a solution with what is known of the measurements it rests on."""
+    kind, satellites, integers = filter_.kind(update)
+    degraded = [*predicted.degraded, *update.degraded]
+    if kind < SOLUTION_FIXED and filter_.attempt.reason:
+        degraded.append(f"ambiguities: {filter_.attempt.reason}")
+    rms, squared, freedom = update.statistics
+    measured, state, arcs = update.measured, filter_.state, filter_.arcs
+    count = len(measured)
+    sigmas = np.sqrt(update.innovation.variances[count : 2 * count])
+    return dataclasses.replace(
+        predicted,
+        solution=kind,
+        satellites_used=satellites,
+        ambiguities_fixed=integers,
+        ratio=filter_.attempt.ratio,
+        success_rate=filter_.attempt.success_rate,
+        innovation_rms=rms,
+        normalised_innovation_squared=squared,
+        innovation_count=freedom,
+        ambiguities=ambiguity_table(state, arcs, measured, sigmas, update.fixed),
+        differential_tec=differential_tec_table(state, arcs, measured, update.sky),
+        degraded=tuple(degraded),
+        excluded=tuple(f"{key}: {reason}" for key, reason in update.excluded.items()),
+    )
+
+
+def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMotion:
+    """Return the motion model of a configuration."""
+    noises = configuration.noise_chief, configuration.noise_relative
+    if configuration.dynamics == "orbital":
+        return OrbitalMotion(
+            configuration.force_model,
+            *noises,
+            thrust_relative_sigma=configuration.thrust_relative_sigma,
+            force_model_deputy=configuration.force_model_deputy,
+            integrator=configuration.integrator,
+            longest_step=configuration.longest_step,
+        )
+    return TerrestrialMotion(configuration.chief_motion, configuration.dynamics, *noises)
+
+
+def _taken(measured: SingleDifferences, rows: npt.NDArray[np.intp]) -> SingleDifferences:
+    """Return some rows."""
+    if len(rows) == len(measured):
+        return measured
+    columns = {
+        name: getattr(measured, name)[..., rows]
+        for name in measured.__dataclass_fields__
+        if name != "keys"
+    }
+    return SingleDifferences(keys=[measured.keys[row] for row in rows.tolist()], **columns)
+
+
+def _code_clock(signals: SignalTable, seen: Geometry, receiver: int) -> float:
+    """Return the receiver clock that codes tell, s; good to the ionosphere."""
+    rows = seen.rows(signals.satellite)
+    residual = signals.pseudorange - seen.range[receiver, rows] + seen.clock[receiver, rows]
+    return median(residual) / SPEED_OF_LIGHT

@@ -1,0 +1,168 @@
+"""From the state of the relative filter to the tables that are published."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vtff_dynamics.frames.frames import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray, cross, norm, skew
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
+from vtff_nav.relative.cdgps.model import Sky
+from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_nav.relative.common.solution import (
+    AMBIGUITY_FIXED,
+    AMBIGUITY_FLOAT,
+    AMBIGUITY_HELD,
+    AmbiguityTable,
+    DifferentialTecTable,
+)
+
+__all__ = ["ambiguity_table", "differential_tec_table", "relative_rtn"]
+
+
+def relative_rtn(
+    chief_gcrf: FloatArray,
+    relative_gcrf: FloatArray,
+    covariance_chief: FloatArray,
+    covariance_relative: FloatArray,
+) -> tuple[FloatArray, FloatArray]:
+    """Return the relative state in the chief's RTN frame, shape (6,), and its covariance (6, 6).
+
+    Parameters
+    ----------
+    chief_gcrf, relative_gcrf : ndarray, shape (6,)
+        Chief, and deputy less chief.
+    covariance_chief, covariance_relative : ndarray, shape (6, 6)
+        Errors of the chief turn the frame and are part of the result; they are taken as
+        independent of those of the difference.
+    """
+    state = relative_state_rtn(chief_gcrf, chief_gcrf + relative_gcrf)
+    rotation = rotation_gcrf_to_rtn(chief_gcrf)
+    radius = norm(chief_gcrf[:3])
+    rate = norm(cross(chief_gcrf[:3], chief_gcrf[3:])) / radius**2
+    spin = skew([0.0, 0.0, rate])
+    from_difference = np.zeros((6, 6))
+    from_difference[:3, :3] = from_difference[3:, 3:] = rotation
+    from_difference[3:, :3] = -spin @ rotation
+    # A frame turned by theta shows a vector turned by -theta; circular orbit.
+    turn = np.zeros((3, 6))
+    turn[0, 5] = 1.0 / max(norm(chief_gcrf[3:]), 1.0)
+    turn[1, 2] = -1.0 / radius
+    turn[2, 1] = 1.0 / radius
+    in_rtn = np.zeros((6, 6))
+    in_rtn[:3, :3] = in_rtn[3:, 3:] = rotation
+    from_chief = np.zeros((6, 6))
+    from_chief[:3] = skew(state[:3]) @ turn @ in_rtn
+    from_chief[3:] = skew(state[3:]) @ turn @ in_rtn
+    covariance = (
+        from_difference @ covariance_relative @ from_difference.T
+        + from_chief @ covariance_chief @ from_chief.T
+    )
+    return state, covariance
+
+
+def ambiguity_table(
+    state: GaussianState,
+    arcs: ArcBook,
+    measured: SingleDifferences,
+    sigmas: FloatArray,
+    is_new: set[SignalKey],
+) -> AmbiguityTable:
+    """Return the ambiguities of the signals of an epoch.
+
+    Parameters
+    ----------
+    state : GaussianState
+    arcs : ArcBook
+    measured : SingleDifferences
+    sigmas : ndarray, shape (n,)
+        Of the innovations of the phases, m: what one epoch tells of a held ambiguity.
+    is_new : set of SignalKey
+        Signals whose integer was decided at this epoch.
+    """
+    groups = arcs.fixed_groups()
+    references = {group: members[0] for group, members in groups.items()}
+    rows: list[tuple[SignalKey, int, float, float, int, GpsTime | None]] = []
+    for row, key in enumerate(measured.keys):
+        arc = arcs[key]
+        wavelength = float(measured.wavelength[row])
+        if arc.integer is None:
+            label = ("ambiguity", key)
+            value = state.value(label) / wavelength + arc.offset_cycles
+            sigma = state.sigma(label) / wavelength
+            rows.append((key, 0, value, sigma, AMBIGUITY_FLOAT, None))
+            continue
+        reference = references[key.group]
+        value = arc.integer + arc.offset_cycles
+        value -= (reference.integer or 0.0) + reference.offset_cycles
+        status = AMBIGUITY_FIXED if key in is_new else AMBIGUITY_HELD
+        sigma = float(sigmas[row]) / wavelength
+        rows.append((key, reference.key.prn, value, sigma, status, arc.fixed_since))
+    columns = np.array([row[0] for row in rows], dtype=np.uint8).reshape(-1, 4)
+    return AmbiguityTable(
+        system=columns[:, 0],
+        prn=columns[:, 1],
+        band=columns[:, 2],
+        attribute=columns[:, 3],
+        reference_prn=np.array([row[1] for row in rows], dtype=np.uint8),
+        ambiguity_cycles=np.array([row[2] for row in rows], dtype=float),
+        ambiguity_sigma_cycles=np.array([row[3] for row in rows], dtype=float),
+        state=np.array([row[4] for row in rows], dtype=np.uint8),
+        fixed_since=tuple(row[5] for row in rows),
+    )
+
+
+def differential_tec_table(
+    state: GaussianState, arcs: ArcBook, measured: SingleDifferences, sky: Sky
+) -> DifferentialTecTable:
+    """Return the differential slant TEC of the satellites with integers on two carriers.
+
+    The geometry-free phase less its integers is
+    ``40.3 STEC (1 / f2^2 - 1 / f1^2) + beta_1 - beta_2``; the biases come from the state.
+    """
+    pairs = _fixed_pairs(arcs, measured)
+    if not pairs:
+        return DifferentialTecTable()
+    values, sigmas = [], []
+    for first, second in pairs:
+        total, variance = 0.0, 0.0
+        for row, sign in ((first, 1.0), (second, -1.0)):
+            arc = arcs[measured.keys[row]]
+            cycles = arc.offset_cycles + (arc.integer or 0.0)
+            total += sign * (measured.phase[row] - measured.wavelength[row] * cycles)
+            variance += measured.phase_variance[row]
+        one = state.index(("phase_bias", measured.keys[first].group))
+        two = state.index(("phase_bias", measured.keys[second].group))
+        total -= state.mean[one] - state.mean[two]
+        covariance = state.covariance
+        variance += covariance[one, one] + covariance[two, two] - 2.0 * covariance[one, two]
+        scale = (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (
+            measured.frequency_hz[second] ** -2 - measured.frequency_hz[first] ** -2
+        )
+        values.append(total / scale)
+        sigmas.append(np.sqrt(variance) / abs(scale))
+    leading = [first for first, _ in pairs]
+    keys = [(measured.keys[first], measured.keys[second]) for first, second in pairs]
+    return DifferentialTecTable(
+        system=np.array([key.system for key, _ in keys], dtype=np.uint8),
+        prn=np.array([key.prn for key, _ in keys], dtype=np.uint8),
+        band_first=np.array([key.band for key, _ in keys], dtype=np.uint8),
+        band_second=np.array([key.band for _, key in keys], dtype=np.uint8),
+        stec_tecu=np.array(values),
+        stec_sigma_tecu=np.array(sigmas),
+        elevation=sky.elevation[leading],
+        azimuth=sky.azimuth[leading],
+        arc=np.array([max(arcs[a].number, arcs[b].number) for a, b in keys], dtype=np.uint32),
+    )
+
+
+def _fixed_pairs(arcs: ArcBook, measured: SingleDifferences) -> list[tuple[int, int]]:
+    """Return the rows of the first two carriers of each satellite that have integers."""
+    by_satellite: dict[tuple[int, int], list[int]] = {}
+    for row, key in enumerate(measured.keys):
+        if arcs[key].integer is not None:
+            by_satellite.setdefault(key.satellite, []).append(row)
+    return [(rows[0], rows[1]) for rows in by_satellite.values() if len(rows) > 1]

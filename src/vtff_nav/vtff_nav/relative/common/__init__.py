@@ -1,0 +1,1 @@
+"""What every relative estimator shares: measurements, dynamics, inputs and solutions."""

@@ -1,0 +1,58 @@
+"""What every relative estimator is given between epochs: ephemerides and thrust."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_nav.relative.common.dynamics import ThrustInterval
+
+__all__ = ["EstimatorInputs"]
+
+
+class EstimatorInputs:
+    """Base of the estimators: the part of `RelativeEstimator` that is the same in all.
+
+    Parameters
+    ----------
+    ephemerides : iterable of BroadcastEphemeris, optional
+    """
+
+    def __init__(self, ephemerides: Iterable[BroadcastEphemeris] = ()) -> None:
+        self._ephemerides = dict.fromkeys(ephemerides)
+        self._store: EphemerisStore | None = None
+        self._thrust: list[ThrustInterval] = []
+
+    def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
+        """Take a broadcast ephemeris; repetitions cost nothing."""
+        if ephemeris not in self._ephemerides:
+            self._ephemerides[ephemeris] = None
+            self._store = None
+
+    def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
+        """Take the thrust of the deputy; see `RelativeEstimator.add_thrust`.
+
+        Raises
+        ------
+        ValueError
+            If the acceleration is not three finite numbers or the duration not positive.
+        """
+        acceleration = np.array(acceleration_rtn, dtype=float)
+        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+            raise ValueError("acceleration_rtn: three finite numbers expected")
+        if not duration > 0.0:
+            raise ValueError("duration: more than 0 s expected")
+        if acceleration.any():
+            self._thrust.append(ThrustInterval(start, duration, acceleration))
+
+    def _table(self, time: GpsTime) -> EphemerisTable:
+        """Return the ephemerides that are valid at a time."""
+        if self._store is None:
+            self._store = EphemerisStore(self._ephemerides)
+        return self._store.table(time)

@@ -1,0 +1,1 @@
+"""Integer ambiguities: least squares (LAMBDA), validation, failure rates."""

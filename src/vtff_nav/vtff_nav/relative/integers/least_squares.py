@@ -1,0 +1,387 @@
+"""Integer least squares of float ambiguities: LAMBDA with decorrelation, exact, up to n = 60.
+
+A float solution a with covariance Q is transformed by an integer matrix of determinant +-1 to
+z = Z^T a whose covariance is nearly diagonal, and the integer vectors that are nearest in the
+metric of Q are found by a depth-first search. Nothing is approximated: the candidates are the
+best ones or the status says why there are none.
+
+References
+----------
+Teunissen (1995), "The least-squares ambiguity decorrelation adjustment: a method for fast GPS
+integer ambiguity estimation", J. Geodesy 70, 65-82. Chang, Yang and Zhou (2005), "MLAMBDA: a
+modified LAMBDA method for integer least-squares estimation", J. Geodesy 79, 552-565.
+"""
+
+from __future__ import annotations
+
+import enum
+import time
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import erf
+
+from vtff_nav.relative.integers import kernels
+
+__all__ = [
+    "Decorrelation",
+    "IntegerSolution",
+    "IntegerStatus",
+    "bootstrap",
+    "bootstrapped_success_rate",
+    "compile_kernels",
+    "component_success_rates",
+    "decorrelate",
+    "search",
+    "search_decorrelated",
+]
+
+FloatArray = npt.NDArray[np.float64]
+IntegerArray = npt.NDArray[np.int64]
+
+_LARGEST_AMBIGUITY = 2.0**52
+"""Cycles; a double above it has no fraction of a cycle."""
+
+_DEFAULT_NODE_LIMIT = 20_000_000
+"""About 0.5 s of search. Ambiguities that can be fixed need less than 1e5 nodes at n = 40."""
+
+_TIE = 1e-12
+"""Relative difference of squared norms that rounding can make."""
+
+
+class IntegerStatus(enum.Enum):
+    """What became of a decorrelation or search."""
+
+    OK = "ok"
+    NOT_FINITE = "not finite"
+    NOT_POSITIVE_DEFINITE = "covariance not positive definite"
+    ILL_CONDITIONED = "covariance too ill-conditioned for exact integers"
+    OUT_OF_RANGE = "ambiguity too large for a fraction of a cycle"
+    SEARCH_LIMIT = "search not finished"
+
+
+@dataclass(frozen=True, eq=False)
+class Decorrelation:
+    """Decorrelated ambiguities z = Z^T a and the factors of their covariance L^T D L.
+
+    Parameters
+    ----------
+    status : IntegerStatus
+        If it is not OK, the arrays are NaN or 0 and `reason` says which ambiguity is the cause.
+    reason : str
+        Empty if OK.
+    transformation : ndarray of int64, shape (n, n)
+        Z, determinant +1 or -1.
+    inverse_transposed : ndarray of int64, shape (n, n)
+        Z^-T, so that a = Z^-T z without rounding.
+    lower : ndarray, shape (n, n)
+        L, unit lower triangular.
+    conditional_variances : ndarray, shape (n,)
+        Diagonal of D, cycles^2: variance of z_i given z_i+1 to z_n. The last ones are the smallest
+        but for the pairs that an exchange does not improve.
+    """
+
+    status: IntegerStatus
+    reason: str
+    transformation: IntegerArray
+    inverse_transposed: IntegerArray
+    lower: FloatArray
+    conditional_variances: FloatArray
+
+    @property
+    def success_rate(self) -> float:
+        """Success rate of bootstrapping all; 0 if the status is not OK."""
+        if self.status is not IntegerStatus.OK:
+            return 0.0
+        return bootstrapped_success_rate(self.conditional_variances)
+
+
+@dataclass(frozen=True, eq=False)
+class IntegerSolution:
+    """Best integer vectors.
+
+    Parameters
+    ----------
+    candidates : ndarray of int64, shape (m, n)
+        Best first, cycles; equal norms in the order of the integers. Empty, shape (0, n), unless
+        the status is OK.
+    squared_norms : ndarray, shape (m,)
+        (a - z)^T Q^-1 (a - z).
+    ratio : float
+        Second squared norm over first; infinite for an exact hit, NaN with less than 2 candidates.
+    success_rate : float
+        Bootstrapped in the decorrelated space: a lower bound of that of integer least squares.
+    status : IntegerStatus
+    reason : str
+        Empty if OK.
+    nodes : int
+        Of the search tree.
+    """
+
+    candidates: IntegerArray
+    squared_norms: FloatArray
+    ratio: float
+    success_rate: float
+    status: IntegerStatus
+    reason: str
+    nodes: int
+
+
+def component_success_rates(conditional_variances: npt.ArrayLike) -> FloatArray:
+    """Return the probability that each ambiguity is rounded rightly, given those after it.
+
+    Parameters
+    ----------
+    conditional_variances : array_like, shape (n,)
+        cycles^2.
+    """
+    deviations = np.sqrt(np.asarray(conditional_variances, dtype=float))
+    return np.asarray(erf(0.5 / (np.sqrt(2.0) * deviations)))
+
+
+def bootstrapped_success_rate(conditional_variances: npt.ArrayLike) -> float:
+    """Return the probability that bootstrapping gives the true integers.
+
+    Parameters
+    ----------
+    conditional_variances : array_like, shape (n,)
+        cycles^2; 1 is returned for n = 0.
+
+    References
+    ----------
+    Teunissen (1998), "Success probability of integer GPS ambiguity rounding and bootstrapping",
+    J. Geodesy 72, 606-612, eq. 25.
+    """
+    return float(np.prod(component_success_rates(conditional_variances)))
+
+
+def bootstrap(float_ambiguities: npt.ArrayLike, lower: npt.ArrayLike) -> IntegerArray:
+    """Round one ambiguity after the other, from the last to the first, given those before.
+
+    Parameters
+    ----------
+    float_ambiguities : array_like, shape (n,)
+        cycles, decorrelated or not.
+    lower : array_like, shape (n, n)
+        L of their covariance L^T D L.
+
+    References
+    ----------
+    Teunissen (1998), as for `bootstrapped_success_rate`, eq. 17.
+    """
+    conditional = np.array(float_ambiguities, dtype=float)
+    factor = np.asarray(lower, dtype=float)
+    integers = np.zeros(len(conditional), dtype=np.int64)
+    for i in range(len(conditional) - 1, -1, -1):
+        integers[i] = int(np.floor(conditional[i] + 0.5))
+        conditional[:i] -= factor[i, :i] * (conditional[i] - integers[i])
+    return integers
+
+
+def decorrelate(covariance: npt.ArrayLike) -> Decorrelation:
+    """Decorrelate ambiguities.
+
+    Parameters
+    ----------
+    covariance : array_like, shape (n, n)
+        cycles^2; its symmetric part counts.
+
+    Raises
+    ------
+    ValueError
+        If the covariance is not a square matrix. Bad numbers in it make a status.
+    """
+    matrix = np.asarray(covariance, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
+        raise ValueError(f"covariance: shape (n, n) expected, got {matrix.shape}")
+    n = len(matrix)
+    if not np.isfinite(matrix).all():
+        row, column = np.argwhere(~np.isfinite(matrix))[0]
+        return _failed(
+            n, IntegerStatus.NOT_FINITE, f"covariance[{row}, {column}] is {matrix[row, column]}"
+        )
+    lower = np.zeros((n, n))
+    variances = np.empty(n)
+    order = np.empty(n, dtype=np.int64)
+    code, place = kernels.factorise(0.5 * (matrix + matrix.T), lower, variances, order)
+    if code != kernels.KERNEL_OK:
+        return _failed(
+            n,
+            IntegerStatus.NOT_POSITIVE_DEFINITE,
+            f"ambiguity {place}: variance {matrix[place, place]:.6g} cycles^2 is not positive or "
+            "is that of a combination of the others within rounding",
+        )
+    transformation = np.zeros((n, n), dtype=np.int64)
+    transformation[order, np.arange(n)] = 1
+    inverse_transposed = transformation.copy()
+    if kernels.reduce(lower, variances, transformation, inverse_transposed) != kernels.KERNEL_OK:
+        return _failed(n, IntegerStatus.ILL_CONDITIONED, "transformation beyond 2^31")
+    return Decorrelation(IntegerStatus.OK, "", transformation, inverse_transposed, lower, variances)
+
+
+def search_decorrelated(
+    float_ambiguities: npt.ArrayLike,
+    lower: npt.ArrayLike,
+    conditional_variances: npt.ArrayLike,
+    candidates: int = 2,
+    node_limit: int = _DEFAULT_NODE_LIMIT,
+) -> IntegerSolution:
+    """Find the best integer vectors of ambiguities that are decorrelated already.
+
+    Parameters
+    ----------
+    float_ambiguities : array_like, shape (n,)
+        cycles; small enough that their fractions are exact, as `search` and
+        `integer_validation` prepare them.
+    lower, conditional_variances : array_like, shapes (n, n) and (n,)
+        Factors of their covariance L^T D L, for example the trailing part of a `Decorrelation`.
+    candidates : int
+        m >= 1.
+    node_limit : int
+        Work after which the search gives up.
+    """
+    center = np.asarray(float_ambiguities, dtype=float)
+    factor = np.ascontiguousarray(lower, dtype=float)
+    variances = np.ascontiguousarray(conditional_variances, dtype=float)
+    if candidates < 1:
+        raise ValueError(f"candidates: at least 1 expected, got {candidates}")
+    success_rate = bootstrapped_success_rate(variances)
+    n = len(center)
+    if n == 0:
+        empty = np.zeros((1, 0), dtype=np.int64)
+        return IntegerSolution(empty, np.zeros(1), np.nan, 1.0, IntegerStatus.OK, "", 0)
+    found = np.zeros((candidates, n))
+    norms = np.zeros(candidates)
+    nodes = kernels.search(center, factor, variances, found, norms, node_limit)
+    if nodes < 0:
+        reason = f"not finished after {node_limit} nodes, success rate {success_rate:.3g}"
+        return _unsolved(n, IntegerStatus.SEARCH_LIMIT, reason, success_rate, node_limit)
+    return IntegerSolution(
+        candidates=found.astype(np.int64),
+        squared_norms=norms,
+        ratio=_ratio(norms),
+        success_rate=success_rate,
+        status=IntegerStatus.OK,
+        reason="",
+        nodes=nodes,
+    )
+
+
+def search(
+    float_ambiguities: npt.ArrayLike,
+    covariance: npt.ArrayLike,
+    candidates: int = 2,
+    node_limit: int = _DEFAULT_NODE_LIMIT,
+) -> IntegerSolution:
+    """Find the integer vectors with the least (a - z)^T Q^-1 (a - z).
+
+    Parameters
+    ----------
+    float_ambiguities : array_like, shape (n,)
+        a, cycles; any size up to 4.5e15.
+    covariance : array_like, shape (n, n)
+        Q, cycles^2; its symmetric part counts.
+    candidates : int
+        Number m of vectors wanted, at least 1.
+    node_limit : int
+        Work after which the search gives up with `IntegerStatus.SEARCH_LIMIT`.
+
+    Raises
+    ------
+    ValueError
+        If shapes do not fit. Bad numbers make a status and a reason instead.
+
+    References
+    ----------
+    Teunissen (1995), Chang, Yang and Zhou (2005): see the module.
+    """
+    ambiguities = np.asarray(float_ambiguities, dtype=float)
+    n = len(np.asarray(covariance))
+    if ambiguities.shape != (n,):
+        raise ValueError(f"float_ambiguities: shape ({n},) expected, got {ambiguities.shape}")
+    if not np.isfinite(ambiguities).all():
+        place = int(np.argmin(np.isfinite(ambiguities)))
+        reason = f"float_ambiguities[{place}] is {ambiguities[place]}"
+        return _unsolved(n, IntegerStatus.NOT_FINITE, reason)
+    if n and np.abs(ambiguities).max() > _LARGEST_AMBIGUITY:
+        place = int(np.abs(ambiguities).argmax())
+        reason = f"float_ambiguities[{place}] is {ambiguities[place]} cycles"
+        return _unsolved(n, IntegerStatus.OUT_OF_RANGE, reason)
+    decorrelation = decorrelate(covariance)
+    if decorrelation.status is not IntegerStatus.OK:
+        return _unsolved(n, decorrelation.status, decorrelation.reason)
+    # Without the integer parts nothing is lost when the fractions are combined.
+    nearest = np.rint(ambiguities)
+    center = decorrelation.transformation.T @ (ambiguities - nearest)
+    solution = search_decorrelated(
+        center,
+        decorrelation.lower,
+        decorrelation.conditional_variances,
+        candidates,
+        node_limit,
+    )
+    if solution.status is not IntegerStatus.OK:
+        return solution
+    back = solution.candidates @ decorrelation.inverse_transposed.T
+    integers = back + nearest.astype(np.int64)
+    order = _order_of_ties(solution.squared_norms, integers)
+    return IntegerSolution(
+        candidates=integers[order],
+        squared_norms=solution.squared_norms,
+        ratio=solution.ratio,
+        success_rate=solution.success_rate,
+        status=IntegerStatus.OK,
+        reason="",
+        nodes=solution.nodes,
+    )
+
+
+def compile_kernels() -> float:
+    """Compile what `search` needs, or load it from the cache, and return the seconds it took.
+
+    The first search does this too; a node calls it before the first epoch is due.
+    """
+    begin = time.perf_counter()
+    search([0.3, 0.4], [[1.0, 0.9], [0.9, 1.0]])
+    return time.perf_counter() - begin
+
+
+def _ratio(squared_norms: FloatArray) -> float:
+    if len(squared_norms) < 2:
+        return float("nan")
+    best, second = squared_norms[:2].tolist()
+    return second / best if best > 0.0 else float("inf")
+
+
+def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[int]:
+    """Return the order by norm, and by the integers where norms differ by rounding only."""
+    order = list(range(len(integers)))
+    first = 0
+    for last in range(1, len(order) + 1):
+        if last < len(order) and squared_norms[last] - squared_norms[last - 1] <= (
+            _TIE * squared_norms[last]
+        ):
+            continue
+        order[first:last] = sorted(order[first:last], key=lambda i: integers[i].tolist())
+        first = last
+    return order
+
+
+def _failed(n: int, status: IntegerStatus, reason: str) -> Decorrelation:
+    zeros = np.zeros((n, n), dtype=np.int64)
+    return Decorrelation(status, reason, zeros, zeros, np.full((n, n), np.nan), np.full(n, np.nan))
+
+
+def _unsolved(
+    n: int, status: IntegerStatus, reason: str, success_rate: float = 0.0, nodes: int = 0
+) -> IntegerSolution:
+    return IntegerSolution(
+        candidates=np.zeros((0, n), dtype=np.int64),
+        squared_norms=np.zeros(0),
+        ratio=float("nan"),
+        success_rate=success_rate,
+        status=status,
+        reason=reason,
+        nodes=nodes,
+    )

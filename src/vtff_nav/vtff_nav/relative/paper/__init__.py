@@ -1,0 +1,1 @@
+"""The 8-state relative filter of paper 000."""

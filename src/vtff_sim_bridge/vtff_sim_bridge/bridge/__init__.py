@@ -1,0 +1,1 @@
+"""The bridge to SimGEN: one run of it, and the thrust that acts in each step."""

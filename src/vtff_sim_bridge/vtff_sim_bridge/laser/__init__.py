@@ -1,0 +1,1 @@
+"""Emulated laser ranging between two spacecraft."""

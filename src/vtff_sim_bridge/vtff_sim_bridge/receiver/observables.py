@@ -1,0 +1,317 @@
+"""Pseudorange, carrier phase, Doppler and C/N0 of all links of a receiver over a second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.orbits.line_of_sight import LineOfSight
+from vtff_sim_bridge.gnss.configuration import NoiseModel, ReceiverConfiguration
+from vtff_sim_bridge.gnss.random_streams import Effect, NoiseField, generator
+from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
+from vtff_sim_bridge.gnss.sky import Constellation, Sky
+from vtff_sim_bridge.receiver.tracking import Link
+
+__all__ = [
+    "LinkPlan",
+    "MeasurementNoise",
+    "Multipath",
+    "Sigmas",
+    "all_links",
+    "link_rows",
+    "signals_of",
+]
+
+_REFERENCE_DISTANCE = 20.2e6
+_SATELLITES = {0: 32, 3: 36}
+
+
+def all_links(signals: Sequence[Signal]) -> list[Link]:
+    """Return every link that signals make, satellite by satellite."""
+    return [
+        Link(system, prn, signal)
+        for system, count in _SATELLITES.items()
+        for prn in range(1, count + 1)
+        for signal in signals
+        if signal.system == system
+    ]
+
+
+def link_rows(links: Sequence[Link]) -> dict[tuple[int, int], list[int]]:
+    """Return the places of the links of each satellite (system, number)."""
+    rows: dict[tuple[int, int], list[int]] = {}
+    for row, link in enumerate(links):
+        rows.setdefault((link.system, link.prn), []).append(row)
+    return rows
+
+
+@dataclass(frozen=True, eq=False)
+class LinkPlan:
+    """The links to the satellites of a sky: constants of each, shape (m,), satellite by satellite.
+
+    Parameters
+    ----------
+    ephemerides : tuple of BroadcastEphemeris
+        Of the n satellites.
+    satellites : list of (int, int)
+        Their system and number.
+    satellite : ndarray of int
+        Column of each link's satellite.
+    row : ndarray of int
+        Place of the link among all links.
+    frequency, wavelength, chip_length : ndarray
+        Hz, m, m.
+    code_bias : ndarray
+        Group delay of the satellite, its further bias, and the bias of the receiver, m.
+    broadcast_delay : ndarray
+        Part of it that the broadcast message tells, m.
+    cn0_zenith_dbhz : ndarray
+    system, prn, band, attribute : ndarray of uint8
+    stream : ndarray of int, shape (n,)
+        Number of each satellite's scintillation pattern.
+    errors : ndarray, shape (n, 4)
+        True less broadcast orbit (radial, along-track, normal) and clock, m.
+    """
+
+    ephemerides: tuple[BroadcastEphemeris, ...]
+    satellites: list[tuple[int, int]]
+    satellite: npt.NDArray[np.intp]
+    row: npt.NDArray[np.intp]
+    frequency: FloatArray
+    wavelength: FloatArray
+    chip_length: FloatArray
+    code_bias: FloatArray
+    broadcast_delay: FloatArray
+    cn0_zenith_dbhz: FloatArray
+    system: npt.NDArray[np.uint8]
+    prn: npt.NDArray[np.uint8]
+    band: npt.NDArray[np.uint8]
+    attribute: npt.NDArray[np.uint8]
+    stream: npt.NDArray[np.int64]
+    errors: FloatArray | None
+
+    @classmethod
+    def of_sky(
+        cls,
+        sky: Sky,
+        constellation: Constellation,
+        links: Sequence[Link],
+        rows_of: Mapping[tuple[int, int], Sequence[int]],
+        receiver: ReceiverConfiguration,
+    ) -> LinkPlan:
+        """Return the plan of a receiver for a sky."""
+        ephemerides = sky.table.ephemerides
+        satellites = [(e.system, e.prn) for e in ephemerides]
+        rows = [rows_of.get(satellite, ()) for satellite in satellites]
+        chosen = [links[row] for of_one in rows for row in of_one]
+        signals = [link.signal for link in chosen]
+        of_satellite = dict(zip(satellites, ephemerides, strict=True))
+        delay = SPEED_OF_LIGHT * np.array(
+            [clock_group_delay(k.signal, of_satellite[k.system, k.prn]) for k in chosen]
+        )
+        bias = np.array(
+            [
+                constellation.signal_bias(k.system, k.prn, k.signal.band, k.signal.attribute)
+                + receiver.biases.get(k.signal.name, 0.0)
+                for k in chosen
+            ]
+        )
+        frequency = np.array([signal.frequency for signal in signals])
+        errors = None
+        if constellation.has_errors:
+            errors = np.array([constellation.orbit_error(*satellite) for satellite in satellites])
+        return cls(
+            ephemerides=ephemerides,
+            satellites=satellites,
+            satellite=np.repeat(np.arange(len(rows)), [len(of_one) for of_one in rows]),
+            row=np.array([row for of_one in rows for row in of_one], dtype=np.intp),
+            frequency=frequency,
+            wavelength=SPEED_OF_LIGHT / frequency,
+            chip_length=SPEED_OF_LIGHT / np.array([signal.chip_rate for signal in signals]),
+            code_bias=delay + bias,
+            broadcast_delay=delay,
+            cn0_zenith_dbhz=np.array([receiver.cn0_zenith_dbhz[s.name] for s in signals]),
+            system=np.array([link.system for link in chosen], dtype=np.uint8),
+            prn=np.array([link.prn for link in chosen], dtype=np.uint8),
+            band=np.array([signal.band for signal in signals], dtype=np.uint8),
+            attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
+            stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
+            errors=errors,
+        )
+
+    def cn0_dbhz(
+        self,
+        line_of_sight: LineOfSight,
+        receiver: ReceiverConfiguration,
+        boresight_itrf: FloatArray | None = None,
+    ) -> FloatArray:
+        """Return C/N0 without scintillation and noise, dB-Hz, shape (k, m).
+
+        Parameters
+        ----------
+        line_of_sight : LineOfSight
+            Shape (k, n).
+        receiver : ReceiverConfiguration
+        boresight_itrf : ndarray, shape (k, 3), optional
+            Unit vectors along the boresight of the antenna; the zenith if absent.
+        """
+        gain = -20.0 * np.log10(line_of_sight.range / _REFERENCE_DISTANCE)
+        if receiver.antenna is not None:
+            off_boresight = 0.5 * math.pi - line_of_sight.elevation
+            if boresight_itrf is not None:
+                cosine = np.einsum("kni,ki->kn", line_of_sight.direction_itrf, boresight_itrf)
+                off_boresight = np.arccos(np.clip(cosine, -1.0, 1.0))
+            gain = gain + receiver.antenna.gain_db(off_boresight)
+        return np.asarray(self.cn0_zenith_dbhz + gain[:, self.satellite])
+
+    def range_error(self, line_of_sight: LineOfSight) -> FloatArray | None:
+        """Return the true range less that to the broadcast orbit and clock, m, shape (k, n)."""
+        if self.errors is None:
+            return None
+        position = line_of_sight.position_satellite_itrf
+        radial = position / np.linalg.norm(position, axis=-1, keepdims=True)
+        normal = np.cross(position, line_of_sight.velocity_satellite_itrf)
+        normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
+        error = (
+            self.errors[:, 0, None] * radial
+            + self.errors[:, 1, None] * np.cross(normal, radial)
+            + self.errors[:, 2, None] * normal
+        )
+        direction = line_of_sight.direction_itrf
+        projected = np.einsum("...i,...i->...", error, direction)
+        return np.asarray(projected - self.errors[:, 3])
+
+
+@dataclass(frozen=True, eq=False)
+class Sigmas:
+    """Sigmas of code (m), phase (m) and Doppler (m/s), shape (k, m)."""
+
+    code: FloatArray
+    phase: FloatArray
+    doppler: FloatArray
+
+
+class MeasurementNoise:
+    """Noise of the measurements of one receiver.
+
+    Parameters
+    ----------
+    model : NoiseModel
+    links : sequence of Link
+        All links of the receiver.
+    seed, receiver : int
+        Of the run; number of the receiver.
+    """
+
+    def __init__(self, model: NoiseModel, links: Sequence[Link], seed: int, receiver: int) -> None:
+        self._model = model
+        addresses = [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
+        self._fields = {
+            effect: NoiseField(seed, effect, addresses)
+            for effect in (
+                *(Effect.CODE_NOISE, Effect.PHASE_NOISE),
+                *(Effect.DOPPLER_NOISE, Effect.CN0_NOISE),
+            )
+        }
+
+    @property
+    def is_on(self) -> bool:
+        """Whether there is noise."""
+        return self._model.model != "none"
+
+    def drawn(
+        self, effect: Effect, second: int, rows: npt.NDArray[np.intp], emitted: slice
+    ) -> FloatArray:
+        """Return noise of unit variance, shape (k, m)."""
+        return self._fields[effect].second(second, rows)[emitted]
+
+    def sigmas(
+        self, cn0_dbhz: FloatArray, wavelength: FloatArray, chip_length: FloatArray
+    ) -> Sigmas:
+        """Return the sigmas, shape (k, m); those that a receiver would state if noise is off.
+
+        References
+        ----------
+        Kaplan and Hegarty (2006), Understanding GPS, eq. 5.6 (PLL thermal noise) and 5.14
+        (non-coherent early-late DLL). Doppler: difference of two phases 0.05 s apart.
+        """
+        model = self._model
+        if model.model == "fixed":
+            whole = np.ones(cn0_dbhz.shape)
+            return Sigmas(
+                model.code_sigma * whole, model.phase_sigma * whole, model.doppler_sigma * whole
+            )
+        ratio = 10.0 ** (0.1 * cn0_dbhz)
+        spacing = model.correlator_spacing_chips
+        squaring = 1.0 + 1.0 / (2.0 * model.integration_time * ratio)
+        phase = (
+            wavelength / (2.0 * math.pi) * np.sqrt(model.phase_loop_bandwidth_hz / ratio * squaring)
+        )
+        code = chip_length * np.sqrt(
+            model.code_loop_bandwidth_hz
+            * spacing
+            / (2.0 * ratio)
+            * (1.0 + 2.0 / ((2.0 - spacing) * model.integration_time * ratio))
+        )
+        return Sigmas(code, phase, np.full(cn0_dbhz.shape, model.doppler_sigma))
+
+    @staticmethod
+    def noisy_cn0_dbhz(cn0_dbhz: FloatArray, noise: FloatArray) -> FloatArray:
+        """Return C/N0 as estimated from the power of 0.05 s.
+
+        The relative sigma of the power is sqrt(2 / (C/N0 T)), the noise floor of S4.
+        """
+        ratio = 10.0 ** (0.1 * cn0_dbhz)
+        relative = np.maximum(1.0 + np.sqrt(2.0 / (0.05 * ratio)) * noise, 0.01)
+        return np.asarray(cn0_dbhz + 10.0 * np.log10(relative))
+
+
+class Multipath:
+    """Code and phase multipath of all links of one receiver, see `MultipathModel`.
+
+    Parameters
+    ----------
+    configuration : ReceiverConfiguration
+    links : sequence of Link
+    seed, receiver : int
+    """
+
+    def __init__(
+        self, configuration: ReceiverConfiguration, links: Sequence[Link], seed: int, receiver: int
+    ) -> None:
+        self._model = configuration.multipath
+        draws = np.zeros((len(links), 3))
+        if self.is_on:
+            for row, k in enumerate(links):
+                address = (receiver, k.system, k.prn, k.signal.band, k.signal.attribute)
+                draws[row] = generator(seed, Effect.MULTIPATH, *address).random(3)
+        self._rate = 2.0 * math.pi / (self._model.period * (0.7 + 0.6 * draws[:, 0]))
+        self._phases = 2.0 * math.pi * draws[:, 1:]
+
+    @property
+    def is_on(self) -> bool:
+        """Whether there is multipath."""
+        return self._model.code_amplitude > 0.0 or self._model.phase_amplitude > 0.0
+
+    def errors(
+        self, elapsed: FloatArray, elevation: FloatArray, rows: npt.NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return errors of code and phase, m, shape (k, m), at times into the run (k,)."""
+        argument = elapsed[:, None] * self._rate[rows]
+        size = np.cos(elevation)
+        first, second = self._phases[rows].T
+        code = self._model.code_amplitude * size * np.sin(argument + first)
+        phase = self._model.phase_amplitude * size * np.sin(argument + second)
+        return code, phase
+
+
+def signals_of(configuration: ReceiverConfiguration) -> list[Signal]:
+    """Return the signals that a receiver tracks."""
+    return [SIGNALS[name] for name in configuration.cn0_zenith_dbhz]

@@ -1,0 +1,533 @@
+"""Command interpreter and log scheduler of an emulated NovAtel receiver, on scenario time.
+
+Abbreviated ASCII commands in, answers and logs out; no input or output is done here and no wall
+clock is read. Source: OEM7 Commands and Logs Reference Manual, commands LOG, UNLOG, UNLOGALL,
+SERIALCONFIG; the answers are those of real receivers, the error texts those of novatel_edie's
+table of responses.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from decimal import Decimal, InvalidOperation
+from typing import Any
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.novatel.definitions import MessageDecoder
+from vtff_gnss.novatel.encode.frame import (
+    PORT_ADDRESSES,
+    TIME_STATUS_FINE_STEERING,
+    HeaderSettings,
+)
+from vtff_gnss.novatel.encode.solution import ComponentVersion
+from vtff_sim_bridge.receiver.receiver_logs import (
+    EVENT_TRIGGERS,
+    LOG_DEFINITIONS,
+    LogContext,
+    LogDefinition,
+    LogEncoder,
+    ReceiverOutputs,
+)
+
+MAXIMUM_COMMAND_BYTES = 512
+DEFAULT_BAUD = 9600
+"""Factory setting of the ports."""
+BAUD_RATES = (
+    *(300, 600, 900, 1200, 2400, 4800, 9600, 19200, 38400, 57600),
+    *(115200, 230400, 460800, 921600),
+)
+DEFAULT_TRANSMIT_BUFFER_BYTES = 16384
+
+_SEPARATORS = b" ,\t"
+_TO_BLANKS = bytes.maketrans(_SEPARATORS, b" " * len(_SEPARATORS))
+_MINIMUM_PERIOD = Decimal("0.05")
+_SUBSECOND_PERIODS = tuple(Decimal(p) for p in ("0.05", "0.1", "0.2", "0.25", "0.5"))
+_PORTS = ("COM1", "COM2", "COM3", "USB1", "USB2", "USB3")
+_ALL_PORTS = "ALL_PORTS"
+_KNOWN_TRIGGERS = ("ONNEW", "ONCHANGED", "ONTIME", "ONNEXT", "ONCE", "ONMARK", "ONALL")
+_OVERRUN_BIT = {"COM1": 1 << 8, "COM2": 1 << 9, "COM3": 1 << 10}
+
+# Commands that a receiver obeys without anything in its logs changing here.
+_IGNORED_COMMANDS = frozenset(
+    "ANTENNAPOWER ASSIGN ASSIGNALL CLOCKADJUST CLOCKOFFSET COMCONTROL CSMOOTH DATUM DYNAMICS ECHO "
+    "ECUTOFF ELEVATIONCUTOFF EXTERNALCLOCK FIX FREQUENCYOUT GALECUTOFF INTERFACEMODE LOCKOUT "
+    "MAGVAR NMEATALKER PDPFILTER POSAVE PPSCONTROL PSRDIFFSOURCE PSRDIFFTIMEOUT RAIMMODE "
+    "RTKDYNAMICS RTKSOURCE SBASCONTROL SELECTCHANCONFIG SETIONOTYPE SETUTCLEAPSECONDS "
+    "STATUSCONFIG UNASSIGN UNASSIGNALL UNDULATION UNLOCKOUT UNLOCKOUTALL USERDATUM".split()
+)
+
+
+class CommandError(ValueError):
+    """A command that the receiver refuses; the text is that of its answer."""
+
+
+@dataclass
+class _LogRequest:
+    """One LOG command in force; `since` is the epoch before it, None for the first one."""
+
+    definition: LogDefinition
+    order: int
+    format_suffix: str
+    trigger: str
+    period_nanoseconds: int
+    offset_nanoseconds: int
+    is_held: bool
+    encoder: LogEncoder
+    since: GpsTime | None = None
+    last_sequence: object = None
+    last_items: dict[object, Any] = field(default_factory=dict)
+
+    def is_due(self, time_of_week_nanoseconds: int) -> bool:
+        """Tell whether the log may have to be sent at an epoch."""
+        if self.trigger != "ONTIME":
+            return True
+        since = time_of_week_nanoseconds - self.offset_nanoseconds
+        return since % self.period_nanoseconds == 0
+
+    def chosen(self, items: Sequence[Any]) -> list[Any]:
+        """Return the items to send: with ONNEW and ONCHANGED those not sent before."""
+        is_event = self.trigger in EVENT_TRIGGERS
+        if is_event:
+            if items is self.last_sequence:
+                return []
+            self.last_sequence = items
+        accepts = self.definition.accepts
+        if accepts is not None:
+            items = [item for item in items if accepts(item)]
+        return [item for item in items if self._is_news(item)] if is_event else list(items)
+
+    def _is_news(self, item: Any) -> bool:
+        is_ephemeris = isinstance(item, BroadcastEphemeris)
+        key = (item.system, item.prn) if is_ephemeris else None
+        last = self.last_items.get(key)
+        self.last_items[key] = item
+        if last is None and self.trigger == "ONNEW" and self.since is not None:
+            # Received before the log was asked for; what has no time of its own was so too.
+            return is_ephemeris and item.time > self.since
+        if is_ephemeris and last is not None and self.trigger == "ONCHANGED":
+            last = replace(last, time=item.time)
+        return bool(item != last)
+
+
+class _Line:
+    """Serial line: what its baud rate carries in scenario time, and how much is asked of it."""
+
+    def __init__(self, is_limited: bool, buffer_bytes: int) -> None:
+        self.baud = DEFAULT_BAUD
+        self.bits_per_byte = 10
+        self.is_limited = is_limited
+        self.waiting = bytearray()
+        self.dropped_frames = 0
+        self._buffer_bytes = buffer_bytes
+        self._time_nanoseconds: int | None = None
+        self._credit = 0
+        self._recent: deque[tuple[int, int]] = deque()
+        self._recent_bytes = 0
+
+    def send(self, time: GpsTime, frames: list[bytes]) -> tuple[bytes, bool]:
+        """Take the frames of an epoch; return the bytes to put out, and whether any was dropped.
+
+        With a limit these are the bytes that the line carried since the last epoch.
+        """
+        self._account(time.nanoseconds, sum(map(len, frames)))
+        if not self.is_limited:
+            return b"".join(frames), False
+        carried = self._carried(time.nanoseconds)
+        dropped = self.dropped_frames
+        for frame in frames:
+            if len(self.waiting) + len(frame) <= self._buffer_bytes:
+                self.waiting += frame
+            else:
+                self.dropped_frames += 1
+        return carried, self.dropped_frames > dropped
+
+    def load_percent(self) -> float:
+        """Return the bits asked for in the last second of scenario time, relative to the rate."""
+        return 100.0 * self._recent_bytes * self.bits_per_byte / self.baud
+
+    def _carried(self, nanoseconds: int) -> bytes:
+        if self._time_nanoseconds is not None:
+            self._credit += self.baud * (nanoseconds - self._time_nanoseconds)
+        self._time_nanoseconds = nanoseconds
+        per_byte = self.bits_per_byte * NANOSECONDS_PER_SECOND
+        count = min(self._credit // per_byte, len(self.waiting))
+        carried = bytes(self.waiting[:count])
+        del self.waiting[:count]
+        # An idle line saves nothing up.
+        self._credit = self._credit - count * per_byte if self.waiting else 0
+        return carried
+
+    def _account(self, nanoseconds: int, count: int) -> None:
+        self._recent.append((nanoseconds, count))
+        self._recent_bytes += count
+        while self._recent[0][0] <= nanoseconds - NANOSECONDS_PER_SECOND:
+            self._recent_bytes -= self._recent.popleft()[1]
+
+
+class EmulatedReceiver:
+    """One port of a receiver: obeys commands and sends the logs that are due.
+
+    A second LOG of a log replaces the first and is answered with OK, also if it is the same: that
+    it were refused is known of one other simulator only, and NovAtel's table of answers has no
+    text for it. Logs asked for on other ports are accepted and go nowhere. ONCE is answered at the
+    next epoch, VERSION at once. ONCHANGED sends what there is at the next epoch and then what has
+    changed; ONNEW only what is received after the command (a new `time` counts, as every satellite
+    repeats its ephemeris every 30 s).
+
+    Parameters
+    ----------
+    port_name : str
+        "COM1" to "COM3".
+    settings : HeaderSettings
+        Headers of the logs; the port address is that of `port_name`.
+    baud : int
+        Rate of the port until SERIALCONFIG.
+    limits_baud : bool
+        Carry no more than the line can: an epoch's bytes come with the following epochs, frames
+        for which the transmit buffer has no room are dropped, and the overrun bit of the receiver
+        status is set from then on.
+    transmit_buffer_bytes : int
+        Size of the transmit buffer.
+    versions : sequence of ComponentVersion
+        What VERSION tells.
+    definitions : sequence of LogDefinition
+        The logs, in the order of sending.
+
+    Attributes
+    ----------
+    time_status, receiver_status : int
+        For headers of logs without their own; set by the caller when they change.
+
+    Raises
+    ------
+    ValueError
+        If the port or the baud rate does not exist.
+    """
+
+    def __init__(
+        self,
+        port_name: str = "COM1",
+        settings: HeaderSettings | None = None,
+        *,
+        baud: int = DEFAULT_BAUD,
+        limits_baud: bool = False,
+        transmit_buffer_bytes: int = DEFAULT_TRANSMIT_BUFFER_BYTES,
+        versions: Sequence[ComponentVersion] = (ComponentVersion(),),
+        definitions: Sequence[LogDefinition] = LOG_DEFINITIONS,
+    ) -> None:
+        if port_name not in PORT_ADDRESSES:
+            raise ValueError(f"port_name: {port_name!r} is not one of {sorted(PORT_ADDRESSES)}")
+        if baud not in BAUD_RATES:
+            raise ValueError(f"baud: {baud} is not one of {BAUD_RATES}")
+        self.port_name = port_name
+        self.time_status = TIME_STATUS_FINE_STEERING
+        self.receiver_status = 0
+        self._settings = replace(
+            settings or HeaderSettings(), port_address=PORT_ADDRESSES[port_name]
+        )
+        self._versions = versions
+        self._definitions = {d.name: (order, d) for order, d in enumerate(definitions)}
+        self._line = _Line(limits_baud, transmit_buffer_bytes)
+        self._line.baud = baud
+        self._saved: tuple[dict[tuple[str, str, str], _LogRequest], int, int] = ({}, baud, 10)
+        self._requests: dict[tuple[str, str, str], _LogRequest] = {}
+        self._schedule: list[tuple[tuple[str, str, str], _LogRequest]] | None = None
+        self._time: GpsTime | None = None
+        self._has_overrun = False
+        self._tail = b""
+        self._decoder: MessageDecoder | None = None
+        self._at_once: list[bytes] = []
+        self._commands: Mapping[str, Callable[[list[str]], None]] = {
+            "LOG": self._log,
+            "UNLOG": self._unlog,
+            "UNLOGALL": self._unlogall,
+            "SERIALCONFIG": self._serialconfig,
+            "COM": self._serialconfig,
+            "SAVECONFIG": self._saveconfig,
+            "RESET": self._reset,
+        }
+
+    @property
+    def baud(self) -> int:
+        """Rate of the port in bit/s."""
+        return self._line.baud
+
+    @property
+    def link_load_percent(self) -> float:
+        """Bits of all logs of the last second of scenario time, relative to the baud rate."""
+        return self._line.load_percent()
+
+    @property
+    def waiting_bytes(self) -> int:
+        """Bytes in the transmit buffer; always 0 without a baud limit."""
+        return len(self._line.waiting)
+
+    @property
+    def dropped_frames(self) -> int:
+        """Logs dropped so far because the transmit buffer was full."""
+        return self._line.dropped_frames
+
+    @property
+    def active_logs(self) -> tuple[str, ...]:
+        """LOG commands in force on this port, e.g. ``"RANGEB ONTIME 0.05"``."""
+        return tuple(
+            f"{name}{suffix} {request.trigger}"
+            + (
+                f" {request.period_nanoseconds / NANOSECONDS_PER_SECOND:g}"
+                if request.trigger == "ONTIME"
+                else ""
+            )
+            for (port, name, suffix), request in self._requests.items()
+            if port == self.port_name
+        )
+
+    def receive(self, content: bytes) -> bytes:
+        """Take bytes from the host and return the bytes to send back now.
+
+        Commands end with CR, LF or both. With a baud limit and a transmit buffer that is not
+        empty, the answers come behind its bytes with the next epochs.
+        """
+        lines = (self._tail + content).replace(b"\n", b"\r").split(b"\r")
+        # One byte more than allowed is kept, so that the end of a long line is refused too.
+        self._tail = lines.pop()[: MAXIMUM_COMMAND_BYTES + 1]
+        answer = b"".join(self._answer(line) for line in lines if line.strip(_SEPARATORS))
+        if self._line.waiting:
+            self._line.waiting += answer
+            return b""
+        return answer
+
+    def advance(self, time: GpsTime, outputs: ReceiverOutputs) -> bytes:
+        """Go on to an epoch and return the bytes that the port sends.
+
+        Parameters
+        ----------
+        time : GpsTime
+            Later than all epochs before; a log ONTIME is sent if this is a multiple of its
+            period after its offset.
+        outputs : ReceiverOutputs
+            What there is to log.
+
+        Raises
+        ------
+        ValueError
+            If `time` is not later than the epoch before.
+        """
+        if self._time is not None and time <= self._time:
+            raise ValueError(f"time: {time} is not later than {self._time}")
+        self._time = time
+        frames: list[bytes] = []
+        done = []
+        time_of_week = time.time_of_week_nanoseconds
+        for key, request in self._scheduled():
+            if request.is_due(time_of_week):
+                items = request.chosen(request.definition.items(outputs, time))
+                frames += [self._frame(request, item) for item in items]
+                if request.trigger == "ONCE":
+                    done.append(key)
+        for key in done:
+            del self._requests[key]
+            self._schedule = None
+        carried, is_dropped = self._line.send(time, frames)
+        self._has_overrun |= is_dropped
+        return carried
+
+    def _scheduled(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
+        """Return the logs of this port in the order of sending."""
+        if self._schedule is None:
+            requests = [entry for entry in self._requests.items() if entry[0][0] == self.port_name]
+            self._schedule = sorted(requests, key=lambda entry: entry[1].order)
+        return self._schedule
+
+    def power_cycle(self) -> bytes:
+        """Start again with the saved configuration; return what the port sends when it is up."""
+        self._tail = b""
+        return self._restart()
+
+    def _restart(self) -> bytes:
+        self._schedule = None
+        requests, self._line.baud, self._line.bits_per_byte = self._saved
+        self._requests = {
+            key: replace(
+                request,
+                encoder=request.definition.make_encoder(),
+                since=None,
+                last_sequence=None,
+                last_items={},
+            )
+            for key, request in requests.items()
+        }
+        self._line.waiting.clear()
+        self._has_overrun = False
+        return self._prompt()
+
+    def _prompt(self) -> bytes:
+        return f"\r\n[{self.port_name}]".encode("ascii")
+
+    def _answer(self, line: bytes) -> bytes:
+        self._at_once = []
+        self._schedule = None
+        try:
+            if len(line) > MAXIMUM_COMMAND_BYTES:
+                raise CommandError("Message is incorrect")
+            separated = line.translate(_TO_BLANKS)
+            text = "".join(chr(b) if 32 <= b < 127 else "?" for b in separated)
+            verb, *arguments = text.upper().split()
+            if verb in self._commands:
+                self._commands[verb](arguments)
+            elif verb not in _IGNORED_COMMANDS:
+                raise _invalid_field(verb)
+            answer = "OK"
+        except CommandError as error:
+            answer = f"ERROR:{error}"
+        return f"\r\n<{answer}".encode("ascii") + self._prompt() + b"".join(self._at_once)
+
+    def _frame(self, request: _LogRequest, item: Any) -> bytes:
+        overrun = _OVERRUN_BIT[self.port_name] if self._has_overrun else 0
+        frame = request.encoder(
+            item,
+            LogContext(
+                self._time,
+                self._settings,
+                self.time_status,
+                self.receiver_status | overrun,
+                self._versions,
+            ),
+        )
+        if request.format_suffix == "B":
+            return frame
+        if self._decoder is None:
+            self._decoder = MessageDecoder()
+        message = self._decoder.decode(frame)
+        if message is None:
+            raise ValueError(f"{request.definition.name}: has no ASCII form")
+        text = message.to_ascii() if request.format_suffix == "A" else message.to_abbrev_ascii()
+        return bytes(text.message)
+
+    def _take_port(self, arguments: list[str], default: str) -> str:
+        """Take a port from the front of the arguments."""
+        if arguments and arguments[0] in (*_PORTS, _ALL_PORTS, "THISPORT"):
+            port = arguments.pop(0)
+            return self.port_name if port == "THISPORT" else port
+        return default
+
+    def _take_log(self, arguments: list[str]) -> tuple[str, str]:
+        """Take the name of a log from the front of the arguments; return name and format."""
+        if not arguments:
+            raise CommandError("Message missing field")
+        token = arguments.pop(0)
+        if token in self._definitions:
+            return token, ""
+        if token[:-1] in self._definitions and token[-1] in "AB":
+            return token[:-1], token[-1]
+        raise _invalid_field(token)
+
+    def _log(self, arguments: list[str]) -> None:
+        port = self._take_port(arguments, self.port_name)
+        if port == _ALL_PORTS:
+            raise _invalid_field(port)
+        name, suffix = self._take_log(arguments)
+        order, definition = self._definitions[name]
+        trigger = arguments.pop(0) if arguments else "ONCE"
+        if trigger not in _KNOWN_TRIGGERS:
+            raise _invalid_field(trigger)
+        if trigger not in definition.triggers:
+            raise CommandError(f"Trigger {trigger} not valid for this log")
+        period, offset = _take_period_and_offset(arguments, trigger)
+        hold = arguments.pop(0) if arguments else "NOHOLD"
+        if hold not in ("HOLD", "NOHOLD"):
+            raise _invalid_field(hold)
+        if arguments:
+            raise _invalid_field(arguments[0])
+        request = _LogRequest(
+            definition,
+            order,
+            suffix,
+            trigger,
+            int(period * NANOSECONDS_PER_SECOND),
+            int(offset * NANOSECONDS_PER_SECOND),
+            hold == "HOLD",
+            definition.make_encoder(),
+            self._time,
+        )
+        if definition.is_static and trigger == "ONCE":
+            if port == self.port_name:
+                self._at_once.append(self._frame(request, None))
+            return
+        self._requests[(port, name, suffix)] = request
+
+    def _unlog(self, arguments: list[str]) -> None:
+        port = self._take_port(arguments, self.port_name)
+        name, suffix = self._take_log(arguments)
+        if self._requests.pop((port, name, suffix), None) is None:
+            raise CommandError("Requested log does not exist")
+
+    def _unlogall(self, arguments: list[str]) -> None:
+        port = self._take_port(arguments, _ALL_PORTS)
+        held = arguments.pop(0) if arguments else "FALSE"
+        if held not in ("TRUE", "FALSE"):
+            raise _invalid_field(held)
+        self._requests = {
+            key: request
+            for key, request in self._requests.items()
+            if port not in (_ALL_PORTS, key[0]) or (request.is_held and held == "FALSE")
+        }
+
+    def _serialconfig(self, arguments: list[str]) -> None:
+        port = self._take_port(arguments, self.port_name)
+        if not arguments:
+            raise CommandError("Message missing field")
+        if not arguments[0].isdigit():
+            raise CommandError(f"Com port not supported. Field = {arguments[0]}")
+        baud = int(arguments[0])
+        if baud not in BAUD_RATES:
+            raise CommandError("Invalid baud rate")
+        settings = (arguments[1:] + ["N", "8", "1", "N", "ON"][len(arguments) - 1 :])[:5]
+        allowed = (("N", "E", "O"), ("7", "8"), ("1", "2"), ("N", "XON", "CTS"), ("ON", "OFF"))
+        for value, choices in zip(settings, allowed, strict=True):
+            if value not in choices:
+                raise _invalid_field(value)
+        if port == self.port_name:
+            self._line.baud = baud
+            self._line.bits_per_byte = (
+                1 + int(settings[1]) + (settings[0] != "N") + int(settings[2])
+            )
+
+    def _saveconfig(self, _arguments: list[str]) -> None:
+        self._saved = (dict(self._requests), self._line.baud, self._line.bits_per_byte)
+
+    def _reset(self, _arguments: list[str]) -> None:
+        self._at_once.append(self._restart())
+
+
+def _invalid_field(token: str) -> CommandError:
+    return CommandError(f"Invalid Message. Field = {token}")
+
+
+def _take_period_and_offset(arguments: list[str], trigger: str) -> tuple[Decimal, Decimal]:
+    """Take period and offset, in s, from the front of the arguments; only ONTIME uses them."""
+    values: list[Decimal] = []
+    while arguments and len(values) < 2 and arguments[0] not in ("HOLD", "NOHOLD"):
+        token = arguments.pop(0)
+        try:
+            value = Decimal(token)
+        except InvalidOperation:
+            raise _invalid_field(token) from None
+        if not value.is_finite():
+            raise _invalid_field(token)
+        values.append(value)
+    if trigger != "ONTIME":
+        return Decimal(0), Decimal(0)
+    if not values:
+        raise CommandError("Message missing field")
+    period = values[0]
+    is_whole = period > 0 and period == period.to_integral_value() and period < 10**9
+    if not is_whole and period not in _SUBSECOND_PERIODS:
+        raise CommandError("Requested rate is invalid")
+    offset = values[1] if len(values) > 1 else Decimal(0)
+    if not 0 <= offset < period or offset % _MINIMUM_PERIOD:
+        raise CommandError("Invalid offset.")
+    return period, offset

@@ -1,0 +1,124 @@
+"""Contents of the truth file's records."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.signals import satellite_name
+from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
+from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND
+from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
+from vtff_sim_bridge.gnss.sky import Constellation
+from vtff_sim_bridge.receiver.measurements import Measurements
+from vtff_sim_bridge.receiver.observables import signals_of
+from vtff_sim_bridge.receiver.tracking import Arc
+from vtff_sim_bridge.receiver.truth_file import TruthFile
+
+__all__ = ["SatelliteTruth", "arc_record", "receiver_record", "second_record"]
+
+
+def receiver_record(receiver: ReceiverConfiguration) -> dict[str, Any]:
+    """Return all settings of a receiver; ``biases`` (m) tells every signal that it tracks."""
+    record = {"receiver" if n == "name" else n: v for n, v in dataclasses.asdict(receiver).items()}
+    record["biases"] = {s.name: receiver.biases.get(s.name, 0.0) for s in signals_of(receiver)}
+    return record
+
+
+def arc_record(arc: Arc) -> dict[str, Any]:
+    """Return what an arc of a receiver begins with."""
+    return {
+        "time": arc.epoch / EPOCHS_PER_SECOND,
+        "satellite": satellite_name(arc.link.system, arc.link.prn),
+        "signal": arc.link.signal.name,
+        "event": arc.event,
+        "cycles": arc.cycles,
+    }
+
+
+def second_record(measured: Measurements, second: int) -> dict[str, Any]:
+    """Return the state of a receiver and its signals at the last epoch of a second."""
+    columns = measured.tracked_satellites(-1)
+    return {
+        "time": second,
+        "position_itrf": np.round(measured.position_itrf[-1], 6).tolist(),
+        "clock_offset": float(measured.clock_offset[-1]),
+        "clock_drift": float(measured.clock_drift[-1]),
+        "satellites": [satellite_name(*measured.plan.satellites[column]) for column in columns],
+        "slant_tec_tecu": np.round(measured.slant_tec_tecu[-1, columns], 6).tolist(),
+        "s4_l1": np.round(measured.s4_l1[-1, columns], 4).tolist(),
+    }
+
+
+class SatelliteTruth:
+    """Writes a record of each satellite when its broadcast ephemeris comes into use.
+
+    The record ``satellite`` has ``time`` (s into the run), ``satellite``, ``orbit_error`` (true
+    less broadcast: radial, along-track, normal; m), ``clock_error`` (m) and, in ``signals``, for
+    each signal ``group_delay`` (what the broadcast message tells beyond the clock, m) and ``bias``
+    (what it does not, m). Pseudoranges are longer by the sum of the two.
+
+    Parameters
+    ----------
+    truth : TruthFile
+    constellation : Constellation
+    receivers : iterable of ReceiverConfiguration
+        Their signals are told.
+    start : GpsTime
+        Of the run.
+    """
+
+    def __init__(
+        self,
+        truth: TruthFile,
+        constellation: Constellation,
+        receivers: Iterable[ReceiverConfiguration],
+        start: GpsTime,
+    ) -> None:
+        names = {name for receiver in receivers for name in receiver.cn0_zenith_dbhz}
+        self._truth = truth
+        self._constellation = constellation
+        self._signals = [signal for name, signal in SIGNALS.items() if name in names]
+        self._start = start
+        self._told: Sequence[BroadcastEphemeris] = ()
+
+    def write(self, second: int) -> None:
+        """Write what is new at a second of the run."""
+        if not self._truth.is_wanted:
+            return
+        ephemerides = self._constellation.table(self._start + second).ephemerides
+        if ephemerides is self._told:
+            return
+        known = {id(ephemeris) for ephemeris in self._told}
+        for ephemeris in ephemerides:
+            if id(ephemeris) not in known:
+                self._truth.write("satellite", time=second, **self._record(ephemeris))
+        self._told = ephemerides
+
+    def _record(self, ephemeris: BroadcastEphemeris) -> dict[str, Any]:
+        system, prn = ephemeris.system, ephemeris.prn
+        *orbit, clock = self._constellation.orbit_error(system, prn).tolist()
+        return {
+            "satellite": satellite_name(system, prn),
+            "orbit_error": orbit,
+            "clock_error": clock,
+            "signals": {
+                signal.name: self._signal(signal, ephemeris)
+                for signal in self._signals
+                if signal.system == system
+            },
+        }
+
+    def _signal(self, signal: Signal, ephemeris: BroadcastEphemeris) -> dict[str, float]:
+        return {
+            "group_delay": SPEED_OF_LIGHT * clock_group_delay(signal, ephemeris),
+            "bias": self._constellation.signal_bias(
+                signal.system, ephemeris.prn, signal.band, signal.attribute
+            ),
+        }

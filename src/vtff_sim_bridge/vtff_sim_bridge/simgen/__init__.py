@@ -1,0 +1,1 @@
+"""Emulated SimGEN: the server of SimREMOTE and the state of its scenario."""

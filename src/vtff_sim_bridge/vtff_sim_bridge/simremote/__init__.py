@@ -1,0 +1,1 @@
+"""SimREMOTE, the remote-control language of SimGEN: text, motion and client."""

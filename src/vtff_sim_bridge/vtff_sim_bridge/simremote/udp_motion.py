@@ -1,0 +1,100 @@
+"""Binary motion commands that SimGEN takes as UDP datagrams.
+
+One lineage of public clients shows this structure (Spirent's `SimGen_UDP_rx_commands.h`), all
+little-endian: type, time action, time of validity in ms into the run, vehicle number, 24 binary64
+numbers in the order of MOT or MOTB, and a latency that clients write as 0 and that is a diagnostic
+of SimGEN. The structure is 216 bytes with natural alignment, 212 packed; both are read. There is
+no reply.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import NamedTuple
+
+from vtff_sim_bridge.simremote.language import MOT_FIELDS, MOTB_FIELDS, SimRemoteSyntaxError
+from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState, Vector
+
+TYPE_MOT = 0
+TYPE_MOTB = 1
+
+_LAYOUT = struct.Struct("<4I24di")
+_PADDING = 4
+_NANOSECONDS_PER_MILLISECOND = 1_000_000
+
+
+class MotionDatagram(NamedTuple):
+    """One motion command.
+
+    Attributes
+    ----------
+    vehicle_id : str
+        Such as ``v1_m1``.
+    motion : MotionState or GeodeticMotionState
+        Of type MOT or MOTB.
+    time_nanoseconds : int or None
+        Time into the run, whole milliseconds; None for immediately.
+    latency_ms : int
+        As received; its sign convention is not known and nothing uses it.
+    """
+
+    vehicle_id: str
+    motion: MotionState | GeodeticMotionState
+    time_nanoseconds: int | None
+    latency_ms: int = 0
+
+
+def parse_datagram(datagram: bytes) -> MotionDatagram:
+    """Return the motion command that a datagram of 216 or 212 bytes is.
+
+    Raises
+    ------
+    SimRemoteSyntaxError
+        If the size, type, time action, vehicle or a number is not as described above.
+    """
+    if len(datagram) not in (_LAYOUT.size, _LAYOUT.size + _PADDING):
+        raise SimRemoteSyntaxError(f"datagram: 216 or 212 bytes expected, got {len(datagram)}")
+    kind, action, milliseconds, vehicle, *numbers, latency_ms = _LAYOUT.unpack_from(datagram)
+    if kind not in (TYPE_MOT, TYPE_MOTB):
+        raise SimRemoteSyntaxError(f"type: 0 (MOT) or 1 (MOTB) expected, got {kind}")
+    if action not in (0, 1):
+        raise SimRemoteSyntaxError(f"time_action: 0 or 1 expected, got {action}")
+    if not 1 <= vehicle <= 999:
+        raise SimRemoteSyntaxError(f"vehicle_id: 1 to 999 expected, got {vehicle}")
+    for name, number in zip(MOT_FIELDS if kind == TYPE_MOT else MOTB_FIELDS, numbers, strict=True):
+        if not math.isfinite(number):
+            raise SimRemoteSyntaxError(f"{name}: a finite number expected, got {number}")
+    values = iter(numbers)
+    vectors: list[Vector] = list(zip(values, values, values, strict=True))
+    return MotionDatagram(
+        f"v{vehicle}_m1",
+        MotionState(*vectors) if kind == TYPE_MOT else GeodeticMotionState(*vectors),
+        milliseconds * _NANOSECONDS_PER_MILLISECOND if action == 1 else None,
+        latency_ms,
+    )
+
+
+def format_datagram(command: MotionDatagram, packed: bool = False) -> bytes:
+    """Return a motion command as a datagram of 216 bytes, or 212 when packed.
+
+    Raises
+    ------
+    ValueError
+        If the time is not whole milliseconds, or the vehicle id not of the form ``v<k>_m1``.
+    """
+    number, _, suffix = command.vehicle_id.removeprefix("v").partition("_")
+    if suffix != "m1" or not number.isdigit():
+        raise ValueError(f"vehicle_id: 'v<k>_m1' expected, got {command.vehicle_id!r}")
+    milliseconds, rest = divmod(command.time_nanoseconds or 0, _NANOSECONDS_PER_MILLISECOND)
+    if rest:
+        raise ValueError(f"time_nanoseconds: whole ms expected, got {command.time_nanoseconds}")
+    head = (
+        TYPE_MOT if isinstance(command.motion, MotionState) else TYPE_MOTB,
+        int(command.time_nanoseconds is not None),
+        milliseconds,
+        int(number),
+    )
+    numbers = [number for vector in command.motion for number in vector]
+    datagram = _LAYOUT.pack(*head, *numbers, command.latency_ms)
+    return datagram if packed else datagram + bytes(_PADDING)

@@ -1,0 +1,1 @@
+"""Emulated thruster on a CAN bus."""

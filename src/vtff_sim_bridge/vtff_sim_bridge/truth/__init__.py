@@ -1,0 +1,1 @@
+"""Scenario files, and the true motion of the formation that they describe."""

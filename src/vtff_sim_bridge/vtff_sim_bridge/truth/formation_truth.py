@@ -1,0 +1,171 @@
+"""True motion of a formation: every spacecraft propagated in step, thrust held in RTN axes.
+
+The simulator bridge and the in-process closed loop (`vtff_analysis.studies.closed_loop`) both step
+the truth with this class, so that a run over the real topics gives the numbers of the fast one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.frames.frames import kinematics_itrf, relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.propagator import ForceModel, Propagator
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+
+
+class FormationTruth:
+    """Propagates the chief and any number of deputies with one force model and one step.
+
+    Parameters
+    ----------
+    time
+        Epoch of the initial states.
+    spacecraft
+        Name and GCRF state (m, m/s; shape (6,)) of every spacecraft, the chief first.
+    force_model
+        Forces on every spacecraft, except thrust.
+    integrator
+        ``rk4`` or ``euler``, see `vtff_dynamics.orbit.propagator.Propagator`.
+    step
+        Step in s.
+
+    Raises
+    ------
+    ValueError
+        If there is no spacecraft, or two have the same name.
+    """
+
+    def __init__(
+        self,
+        time: GpsTime,
+        spacecraft: Sequence[tuple[str, npt.ArrayLike]],
+        force_model: ForceModel,
+        integrator: str = "rk4",
+        step: float = 1.0,
+    ) -> None:
+        if not spacecraft:
+            raise ValueError("spacecraft: at least the chief expected, got none")
+        names = [name for name, _ in spacecraft]
+        if len(set(names)) != len(names):
+            raise ValueError(f"spacecraft: names are not unique: {', '.join(names)}")
+        self._chief = names[0]
+        self._integrator = integrator
+        self._rotation: FloatArray | None = None  # from GCRF to RTN of the current step
+        self._propagators = {
+            name: Propagator(
+                time, np.asarray(state, dtype=float), force_model, integrator=integrator, step=step
+            )
+            for name, state in spacecraft
+        }
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all spacecraft, the chief first."""
+        return tuple(self._propagators)
+
+    @property
+    def chief(self) -> str:
+        """Name of the chief."""
+        return self._chief
+
+    @property
+    def deputies(self) -> tuple[str, ...]:
+        """Names of all spacecraft but the chief."""
+        return self.names[1:]
+
+    @property
+    def time(self) -> GpsTime:
+        """Time of the current states."""
+        return self._propagators[self._chief].time
+
+    def state_gcrf(self, name: str) -> FloatArray:
+        """Position and velocity of a spacecraft in GCRF in m and m/s, shape (6,).
+
+        Raises
+        ------
+        KeyError
+            If there is no spacecraft of that name.
+        """
+        return self._propagators[name].state_gcrf
+
+    def relative_state_rtn(self, name: str) -> FloatArray:
+        """State of a spacecraft relative to the chief in the chief's RTN frame, shape (6,).
+
+        Position in m and velocity in m/s as seen in the frame that turns about N with the rate of
+        the osculating orbit, see `vtff_dynamics.frames.frames.relative_state_rtn`.
+        """
+        return relative_state_rtn(self.state_gcrf(self._chief), self.state_gcrf(name))
+
+    def advance(self, accelerations_rtn: Mapping[str, npt.ArrayLike] | None = None) -> None:
+        """Advance every spacecraft by one step.
+
+        Parameters
+        ----------
+        accelerations_rtn
+            Thrust acceleration in m/s2 of each thrusting spacecraft, shape (3,), in the RTN axes
+            that the chief has at the start of the step. It is held inertially over the step.
+
+        Raises
+        ------
+        ValueError
+            If an acceleration is for an unknown spacecraft or is not three finite numbers;
+            nothing is advanced then.
+        """
+        accelerations_gcrf = {
+            name: self._acceleration_gcrf(name, acceleration)
+            for name, acceleration in (accelerations_rtn or {}).items()
+        }
+        for name, propagator in self._propagators.items():
+            propagator.advance(accelerations_gcrf.get(name))
+        self._rotation = None
+
+    def motion_itrf(self, name: str, acceleration_rtn: npt.ArrayLike | None = None) -> FloatArray:
+        """Earth-fixed motion of a spacecraft for a SimGEN motion command.
+
+        Parameters
+        ----------
+        name
+            Spacecraft.
+        acceleration_rtn
+            Thrust acceleration in m/s2 that acts in the coming step, in the chief's RTN axes,
+            shape (3,). With it an extrapolation of the motion over the step follows the truth.
+
+        Returns
+        -------
+        ndarray, shape (4, 3)
+            Position (m), velocity (m/s), acceleration (m/s2) and jerk (m/s3) in ITRF, as seen in
+            the rotating Earth frame. Acceleration and jerk are zero with ``euler``: that
+            integrator moves along straight lines, so an extrapolation with a curvature would
+            jump by metres at every step.
+        """
+        propagator = self._propagators[name]
+        state = propagator.state_gcrf
+        if self._integrator == "euler":
+            motion = kinematics_itrf(
+                propagator.time, state[:3], state[3:], np.zeros(3), np.zeros(3)
+            )
+            motion[2:] = 0.0
+            return motion
+        acceleration = propagator.acceleration_gcrf()
+        if acceleration_rtn is not None:
+            acceleration = acceleration + self._acceleration_gcrf(name, acceleration_rtn)
+        return kinematics_itrf(
+            propagator.time, state[:3], state[3:], acceleration, propagator.jerk_gcrf()
+        )
+
+    def _acceleration_gcrf(self, name: str, acceleration_rtn: npt.ArrayLike) -> FloatArray:
+        """Turn a thrust acceleration from the chief's current RTN axes into GCRF."""
+        if name not in self._propagators:
+            raise ValueError(
+                f"acceleration for unknown spacecraft {name!r}; known: {', '.join(self.names)}"
+            )
+        acceleration = np.asarray(acceleration_rtn, dtype=float)
+        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+            raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
+        if self._rotation is None:
+            self._rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
+        return np.asarray(self._rotation.T @ acceleration)

@@ -1,0 +1,352 @@
+"""Scenario files (config/scenario/*.yaml): what flies, from where, under which forces.
+
+A scenario file is read strictly: an unknown key, a missing field, a wrong type or a value out of
+range is a `ScenarioError` that names the file and the field. The form of the file is described in
+`load_scenario`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import typing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.frames.frames import right_ascension_from_longitude
+from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_mean
+from vtff_dynamics.orbit.propagator import ForceModel
+from vtff_dynamics.time.timescales import GpsTime, parse_epoch
+from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.truth.formation_truth import FormationTruth
+from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
+
+__all__ = [
+    "INTEGRATORS",
+    "Scenario",
+    "ScenarioError",
+    "Spacecraft",
+    "load_scenario",
+    "state_ahead_on_orbit",
+]
+
+INTEGRATORS = ("rk4", "euler")
+"""Names accepted by the field ``integrator``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spacecraft:
+    """One spacecraft of a scenario.
+
+    Attributes
+    ----------
+    name
+        Name; also the ROS namespace of its nodes.
+    role
+        ``chief`` or ``deputy``.
+    state_gcrf
+        Position (m) and velocity (m/s) at the epoch in GCRF, shape (6,).
+    target_rtn
+        Wanted position (m) and rotating-frame velocity (m/s) relative to the chief in RTN,
+        shape (6,); None where the file gives no target.
+    """
+
+    name: str
+    role: str
+    state_gcrf: FloatArray
+    target_rtn: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Scenario:
+    """Contents of a scenario file; see `load_scenario`.
+
+    Raises
+    ------
+    ValueError
+        If the duration is not one or more whole steps, also when `dataclasses.replace` sets it.
+    """
+
+    name: str
+    description: str
+    epoch: GpsTime
+    duration: float
+    seed: int
+    force_model: ForceModel
+    integrator: str
+    step: float
+    spacecraft: tuple[Spacecraft, ...]
+
+    def __post_init__(self) -> None:
+        """Check the duration against the step."""
+        steps = self.duration / self.step
+        if round(steps) < 1 or abs(steps - round(steps)) > 1e-9 * steps:
+            raise ValueError(
+                f"duration: one or more whole steps of {self.step:g} s expected, "
+                f"got {self.duration:g} s"
+            )
+
+    @property
+    def chief(self) -> Spacecraft:
+        """The chief, always the first spacecraft."""
+        return self.spacecraft[0]
+
+    @property
+    def deputies(self) -> tuple[Spacecraft, ...]:
+        """All spacecraft but the chief."""
+        return self.spacecraft[1:]
+
+    def formation_truth(self) -> FormationTruth:
+        """Return the true motion of the formation, standing at the epoch."""
+        return FormationTruth(
+            self.epoch,
+            [(spacecraft.name, spacecraft.state_gcrf) for spacecraft in self.spacecraft],
+            self.force_model,
+            integrator=self.integrator,
+            step=self.step,
+        )
+
+
+def load_scenario(path: str | Path) -> Scenario:
+    """Read a scenario file.
+
+    Fields (SI units; angles in degrees where the name says so)::
+
+        name, description      texts
+        epoch                  "2016-03-21T01:00:00 GPS" (or UTC)
+        duration, step         s; the duration is a whole number of steps
+        seed                   whole number of 0 or more
+        integrator             rk4 | euler
+        force_model            fields of vtff_dynamics.orbit.propagator.ForceModel
+        spacecraft             a list, the chief first:
+          - name               lower-case letters, digits, underscores
+            role               chief | deputy
+            orbit              one of
+              cartesian_gcrf:  {position: [3], velocity: [3]}
+              elements:        {semi_major_axis, eccentricity, inclination_deg,
+                                argument_of_perigee_deg,
+                                right_ascension_deg | longitude_of_ascending_node_deg,
+                                true_anomaly_deg | mean_anomaly_deg}
+              same_orbit_ahead: m (deputies only), see `state_ahead_on_orbit`
+            target             (deputies only, optional)
+              position_relative_rtn: [3]
+              velocity_relative_rtn: [3] (optional, zero)
+
+    Elements are osculating, in GCRF. ``longitude_of_ascending_node_deg`` is the Earth-fixed
+    longitude of the node at the epoch.
+
+    Parameters
+    ----------
+    path
+        The YAML file.
+
+    Returns
+    -------
+    Scenario
+
+    Raises
+    ------
+    ScenarioError
+        If the file cannot be read or does not have this form.
+    """
+    path = Path(path)
+    root = Section(str(path), "", read_yaml(path))
+    epoch = root.checked("epoch", lambda: parse_epoch(root.text("epoch")))
+    scenario = root.checked(
+        "",
+        lambda: Scenario(
+            name=root.text("name"),
+            description=root.text("description"),
+            epoch=epoch,
+            duration=root.number("duration"),
+            seed=root.whole_number("seed"),
+            force_model=_force_model(root.section("force_model")),
+            integrator=root.choice("integrator", INTEGRATORS),
+            step=root.number("step", minimum=1e-9),
+            spacecraft=_all_spacecraft(root.sections("spacecraft"), epoch),
+        ),
+    )
+    root.finish()
+    return scenario
+
+
+def state_ahead_on_orbit(state_gcrf: npt.ArrayLike, distance: float) -> FloatArray:
+    """State on the same two-body orbit at a distance ahead (behind if negative).
+
+    The distance is the straight line between the two at the same instant, in m: what a range
+    measurement between them gives. For 1000 m on a low orbit the arc is 1 um longer.
+
+    Parameters
+    ----------
+    state_gcrf
+        Position (m) and velocity (m/s), shape (6,).
+    distance
+        Distance in m, less than the perigee radius.
+
+    Returns
+    -------
+    ndarray, shape (6,)
+
+    Raises
+    ------
+    ValueError
+        If the orbit is not an ellipse or has no point at that distance.
+
+    Notes
+    -----
+    Lagrange coefficients in the change of true anomaly (Curtis, Orbital Mechanics for Engineering
+    Students, section 2.11); they have no singularity for circular or equatorial orbits. The change
+    that gives the distance is found by bisection to the last bit.
+    """
+    state: FloatArray = np.array(state_gcrf, dtype=float)
+    if distance == 0.0:
+        return state
+    sign = math.copysign(1.0, distance)
+
+    def separation(change: float) -> float:
+        return float(np.linalg.norm(_advance_true_anomaly(state, sign * change)[:3] - state[:3]))
+
+    lower, upper = 0.0, math.pi / 3.0
+    if not separation(upper) > abs(distance):
+        raise ValueError(f"no point of the orbit is {abs(distance):g} m away along the orbit")
+    while True:
+        middle = 0.5 * (lower + upper)
+        if middle in (lower, upper):
+            return _advance_true_anomaly(state, sign * middle)
+        if separation(middle) < abs(distance):
+            lower = middle
+        else:
+            upper = middle
+
+
+def _advance_true_anomaly(state: FloatArray, change: float) -> FloatArray:
+    """Two-body state after a change of true anomaly in rad."""
+    position, velocity = state[:3], state[3:]
+    radius = float(np.linalg.norm(position))
+    momentum = float(np.linalg.norm(np.cross(position, velocity)))
+    if not (momentum > 0.0 and float(velocity @ velocity) * radius < 2.0 * GM_EARTH):
+        raise ValueError("the orbit is not an ellipse")
+    parameter = momentum**2 / GM_EARTH
+    # 1 - cos, without cancellation for the small angles that are meant here.
+    versine = 2.0 * math.sin(0.5 * change) ** 2
+    sine = math.sin(change)
+    radial_velocity = float(position @ velocity) / radius
+    radius_new = parameter / (
+        1.0
+        + (parameter / radius - 1.0) * (1.0 - versine)
+        - momentum * radial_velocity / GM_EARTH * sine
+    )
+    f = 1.0 - radius_new / parameter * versine
+    g = radius * radius_new * sine / momentum
+    f_dot = (
+        GM_EARTH
+        / momentum
+        * math.tan(0.5 * change)
+        * (versine / parameter - 1.0 / radius - 1.0 / radius_new)
+    )
+    g_dot = 1.0 - radius / parameter * versine
+    return np.concatenate((f * position + g * velocity, f_dot * position + g_dot * velocity))
+
+
+def _force_model(section: Section) -> ForceModel:
+    """Build the force model from the fields that ForceModel itself declares."""
+    hints = typing.get_type_hints(ForceModel)
+    arguments = {}
+    for field in dataclasses.fields(ForceModel):
+        if field.name in section:
+            arguments[field.name] = section.typed(field.name, hints[field.name])
+    section.finish()
+    try:
+        return ForceModel(**arguments)
+    except (TypeError, ValueError) as error:
+        raise section.error("", str(error)) from None
+
+
+def _all_spacecraft(sections: list[Section], epoch: GpsTime) -> tuple[Spacecraft, ...]:
+    """Build every spacecraft; the chief comes first, because orbits may refer to it."""
+    spacecraft: list[Spacecraft] = []
+    for index, section in enumerate(sections):
+        name = section.text("name")
+        if not re.fullmatch(r"[a-z][a-z0-9_]*", name):
+            raise section.error(
+                "name", f"{name!r} is not made of lower-case letters, digits and underscores"
+            )
+        if any(other.name == name for other in spacecraft):
+            raise section.error("name", f"{name!r} is used twice")
+        role = section.choice("role", ("chief", "deputy"))
+        if (role == "chief") != (index == 0):
+            raise section.error("role", "the first spacecraft, and only it, must be the chief")
+        chief = spacecraft[0] if spacecraft else None
+        state_gcrf = _orbit(section.section("orbit"), epoch, chief)
+        target = None
+        if chief is not None and "target" in section:
+            target = _target(section.section("target"))
+        section.finish()
+        spacecraft.append(Spacecraft(name, role, state_gcrf, target))
+    return tuple(spacecraft)
+
+
+def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatArray:
+    """Return the GCRF state at the epoch that an orbit section describes."""
+    form = section.only_one_of("cartesian_gcrf", "elements", "same_orbit_ahead")
+    if form == "cartesian_gcrf":
+        cartesian = section.section(form)
+        state = np.concatenate((cartesian.vector("position"), cartesian.vector("velocity")))
+        cartesian.finish()
+    elif form == "elements":
+        state = _state_from_elements(section.section(form), epoch)
+    elif chief is None:
+        raise section.error(form, "the chief has no orbit to be ahead on")
+    else:
+        distance = section.number(form)
+        state = section.checked(form, lambda: state_ahead_on_orbit(chief.state_gcrf, distance))
+    section.finish()
+    if np.linalg.norm(state[:3]) < RADIUS_EARTH_JGM3:
+        raise section.error(form, "the position is inside the Earth; is it in metres?")
+    return state
+
+
+def _state_from_elements(section: Section, epoch: GpsTime) -> FloatArray:
+    """Return the GCRF state of an elements section."""
+    eccentricity = section.number("eccentricity", minimum=0.0)
+    if not eccentricity < 1.0:
+        raise section.error("eccentricity", f"less than 1 expected, got {eccentricity:g}")
+    node = section.only_one_of("right_ascension_deg", "longitude_of_ascending_node_deg")
+    right_ascension = math.radians(section.number(node))
+    if node == "longitude_of_ascending_node_deg":
+        right_ascension = right_ascension_from_longitude(epoch, right_ascension)
+    anomaly = section.only_one_of("true_anomaly_deg", "mean_anomaly_deg")
+    true_anomaly = math.radians(section.number(anomaly))
+    if anomaly == "mean_anomaly_deg":
+        true_anomaly = true_anomaly_from_mean(true_anomaly, eccentricity)
+    semi_major_axis = section.number("semi_major_axis", minimum=RADIUS_EARTH_JGM3)
+    inclination = math.radians(section.number("inclination_deg"))
+    argument_of_perigee = math.radians(section.number("argument_of_perigee_deg"))
+    section.finish()
+    elements = section.checked(
+        "",
+        lambda: ClassicalElements(
+            semi_major_axis=semi_major_axis,
+            eccentricity=eccentricity,
+            inclination=inclination,
+            right_ascension=right_ascension,
+            argument_of_perigee=argument_of_perigee,
+            true_anomaly=true_anomaly,
+        ),
+    )
+    return elements.to_state()
+
+
+def _target(section: Section) -> FloatArray:
+    """Return the target of a deputy, shape (6,)."""
+    position = section.vector("position_relative_rtn")
+    velocity = np.zeros(3)
+    if "velocity_relative_rtn" in section:
+        velocity = section.vector("velocity_relative_rtn")
+    section.finish()
+    return np.concatenate((position, velocity))
