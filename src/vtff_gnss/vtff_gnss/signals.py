@@ -1,6 +1,14 @@
-"""Carrier frequency of a signal named by satellite system and RINEX frequency digit."""
+"""Identity of satellites and signals, and the carrier frequency of a signal.
+
+A satellite is named by its system and PRN, a signal by satellite, RINEX frequency digit and
+tracking attribute. Where arrays are sorted or grouped by these names, one integer stands for
+them, and these integers are made and read here only: `satellite_number`, `signal_number` and
+their inverses. The numbers sort as the names do: by system, PRN, band, attribute.
+"""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -8,7 +16,20 @@ import numpy.typing as npt
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss import constants as c
 
-__all__ = ["carrier_frequency_hz", "carrier_wavelength", "satellite_name"]
+__all__ = [
+    "SignalKey",
+    "carrier_frequency_hz",
+    "carrier_wavelength",
+    "satellite_from_number",
+    "satellite_name",
+    "satellite_number",
+    "satellite_number_of_signal",
+    "signal_from_number",
+    "signal_number",
+]
+
+_FIELD_BITS = 8
+_FIELD_MASK = 255
 
 _BAND_FREQUENCIES_HZ = {
     c.SYSTEM_GPS: {1: c.FREQUENCY_L1, 2: c.FREQUENCY_L2, 5: c.FREQUENCY_L5},
@@ -85,3 +106,86 @@ def carrier_wavelength(
 def satellite_name(system: int, prn: int) -> str:
     """Return the RINEX 3 name of a satellite, e.g. ``"G05"``."""
     return f"{c.SYSTEM_LETTERS[system]}{prn:02d}"
+
+
+class SignalKey(NamedTuple):
+    """A signal of a satellite.
+
+    Attributes
+    ----------
+    system : int
+        ``SYSTEM_*`` of `vtff_gnss.constants`.
+    prn : int
+        Number of the satellite in its system.
+    band : int
+        RINEX 3 frequency digit.
+    attribute : int
+        Character code of the RINEX 3 tracking attribute.
+    """
+
+    system: int
+    prn: int
+    band: int
+    attribute: int
+
+    @property
+    def satellite(self) -> tuple[int, int]:
+        """System and number of the satellite."""
+        return self.system, self.prn
+
+    @property
+    def group(self) -> tuple[int, int, int]:
+        """System, band and attribute: the signals that share one receiver bias."""
+        return self.system, self.band, self.attribute
+
+    def __str__(self) -> str:
+        """Return for example ``G05 L1C``."""
+        return f"{satellite_name(self.system, self.prn)} L{self.band}{chr(self.attribute)}"
+
+
+def satellite_number(system: npt.ArrayLike, prn: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return one integer for each satellite, system first.
+
+    Parameters
+    ----------
+    system, prn : array_like of int, shape (n,) or scalar
+        ``SYSTEM_*`` of `vtff_gnss.constants`, and the number in the system, 0 to 255.
+    """
+    return np.asarray(
+        np.asarray(system, dtype=np.int64) << _FIELD_BITS | np.asarray(prn, dtype=np.int64)
+    )
+
+
+def satellite_from_number(number: int) -> tuple[int, int]:
+    """Return system and PRN of one `satellite_number`."""
+    return int(number) >> _FIELD_BITS, int(number) & _FIELD_MASK
+
+
+def signal_number(
+    system: npt.ArrayLike, prn: npt.ArrayLike, band: npt.ArrayLike, attribute: npt.ArrayLike
+) -> npt.NDArray[np.int64]:
+    """Return one integer for each signal: satellite first, then band, then attribute.
+
+    Parameters
+    ----------
+    system, prn, band, attribute : array_like of int, shape (n,) or scalar
+        The fields of `SignalKey`, each 0 to 255.
+    """
+    carrier = satellite_number(system, prn) << _FIELD_BITS | np.asarray(band, dtype=np.int64)
+    return np.asarray(carrier << _FIELD_BITS | np.asarray(attribute, dtype=np.int64))
+
+
+def satellite_number_of_signal(number: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return the `satellite_number` of each `signal_number`."""
+    return np.asarray(np.asarray(number, dtype=np.int64) >> 2 * _FIELD_BITS)
+
+
+def signal_from_number(number: int) -> SignalKey:
+    """Return the fields of one `signal_number`."""
+    number = int(number)
+    return SignalKey(
+        number >> 3 * _FIELD_BITS,
+        number >> 2 * _FIELD_BITS & _FIELD_MASK,
+        number >> _FIELD_BITS & _FIELD_MASK,
+        number & _FIELD_MASK,
+    )

@@ -23,7 +23,7 @@ from vtff_sim_bridge.simremote.language import (
     parse_reply,
     parse_timestamp,
 )
-from vtff_sim_bridge.simremote.language import language as simremote
+from vtff_sim_bridge.simremote import language as simremote
 from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
