@@ -15,8 +15,8 @@ import types
 import pytest
 import yaml
 
-from vtff_bringup.system.system_file import RunSettings, SystemFileError, load_system
 from vtff_bringup.system import launch_description as launch_system
+from vtff_bringup.system.system_file import RunSettings, SystemFileError, load_system
 from vtff_node import executables
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]

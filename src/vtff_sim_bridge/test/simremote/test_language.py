@@ -8,6 +8,7 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
+from vtff_sim_bridge.simremote import language as simremote
 from vtff_sim_bridge.simremote.language import (
     Command,
     Reply,
@@ -23,7 +24,6 @@ from vtff_sim_bridge.simremote.language import (
     parse_reply,
     parse_timestamp,
 )
-from vtff_sim_bridge.simremote import language as simremote
 from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
