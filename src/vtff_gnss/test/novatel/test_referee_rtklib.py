@@ -5,12 +5,12 @@ for:
 
 - The carrier phase of GLONASS in RANGECMP is 1e-9 until GLOEPHEMERIS told it the frequency channel
   (160 signals of rtklib_oemv, all 6976 of gavlab_test2_rcvr1); here the channel in RANGECMP itself
-  is used. Those phases are compared with NovAtel's own decompression in test_gnss_range_vectors.
+  is used. Those phases are compared with NovAtel's own decompression in range/test_range_vectors.
 - Pseudorange without code lock and carrier phase and Doppler without phase lock are 0; here the
   values are kept and flagged. The files have no such signal.
 - It would leave out L1P, L2C, GLONASS L2 C/A and GLONASS of unknown parity; the files have none.
 - It reads neither GPSEPHEM (compared with its ASCII twin instead) nor ASCII logs, nor RANGECMP2,
-  4 and 5 (compared with NovAtel's decoder in test_gnss_range_vectors).
+  4 and 5 (compared with NovAtel's decoder in range/test_range_vectors).
 - An ephemeris with the IODE of the one before is not given again; here, one of equal content.
 """
 
@@ -21,6 +21,7 @@ import math
 import numpy as np
 import pytest
 from gnss_test_support import oem_file
+from rtklib_test_support import EPHEMERIS_FIELDS, pyrtklib, rtklib_ephemeris, rtklib_epoch
 
 from vtff_gnss import constants as c
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris, lnav_accuracy
@@ -28,92 +29,8 @@ from vtff_gnss.novatel import StreamCounters, read_log
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.signals import satellite_name
 
-pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not installed")
-
-UNIX_TIME_OF_GPS_EPOCH = 315_964_800
 PHASE_WITHOUT_CHANNEL = 1e-9
 LLI_SLIP, LLI_PARITY_UNKNOWN, LLI_HALF_CYCLE_ADDED = 1, 2, 64
-SYSTEMS = {1: c.SYSTEM_GPS, 2: c.SYSTEM_SBAS, 4: c.SYSTEM_GLONASS}
-
-
-def seconds(time) -> float:
-    return time.time - UNIX_TIME_OF_GPS_EPOCH + time.sec
-
-
-def satellite(sat: int) -> tuple[int, int]:
-    prn = pyrtklib.Arr1Dint(1)
-    system = SYSTEMS[pyrtklib.satsys(sat, prn)]
-    return system, prn[0] - (100 if system == c.SYSTEM_SBAS else 0)
-
-
-def epoch_of(raw) -> tuple[float, dict]:
-    signals = {}
-    for i in range(raw.obs.n):
-        observation = raw.obs.data[i]
-        for j in range(pyrtklib.NFREQ + pyrtklib.NEXOBS):
-            if observation.code[j]:
-                key = (*satellite(observation.sat), pyrtklib.code2obs(observation.code[j]))
-                signals[key] = {
-                    "pseudorange": observation.P[j],
-                    "carrier_phase_cycles": observation.L[j],
-                    "doppler_hz": observation.D[j],
-                    "cn0_dbhz": observation.SNR[j] * 0.001,
-                    "lli": observation.LLI[j],
-                }
-    return seconds(raw.obs.data[0].time), signals
-
-
-EPHEMERIS_FIELDS = {
-    "issue_of_data_ephemeris": "iode",
-    "issue_of_data_clock": "iodc",
-    "health": "svh",
-    "af0": "f0",
-    "af1": "f1",
-    "af2": "f2",
-    "semi_major_axis": "A",
-    "eccentricity": "e",
-    "inclination": "i0",
-    "inclination_rate": "idot",
-    "longitude_of_ascending_node": "OMG0",
-    "right_ascension_rate": "OMGd",
-    "argument_of_perigee": "omg",
-    "mean_anomaly": "M0",
-    "mean_motion_difference": "deln",
-    "cuc": "cuc",
-    "cus": "cus",
-    "crc": "crc",
-    "crs": "crs",
-    "cic": "cic",
-    "cis": "cis",
-}
-
-
-def ephemeris_of(raw) -> dict:
-    system, prn = satellite(raw.ephsat)
-    if system == c.SYSTEM_GLONASS:
-        source = raw.nav.geph[prn - 1]
-        return {
-            "satellite": (system, prn),
-            "toe": seconds(source.toe),
-            "glonass_channel": source.frq,
-            "health": source.svh,
-            "clock_offset": source.taun,
-            "relative_frequency_offset": source.gamn,
-            "position": tuple(source.pos[k] for k in range(3)),
-            "velocity": tuple(source.vel[k] for k in range(3)),
-            "acceleration": tuple(source.acc[k] for k in range(3)),
-        }
-    source = raw.nav.eph[raw.ephsat - 1]
-    fields = {ours: getattr(source, theirs) for ours, theirs in EPHEMERIS_FIELDS.items()}
-    return {
-        "satellite": (system, prn),
-        "toe": seconds(source.toe),
-        "toc": seconds(source.toc),
-        "ura_index": source.sva,
-        "group_delay": source.tgd[0],
-        "fit_hours": source.fit,
-        **fields,
-    }
 
 
 def rtklib_events(name: str) -> tuple[list, list]:
@@ -123,9 +40,9 @@ def rtklib_events(name: str) -> tuple[list, list]:
     epochs, ephemerides = [], []
     while (result := pyrtklib.input_oem4f(raw, file)) != -2:
         if result == 1:
-            epochs.append(epoch_of(raw))
+            epochs.append(rtklib_epoch(raw))
         elif result == 2:
-            ephemerides.append(ephemeris_of(raw))
+            ephemerides.append(rtklib_ephemeris(raw))
     return epochs, ephemerides
 
 

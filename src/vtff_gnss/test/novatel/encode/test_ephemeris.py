@@ -6,6 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
+from encoder_test_support import TIME, nominal_ephemeris
 from gnss_test_support import events_of, examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -35,7 +36,6 @@ from vtff_gnss.novatel.encode.solution import (
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
 
 SETTINGS = HeaderSettings(idle_time=0)
-TIME = GpsTime.from_week_tow(1889, 90000.0)
 HEADER = dict(port_address=0x20, week=1889, milliseconds=9.0e7, receiver_sw_version=0)
 NAN3 = (math.nan,) * 3
 
@@ -99,18 +99,6 @@ def lnav_ephemerides(draw, week: int | None = None) -> BroadcastEphemeris:
     )
 
 
-def nominal() -> BroadcastEphemeris:
-    return BroadcastEphemeris(
-        time=TIME, system=c.SYSTEM_GPS, prn=7, source=c.EPHEMERIS_SOURCE_LNAV,
-        issue_of_data_ephemeris=5, issue_of_data_clock=261, health=0, gps_week=1889, toe=93600.0,
-        toc=93600.0, af0=1e-5, af1=-2e-12, af2=0.0, semi_major_axis=26.56e6, eccentricity=0.01,
-        inclination=0.96, inclination_rate=1e-10, longitude_of_ascending_node=-2.0,
-        right_ascension_rate=-8e-9, argument_of_perigee=0.5, mean_anomaly=3.0,
-        mean_motion_difference=4.5e-9, cuc=1e-6, cus=2e-6, crc=200.0, crs=-50.0, cic=1e-7,
-        cis=-1e-7, group_delay=-1e-8, group_delay_secondary=0.0, accuracy=2.0,
-        fit_interval=14400.0)  # fmt: skip
-
-
 @given(lnav_ephemerides())
 @examples(60)
 def test_gps_ephemeris_comes_back_bit_for_bit_in_both_logs(ephemeris):
@@ -121,8 +109,8 @@ def test_gps_ephemeris_comes_back_bit_for_bit_in_both_logs(ephemeris):
 
 
 def test_quantization_is_within_half_a_step_and_settles():
-    quantized = quantize_lnav(nominal())
-    assert quantized != nominal() and quantize_lnav(quantized) == quantized
+    quantized = quantize_lnav(nominal_ephemeris())
+    assert quantized != nominal_ephemeris() and quantize_lnav(quantized) == quantized
     assert abs(quantized.mean_anomaly - 3.0) <= 2.0**-32 * GPS_PI
     assert abs(math.sqrt(quantized.semi_major_axis) - math.sqrt(26.56e6)) <= 2.0**-20
     assert abs(quantized.af0 - 1e-5) <= 2.0**-32
@@ -130,7 +118,7 @@ def test_quantization_is_within_half_a_step_and_settles():
 
 @pytest.mark.parametrize("generation", ["OEM6", "OEM7"])
 def test_gpsephem_equals_novatel_encoder(generation):
-    e = nominal()
+    e = nominal_ephemeris()
     definition = {"OEM6": "GPSEPHEM_9145", "OEM7": "GPSEPHEM_1214"}[generation]
     names = {"OEM6": ("prn", "health6"), "OEM7": ("satellite_id", "health7")}[generation]
     mean_motion = math.sqrt(3.986005e14 / e.semi_major_axis**3) + e.mean_motion_difference
@@ -149,11 +137,11 @@ def test_gpsephem_equals_novatel_encoder(generation):
 
 
 def test_rawephem_equals_novatel_encoder():
-    subframes = [list(s) for s in encode_subframes(nominal())]
+    subframes = [list(s) for s in encode_subframes(nominal_ephemeris())]
     message = oem.messages.RAWEPHEM(
         header=header(200), satellite_id=7, week=1889, toe=93600, subframe1=subframes[0],
         subframe2=subframes[1], subframe3=subframes[2])  # fmt: skip
-    frame = encode_rawephem(nominal(), SETTINGS)
+    frame = encode_rawephem(nominal_ephemeris(), SETTINGS)
     assert frame == message.to_binary().message
     assert len(frame) == 134
 
@@ -221,15 +209,15 @@ def test_parity_of_real_subframes_ends_words_2_and_10_with_zeros():
 
 def test_lnav_refuses_what_does_not_fit():
     with pytest.raises(ValueError, match="GPS PRN 7: crs: 5000"):
-        encode_subframes(replace(nominal(), crs=5000.0))
+        encode_subframes(replace(nominal_ephemeris(), crs=5000.0))
     with pytest.raises(ValueError, match="af0"):
-        encode_subframes(replace(nominal(), af0=math.nan))
+        encode_subframes(replace(nominal_ephemeris(), af0=math.nan))
     with pytest.raises(ValueError, match="IODE 6"):
-        encode_subframes(replace(nominal(), issue_of_data_ephemeris=6))
+        encode_subframes(replace(nominal_ephemeris(), issue_of_data_ephemeris=6))
     with pytest.raises(ValueError, match="not of GPS LNAV"):
-        encode_subframes(replace(nominal(), system=c.SYSTEM_GALILEO))
+        encode_subframes(replace(nominal_ephemeris(), system=c.SYSTEM_GALILEO))
     with pytest.raises(ValueError, match="required"):
-        encode_gpsephem(replace(nominal(), source=c.EPHEMERIS_SOURCE_CNAV), SETTINGS)
+        encode_gpsephem(replace(nominal_ephemeris(), source=c.EPHEMERIS_SOURCE_CNAV), SETTINGS)
 
 
 def galileo(source: int, **changes) -> BroadcastEphemeris:
@@ -238,7 +226,7 @@ def galileo(source: int, **changes) -> BroadcastEphemeris:
                   semi_major_axis=(2852000000 * 2.0**-19) ** 2,
                   group_delay=-3e-9, group_delay_secondary=-4e-9, accuracy=galileo_accuracy(107),
                   fit_interval=4 * 3600.0)  # fmt: skip
-    return replace(nominal(), **values | changes)
+    return replace(nominal_ephemeris(), **values | changes)
 
 
 def test_galileo_ephemerides_come_back():
@@ -250,7 +238,7 @@ def test_galileo_ephemerides_come_back():
     (event,) = events_of(encode_galileo_ephemeris(unknown, SETTINGS))
     assert math.isnan(event.accuracy)
     with pytest.raises(ValueError, match="system 0"):
-        encode_galileo_ephemeris(nominal(), SETTINGS)
+        encode_galileo_ephemeris(nominal_ephemeris(), SETTINGS)
 
 
 def test_galileo_equals_novatel_encoder():

@@ -7,6 +7,7 @@ from dataclasses import replace
 import novatel_edie
 import numpy as np
 import pytest
+from encoder_test_support import ALL_VALID, TIME, gps_observation_epoch, observation_epoch
 from gnss_test_support import L1CA, L2C, L2P_CODELESS, events_of, examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -28,64 +29,12 @@ from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, Observ
 from vtff_gnss.signals import carrier_wavelength
 
 SETTINGS = HeaderSettings()
-TIME = GpsTime.from_week_tow(1889, 90000.0)
-GOOD = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID | c.FLAG_PARITY_KNOWN
 SIGNALS = [
     *((c.SYSTEM_GPS, 1, "C"), (c.SYSTEM_GPS, 2, "W"), (c.SYSTEM_GPS, 2, "S")),
     *((c.SYSTEM_GPS, 5, "Q"), (c.SYSTEM_GALILEO, 1, "C"), (c.SYSTEM_GALILEO, 5, "Q")),
     *((c.SYSTEM_GALILEO, 7, "Q"), (c.SYSTEM_GALILEO, 8, "Q"), (c.SYSTEM_GLONASS, 1, "C")),
     *((c.SYSTEM_GLONASS, 2, "P"), (c.SYSTEM_BEIDOU, 2, "I"), (c.SYSTEM_QZSS, 1, "C")),
 ]
-
-
-def epoch_of(signals, time: GpsTime = TIME, seed: int = 0, **columns) -> ObservationEpoch:
-    """Return plausible observations of (system, prn, band, attribute) signals."""
-    generator = np.random.default_rng(seed)
-    count = len(signals)
-    system, prn, band, attribute = (
-        (np.array([s[k] for s in signals], dtype=np.uint8) for k in range(4))
-        if count
-        else (np.zeros(0, np.uint8) for _ in range(4))
-    )
-    channel = np.where(system == c.SYSTEM_GLONASS, prn % 14 - 7.0, 0)
-    pseudorange = generator.uniform(1.9e7, 2.7e7, count)
-    satellites = {}
-    for index in range(count):
-        key = (int(system[index]), int(prn[index]))
-        base = satellites.setdefault(key, pseudorange[index])
-        pseudorange[index] = base + generator.uniform(-20.0, 20.0)
-    wavelength = carrier_wavelength(system, band, channel)
-    values = {
-        "system": system,
-        "prn": prn,
-        "band": band,
-        "attribute": attribute,
-        "glonass_channel": channel,
-        "pseudorange": pseudorange,
-        "carrier_phase_cycles": pseudorange / wavelength + generator.uniform(-500, 500, count),
-        "doppler_hz": generator.uniform(-3000.0, 3000.0, count),
-        "cn0_dbhz": generator.uniform(25.0, 50.0, count),
-        "pseudorange_sigma": generator.uniform(0.03, 0.9, count),
-        "carrier_phase_sigma_cycles": generator.uniform(0.004, 0.02, count),
-        "lock_time": generator.uniform(0.0, 5000.0, count),
-        "flags": np.full(count, GOOD),
-    } | columns
-    typed = {n: np.asarray(values[n]).astype(kind) for n, kind in OBSERVATION_COLUMNS.items()}
-    return ObservationEpoch(
-        time=time, time_status=180, receiver_status=0x100, log_name="RANGE", **typed
-    )
-
-
-def gps_epoch(satellite_count: int = 12, **options) -> ObservationEpoch:
-    """Return L1 C/A, L2P(Y) and L2C of some GPS satellites."""
-    return epoch_of(
-        [
-            (c.SYSTEM_GPS, prn, band, ord(attribute))
-            for prn in range(1, satellite_count + 1)
-            for band, attribute in ((1, "C"), (2, "W"), (2, "S"))
-        ],
-        **options,
-    )
 
 
 @st.composite
@@ -97,16 +46,16 @@ def epochs(draw):
     flags = draw(st.lists(st.integers(0, 15), min_size=len(signals), max_size=len(signals)))
     seconds = draw(st.integers(0, 604_799_999)) / 1000.0
     time = GpsTime.from_week_tow(draw(st.integers(1, 4000)), seconds)
-    return epoch_of(signals, time, draw(st.integers(0, 99)), flags=np.array(flags))
+    return observation_epoch(signals, time, draw(st.integers(0, 99)), flags=np.array(flags))
 
 
 def test_typical_status_words():
-    words = tracking_status(gps_epoch(1))
+    words = tracking_status(gps_observation_epoch(1))
     assert words.tolist() == [L1CA, L2P_CODELESS, L2C]
-    added = gps_epoch(1, flags=np.full(3, GOOD | c.FLAG_HALF_CYCLE_ADDED))
+    added = gps_observation_epoch(1, flags=np.full(3, ALL_VALID | c.FLAG_HALF_CYCLE_ADDED))
     assert tracking_status(added)[0] == 0x18109C04
-    assert tracking_status(gps_epoch(1), np.array([1, 2, 31]))[2] == L2C | 31 << 5
-    unlocked = tracking_status(gps_epoch(1, flags=np.full(3, c.FLAG_CODE_VALID)))
+    assert tracking_status(gps_observation_epoch(1), np.array([1, 2, 31]))[2] == L2C | 31 << 5
+    unlocked = tracking_status(gps_observation_epoch(1, flags=np.full(3, c.FLAG_CODE_VALID)))
     assert [int(word) & 31 for word in unlocked] == [7, 10, 10]
 
 
@@ -119,7 +68,7 @@ def test_range_comes_back_bit_for_bit(epoch):
 
 @pytest.mark.parametrize("first", [0, 3])
 def test_range_of_a_series_is_that_of_its_epochs(first):
-    whole = gps_epoch(5)
+    whole = gps_observation_epoch(5)
     count, random = 6, np.random.default_rng(5)
     columns = {
         name: column
@@ -149,7 +98,7 @@ def test_range_of_a_series_is_that_of_its_epochs(first):
 
 
 def test_range_equals_novatel_encoder():
-    epoch = gps_epoch()
+    epoch = gps_observation_epoch()
     header = oem.Header(
         port_address=0x20, week=1889, milliseconds=9.0e7, time_status=180, receiver_status=0x100,
         receiver_sw_version=15823, idle_time=120,
@@ -238,7 +187,7 @@ def edie_range(frames: list[bytes]) -> list[np.ndarray]:
 
 
 def test_rangecmp_equals_novatel_decompression():
-    epoch = gps_epoch()
+    epoch = gps_observation_epoch()
     frame = encode_rangecmp(epoch, SETTINGS)
     assert len(frame) == 36 + 24 * 36
     (theirs,) = edie_range([frame])
@@ -251,7 +200,7 @@ def test_rangecmp_equals_novatel_decompression():
 
 
 def test_rangecmp_saturates():
-    epoch = gps_epoch(
+    epoch = gps_observation_epoch(
         1,
         cn0_dbhz=[5.0, 60.0, 51.4],
         lock_time=[65535.9, 1e6, 0.01],
@@ -269,13 +218,13 @@ def test_rangecmp_saturates():
 
 def test_what_cannot_be_encoded_is_refused():
     with pytest.raises(ValueError, match="whole millisecond"):
-        encode_range(gps_epoch(time=TIME + 0.0001), SETTINGS)
+        encode_range(gps_observation_epoch(time=TIME + 0.0001), SETTINGS)
     with pytest.raises(ValueError, match="prn: 0 of system 0"):
-        encode_range(gps_epoch(1, prn=[1, 1, 0]), SETTINGS)
+        encode_range(gps_observation_epoch(1, prn=[1, 1, 0]), SETTINGS)
     with pytest.raises(ValueError, match="signal: 3C of system 0"):
-        encode_range(gps_epoch(1, band=[1, 3, 2], attribute=[67, 67, 83]), SETTINGS)
+        encode_range(gps_observation_epoch(1, band=[1, 3, 2], attribute=[67, 67, 83]), SETTINGS)
     with pytest.raises(ValueError, match="pseudorange"):
-        encode_rangecmp(gps_epoch(1, pseudorange=[-1.0, 2e7, 2e7]), SETTINGS)
+        encode_rangecmp(gps_observation_epoch(1, pseudorange=[-1.0, 2e7, 2e7]), SETTINGS)
 
 
 def moved(epoch: ObservationEpoch, elapsed: float, acceleration: float) -> ObservationEpoch:
@@ -295,7 +244,7 @@ def moved(epoch: ObservationEpoch, elapsed: float, acceleration: float) -> Obser
 
 def same_rate_epoch(count: int) -> ObservationEpoch:
     """Return observations whose signals of one satellite have one range rate."""
-    epoch = gps_epoch(count)
+    epoch = gps_observation_epoch(count)
     wavelength = carrier_wavelength(epoch.system, epoch.band)
     rate = np.repeat(np.linspace(-700.0, 700.0, count), 3)
     return replace(epoch, doppler_hz=(-rate / wavelength).astype(np.float32))
@@ -360,7 +309,7 @@ def test_rangecmp4_differences_are_to_their_own_second_only():
 
 
 def test_rangecmp4_marks_what_does_not_fit_as_invalid():
-    epoch = gps_epoch(1)
+    epoch = gps_observation_epoch(1)
     wavelength = carrier_wavelength(epoch.system, epoch.band)
     fast = replace(epoch, doppler_hz=(-5000.0 / wavelength).astype(np.float32))
     (decoded,) = events_of(RangeCmp4Encoder().encode(fast, SETTINGS))

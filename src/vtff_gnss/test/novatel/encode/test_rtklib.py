@@ -10,11 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_gnss_encode_ephemeris import nominal
-from test_gnss_encode_range import gps_epoch
-from test_gnss_referee_rtklib import EPHEMERIS_FIELDS, ephemeris_of, epoch_of
+from encoder_test_support import TIME, gps_observation_epoch, nominal_ephemeris
+from rtklib_test_support import EPHEMERIS_FIELDS, pyrtklib, rtklib_ephemeris, rtklib_epoch
 
-from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.ephemeris import lnav_accuracy
 from vtff_gnss.novatel import ReceiverLogStream
@@ -24,10 +22,7 @@ from vtff_gnss.novatel.encode.lnav import parity, quantize_lnav
 from vtff_gnss.novatel.encode.range import encode_range, encode_rangecmp
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 
-pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not installed")
-
 SETTINGS = HeaderSettings()
-TIME = GpsTime.from_week_tow(1889, 90000.0)
 
 
 def rtklib_events(content: bytes) -> tuple[list, list]:
@@ -37,15 +32,15 @@ def rtklib_events(content: bytes) -> tuple[list, list]:
     for byte in content:
         result = pyrtklib.input_oem4(raw, byte)
         if result == 1:
-            epochs.append(epoch_of(raw))
+            epochs.append(rtklib_epoch(raw))
         elif result == 2:
-            ephemerides.append(ephemeris_of(raw))
+            ephemerides.append(rtklib_ephemeris(raw))
     return epochs, ephemerides
 
 
 def l1_l2_epoch(step: int):
     """Return L1 C/A and L2P(Y) of 12 satellites, 50 ms apart."""
-    epoch = gps_epoch(12, time=TIME + 0.05 * step, seed=step)
+    epoch = gps_observation_epoch(12, time=TIME + 0.05 * step, seed=step)
     chosen = epoch.attribute != ord("S")
     columns = {name: getattr(epoch, name)[chosen] for name in OBSERVATION_COLUMNS}
     columns["lock_time"] = np.full(24, 100.0 + 0.05 * step, dtype=np.float32)
@@ -80,7 +75,9 @@ def test_observations_equal_those_of_rtklib(encode):
 
 def test_ephemerides_equal_those_of_rtklib():
     sent = [
-        quantize_lnav(replace(nominal(), prn=prn, mean_anomaly=0.1 * prn, af0=1e-6 * (prn - 16)))
+        quantize_lnav(
+            replace(nominal_ephemeris(), prn=prn, mean_anomaly=0.1 * prn, af0=1e-6 * (prn - 16))
+        )
         for prn in range(1, 33)
     ]
     # RTKLIB takes the week from the epoch of the observations before.
