@@ -39,8 +39,8 @@ from vtff_sim_bridge.gnss.configuration import (
 )
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
-from vtff_sim_bridge.simgen.emulation import ReceiverSet
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
+from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
@@ -177,7 +177,7 @@ def _receivers(
         faults=tuple(faults),
     )
     emulated = {
-        receiver.name: EmulatedReceiver(settings=HeaderSettings(generation=receiver.generation))
+        receiver.name: ReceiverFirmware(settings=HeaderSettings(generation=receiver.generation))
         for receiver in receivers
     }
     for receiver in emulated.values():

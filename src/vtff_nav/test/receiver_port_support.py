@@ -18,7 +18,7 @@ from vtff_gnss.fix import STATUS_SINGLE, Fix, ReceiverTime
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
 from vtff_nav.receiver.live_port import PortError
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
 
@@ -124,7 +124,7 @@ class FakePort:
 class Served:
     """An emulated receiver in a thread: `port` is its `ReceiverPort`; use `lock` to touch both."""
 
-    receiver: EmulatedReceiver
+    receiver: ReceiverFirmware
     port: ReceiverPort
     lock: threading.Lock
     epoch: int = 0
@@ -138,8 +138,8 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(receiver: EmulatedReceiver, **options: Any) -> Iterator[Served]:
-    """Serve an `EmulatedReceiver` on the ports that the options name."""
+def serving(receiver: ReceiverFirmware, **options: Any) -> Iterator[Served]:
+    """Serve an `ReceiverFirmware` on the ports that the options name."""
     port = ReceiverPort(receiver, **options)
     served = Served(receiver, port, threading.Lock())
     ended = threading.Event()

@@ -19,9 +19,9 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, load_gnss_configuration
 from vtff_sim_bridge.gnss.power_levels import PowerCommand
 from vtff_sim_bridge.receiver.measurements import Measurements
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.truth_file import TruthFile
-from vtff_sim_bridge.simgen.emulation import ReceiverSet
+from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
@@ -99,7 +99,7 @@ class Run:
     ) -> None:
         self.start = start
         self.emulated = {
-            r.name: EmulatedReceiver(settings=HeaderSettings(generation=r.generation))
+            r.name: ReceiverFirmware(settings=HeaderSettings(generation=r.generation))
             for r in base.receivers
         }
         for name, emulated in self.emulated.items():

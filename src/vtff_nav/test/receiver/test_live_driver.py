@@ -26,7 +26,7 @@ from vtff_node import diagnostics, qos
 from vtff_node.main import make_executor
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_nanoseconds, to_stamp
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 
 BAUD = 460800
 
@@ -97,7 +97,7 @@ def bench_on(*arguments, **values):
 
 @pytest.fixture()
 def served(tmp_path):
-    with serving(EmulatedReceiver(baud=BAUD), symlink=tmp_path / "receiver") as served:
+    with serving(ReceiverFirmware(baud=BAUD), symlink=tmp_path / "receiver") as served:
         served.name = f"serial://{tmp_path / 'receiver'}"
         yield served
 

@@ -26,7 +26,7 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.live_port import PortError, live_address, open_port
 from vtff_nav.receiver.port_watch import PortWatch
 from vtff_nav.receiver.receiver_session import ReceiverSession, SessionSettings
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 
 BAUD = 460800
 
@@ -63,7 +63,7 @@ def names(link, served):
 
 @pytest.mark.parametrize("kind", ["pty", "tcp"])
 def test_configure_and_read(link, kind):
-    with serving(EmulatedReceiver(baud=BAUD), symlink=link, tcp_port=0) as served:
+    with serving(ReceiverFirmware(baud=BAUD), symlink=link, tcp_port=0) as served:
         driver = Driver(names(link, served)[kind])
         until(lambda: driver.session.is_running, driver.advance)
         assert len(served.receiver.active_logs) == 3
@@ -77,7 +77,7 @@ def test_configure_and_read(link, kind):
 
 @pytest.mark.parametrize("kind", ["pty", "tcp"])
 def test_unplugged_and_plugged_in_again(link, kind):
-    with serving(EmulatedReceiver(baud=BAUD), symlink=link, tcp_port=0) as served:
+    with serving(ReceiverFirmware(baud=BAUD), symlink=link, tcp_port=0) as served:
         driver = Driver(names(link, served)[kind])
         until(lambda: driver.session.is_running, driver.advance)
         with served.lock:
@@ -95,7 +95,7 @@ def test_unplugged_and_plugged_in_again(link, kind):
 
 
 def test_power_cycle_at_the_factory_rate(link):
-    with serving(EmulatedReceiver(baud=9600), symlink=link, checks_baud=True) as served:
+    with serving(ReceiverFirmware(baud=9600), symlink=link, checks_baud=True) as served:
         driver = Driver(str(link), command_timeout=0.1, receiver_timeout=0.3)
         until(lambda: driver.session.is_running, driver.advance)
         assert served.receiver.baud == BAUD
@@ -114,13 +114,13 @@ def test_the_port_appears_later(link):
     for _ in range(5):
         driver.advance()
     assert driver.session.problem == f"cannot open {link}: no such device"
-    with serving(EmulatedReceiver(baud=BAUD), symlink=link):
+    with serving(ReceiverFirmware(baud=BAUD), symlink=link):
         until(lambda: driver.session.is_running, driver.advance)
         driver.session.close()
 
 
 def test_a_port_in_use_is_named(link):
-    with serving(EmulatedReceiver(baud=BAUD), symlink=link):
+    with serving(ReceiverFirmware(baud=BAUD), symlink=link):
         first = open_port(live_address(str(link)), BAUD)
         with pytest.raises(PortError, match="another program uses it"):
             open_port(live_address(str(link)), BAUD)
@@ -171,7 +171,7 @@ def test_incomplete_names_are_refused(name):
 
 def test_the_path_of_a_device_is_live(link):
     assert live_address(str(link)) is None
-    with serving(EmulatedReceiver(), symlink=link):
+    with serving(ReceiverFirmware(), symlink=link):
         assert live_address(str(link)).path == str(link)
 
 
@@ -227,7 +227,7 @@ def test_the_watch_wakes_once_until_it_is_armed_again():
 
 def test_a_slow_receiver_is_read_as_it_comes(link):
     """With a baud limit the bytes of an epoch come with later ones, but all come."""
-    receiver = EmulatedReceiver(baud=BAUD, limits_baud=True)
+    receiver = ReceiverFirmware(baud=BAUD, limits_baud=True)
     with serving(receiver, symlink=link) as served:
         driver = Driver(str(link))
         until(lambda: driver.session.is_running, driver.advance)

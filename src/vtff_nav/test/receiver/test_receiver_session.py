@@ -18,7 +18,7 @@ from vtff_nav.receiver.receiver_session import (
     SessionSettings,
     SessionState,
 )
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 
 TICK = 0.01  # s
 EXAMPLES = settings(max_examples=20)
@@ -31,12 +31,12 @@ class Bench:
     ----------
     baud : int or None
         Rate of the driver's port; None is TCP.
-    receiver : EmulatedReceiver, optional
+    receiver : ReceiverFirmware, optional
     commands : tuple of str
     """
 
     def __init__(self, baud=460800, receiver=None, commands=COMMANDS, **changes):
-        self.receiver = receiver or EmulatedReceiver(baud=baud or 9600)
+        self.receiver = receiver or ReceiverFirmware(baud=baud or 9600)
         self.outputs = Outputs()
         self.now = 100.0
         self.epoch = 0
@@ -148,7 +148,7 @@ def test_a_refused_command_is_named_and_the_others_are_sent():
 
 @pytest.mark.parametrize("actual", [9600, 115200, 921600])
 def test_the_baud_rate_is_found_and_changed(actual):
-    bench = Bench(receiver=EmulatedReceiver(baud=actual))
+    bench = Bench(receiver=ReceiverFirmware(baud=actual))
     bench.until_running()
     assert bench.receiver.baud == 460800
     assert bench.port.baud == 460800
@@ -157,7 +157,7 @@ def test_the_baud_rate_is_found_and_changed(actual):
 
 
 def test_the_baud_rate_is_not_looked_for_if_not_wanted():
-    bench = Bench(receiver=EmulatedReceiver(baud=9600), searches_baud=False)
+    bench = Bench(receiver=ReceiverFirmware(baud=9600), searches_baud=False)
     bench.run(5.0)
     assert bench.session.problem == "the receiver does not answer at 460800 baud"
     assert {port.baud for port in bench.ports} == {460800}
@@ -304,7 +304,7 @@ def test_a_request_without_a_connection_ends_too():
 
 
 def clean_stream(seconds: int) -> bytes:
-    receiver = EmulatedReceiver()
+    receiver = ReceiverFirmware()
     receiver.receive(b"LOG RANGEB ONTIME 0.05\r\nLOG BESTXYZB ONTIME 1\r\nLOG TIMEB ONTIME 1\r\n")
     outputs = Outputs(signals=36)
     return b"".join(receiver.advance(epoch_time(n), outputs) for n in range(20 * seconds))
@@ -354,7 +354,7 @@ FRAMES: dict[int, bytes] = {}
 def frame_of(epoch: ObservationEpoch) -> bytes:
     """Return the frame of a clean epoch."""
     if not FRAMES:
-        receiver, outputs = EmulatedReceiver(), Outputs(signals=36)
+        receiver, outputs = ReceiverFirmware(), Outputs(signals=36)
         receiver.receive(b"LOG RANGEB ONTIME 0.05\r\n")
         for number in range(200):
             time = epoch_time(number)

@@ -9,8 +9,8 @@ from pathlib import Path
 import gnss_emulator_support as support
 import pytest
 
-from vtff_sim_bridge.simgen.emulation import GnssEmulation
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
+from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 from vtff_sim_bridge.simgen.simgen_emulator import main
 
 LOG = b"LOG RANGEB ONTIME 0.05\r\n"

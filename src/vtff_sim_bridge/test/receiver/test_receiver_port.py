@@ -15,7 +15,7 @@ import tty
 import pytest
 
 from vtff_gnss.novatel import ReceiverLogStream
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import (
     CONGESTION_BYTES,
     MAXIMUM_PENDING_BYTES,
@@ -38,9 +38,9 @@ def make_port(tmp_path):
     """Return a function that makes a port with the symlink `tmp_path/receiver`."""
     made = []
 
-    def make(receiver: EmulatedReceiver | None = None, **options) -> ReceiverPort:
+    def make(receiver: ReceiverFirmware | None = None, **options) -> ReceiverPort:
         options.setdefault("symlink", tmp_path / "receiver")
-        made.append(ReceiverPort(receiver or EmulatedReceiver(), **options))
+        made.append(ReceiverPort(receiver or ReceiverFirmware(), **options))
         return made[-1]
 
     yield make
@@ -233,7 +233,7 @@ def test_a_client_that_does_not_read_costs_bounded_memory(make_port, tmp_path):
 
 
 def test_a_wrong_baud_rate_is_unreadable_in_both_directions(make_port, tmp_path):
-    receiver = EmulatedReceiver(baud=115200)
+    receiver = ReceiverFirmware(baud=115200)
     port = make_port(receiver, checks_baud=True)
     client = Client(tmp_path / "receiver", termios.B9600)
     client.write(b"LOG RANGEB ONTIME 1\r\n")

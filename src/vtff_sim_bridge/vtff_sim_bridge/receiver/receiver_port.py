@@ -16,7 +16,7 @@ import socket
 import termios
 import tty
 
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 
 LOGGER = logging.getLogger("simgen_emulator")
 
@@ -115,7 +115,7 @@ class ReceiverPort:
 
     Parameters
     ----------
-    receiver : EmulatedReceiver
+    receiver : ReceiverFirmware
         What obeys the commands.
     symlink : path-like, optional
         Name that a driver opens; no pseudo-terminal without it. An old symlink is replaced.
@@ -141,7 +141,7 @@ class ReceiverPort:
 
     def __init__(
         self,
-        receiver: EmulatedReceiver,
+        receiver: ReceiverFirmware,
         symlink: str | os.PathLike[str] | None = None,
         *,
         tcp_host: str = "127.0.0.1",

@@ -16,7 +16,7 @@ from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 
 if TYPE_CHECKING:
-    from vtff_sim_bridge.simgen.emulation import GnssEmulation
+    from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
 LOGGER = logging.getLogger("simgen_emulator")
 
@@ -98,7 +98,7 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
     """Return the receivers that the options ask for."""
     # Imported here, because without receivers the emulator starts without numpy.
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
-    from vtff_sim_bridge.simgen.emulation import GnssEmulation
+    from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
     configuration = load_gnss_configuration(options.gnss)
     if options.seed is not None:

@@ -168,7 +168,7 @@ class _Line:
             self._recent_bytes -= self._recent.popleft()[1]
 
 
-class EmulatedReceiver:
+class ReceiverFirmware:
     """One port of a receiver: obeys commands and sends the logs that are due.
 
     A second LOG of a log replaces the first and is answered with OK, also if it is the same: that

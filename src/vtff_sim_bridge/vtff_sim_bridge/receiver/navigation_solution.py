@@ -12,14 +12,14 @@ from vtff_dynamics.time.timescales import GpsTime, leap_seconds
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.fix import STATUS_NONE, STATUS_SINGLE, Fix, ReceiverTime
 from vtff_sim_bridge.receiver.measurements import Measurements
-from vtff_sim_bridge.receiver.position_fix import RangeEquations, ionosphere_free, solve_point
+from vtff_sim_bridge.receiver.point_solution import RangeEquations, ionosphere_free, solve_point
 
-__all__ = ["solved"]
+__all__ = ["navigation_solution"]
 
 _SOLUTION_TYPE_SINGLE = 16
 
 
-def solved(
+def navigation_solution(
     measured: Measurements, index: int, time: GpsTime, received: Collection[tuple[int, int]]
 ) -> tuple[Fix, ReceiverTime]:
     """Return the solution of an epoch.

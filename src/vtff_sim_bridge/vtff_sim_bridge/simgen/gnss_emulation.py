@@ -24,9 +24,9 @@ from vtff_sim_bridge.gnss.random_streams import (
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.gnss.sky import Constellation
 from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
-from vtff_sim_bridge.receiver.receiver_commands import EmulatedReceiver
+from vtff_sim_bridge.receiver.measurement_engine import MeasurementEngine
+from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort
-from vtff_sim_bridge.receiver.simulated_receiver import SimulatedReceiver
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
@@ -43,7 +43,7 @@ class ReceiverSet:
     Parameters
     ----------
     configuration : GnssConfiguration
-    emulated : dict of str to EmulatedReceiver
+    emulated : dict of str to ReceiverFirmware
         By receiver name: what obeys commands and makes logs.
     start, end : GpsTime
         Of the run; the start is a whole second.
@@ -62,7 +62,7 @@ class ReceiverSet:
     def __init__(
         self,
         configuration: GnssConfiguration,
-        emulated: dict[str, EmulatedReceiver],
+        emulated: dict[str, ReceiverFirmware],
         start: GpsTime,
         end: GpsTime,
         state_itrf: np.ndarray,
@@ -82,11 +82,11 @@ class ReceiverSet:
         self._emulated = emulated
         self._last_epoch = -1
         self._truth = truth
-        self.receivers: dict[str, SimulatedReceiver] = {}
+        self.receivers: dict[str, MeasurementEngine] = {}
         self._byte_faults: dict[str, ByteFaults] = {}
         for receiver in configuration.receivers:
             own = [fault for fault in faults if fault.receiver == receiver.name]
-            self.receivers[receiver.name] = SimulatedReceiver(
+            self.receivers[receiver.name] = MeasurementEngine(
                 receiver,
                 constellation,
                 ionosphere,
@@ -138,7 +138,7 @@ class ReceiverSet:
     def _bytes_of(
         self,
         name: str,
-        receiver: SimulatedReceiver,
+        receiver: MeasurementEngine,
         motion: VehicleMotion,
         second: int,
         first: int,
@@ -208,7 +208,7 @@ class GnssEmulation:
         self._truth_path = truth_path
         self._truth = TruthFile()
         self._set: ReceiverSet | None = None
-        self._emulated: dict[str, EmulatedReceiver] = {}
+        self._emulated: dict[str, ReceiverFirmware] = {}
         self.ports: dict[str, ReceiverPort] = {}
         self._epoll = select.epoll()
         if self._links is not None:
@@ -251,7 +251,7 @@ class GnssEmulation:
             raise
 
     def _open_port(self, receiver: ReceiverConfiguration) -> None:
-        emulated = EmulatedReceiver(
+        emulated = ReceiverFirmware(
             "COM1",
             HeaderSettings(generation=receiver.generation),
             baud=receiver.baud,

@@ -23,7 +23,7 @@ from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream
 from vtff_gnss.novatel.encode.lnav import quantize_lnav
 from vtff_gnss.novatel.encode.solution import ComponentVersion, IonosphereUtc
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch, ObservationSeries
-from vtff_sim_bridge.receiver.receiver_commands import BAUD_RATES, EmulatedReceiver
+from vtff_sim_bridge.receiver.receiver_firmware import BAUD_RATES, ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
 
 START = GpsTime.from_week_tow(1889, 90000.0)
@@ -98,7 +98,7 @@ def raw_logs(content: bytes) -> list[RawLog]:
     return [event for event in events if isinstance(event, RawLog)]
 
 
-def run(receiver: EmulatedReceiver, outputs: Outputs, first: int, last: int) -> list[list[str]]:
+def run(receiver: ReceiverFirmware, outputs: Outputs, first: int, last: int) -> list[list[str]]:
     """Advance in steps of 50 ms; the names of the logs of every epoch."""
     return [names_of(receiver.advance(START + 0.05 * step, outputs)) for step in range(first, last)]
 
@@ -116,7 +116,7 @@ def run(receiver: EmulatedReceiver, outputs: Outputs, first: int, last: int) -> 
     ],
 )  # fmt: skip
 def test_accepted(command):
-    assert EmulatedReceiver().receive(command + b"\r\n") == OK
+    assert ReceiverFirmware().receive(command + b"\r\n") == OK
 
 
 @pytest.mark.parametrize(
@@ -153,11 +153,11 @@ def test_accepted(command):
     ],
 )
 def test_refused(command, text):
-    assert EmulatedReceiver().receive(command + b"\r\n") == (b"\r\n<ERROR:" + text + b"\r\n[COM1]")
+    assert ReceiverFirmware().receive(command + b"\r\n") == (b"\r\n<ERROR:" + text + b"\r\n[COM1]")
 
 
 def test_several_commands_in_one_write_and_one_in_several():
-    receiver = EmulatedReceiver("COM2")
+    receiver = ReceiverFirmware("COM2")
     assert receiver.receive(SETUP) == 3 * OK.replace(b"COM1", b"COM2")
     assert [receiver.receive(bytes([byte])) for byte in b"LOG TIMEB\r\n"].count(b"") == 10
     for ending in (b"\r", b"\n", b"\r\n", b"\n\r"):
@@ -166,7 +166,7 @@ def test_several_commands_in_one_write_and_one_in_several():
 
 
 def test_answers_are_read_as_answers():
-    answer = EmulatedReceiver().receive(b"LOG RANGEB ONTIME 0.05\r\nLOG NONSENSE\r\n")
+    answer = ReceiverFirmware().receive(b"LOG RANGEB ONTIME 0.05\r\nLOG NONSENSE\r\n")
     events = ReceiverLogStream().feed(answer)
     assert events == [
         CommandResponse(True, "OK"),
@@ -175,7 +175,7 @@ def test_answers_are_read_as_answers():
 
 
 def test_schedule_on_time():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     assert receiver.receive(SETUP + b"LOG TIMEB ONTIME 0.5 0.25\r\n") == 4 * OK
     assert receiver.active_logs == (
         *("RANGEB ONTIME 0.05", "BESTXYZB ONTIME 1", "TIMEB ONTIME 0.5"),
@@ -189,7 +189,7 @@ def test_schedule_on_time():
 
 
 def test_order_of_an_epoch_does_not_depend_on_the_order_of_the_commands():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG GPSEPHEMB ONCE\r\nLOG BESTXYZB ONTIME 1\r\nLOG IONUTCB ONCE\r\n")
     receiver.receive(b"LOG TIMEB ONTIME 1\r\nLOG RAWEPHEMB ONCE\r\nLOG RANGEB ONTIME 1\r\n")
     assert run(receiver, outputs, 0, 1) == [
@@ -199,7 +199,7 @@ def test_order_of_an_epoch_does_not_depend_on_the_order_of_the_commands():
 
 
 def test_on_new_and_on_changed():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG RAWEPHEMB ONNEW\r\nLOG GPSEPHEMB ONCHANGED\r\n")
     receiver.receive(b"LOG GALINAVEPHEMERISB ONCHANGED\r\n")
     assert run(receiver, outputs, 0, 2) == [2 * ["RAWEPHEMB"] + 2 * ["GPSEPHEMB"], []]
@@ -214,7 +214,7 @@ def test_on_new_and_on_changed():
 
 
 def test_on_new_sends_nothing_that_was_received_before():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG TIMEB ONTIME 1\r\n")
     assert run(receiver, outputs, 0, 2) == [["TIMEB"], []]
     receiver.receive(b"LOG RAWEPHEMB ONNEW\r\nLOG IONUTCB ONNEW\r\n")
@@ -224,13 +224,13 @@ def test_on_new_sends_nothing_that_was_received_before():
 
 
 def test_once_is_sent_once():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG RANGEB\r\n")
     assert run(receiver, outputs, 0, 2) == [["RANGEB"], []]
 
 
 def test_version_is_answered_at_once_and_before_the_time_is_known():
-    receiver = EmulatedReceiver(versions=(ComponentVersion(model="G2L"),))
+    receiver = ReceiverFirmware(versions=(ComponentVersion(model="G2L"),))
     answer = receiver.receive(b"LOG VERSIONB ONCE\r\n")
     assert answer.startswith(OK)
     (log,) = raw_logs(answer)
@@ -241,7 +241,7 @@ def test_version_is_answered_at_once_and_before_the_time_is_known():
 
 
 def test_unlog_and_hold():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG RANGEB ONTIME 0.05 0 HOLD\r\nLOG TIMEB ONTIME 0.05 HOLD\r\n")
     receiver.receive(b"LOG BESTXYZB ONTIME 0.05\r\nUNLOGALL THISPORT\r\n")
     assert run(receiver, outputs, 0, 1) == [["RANGEB", "TIMEB"]]
@@ -254,7 +254,7 @@ def test_unlog_and_hold():
 
 
 def test_logs_of_other_ports_go_nowhere_and_a_second_log_replaces_the_first():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG COM2 RANGEB ONTIME 0.05\r\n")
     assert run(receiver, outputs, 0, 2) == [[], []]
     receiver.receive(b"LOG RANGEB ONTIME 0.05\r\nLOG RANGEB ONTIME 0.1\r\n")
@@ -262,7 +262,7 @@ def test_logs_of_other_ports_go_nowhere_and_a_second_log_replaces_the_first():
 
 
 def test_ascii_and_binary_are_two_logs():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"LOG RANGEA ONTIME 1\r\nLOG RANGEB ONTIME 1\r\nLOG TIME ONTIME 1\r\n")
     content = receiver.advance(START, outputs)
     text, binary = (e for e in ReceiverLogStream().feed(content) if isinstance(e, ObservationEpoch))
@@ -271,20 +271,20 @@ def test_ascii_and_binary_are_two_logs():
 
 
 def test_epochs_go_forward():
-    receiver = EmulatedReceiver()
+    receiver = ReceiverFirmware()
     receiver.advance(START, Outputs())
     with pytest.raises(ValueError, match="not later"):
         receiver.advance(START, Outputs())
 
 
 def test_power_cycle_brings_the_saved_configuration_back():
-    receiver, outputs = EmulatedReceiver(), Outputs()
+    receiver, outputs = ReceiverFirmware(), Outputs()
     receiver.receive(b"SERIALCONFIG COM1 460800\r\nLOG RANGEB ONTIME 0.05\r\nSAVECONFIG\r\n")
     receiver.receive(b"SERIALCONFIG COM1 115200\r\nLOG TIMEB ONTIME 0.05\r\nLOG RAW")
     assert receiver.power_cycle() == b"\r\n[COM1]"
     assert receiver.baud == 460800
     assert run(receiver, outputs, 0, 1) == [["RANGEB"]]
-    fresh = EmulatedReceiver()
+    fresh = ReceiverFirmware()
     fresh.receive(SETUP + b"SERIALCONFIG COM1 460800\r\n")
     assert fresh.receive(b"RESET\r\n") == OK + b"\r\n[COM1]"
     assert fresh.active_logs == () and fresh.baud == 9600
@@ -292,7 +292,7 @@ def test_power_cycle_brings_the_saved_configuration_back():
 
 def test_link_load_is_that_of_the_bandwidth_table():
     """RANGEB of 36 observations at 20 Hz on 460800: 70 %, on 230400: 141 % (interfaces.md 2.3)."""
-    receiver, outputs = EmulatedReceiver(baud=460800), Outputs()
+    receiver, outputs = ReceiverFirmware(baud=460800), Outputs()
     receiver.receive(b"LOG RANGEB ONTIME 0.05\r\n")
     run(receiver, outputs, 0, 40)
     assert receiver.link_load_percent == pytest.approx(1620 * 20 * 10 / 460800 * 100)
@@ -303,7 +303,7 @@ def test_link_load_is_that_of_the_bandwidth_table():
 
 
 def test_a_line_that_is_fast_enough_loses_nothing():
-    limited, free = (EmulatedReceiver(baud=460800, limits_baud=flag) for flag in (True, False))
+    limited, free = (ReceiverFirmware(baud=460800, limits_baud=flag) for flag in (True, False))
     streams = []
     for receiver in (limited, free):
         receiver.receive(SETUP)
@@ -317,7 +317,7 @@ def test_a_line_that_is_fast_enough_loses_nothing():
 
 
 def test_a_line_that_is_too_slow_drops_whole_logs_and_tells_so():
-    receiver, outputs = EmulatedReceiver(baud=115200, limits_baud=True), Outputs()
+    receiver, outputs = ReceiverFirmware(baud=115200, limits_baud=True), Outputs()
     receiver.receive(b"LOG RANGEB ONTIME 0.05\r\n")
     stream, received = ReceiverLogStream(), 0
     epochs = []
@@ -337,7 +337,7 @@ def test_a_line_that_is_too_slow_drops_whole_logs_and_tells_so():
 
 
 def test_an_idle_line_saves_nothing_up():
-    receiver, outputs = EmulatedReceiver(baud=9600, limits_baud=True), Outputs()
+    receiver, outputs = ReceiverFirmware(baud=9600, limits_baud=True), Outputs()
     receiver.advance(START, outputs)
     receiver.receive(b"LOG RANGEB ONCE\r\n")
     receiver.advance(START + 100.0, outputs)
@@ -345,7 +345,7 @@ def test_an_idle_line_saves_nothing_up():
 
 
 def test_an_answer_waits_behind_the_bytes_of_a_full_line():
-    receiver, outputs = EmulatedReceiver(baud=9600, limits_baud=True), Outputs()
+    receiver, outputs = ReceiverFirmware(baud=9600, limits_baud=True), Outputs()
     receiver.receive(b"LOG RANGEB ONCE\r\n")
     receiver.advance(START, outputs)
     assert receiver.receive(b"ECHO OFF\r\n") == b""
@@ -355,7 +355,7 @@ def test_an_answer_waits_behind_the_bytes_of_a_full_line():
 
 def test_runs_are_repeatable():
     def once() -> bytes:
-        receiver, outputs = EmulatedReceiver(baud=115200, limits_baud=True), Outputs()
+        receiver, outputs = ReceiverFirmware(baud=115200, limits_baud=True), Outputs()
         content = receiver.receive(SETUP + b"LOG RAWEPHEMB ONNEW\r\nLOG RANGECMP4B ONTIME 0.1\r\n")
         return content + b"".join(
             receiver.advance(START + 0.05 * step, outputs) for step in range(50)
@@ -367,7 +367,7 @@ def test_runs_are_repeatable():
 @pytest.mark.parametrize("options", [{"port_name": "COM9"}, {"baud": 12345}])
 def test_settings_are_checked(options):
     with pytest.raises(ValueError, match=next(iter(options))):
-        EmulatedReceiver(**options)
+        ReceiverFirmware(**options)
 
 
 WORDS = st.sampled_from(
@@ -384,8 +384,8 @@ WORDS = st.sampled_from(
 @settings(max_examples=150)
 def test_any_commands_in_any_pieces_get_one_answer_each(commands, lengths):
     content = b"".join(" ".join(words).encode() + b"\r\n" for words in commands)
-    whole = EmulatedReceiver().receive(content)
-    pieces, receiver, position, index = b"", EmulatedReceiver(), 0, 0
+    whole = ReceiverFirmware().receive(content)
+    pieces, receiver, position, index = b"", ReceiverFirmware(), 0, 0
     while position < len(content):
         length = lengths[index % len(lengths)]
         pieces += receiver.receive(content[position : position + length])

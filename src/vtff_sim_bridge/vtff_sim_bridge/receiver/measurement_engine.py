@@ -30,6 +30,7 @@ from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
 from vtff_sim_bridge.receiver.measurements import Measurements
+from vtff_sim_bridge.receiver.navigation_solution import navigation_solution
 from vtff_sim_bridge.receiver.observables import (
     LinkPlan,
     MeasurementNoise,
@@ -39,12 +40,11 @@ from vtff_sim_bridge.receiver.observables import (
     signals_of,
 )
 from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
-from vtff_sim_bridge.receiver.solution import solved
 from vtff_sim_bridge.receiver.tracking import Arc, Tracker, Tracks
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import arc_record, second_record
 
-__all__ = ["SimulatedReceiver"]
+__all__ = ["MeasurementEngine"]
 
 # s; the frame of GPS. Galileo repeats its ephemeris as often in I/NAV, and every 50 s in F/NAV.
 _EPHEMERIS_REPETITION = 30.0
@@ -60,8 +60,8 @@ class _Channels(NamedTuple):
     number: npt.NDArray[np.uint8]
 
 
-class SimulatedReceiver:
-    """One receiver on one vehicle; makes the outputs that an `EmulatedReceiver` logs.
+class MeasurementEngine:
+    """One receiver on one vehicle; makes the outputs that an `ReceiverFirmware` logs.
 
     Parameters
     ----------
@@ -340,7 +340,7 @@ class SimulatedReceiver:
         self._last_extra[plan.row] = extra[-1]
         return np.asarray(rate[:, plan.satellite] + np.where(np.isnan(change), 0.0, change))
 
-    # What an EmulatedReceiver asks for
+    # What an ReceiverFirmware asks for
 
     def _index(self, time: GpsTime) -> int:
         """Return the place of an epoch in the last measurements."""
@@ -410,7 +410,7 @@ class SimulatedReceiver:
         epoch = self._last().first_epoch + index
         if self._solution is None or self._solution[0] != epoch:
             received = {key[:2] for key in self._received}
-            self._solution = (epoch, *solved(self._last(), index, time, received))
+            self._solution = (epoch, *navigation_solution(self._last(), index, time, received))
         return self._solution[1:]
 
     # Truth
