@@ -53,12 +53,12 @@ def ready(node: str) -> StepDone:
 def test_the_run_starts_when_all_are_ready(ros, lockstep):
     node = bridge(lockstep=lockstep)
     node._start()
-    node._on_step_done(ready(DRIVERS[0]))
-    node._on_step_done(ready(DRIVERS[0]))
-    node._on_step_done(ready("/somebody/else"))
+    node._step_source.acknowledge(ready(DRIVERS[0]))
+    node._step_source.acknowledge(ready(DRIVERS[0]))
+    node._step_source.acknowledge(ready("/somebody/else"))
     node._start()
     assert node._state == SimulatorStatus.STATE_IDLE
-    node._on_step_done(ready(DRIVERS[1]))
+    node._step_source.acknowledge(ready(DRIVERS[1]))
     deadline = time.monotonic() + PATIENCE
     while node._state != SimulatorStatus.STATE_RUNNING:  # real time settles for half a second
         assert time.monotonic() < deadline
@@ -69,12 +69,12 @@ def test_the_run_starts_when_all_are_ready(ros, lockstep):
 @pytest.mark.parametrize("lockstep", [True, False])
 def test_the_missing_one_is_named(ros, lockstep):
     node = bridge(lockstep=lockstep, start_timeout=0.1)
-    node._on_step_done(ready(DRIVERS[0]))
+    node._step_source.acknowledge(ready(DRIVERS[0]))
     time.sleep(0.12)
     node._start()
     assert (node.finished, node.exit_code) == (True, 1)
-    assert "/deputy/receiver_driver is not in the graph" in node._problem
-    assert "/chief" not in node._problem
+    assert "/deputy/receiver_driver is not in the graph" in node.problem
+    assert "/chief" not in node.problem
     node.destroy_node()
 
 

@@ -15,27 +15,27 @@ from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus, StepDone
+from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus
 from vtff_node import diagnostics
-from vtff_node.lockstep import StepCoordinator
-from vtff_node.main import EXIT_FAILURE, run_node
+from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
+from vtff_node.step_source import StepSource, StepSourceParameters
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
 from vtff_sim_bridge.simremote.client import SimRemoteClient, SimRemoteError
 from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, load_scenario
 
 START_POLL = 0.05  # s
-SETTLE_TIME = 0.5  # s between the graph being complete and a realtime run
+SETTLE_TIME = 0.5  # s from the moment at which the graph is complete to the start in real time
 REALTIME_POLL = 0.002  # s, resolution of the wall-clock pacing
-SIMGEN_MARGIN = 60  # s SimGEN is told to run longer, so that it takes the last motion
+SIMGEN_MARGIN = 60  # s by which the run of SimGEN is longer, so that it takes the last motion
 WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants
 
 
 @dataclass(frozen=True)
-class SimgenBridgeParameters:
+class SimgenBridgeParameters(StepSourceParameters):
     """Parameters of `simgen_bridge`."""
 
     scenario_file: str = parameter(REQUIRED, "scenario: orbits, epoch, force model, target")
@@ -50,37 +50,21 @@ class SimgenBridgeParameters:
         "", "SimGEN scenario file to select (SC), empty = <name of the scenario>.scn"
     )
     simgen_timeout: float = parameter(2.0, "longest wait for a reply", unit="s", minimum=0.01)
-    lockstep_participants: list[str] = parameter(
-        [], "fully qualified nodes that must acknowledge each step"
-    )
-    lockstep_side_branches: list[str] = parameter(
-        [], "nodes that must acknowledge but may lag (recorder, viewer)"
-    )
     lockstep_preparing: list[str] = parameter(
-        [], "fully qualified nodes that must report ready before SimGEN is started, in any pacing"
+        [], "fully qualified nodes that must report ready before the run starts, in any pacing"
     )
-    expected_nodes: list[str] = parameter(
-        [], "fully qualified nodes of the system; absent ones are named when a step hangs"
-    )
-    maximum_lag: int = parameter(50, "steps a side branch may lag", minimum=0, maximum=500)
     coasting: list[str] = parameter(
         [], "deputies without a thruster: no step waits for their thrust"
-    )
-    start_timeout: float = parameter(
-        30.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
-    )
-    step_timeout: float = parameter(
-        5.0, "wall time for all participants to finish a later step", unit="s", minimum=0.1
     )
 
 
 class SimgenBridgeNode(VtffNode):
-    """Truth of all spacecraft, SimREMOTE client, and the only node that paces a run.
+    """Truth of all spacecraft, client of SimREMOTE, and the step source of a simulated run.
 
     Publishes /clock, <craft>/truth/orbit, formation/relative_state_truth and sim/status once a
-    step; subscribes to <deputy>/propulsion/thrust_applied and sim/step_done. With lockstep:=true
-    a step begins when every participant has finished the one before; otherwise the wall clock
-    paces and the newest thrust is used.
+    step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. With lockstep:=true
+    a step begins when every participant has finished the step before; otherwise the wall clock
+    begins the steps and the newest thrust is used.
     """
 
     Parameters = SimgenBridgeParameters
@@ -91,9 +75,6 @@ class SimgenBridgeNode(VtffNode):
         self._scenario = _scenario_in_force(given)
         self._truth = self._scenario.formation_truth()
         self._steps = round(self._scenario.duration / self._scenario.step)
-        self._coordinator = StepCoordinator(
-            given.lockstep_participants, given.lockstep_side_branches, given.maximum_lag
-        )
         self._thrust = {
             name: ThrustBuffer(self._scenario.step)
             for name in self._truth.deputies
@@ -102,13 +83,10 @@ class SimgenBridgeNode(VtffNode):
         self._simgen = self._make_link(given)
         self._thrust_in_force: dict[str, np.ndarray] = {}
         self._state = SimulatorStatus.STATE_IDLE
-        self._problem = ""
         self._refused_thrust = 0
         self._started = False
-        self._preparing = set(given.lockstep_preparing)
         self._ready_since: float | None = None
         self._wall_start = 0.0
-        self._step_began = 0.0
         self._wall_lag = 0.0
         self._create_interfaces()
         self._made = time.monotonic()
@@ -147,12 +125,16 @@ class SimgenBridgeNode(VtffNode):
                 f"{name}/propulsion/thrust_applied",
                 functools.partial(self._on_thrust, name),
             )
-        if self.lockstep or self._preparing:
-            # Latched: a node may have reported ready before this one was there.
-            self.subscribe(StepDone, "sim/step_done", self._on_step_done, latched=True)
+        self._step_source = StepSource(
+            self,
+            self.parameters,
+            self._advance_when_complete,
+            awaited_data=self._awaited_thrust,
+            preparing=self.parameters.lockstep_preparing,
+        )
 
     def _start(self) -> None:
-        # A timer that has expired twice calls twice, even when it is cancelled in between.
+        # A timer that has expired twice calls back twice, even when the first call cancels it.
         if self._started or not self._graph_is_ready():
             return
         self._started = True
@@ -167,21 +149,23 @@ class SimgenBridgeNode(VtffNode):
         self._publish_step()
 
     def _graph_is_ready(self) -> bool:
-        """Whether the run may start.
+        """Return whether the run may start.
 
-        What happens before a receiver is configured is lost, so nodes that prepare come first.
-        Lockstep then starts at once: the first step waits for everybody and its messages are kept
-        for late comers. The wall clock does not wait, so all nodes must be there before it starts.
+        Signals that come before a receiver is configured are lost, so the run waits for the nodes
+        that prepare. In lockstep it then starts at once: the first step waits for all participants,
+        and its messages are kept for nodes that are discovered later. The wall clock does not wait,
+        so in real time all nodes must be in the graph before the run starts.
         """
         if self.count_publishers("/clock") > 1:
-            self._fail(
+            self.fail(
                 "another simulator publishes /clock on this ROS_DOMAIN_ID; give each run its own"
             )
             return False
         now = time.monotonic()
-        if self._preparing:
+        if self._step_source.unprepared:
             if now - self._made > self.parameters.start_timeout:
-                self._fail(f"the run did not start: {self._unprepared()}")
+                nodes = self._step_source.describe_unprepared_nodes()
+                self.fail(f"the run did not start: {nodes}")
             return False
         if self.lockstep:
             return True
@@ -192,23 +176,13 @@ class SimgenBridgeNode(VtffNode):
             if not self.count_publishers(f"{name}/propulsion/thrust_applied")
         ]
         if not absent and not silent:
-            # Nodes see each other a moment after this node has seen them all.
+            # The nodes discover each other a moment after this node has discovered all of them.
             self._ready_since = self._ready_since or now
             return now - self._ready_since > SETTLE_TIME
         if now - self._made > self.parameters.start_timeout:
             missing = ", ".join([*absent, *silent])
-            self._fail(f"the run did not start: not in the graph: {missing}")
+            self.fail(f"the run did not start: not in the graph: {missing}")
         return False
-
-    def _unprepared(self) -> str:
-        """Name the nodes that have not reported ready."""
-        absent = self.absent_nodes(sorted(self._preparing))
-        texts = [
-            f"{name} " + ("is not in the graph" if name in absent else "did not report ready")
-            for name in sorted(self._preparing)
-        ]
-        patience = self.parameters.start_timeout
-        return f"within {patience:.0f} s " + " and ".join(texts) + "; its /diagnostics say why"
 
     def _make_link(self, given: SimgenBridgeParameters) -> SimGenLink | None:
         if not given.simgen_host:
@@ -231,7 +205,7 @@ class SimgenBridgeNode(VtffNode):
             if not self.lockstep:
                 self._wall_start = time.monotonic() - self._simgen.time_into_run()
         except (SimRemoteError, ValueError) as error:
-            self._fail(str(error))
+            self.fail(str(error))
             return False
         return True
 
@@ -241,15 +215,14 @@ class SimgenBridgeNode(VtffNode):
         """Send the motion of the current time to SimGEN and publish its truth."""
         stamp_nanoseconds = self._truth.time.to_unix_nanoseconds()
         stamp = to_stamp(stamp_nanoseconds)
-        self._step_began = time.monotonic()
         self.scenario_nanoseconds = stamp_nanoseconds
-        self._coordinator.begin(stamp_nanoseconds)
+        self._step_source.begin(stamp_nanoseconds)
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
         self._receive_replies()
         self._send_motion()
-        if self.lockstep and self.parameters.lockstep_preparing:
-            # SimGEN replies when the bytes of this step are on the receivers' ports. With /clock
-            # after that, a driver never takes a slow emulator for a silent receiver.
+        if self.lockstep:
+            # SimGEN replies when the bytes of this step are on the ports of the receivers. With
+            # /clock after that, a driver never takes a slow emulator for a silent receiver.
             self._receive_replies()
         if self._state == SimulatorStatus.STATE_ERROR:
             return
@@ -275,11 +248,11 @@ class SimgenBridgeNode(VtffNode):
 
     def _advance(self) -> None:
         """Integrate one step with the thrust that starts now, then publish the next step."""
-        if self._coordinator.step >= self._steps:
+        if self._step_source.step >= self._steps:
             self._end()
             return
         if self.lockstep:
-            # All of the step's thrust has arrived by now, also with a thruster without delay.
+            # All thrust of the step has arrived by now, also that of a thruster without delay.
             self._thrust_in_force = self._thrust_now(self.scenario_nanoseconds)
         self._truth.advance(self._thrust_in_force)
         self._publish_step()
@@ -304,25 +277,25 @@ class SimgenBridgeNode(VtffNode):
         if self.lockstep:
             self._advance_when_complete()
 
-    def _on_step_done(self, message: StepDone) -> None:
-        stamp = to_nanoseconds(message.header.stamp)
-        if stamp == 0:
-            self._preparing.discard(message.node)
-        elif self.lockstep:
-            self._coordinator.acknowledge(message.node, stamp)
-            self._advance_when_complete()
+    def _awaited_thrust(self) -> list[str]:
+        """Return the topics on which the thrust of the current step has not come yet.
+
+        Topics are not ordered among each other: an acknowledgement may overtake the thrust.
+        """
+        return [
+            f"thrust on /{name}/propulsion/thrust_applied"
+            for name, buffer in self._thrust.items()
+            if buffer.received <= self._step_source.step
+        ]
 
     def _advance_when_complete(self) -> None:
-        if self._state != SimulatorStatus.STATE_RUNNING or not self._coordinator.complete:
-            return
-        # Topics are not ordered among each other: an acknowledgement may overtake the thrust.
-        if all(buffer.received > self._coordinator.step for buffer in self._thrust.values()):
+        if self._state == SimulatorStatus.STATE_RUNNING and self._step_source.is_complete:
             self._advance()
 
     def _pace(self) -> None:
         if self._state != SimulatorStatus.STATE_RUNNING:
             return
-        due = self._wall_start + (self._coordinator.step + 1) * self._scenario.step
+        due = self._wall_start + (self._step_source.step + 1) * self._scenario.step
         now = time.monotonic()
         if now >= due:
             self._wall_lag = now - due
@@ -350,16 +323,16 @@ class SimgenBridgeNode(VtffNode):
         try:
             self._simgen.send(self._time_into_run(), self._motions())
         except SimRemoteError as error:
-            self._fail(str(error))
+            self.fail(str(error))
 
     def _receive_replies(self) -> None:
-        """Take SimGEN's replies; those to the previous step wait by now, so nothing blocks."""
+        """Take the replies of SimGEN, and wait for those that have not come yet."""
         if self._simgen is None or self._state == SimulatorStatus.STATE_ERROR:
             return
         try:
             self._simgen.receive()
         except SimRemoteError as error:
-            self._fail(str(error))
+            self.fail(str(error))
 
     def on_stop(self) -> None:
         """End the SimGEN run, so that the simulator is ready for the next one."""
@@ -380,12 +353,12 @@ class SimgenBridgeNode(VtffNode):
         status = self._status
         status.header.stamp = stamp
         status.state = self._state
-        status.step = max(0, self._coordinator.step)
+        status.step = max(0, self._step_source.step)
         status.time_into_run = self._time_into_run()
         status.late_commands = sum(buffer.late for buffer in self._thrust.values())
         status.real_time_factor = status.time_into_run / elapsed if elapsed > 0.0 else 0.0
         status.wall_lag = self._wall_lag
-        status.message = self._problem or (self._simgen.problem if self._simgen else "")
+        status.message = self.problem or (self._simgen.problem if self._simgen else "")
         self._status_publisher.publish(status)
 
     def _show_progress(self) -> None:
@@ -395,41 +368,24 @@ class SimgenBridgeNode(VtffNode):
         self.report_progress(self._time_into_run(), self._scenario.duration, in_track=separations)
 
     def _watch(self) -> None:
-        """Fail, naming who is missing, when a lockstep step is not completed in time."""
+        """Go on if nothing is awaited; fail when a step of lockstep is not finished in time."""
         if not self.lockstep or self._state != SimulatorStatus.STATE_RUNNING:
             return
-        first = self._coordinator.step == 0
-        patience = self.parameters.start_timeout if first else self.parameters.step_timeout
-        if time.monotonic() - self._step_began > patience:
-            self._fail(
-                f"step {self._coordinator.step} (t = {self._time_into_run():.0f} s) was not "
-                f"finished within {patience:.0f} s; waiting for {self._missing()}"
-            )
+        self._advance_when_complete()
+        problem = self._step_source.describe_hanging_step()
+        if problem:
+            self.fail(problem)
 
-    def _missing(self) -> str:
-        parts = [
-            f"{name} (" + (f"last did step {step}" if step >= 0 else "never answered") + ")"
-            for name, step in self._coordinator.missing().items()
-        ]
-        parts += [
-            f"thrust on /{name}/propulsion/thrust_applied"
-            for name, buffer in self._thrust.items()
-            if buffer.received <= self._coordinator.step
-        ]
-        absent = self.absent_nodes(self.parameters.expected_nodes)
-        return ", ".join(parts) + (f"; not in the graph: {', '.join(absent)}" if absent else "")
-
-    def _fail(self, problem: str) -> None:
-        self._problem = problem
+    def fail(self, problem: str) -> None:
+        """End the run with a failure; sim/status gives the reason."""
         self._state = SimulatorStatus.STATE_ERROR
-        self.get_logger().error(problem)
+        super().fail(problem)
         self._publish_status(to_stamp(self._truth.time.to_unix_nanoseconds()))
-        self.finish(EXIT_FAILURE)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report pacing, the SimGEN connection and late commands."""
         values: dict[str, Any] = {
-            "step": self._coordinator.step,
+            "step": self._step_source.step,
             "of": self._steps,
             "late commands": sum(buffer.late for buffer in self._thrust.values()),
             "thrust refused": self._refused_thrust,
@@ -439,8 +395,8 @@ class SimgenBridgeNode(VtffNode):
             values.update(dataclasses.asdict(self._simgen.counters))
             if self._simgen.problem:
                 level, text = diagnostics.WARN, self._simgen.problem
-        if self._problem:
-            level, text = diagnostics.ERROR, self._problem
+        if self.problem:
+            level, text = diagnostics.ERROR, self.problem
         return [
             diagnostics.status(
                 "simgen_bridge: run",

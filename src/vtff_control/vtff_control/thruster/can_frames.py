@@ -31,14 +31,14 @@ _SIGNALS = {
     "ThrustCommandRT": ("Checksum", "Sequence", "GpsWeek", "AccelerationR", "AccelerationT"),
     "ThrustCommandN": ("Checksum", "Sequence", "AccelerationN", "TimeOfWeek", "Mode"),
     "ThrustReportRT": (
-        *("Checksum", "Sequence", "SaturatedR", "SaturatedT", "SaturatedN", "Watchdog", "Fault"),
-        *("AccelerationR", "AccelerationT"),
+        "Checksum", "Sequence", "SaturatedR", "SaturatedT", "SaturatedN", "Watchdog", "Fault",
+        "AccelerationR", "AccelerationT",
     ),
     "ThrustReportN": ("Checksum", "Sequence", "AccelerationN", "TimeOfWeek"),
     "ThrusterHeartbeat": (
-        *("Checksum", "Sequence", "State", "RejectedFrames", "SequenceGaps", "Uptime"),
+        "Checksum", "Sequence", "State", "RejectedFrames", "SequenceGaps", "Uptime",
     ),
-}
+}  # fmt: skip
 
 
 class FrameError(ValueError):

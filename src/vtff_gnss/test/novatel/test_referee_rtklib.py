@@ -137,8 +137,8 @@ def test_repeated_ephemerides_are_all_there_on_request():
     every = [e for e in read_log(path, every_ephemeris=True) if isinstance(e, BroadcastEphemeris)]
     assert len(every) == 25
     assert {satellite_name(e.system, e.prn) for e in every} == {
-        *("G03", "G06", "G07", "G08", "G11", "G13", "G16", "G19", "G22"),
-    }
+        "G03", "G06", "G07", "G08", "G11", "G13", "G16", "G19", "G22",
+    }  # fmt: skip
 
 
 def test_glonass_channels_of_rangecmp_equal_those_of_the_ephemerides():

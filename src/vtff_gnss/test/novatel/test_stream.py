@@ -169,8 +169,8 @@ def test_epoch_columns():
     records["prn"] = [1, 2, 3, 36]
     (epoch,) = events_of(range_frame(records))
     assert [satellite_name(s, p) for s, p in zip(epoch.system, epoch.prn, strict=True)] == [
-        *("G01", "G02", "G03", "E36"),
-    ]
+        "G01", "G02", "G03", "E36",
+    ]  # fmt: skip
     assert epoch.band.tolist() == [1, 1, 2, 5]
     assert bytes(epoch.attribute) == b"CCSQ"
     assert epoch.flags.tolist() == [7, 15, 5, 0]
@@ -220,8 +220,8 @@ def test_fixes_of_a_real_log_equal_their_ascii_twins():
     assert len(binary) == len(text) == 448
     for ours, twin in zip(binary, text, strict=True):
         assert (ours.time, ours.status, ours.satellites_used) == (
-            *(twin.time, twin.status, twin.satellites_used),
-        )
+            twin.time, twin.status, twin.satellites_used,
+        )  # fmt: skip
         np.testing.assert_allclose(ours.position, twin.position, atol=5.1e-5, rtol=0)
         np.testing.assert_allclose(ours.velocity, twin.velocity, atol=5.1e-5, rtol=0)
         np.testing.assert_allclose(ours.position_sigma, twin.position_sigma, atol=5.1e-5, rtol=0)

@@ -42,9 +42,9 @@ def rtklib_signals(pyrtklib, obs, chosen):
             if observation.code[j] and (observation.P[j] or observation.L[j]):
                 key = (time, f"{letter}{prn:02d}", pyrtklib.code2obs(observation.code[j]))
                 found[key] = (
-                    *(observation.P[j], observation.L[j], observation.D[j]),
-                    *(observation.SNR[j] * 0.001, observation.LLI[j]),
-                )
+                    observation.P[j], observation.L[j], observation.D[j],
+                    observation.SNR[j] * 0.001, observation.LLI[j],
+                )  # fmt: skip
     return found
 
 

@@ -19,20 +19,20 @@ _IDENTITY = [("prn", "u1"), ("glonass_channel", "i1"), ("system", "u1")]
 _RED_TEC = np.dtype(
     [
         *_IDENTITY,
-        *(("first", "u1"), ("second", "u1"), ("reserved", "u1", 3)),
-        *(("azimuth_deg", "<f4"), ("elevation_deg", "<f4")),
-        *(("second_lock_time", "<f4"), ("second_cn0_dbhz", "<f4")),
+        ("first", "u1"), ("second", "u1"), ("reserved", "u1", 3),
+        ("azimuth_deg", "<f4"), ("elevation_deg", "<f4"),
+        ("second_lock_time", "<f4"), ("second_cn0_dbhz", "<f4"),
         ("tec", [("stec_tecu", "<f4"), ("change_tecu", "<f4")], 4),
     ]
-)
+)  # fmt: skip
 _RED_OBS = np.dtype(
     [
         *_IDENTITY,
-        *(("signal", "u1"), ("azimuth_deg", "<f4"), ("elevation_deg", "<f4")),
-        *(("cn0_dbhz", "<f4"), ("lock_time", "<f4"), ("cmc_mean", "<f4"), ("cmc_sigma", "<f4")),
-        *(("s4_total", "<f4"), ("s4_correction", "<f4"), ("sigma_phi", "<f4", 5)),
+        ("signal", "u1"), ("azimuth_deg", "<f4"), ("elevation_deg", "<f4"),
+        ("cn0_dbhz", "<f4"), ("lock_time", "<f4"), ("cmc_mean", "<f4"), ("cmc_sigma", "<f4"),
+        ("s4_total", "<f4"), ("s4_correction", "<f4"), ("sigma_phi", "<f4", 5),
     ]
-)
+)  # fmt: skip
 #: Instants of the TEC values of a log, s before its time.
 _TEC_AGES = (45, 30, 15, 0)
 

@@ -211,7 +211,7 @@ def test_truth_file_tells_arcs_faults_and_seconds(motions, tmp_path):
     assert {slip["signal"] for slip in slips} == {"G2W"}
     last = next(r for r in reversed(records) if r["record"] == "second")
     measured = run.measurements("deputy")
-    assert last["clock_offset"] == measured.clock_offset[-1]
+    assert last["clock_offset"] == measured.signals.clock_offset[-1]
     assert len(last["slant_tec_tecu"]) == len(last["satellites"]) >= 8
 
 

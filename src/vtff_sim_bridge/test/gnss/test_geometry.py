@@ -23,11 +23,11 @@ SECONDS = 8
 
 def reference_ranges(run: support.Run, measured: Measurements, index: int, motion) -> FloatArray:
     """Return range less satellite clock, m, of all satellites at an epoch of the last second."""
-    last = measured.first_epoch + len(measured.clock_offset) - 1
-    before = (measured.first_epoch + index - last) / 20.0 - measured.clock_offset[index]
+    last = measured.first_epoch + len(measured.signals.clock_offset) - 1
+    before = (measured.first_epoch + index - last) / 20.0 - measured.signals.clock_offset[index]
     state = motion.extrapolated(before + 1.0)
     time = run.start + last / 20.0
-    table = EphemerisTable(measured.plan.ephemerides)
+    table = EphemerisTable(measured.signals.plan.ephemerides)
     result = []
     for row in range(len(table)):
         distance, clock = emission_at(table, row, time, before, np.array(state.position_itrf))
@@ -77,7 +77,7 @@ def test_double_differences_are_integers_and_code_is_exact(free_run, motions):
         measured = free_run.measurements(name)
         geometry = reference_ranges(free_run, measured, index, motions[SECONDS - 1][number])
         epoch = free_run.epochs(name)[measured.first_epoch + index]
-        place = {satellite: k for k, satellite in enumerate(measured.plan.satellites)}
+        place = {satellite: k for k, satellite in enumerate(measured.signals.plan.satellites)}
         wavelength = carrier_wavelength(epoch.system, epoch.band)
         for key, row in support.signal_index(epoch).items():
             base = geometry[place[key[:2]]]
@@ -107,12 +107,12 @@ def test_pseudorange_has_clock_and_group_delay(free_run, motions):
     measured = free_run.measurements("chief")
     geometry = reference_ranges(free_run, measured, index, motions[SECONDS - 1][0])
     epoch = free_run.epochs("chief")[measured.first_epoch + index]
-    place = {satellite: k for k, satellite in enumerate(measured.plan.satellites)}
-    clock = SPEED_OF_LIGHT * measured.clock_offset[index]
+    place = {satellite: k for k, satellite in enumerate(measured.signals.plan.satellites)}
+    clock = SPEED_OF_LIGHT * measured.signals.clock_offset[index]
     gamma = (c.FREQUENCY_L1 / c.FREQUENCY_L2) ** 2
     checked = 0
     for key, row in support.signal_index(epoch).items():
-        ephemeris = measured.plan.ephemerides[place[key[:2]]]
+        ephemeris = measured.signals.plan.ephemerides[place[key[:2]]]
         factor = {(0, 1): 1.0, (0, 2): gamma}.get((key[0], key[2]))
         if factor is None:
             continue
@@ -179,13 +179,13 @@ def ray_integrals(run, motions, profile) -> dict[tuple[int, int], float]:
     state = motions[second][0].extrapolated(index / 20.0 - second)
     receiver = np.array(state.position_itrf)
     measured = run.measurements("chief")
-    table = EphemerisTable(measured.plan.ephemerides)
+    table = EphemerisTable(measured.signals.plan.ephemerides)
     time = run.start + index / 20.0
     # Altitude as the ellipsoidal model has it: spheroids through 350 km above WGS-84.
     semi_major, semi_minor, height = 6378137.0, 6356752.314245, 350e3
     stretch = np.array([1.0, 1.0, (semi_major + height) / (semi_minor + height)])
     result = {}
-    for row, satellite in enumerate(measured.plan.satellites):
+    for row, satellite in enumerate(measured.signals.plan.satellites):
         travel = emission_at(table, row, time, 0.0, receiver)[0] / SPEED_OF_LIGHT
         states = table.states(time, -travel)
         angle = EARTH_ROTATION_RATE_BROADCAST * travel

@@ -84,7 +84,7 @@ def test_truth_file_tells_every_bias_in_the_pseudoranges(motions, plain, tmp_pat
         assert change == pytest.approx(expected, abs=1e-6)
     assert np.abs(phase).max() < 1e-6
     # The broadcast part: IS-GPS-200, TGD on L1 and gamma TGD on L2.
-    plan = biased.measurements("deputy").plan
+    plan = biased.measurements("deputy").signals.plan
     for ephemeris in plan.ephemerides:
         signals = satellites[satellite_name(GPS, ephemeris.prn)]["signals"]
         assert signals["G1C"]["group_delay"] == pytest.approx(299792458.0 * ephemeris.group_delay)
@@ -97,11 +97,11 @@ def test_orbit_and_clock_errors_are_those_of_the_truth_file(motions, plain, tmp_
     base = with_constellation(orbit_error_sigma=3.0, clock_error_sigma=1.0)
     run = support.Run(base, motions, support.LOGS, truth_path=path).all()
     satellites = {r["satellite"]: r for r in records(path) if r["record"] == "satellite"}
-    told_by_satellites = plain.measurements("chief").plan.ephemerides
-    assert run.measurements("chief").plan.ephemerides == told_by_satellites
+    told_by_satellites = plain.measurements("chief").signals.plan.ephemerides
+    assert run.measurements("chief").signals.plan.ephemerides == told_by_satellites
     names, code, phase = differences(run, plain, "chief")
     measured = run.measurements("chief")
-    seen, plan = measured.line_of_sight, measured.plan
+    seen, plan = measured.signals.line_of_sight, measured.signals.plan
     expected = {}
     for column, satellite in enumerate(plan.satellites):
         told = satellites[satellite_name(*satellite)]
@@ -123,8 +123,8 @@ def test_multipath_is_bounded_slow_and_different_for_each_signal(motions, plain)
     model = MultipathModel(code_amplitude=2.0, phase_amplitude=0.01, period=60.0)
     base = support.with_receivers(support.configuration(), multipath=model)
     run = support.Run(base, motions, support.LOGS).all()
-    elevation = run.measurements("chief").line_of_sight.elevation[-1]
-    plan = run.measurements("chief").plan
+    elevation = run.measurements("chief").signals.line_of_sight.elevation[-1]
+    plan = run.measurements("chief").signals.plan
     bound = {
         satellite_name(*s): math.cos(e) for s, e in zip(plan.satellites, elevation, strict=True)
     }
@@ -263,9 +263,11 @@ def test_antenna_turned_over_loses_the_front_to_back_ratio(motions):
     up, over = upright.epochs("chief")[40], down.epochs("chief")[40]
     assert np.array_equal(up.pseudorange, over.pseudorange)
     measured = upright.measurements("chief")
-    highest = measured.plan.satellites[int(np.argmax(measured.line_of_sight.elevation[-1]))][1]
+    highest = measured.signals.plan.satellites[
+        int(np.argmax(measured.signals.line_of_sight.elevation[-1]))
+    ][1]
     row = (up.prn == highest) & (up.band == 1)
-    elevation = measured.line_of_sight.elevation[-1].max()
+    elevation = measured.signals.line_of_sight.elevation[-1].max()
     fall = 12.0 * ((0.5 * math.pi - elevation) / math.radians(104.0)) ** 2
     assert up.cn0_dbhz[row] - over.cn0_dbhz[row] == pytest.approx(20.0 - fall, abs=0.1)
 
@@ -292,7 +294,7 @@ def test_cold_start(motions):
 
 
 def test_gps_orbits_are_those_of_the_message(plain):
-    for ephemeris in plain.measurements("chief").plan.ephemerides:
+    for ephemeris in plain.measurements("chief").signals.plan.ephemerides:
         assert quantize_lnav(ephemeris) == ephemeris
 
 

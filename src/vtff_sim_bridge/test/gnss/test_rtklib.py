@@ -52,7 +52,9 @@ def run() -> tuple[support.Run, dict[GpsTime, tuple[np.ndarray, np.ndarray]]]:
     truth = {}
 
     def keep(second: int) -> None:
-        positions = [made.measurements(name).position_itrf[-1] for name in ("chief", "deputy")]
+        positions = [
+            made.measurements(name).signals.position_itrf[-1] for name in ("chief", "deputy")
+        ]
         truth[start + second] = (positions[0], positions[1])
 
     made.all(keep)

@@ -33,8 +33,10 @@ def fixes() -> tuple[support.Run, np.ndarray, list[Fix]]:
 
     def keep(_second: int) -> None:
         measured = run.measurements("chief")
-        offset = measured.clock_offset[-1]
-        truth.append((*measured.position_itrf[-1], *measured.velocity_itrf[-1], offset))
+        offset = measured.signals.clock_offset[-1]
+        truth.append(
+            (*measured.signals.position_itrf[-1], *measured.signals.velocity_itrf[-1], offset)
+        )
 
     run.all(keep)
     stream = ReceiverLogStream()
@@ -64,9 +66,9 @@ def test_scatter_of_the_fix_is_noise_times_dilution(fixes):
     run, truth, solutions = fixes
     error = np.array([fix.position for fix in solutions]) - truth[:, :3]
     measured = run.measurements("chief")
-    tracked = np.unique(measured.plan.satellite[measured.tracks.is_tracked[-1]])
+    tracked = np.unique(measured.signals.plan.satellite[measured.tracks.is_tracked[-1]])
     design = np.column_stack(
-        (-measured.line_of_sight.direction_itrf[-1, tracked], np.ones(len(tracked)))
+        (-measured.signals.line_of_sight.direction_itrf[-1, tracked], np.ones(len(tracked)))
     )
     dilution = np.sqrt(np.trace(np.linalg.inv(design.T @ design)[:3, :3]))
     ionosphere_free = 0.3 * np.hypot(2.5457, 1.5457)
@@ -94,7 +96,7 @@ def test_s4_of_unsmoothed_cn0(s4):
 
     def keep(_second: int) -> None:
         measured = run.measurements("chief")
-        part = 10.0 ** (0.1 * measured.cn0_dbhz) * measured.pseudorange**2
+        part = 10.0 ** (0.1 * measured.observables.cn0_dbhz) * measured.observables.pseudorange**2
         powers.append(part[measured.tracks.is_tracked])
 
     run.all(keep)
@@ -114,7 +116,7 @@ def test_cn0_noise_has_the_s4_floor_of_20_hz():
 
     def keep(_second: int) -> None:
         measured = run.measurements("chief")
-        part = 10.0 ** (0.1 * measured.cn0_dbhz) * measured.pseudorange**2
+        part = 10.0 ** (0.1 * measured.observables.cn0_dbhz) * measured.observables.pseudorange**2
         powers.append(part[measured.tracks.is_tracked])
 
     run.all(keep)

@@ -178,8 +178,8 @@ def test_schedule_on_time():
     receiver, outputs = ReceiverFirmware(), Outputs()
     assert receiver.receive(SETUP + b"LOG TIMEB ONTIME 0.5 0.25\r\n") == 4 * OK
     assert receiver.active_logs == (
-        *("RANGEB ONTIME 0.05", "BESTXYZB ONTIME 1", "TIMEB ONTIME 0.5"),
-    )
+        "RANGEB ONTIME 0.05", "BESTXYZB ONTIME 1", "TIMEB ONTIME 0.5",
+    )  # fmt: skip
     for step, names in enumerate(run(receiver, outputs, 0, 41)):
         expected = ["RANGEB"]
         expected += ["TIMEB"] if step % 10 == 5 else []

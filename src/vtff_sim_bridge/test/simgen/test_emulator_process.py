@@ -69,12 +69,12 @@ def emulator(tmp_path: Path) -> Iterator[tuple[Path, int]]:
     port_file = tmp_path / "port"
     process = subprocess.Popen(
         [
-            *(sys.executable, "-m", "vtff_sim_bridge.simgen.simgen_emulator", "--port", "0"),
-            *("--port-file", str(port_file), "--port-link-directory", str(tmp_path / "ports")),
-            *("--gnss", str(support.REPOSITORY / "config" / "gnss" / "noise_free.yaml")),
-            *("--gnss-truth", str(tmp_path / "truth.jsonl"), "--log-level", "warning"),
+            sys.executable, "-m", "vtff_sim_bridge.simgen.simgen_emulator", "--port", "0",
+            "--port-file", str(port_file), "--port-link-directory", str(tmp_path / "ports"),
+            "--gnss", str(support.REPOSITORY / "config" / "gnss" / "noise_free.yaml"),
+            "--gnss-truth", str(tmp_path / "truth.jsonl"), "--log-level", "warning",
         ]
-    )
+    )  # fmt: skip
     try:
         deadline = time.monotonic() + 60.0
         while not port_file.exists():

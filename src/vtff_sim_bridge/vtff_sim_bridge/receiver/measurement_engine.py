@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -19,7 +19,7 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel.encode.frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode.solution import IonosphereUtc
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
-from vtff_gnss.orbits.line_of_sight import LineOfSight, earth_obstructs
+from vtff_gnss.orbits.line_of_sight import earth_obstructs
 from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
@@ -29,12 +29,14 @@ from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, recei
 from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
+from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.navigation_solution import navigation_solution
 from vtff_sim_bridge.receiver.observables import (
     LinkPlan,
     MeasurementNoise,
     Multipath,
+    Observables,
     all_links,
     link_rows,
     signals_of,
@@ -115,7 +117,7 @@ class MeasurementEngine:
         self._noise = MeasurementNoise(configuration.noise, links, seed, number)
         self._multipath = Multipath(configuration, links, seed, number)
         self._scintillated = ScintillatedLinks(np.array([k.signal.frequency for k in links]))
-        self._last_extra = np.full(len(links), np.nan)
+        self._last_phase_delay = np.full(len(links), np.nan)
         self._sky: Sky | None = None
         self._sky_second = -1
         self._plan: LinkPlan | None = None
@@ -146,76 +148,77 @@ class MeasurementEngine:
         Whatever part is asked for, the geometry of the whole second is computed; so an epoch is
         the same to the last bit however a run is cut into calls.
         """
-        time = self._start + second
         is_up = self._knows_time(second)
         self.time_status = TIME_STATUS_FINE_STEERING if is_up else TIME_STATUS_UNKNOWN
+        signals = self._arriving_signals(second, emitted, track).at(emitted)
+        plan = signals.plan
+        first_epoch = (second - 1) * EPOCHS_PER_SECOND + 1 + range(EPOCHS_PER_SECOND)[emitted][0]
+        has_channel, channel = self._channels(signals)
+        is_strong = signals.cn0_dbhz > self.configuration.tracking.threshold_dbhz
+        if not is_up:
+            has_channel = np.zeros_like(has_channel)
+        tracks = self._tracker.advance(
+            first_epoch, plan.row, has_channel[:, plan.satellite] & is_strong
+        )
+        self.measurements = Measurements(
+            start=self._start,
+            time_status=self.time_status,
+            first_epoch=first_epoch,
+            signals=signals,
+            tracks=tracks,
+            observables=self._observables(second, emitted, signals, tracks),
+            channel=channel,
+        )
+        if (first_epoch + signals.epoch_count - 1) % EPOCHS_PER_SECOND == 0:
+            self._receive_ephemerides(self._start + second)
+            self._write_truth(second)
+        return self.measurements
+
+    def _arriving_signals(
+        self, second: int, emitted: slice, track: VehicleTrack
+    ) -> ArrivingSignals:
+        """Return the signals at all 20 epochs of a second; true only at the `emitted` ones."""
+        time = self._start + second
         offset, drift = self._clock.second(second)
         position, velocity = _at_reception(track, offset)
         sky, plan = self._refreshed(second, position[emitted][0])
-        seen = sky.lines_of_sight(time, _TAGS - offset, position, velocity)
+        line_of_sight = sky.lines_of_sight(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
-        stec_tecu = self._ionosphere.slant_tec_tecu(seen, position)
-        crossings = self._ionosphere.crossings(seen, position, time, elapsed, plan.stream)
-        s4_l1 = np.zeros(seen.range.shape)
+        stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position)
+        crossings = self._ionosphere.crossings(line_of_sight, position, time, elapsed, plan.stream)
+        s4_l1 = np.zeros(line_of_sight.range.shape)
         for crossing in crossings:
             s4_l1 = np.maximum(s4_l1, crossing.s4_l1)
 
-        cn0_dbhz = plan.cn0_dbhz(seen, self.configuration, track.boresight_itrf)
+        cn0_dbhz = plan.cn0_dbhz(line_of_sight, self.configuration, track.boresight_itrf)
         power = self._power_levels.offsets_db(second, emitted, plan.satellites)
         if power is not None:
             cn0_dbhz = cn0_dbhz + power[:, plan.satellite]
-        delay = group_delay(stec_tecu[:, plan.satellite], plan.frequency)
+        code_delay = group_delay(stec_tecu[:, plan.satellite], plan.frequency)
         # The ionosphere delays the code by as much as it advances the phase; scintillation moves
         # the phase only.
-        extra = -delay
+        phase_delay = -code_delay
         scintillation = self._scintillation(crossings, plan, emitted)
         if scintillation is not None:
             amplitude, phase = scintillation
             cn0_dbhz = cn0_dbhz + 20.0 * np.log10(np.maximum(amplitude, 1e-3))
             # The argument of the gain is added to the phase that the receiver measures, which
             # falls when the range grows: the range of the phase shrinks.
-            extra = extra - plan.wavelength / (2.0 * math.pi) * phase
-
-        first_epoch = (second - 1) * EPOCHS_PER_SECOND + 1 + range(EPOCHS_PER_SECOND)[emitted][0]
-        seen = _selected(seen, emitted)
-        position, velocity, offset, drift, elapsed, stec_tecu, s4_l1, cn0_dbhz, delay, extra = (
-            part[emitted]
-            for part in (
-                *(position, velocity, offset, drift, elapsed),
-                *(stec_tecu, s4_l1, cn0_dbhz, delay, extra),
-            )
-        )
-        has_channel, channel = self._channels(plan, seen, position)
-        strong = cn0_dbhz > self.configuration.tracking.threshold_dbhz
-        if not is_up:
-            has_channel = np.zeros_like(has_channel)
-        tracks = self._tracker.advance(
-            first_epoch, plan.row, has_channel[:, plan.satellite] & strong
-        )
-        measured = self._observables(
-            *(second, emitted, plan, seen, offset, drift, elapsed),
-            *(cn0_dbhz, delay, extra, tracks),
-        )
-        self.measurements = Measurements(
-            start=self._start,
-            time_status=self.time_status,
-            first_epoch=first_epoch,
+            phase_delay = phase_delay - plan.wavelength / (2.0 * math.pi) * phase
+        return ArrivingSignals(
             plan=plan,
-            line_of_sight=seen,
+            line_of_sight=line_of_sight,
             position_itrf=position,
             velocity_itrf=velocity,
             clock_offset=offset,
             clock_drift=drift,
+            elapsed=elapsed,
             slant_tec_tecu=stec_tecu,
             s4_l1=s4_l1,
-            tracks=tracks,
-            channel=channel,
-            **measured,
+            cn0_dbhz=cn0_dbhz,
+            code_delay=code_delay,
+            phase_delay=phase_delay,
         )
-        if (first_epoch + len(offset) - 1) % EPOCHS_PER_SECOND == 0:
-            self._receive_ephemerides(time)
-            self._write_truth(second)
-        return self.measurements
 
     def _knows_time(self, second: int) -> bool:
         """Return whether the search after a cold start is over in a second."""
@@ -251,20 +254,23 @@ class MeasurementEngine:
         return np.ones(shape), np.broadcast_to(phase, shape).copy()
 
     def _channels(
-        self, plan: LinkPlan, seen: LineOfSight, position: FloatArray
+        self, signals: ArrivingSignals
     ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
         """Return which satellites have a channel, and its number, shape (k, n)."""
+        plan, line_of_sight = signals.plan, signals.line_of_sight
         mask = math.radians(self.configuration.tracking.elevation_mask_deg)
-        visible = seen.elevation > mask
+        visible = line_of_sight.elevation > mask
         if mask < 0.0:
-            visible &= ~earth_obstructs(position[:, None], seen.position_satellite_itrf)
+            visible &= ~earth_obstructs(
+                signals.position_itrf[:, None], line_of_sight.position_satellite_itrf
+            )
         epochs = []
         for index, row in enumerate(visible):
             key = row.tobytes()
             last = self._visible
             if last is None or last.plan is not plan or last.visible != key:
                 has_channel = self._tracker.with_channel(
-                    plan.satellites, seen.elevation[index], row
+                    plan.satellites, line_of_sight.elevation[index], row
                 )
                 number = self._tracker.channels(plan.satellites)
                 self._visible = last = _Channels(plan, key, has_channel, number)
@@ -275,69 +281,59 @@ class MeasurementEngine:
         )
 
     def _observables(
-        self,
-        second: int,
-        emitted: slice,
-        plan: LinkPlan,
-        seen: LineOfSight,
-        offset: FloatArray,
-        drift: FloatArray,
-        elapsed: FloatArray,
-        cn0_dbhz: FloatArray,
-        delay: FloatArray,
-        extra: FloatArray,
-        tracks: Tracks,
-    ) -> dict[str, Any]:
-        """Return pseudorange, phase, Doppler, C/N0 and sigmas.
-
-        `delay` and `extra` are what the code and carrier ranges are longer by than the geometric.
-        """
-        satellite = plan.satellite
-        clocks = SPEED_OF_LIGHT * (offset[:, None] - seen.clock_offset_satellite)
-        ranges = seen.range + clocks
-        error = plan.range_error(seen)
-        if error is not None:
-            ranges = ranges + error
-        ranges = ranges[:, satellite]
-        pseudorange = ranges + delay + plan.code_bias
-        carrier = ranges + extra
+        self, second: int, emitted: slice, signals: ArrivingSignals, tracks: Tracks
+    ) -> Observables:
+        """Return what the receiver measures of its signals."""
+        plan, line_of_sight = signals.plan, signals.line_of_sight
+        clocks = SPEED_OF_LIGHT * (
+            signals.clock_offset[:, None] - line_of_sight.clock_offset_satellite
+        )
+        ranges = line_of_sight.range + clocks
+        range_error = plan.range_error(line_of_sight)
+        if range_error is not None:
+            ranges = ranges + range_error
+        ranges = ranges[:, plan.satellite]
+        pseudorange = ranges + signals.code_delay + plan.code_bias
+        carrier = ranges + signals.phase_delay
         if self._multipath.is_on:
-            code, phase = self._multipath.errors(elapsed, seen.elevation[:, satellite], plan.row)
+            elevation = line_of_sight.elevation[:, plan.satellite]
+            code, phase = self._multipath.errors(signals.elapsed, elevation, plan.row)
             pseudorange = pseudorange + code
             carrier = carrier + phase
-        rate = self._carrier_rate(plan, seen, drift, extra)
+        rate = self._carrier_rate(signals)
+        cn0_dbhz = signals.cn0_dbhz
         sigmas = self._noise.sigmas(cn0_dbhz, plan.wavelength, plan.chip_length)
         if self._noise.is_on:
-            draw = self._noise.drawn
-            arguments = (second, plan.row, emitted)
-            pseudorange = pseudorange + sigmas.code * draw(Effect.CODE_NOISE, *arguments)
-            carrier = carrier + sigmas.phase * draw(Effect.PHASE_NOISE, *arguments)
-            rate = rate + sigmas.doppler * draw(Effect.DOPPLER_NOISE, *arguments)
-            cn0_dbhz = self._noise.noisy_cn0_dbhz(cn0_dbhz, draw(Effect.CN0_NOISE, *arguments))
-        return {
-            "pseudorange": pseudorange,
-            "carrier_phase_cycles": carrier / plan.wavelength + tracks.cycles,
-            "doppler_hz": -rate / plan.wavelength,
-            "cn0_dbhz": cn0_dbhz,
-            "sigmas": sigmas,
-        }
 
-    def _carrier_rate(
-        self,
-        plan: LinkPlan,
-        seen: LineOfSight,
-        drift: FloatArray,
-        extra: FloatArray,
-    ) -> FloatArray:
+            def draw(effect: Effect) -> FloatArray:
+                return self._noise.drawn(effect, second, plan.row, emitted)
+
+            pseudorange = pseudorange + sigmas.code * draw(Effect.CODE_NOISE)
+            carrier = carrier + sigmas.phase * draw(Effect.PHASE_NOISE)
+            rate = rate + sigmas.doppler * draw(Effect.DOPPLER_NOISE)
+            cn0_dbhz = self._noise.noisy_cn0_dbhz(cn0_dbhz, draw(Effect.CN0_NOISE))
+        return Observables(
+            pseudorange=pseudorange,
+            carrier_phase_cycles=carrier / plan.wavelength + tracks.cycles,
+            doppler_hz=-rate / plan.wavelength,
+            cn0_dbhz=cn0_dbhz,
+            sigmas=sigmas,
+        )
+
+    def _carrier_rate(self, signals: ArrivingSignals) -> FloatArray:
         """Return the derivative of the carrier range by receiver time, m/s, shape (k, m)."""
+        plan, line_of_sight = signals.plan, signals.line_of_sight
+        drift, phase_delay = signals.clock_drift, signals.phase_delay
         to_receiver_time = 1.0 - drift[:, None]
-        satellite_drift = seen.clock_drift_satellite * (1.0 - seen.range_rate / SPEED_OF_LIGHT)
-        rate = (seen.range_rate - SPEED_OF_LIGHT * satellite_drift) * to_receiver_time
+        satellite_drift = line_of_sight.clock_drift_satellite * (
+            1.0 - line_of_sight.range_rate / SPEED_OF_LIGHT
+        )
+        rate = (line_of_sight.range_rate - SPEED_OF_LIGHT * satellite_drift) * to_receiver_time
         rate = rate + SPEED_OF_LIGHT * drift[:, None]
-        before = np.concatenate((self._last_extra[plan.row][None, :], extra[:-1]))
-        change = (extra - before) * EPOCHS_PER_SECOND
-        self._last_extra[:] = np.nan
-        self._last_extra[plan.row] = extra[-1]
+        before = np.concatenate((self._last_phase_delay[plan.row][None, :], phase_delay[:-1]))
+        change = (phase_delay - before) * EPOCHS_PER_SECOND
+        self._last_phase_delay[:] = np.nan
+        self._last_phase_delay[plan.row] = phase_delay[-1]
         return np.asarray(rate[:, plan.satellite] + np.where(np.isnan(change), 0.0, change))
 
     # What an ReceiverFirmware asks for
@@ -347,7 +343,7 @@ class MeasurementEngine:
         measured = self._last()
         since = (time.nanoseconds - self._start.nanoseconds) * EPOCHS_PER_SECOND
         index = since // 1_000_000_000 - measured.first_epoch
-        if not 0 <= index < len(measured.clock_offset):
+        if not 0 <= index < measured.signals.epoch_count:
             raise ValueError(f"time: {time} was not measured last")
         return index
 
@@ -382,7 +378,7 @@ class MeasurementEngine:
 
     def _receive_ephemerides(self, time: GpsTime) -> None:
         measured = self._last()
-        plan, tracks = measured.plan, measured.tracks
+        plan, tracks = measured.signals.plan, measured.tracks
         old_enough = tracks.is_tracked[-1] & (
             tracks.lock_time[-1] >= self.configuration.tracking.ephemeris_delay
         )
@@ -432,8 +428,3 @@ def _at_reception(track: VehicleTrack, offset: FloatArray) -> tuple[FloatArray, 
         track.velocity_itrf + 0.5 * late * track.acceleration_itrf
     )
     return position, track.velocity_itrf + late * track.acceleration_itrf
-
-
-def _selected(seen: LineOfSight, emitted: slice) -> LineOfSight:
-    """Return the geometry of some of the epochs."""
-    return LineOfSight(**{name: part[emitted] for name, part in vars(seen).items()})

@@ -41,19 +41,29 @@ def navigation_solution(
     nan = (math.nan,) * 3
     if solution is None:
         fix = Fix(
-            *(time, STATUS_NONE, 0, nan, nan, nan, nan, 0.0),
-            *(len(tracked), 0, math.nan, math.nan),
+            time=time,
+            status=STATUS_NONE,
+            receiver_solution_type=0,
+            position=nan,
+            velocity=nan,
+            position_sigma=nan,
+            velocity_sigma=nan,
+            velocity_latency=0.0,
+            satellites_tracked=len(tracked),
+            satellites_used=0,
+            clock_offset=math.nan,
+            clock_offset_sigma=math.nan,
         )
         return fix, ReceiverTime(time, False, 0.0, 0.0, utc_offset)
     velocity, velocity_sigma = nan, nan
     if motion is not None:
-        velocity = _triple(measured.velocity_itrf[index] + motion.correction)
+        velocity = _triple(measured.signals.velocity_itrf[index] + motion.correction)
         velocity_sigma = _triple(motion.sigma)
     fix = Fix(
         time=time,
         status=STATUS_SINGLE,
         receiver_solution_type=_SOLUTION_TYPE_SINGLE,
-        position=_triple(measured.position_itrf[index] + solution.correction),
+        position=_triple(measured.signals.position_itrf[index] + solution.correction),
         velocity=velocity,
         position_sigma=_triple(solution.sigma),
         velocity_sigma=velocity_sigma,
@@ -75,34 +85,37 @@ def _equations(
     measured pseudorange differs by nanoseconds, in which they move by micrometres. Two
     frequencies are combined free of the ionosphere.
     """
-    plan, tracks, seen = measured.plan, measured.tracks, measured.line_of_sight
+    signals, observables = measured.signals, measured.observables
+    plan, line_of_sight = signals.plan, signals.line_of_sight
     columns, excess, sigma, rates, rate_sigma = [], [], [], [], []
     links_of: dict[int, list[int]] = {}
-    for link in np.flatnonzero(tracks.is_tracked[index]).tolist():
+    for link in np.flatnonzero(measured.tracks.is_tracked[index]).tolist():
         links_of.setdefault(int(plan.satellite[link]), []).append(link)
     for column, links in links_of.items():
         if plan.satellites[column] not in received:
             continue
         first, last = links[0], links[-1]
-        code = measured.pseudorange[index] - plan.broadcast_delay
-        code_sigma = measured.sigmas.code[index]
+        code = observables.pseudorange[index] - plan.broadcast_delay
+        code_sigma = observables.sigmas.code[index]
         combined, total = code[first], float(code_sigma[first])
         if plan.band[first] == 1 and last != first:
             second = links[1]
-            combined, a, b = ionosphere_free(
-                *(code[first], code[second]),
-                *(float(plan.frequency[first]), float(plan.frequency[second])),
+            combined, factor_first, factor_second = ionosphere_free(
+                first=code[first],
+                second=code[second],
+                frequency_first=float(plan.frequency[first]),
+                frequency_second=float(plan.frequency[second]),
             )
-            total = math.hypot(a * code_sigma[first], b * code_sigma[second])
-        clock = SPEED_OF_LIGHT * seen.clock_offset_satellite[index, column]
+            total = math.hypot(factor_first * code_sigma[first], factor_second * code_sigma[second])
+        clock = SPEED_OF_LIGHT * line_of_sight.clock_offset_satellite[index, column]
         columns.append(column)
-        excess.append(combined + clock - seen.range[index, column])
+        excess.append(combined + clock - line_of_sight.range[index, column])
         sigma.append(max(total, 1e-3))
-        rate = -measured.doppler_hz[index, first] * plan.wavelength[first]
-        drift = SPEED_OF_LIGHT * seen.clock_drift_satellite[index, column]
-        rates.append(rate + drift - seen.range_rate[index, column])
-        rate_sigma.append(max(float(measured.sigmas.doppler[index, first]), 1e-4))
-    direction = seen.direction_itrf[index, columns].reshape(-1, 3)
+        rate = -observables.doppler_hz[index, first] * plan.wavelength[first]
+        drift = SPEED_OF_LIGHT * line_of_sight.clock_drift_satellite[index, column]
+        rates.append(rate + drift - line_of_sight.range_rate[index, column])
+        rate_sigma.append(max(float(observables.sigmas.doppler[index, first]), 1e-4))
+    direction = line_of_sight.direction_itrf[index, columns].reshape(-1, 3)
     system = np.array([plan.satellites[column][0] for column in columns], dtype=np.int64)
     return (
         RangeEquations(direction, np.array(excess), np.array(sigma), system),

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.gnss.configuration import NoiseModel, ReceiverConfiguration
@@ -23,6 +24,7 @@ __all__ = [
     "LinkPlan",
     "MeasurementNoise",
     "Multipath",
+    "Observables",
     "Sigmas",
     "all_links",
     "link_rows",
@@ -30,7 +32,13 @@ __all__ = [
 ]
 
 _REFERENCE_DISTANCE = 20.2e6
-_SATELLITES = {0: 32, 3: 36}
+_SATELLITES = {SYSTEM_GPS: 32, SYSTEM_GALILEO: 36}
+_NOISE_EFFECTS = (
+    Effect.CODE_NOISE,
+    Effect.PHASE_NOISE,
+    Effect.DOPPLER_NOISE,
+    Effect.CN0_NOISE,
+)
 
 
 def all_links(signals: Sequence[Signal]) -> list[Link]:
@@ -109,8 +117,9 @@ class LinkPlan:
         """Return the plan of a receiver for a sky."""
         ephemerides = sky.table.ephemerides
         satellites = [(e.system, e.prn) for e in ephemerides]
-        rows = [rows_of.get(satellite, ()) for satellite in satellites]
-        chosen = [links[row] for of_one in rows for row in of_one]
+        rows_by_satellite = [rows_of.get(satellite, ()) for satellite in satellites]
+        rows = [row for satellite_rows in rows_by_satellite for row in satellite_rows]
+        chosen = [links[row] for row in rows]
         signals = [link.signal for link in chosen]
         of_satellite = dict(zip(satellites, ephemerides, strict=True))
         delay = SPEED_OF_LIGHT * np.array(
@@ -130,8 +139,11 @@ class LinkPlan:
         return cls(
             ephemerides=ephemerides,
             satellites=satellites,
-            satellite=np.repeat(np.arange(len(rows)), [len(of_one) for of_one in rows]),
-            row=np.array([row for of_one in rows for row in of_one], dtype=np.intp),
+            satellite=np.repeat(
+                np.arange(len(satellites)),
+                [len(satellite_rows) for satellite_rows in rows_by_satellite],
+            ),
+            row=np.array(rows, dtype=np.intp),
             frequency=frequency,
             wavelength=SPEED_OF_LIGHT / frequency,
             chip_length=SPEED_OF_LIGHT / np.array([signal.chip_rate for signal in signals]),
@@ -198,6 +210,30 @@ class Sigmas:
     doppler: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class Observables:
+    """What a receiver measures, shape (k, m).
+
+    Parameters
+    ----------
+    pseudorange : ndarray
+        m.
+    carrier_phase_cycles : ndarray
+        RINEX sign: grows with the range.
+    doppler_hz : ndarray
+    cn0_dbhz : ndarray
+        As the receiver estimates it.
+    sigmas : Sigmas
+        Those that the receiver states.
+    """
+
+    pseudorange: FloatArray
+    carrier_phase_cycles: FloatArray
+    doppler_hz: FloatArray
+    cn0_dbhz: FloatArray
+    sigmas: Sigmas
+
+
 class MeasurementNoise:
     """Noise of the measurements of one receiver.
 
@@ -213,13 +249,7 @@ class MeasurementNoise:
     def __init__(self, model: NoiseModel, links: Sequence[Link], seed: int, receiver: int) -> None:
         self._model = model
         addresses = [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
-        self._fields = {
-            effect: NoiseField(seed, effect, addresses)
-            for effect in (
-                *(Effect.CODE_NOISE, Effect.PHASE_NOISE),
-                *(Effect.DOPPLER_NOISE, Effect.CN0_NOISE),
-            )
-        }
+        self._fields = {effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS}
 
     @property
     def is_on(self) -> bool:

@@ -38,7 +38,8 @@ _SYNCHRONOUS = frozenset({"ONTIME", "ONCE"})
 _ASYNCHRONOUS = frozenset({"ONTIME", "ONCE", *EVENT_TRIGGERS})
 
 
-class EpochOfSeries(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class EpochOfSeries:
     """One epoch of a series; the series is the same object for all of its epochs."""
 
     series: ObservationSeries
@@ -105,29 +106,28 @@ class LogDefinition:
     is_static: bool = False
 
 
-def _range_log() -> LogDefinition:
-    """Return RANGE, whose frames are made for a whole series at once."""
+class _RangeEncoder:
+    """Encoder of RANGE: encodes a whole series at its first epoch, which is many times cheaper."""
 
-    def make_encoder() -> LogEncoder:
-        made_for: tuple[ObservationSeries, int] | None = None
-        first, frames = 0, list[bytes]()
+    def __init__(self) -> None:
+        self._series: ObservationSeries | None = None
+        self._receiver_status = 0
+        self._first_index = 0
+        self._frames: list[bytes] = []
 
-        def encoder(item: EpochOfSeries, context: LogContext) -> bytes:
-            nonlocal made_for, first, frames
-            key = (item.series, context.receiver_status)
-            if made_for is None or made_for[0] is not key[0] or made_for[1] != key[1]:
-                made_for, first = key, item.index
-                series = _with_status(item.series, context.receiver_status)
-                frames = encode_range_series(series, context.settings, first)
-            return frames[item.index - first]
-
-        return encoder
-
-    return LogDefinition("RANGE", _SYNCHRONOUS, _observations, make_encoder)
+    def __call__(self, item: EpochOfSeries, context: LogContext) -> bytes:
+        """Return the frame of an epoch."""
+        if item.series is not self._series or context.receiver_status != self._receiver_status:
+            self._series = item.series
+            self._receiver_status = context.receiver_status
+            self._first_index = item.index
+            series = _with_status(item.series, context.receiver_status)
+            self._frames = encode_range_series(series, context.settings, item.index)
+        return self._frames[item.index - self._first_index]
 
 
 def _rangecmp(item: EpochOfSeries, context: LogContext) -> bytes:
-    series, index = item
+    series, index = item.series, item.index
     channel = None if series.channel is None else series.channel[index][series.is_observed[index]]
     epoch = _with_status(series.epoch(index), context.receiver_status)
     return encode_rangecmp(epoch, context.settings, channel)
@@ -200,7 +200,7 @@ def _version(_item: object, context: LogContext) -> bytes:
 
 
 LOG_DEFINITIONS: tuple[LogDefinition, ...] = (
-    _range_log(),
+    LogDefinition("RANGE", _SYNCHRONOUS, _observations, _RangeEncoder),
     LogDefinition("RANGECMP", _SYNCHRONOUS, _observations, lambda: _rangecmp),
     LogDefinition("RANGECMP4", _SYNCHRONOUS, _observations, _rangecmp4_encoder),
     LogDefinition("BESTXYZ", _SYNCHRONOUS, lambda o, t: (o.fix(t),), lambda: _bestxyz),

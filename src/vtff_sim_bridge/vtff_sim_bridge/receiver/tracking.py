@@ -254,10 +254,9 @@ class Tracker:
         link = self._links[row]
         signal = link.signal
         random = generator(
-            self._seed,
-            Effect.AMBIGUITY,
-            *(self._receiver, link.system, link.prn, signal.band, signal.attribute, epoch),
-        )
+            self._seed, Effect.AMBIGUITY, self._receiver,
+            link.system, link.prn, signal.band, signal.attribute, epoch,
+        )  # fmt: skip
         ambiguity = int(random.integers(-_AMBIGUITY_LIMIT, _AMBIGUITY_LIMIT + 1))
         is_half_off = bool(random.integers(2)) and signal.has_data
         delay = round(self._model.parity_delay * EPOCHS_PER_SECOND) if signal.has_data else 0

@@ -44,15 +44,15 @@ def arc_record(arc: Arc) -> dict[str, Any]:
 
 def second_record(measured: Measurements, second: int) -> dict[str, Any]:
     """Return the state of a receiver and its signals at the last epoch of a second."""
-    columns = measured.tracked_satellites(-1)
+    signals, columns = measured.signals, measured.tracked_satellites(-1)
     return {
         "time": second,
-        "position_itrf": np.round(measured.position_itrf[-1], 6).tolist(),
-        "clock_offset": float(measured.clock_offset[-1]),
-        "clock_drift": float(measured.clock_drift[-1]),
-        "satellites": [satellite_name(*measured.plan.satellites[column]) for column in columns],
-        "slant_tec_tecu": np.round(measured.slant_tec_tecu[-1, columns], 6).tolist(),
-        "s4_l1": np.round(measured.s4_l1[-1, columns], 4).tolist(),
+        "position_itrf": np.round(signals.position_itrf[-1], 6).tolist(),
+        "clock_offset": float(signals.clock_offset[-1]),
+        "clock_drift": float(signals.clock_drift[-1]),
+        "satellites": [satellite_name(*signals.plan.satellites[column]) for column in columns],
+        "slant_tec_tecu": np.round(signals.slant_tec_tecu[-1, columns], 6).tolist(),
+        "s4_l1": np.round(signals.s4_l1[-1, columns], 4).tolist(),
     }
 
 

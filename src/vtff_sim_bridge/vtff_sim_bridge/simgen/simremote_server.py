@@ -187,8 +187,10 @@ class SimRemoteServer:
             self._drop(connection)
         self._selector.close()
         for open_socket in (
-            *(self._listener, self._datagrams),
-            *(self._wake_receiver, self._wake_sender),
+            self._listener,
+            self._datagrams,
+            self._wake_receiver,
+            self._wake_sender,
         ):
             if open_socket is not None:
                 open_socket.close()

@@ -26,26 +26,26 @@ MAXIMUM_TIME_SECONDS = 2_000_000
 """Latest time into a run, s; below 2**51 ns, binary64 seconds keep every nanosecond."""
 
 _ATTITUDE_FIELDS = (
-    *("heading", "elevation", "bank"),
-    *("angular_velocity_x", "angular_velocity_y", "angular_velocity_z"),
-    *("angular_acceleration_x", "angular_acceleration_y", "angular_acceleration_z"),
-    *("angular_jerk_x", "angular_jerk_y", "angular_jerk_z"),
-)
+    "heading", "elevation", "bank",
+    "angular_velocity_x", "angular_velocity_y", "angular_velocity_z",
+    "angular_acceleration_x", "angular_acceleration_y", "angular_acceleration_z",
+    "angular_jerk_x", "angular_jerk_y", "angular_jerk_z",
+)  # fmt: skip
 MOT_FIELDS = (
-    *("position_x", "position_y", "position_z"),
-    *("velocity_x", "velocity_y", "velocity_z"),
-    *("acceleration_x", "acceleration_y", "acceleration_z"),
-    *("jerk_x", "jerk_y", "jerk_z"),
+    "position_x", "position_y", "position_z",
+    "velocity_x", "velocity_y", "velocity_z",
+    "acceleration_x", "acceleration_y", "acceleration_z",
+    "jerk_x", "jerk_y", "jerk_z",
     *_ATTITUDE_FIELDS,
-)
+)  # fmt: skip
 """Names of the 24 numbers of MOT in order; error texts use them."""
 MOTB_FIELDS = (
-    *("latitude", "longitude", "height"),
-    *("velocity_north", "velocity_east", "velocity_down"),
-    *("acceleration_north", "acceleration_east", "acceleration_down"),
-    *("jerk_north", "jerk_east", "jerk_down"),
+    "latitude", "longitude", "height",
+    "velocity_north", "velocity_east", "velocity_down",
+    "acceleration_north", "acceleration_east", "acceleration_down",
+    "jerk_north", "jerk_east", "jerk_down",
     *_ATTITUDE_FIELDS,
-)
+)  # fmt: skip
 """Names of the 24 numbers of MOTB in order; error texts use them."""
 
 _CLOCK_TIME = re.compile(r"(?:(\d{1,3})\s+)?(\d{1,2}):(\d{2}):(\d{2})(?:\.(\d{1,9}))?", re.ASCII)

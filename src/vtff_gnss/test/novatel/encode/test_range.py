@@ -30,11 +30,11 @@ from vtff_gnss.signals import carrier_wavelength
 
 SETTINGS = HeaderSettings()
 SIGNALS = [
-    *((c.SYSTEM_GPS, 1, "C"), (c.SYSTEM_GPS, 2, "W"), (c.SYSTEM_GPS, 2, "S")),
-    *((c.SYSTEM_GPS, 5, "Q"), (c.SYSTEM_GALILEO, 1, "C"), (c.SYSTEM_GALILEO, 5, "Q")),
-    *((c.SYSTEM_GALILEO, 7, "Q"), (c.SYSTEM_GALILEO, 8, "Q"), (c.SYSTEM_GLONASS, 1, "C")),
-    *((c.SYSTEM_GLONASS, 2, "P"), (c.SYSTEM_BEIDOU, 2, "I"), (c.SYSTEM_QZSS, 1, "C")),
-]
+    (c.SYSTEM_GPS, 1, "C"), (c.SYSTEM_GPS, 2, "W"), (c.SYSTEM_GPS, 2, "S"),
+    (c.SYSTEM_GPS, 5, "Q"), (c.SYSTEM_GALILEO, 1, "C"), (c.SYSTEM_GALILEO, 5, "Q"),
+    (c.SYSTEM_GALILEO, 7, "Q"), (c.SYSTEM_GALILEO, 8, "Q"), (c.SYSTEM_GLONASS, 1, "C"),
+    (c.SYSTEM_GLONASS, 2, "P"), (c.SYSTEM_BEIDOU, 2, "I"), (c.SYSTEM_QZSS, 1, "C"),
+]  # fmt: skip
 
 
 @st.composite

@@ -39,15 +39,15 @@ def encode_gpsephem(
     gravitation = c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS]
     mean_motion = math.sqrt(gravitation / e.semi_major_axis**3) + e.mean_motion_difference
     payload = _GPSEPHEM.pack(
-        *(e.prn, e.time.time_of_week, e.health),
-        *(e.issue_of_data_ephemeris, e.issue_of_data_ephemeris, e.gps_week, e.time.week),
-        *(e.toe, e.semi_major_axis, e.mean_motion_difference, e.mean_anomaly, e.eccentricity),
-        *(e.argument_of_perigee, e.cuc, e.cus, e.crc, e.crs, e.cic, e.cis),
-        *(e.inclination, e.inclination_rate),
-        *(e.longitude_of_ascending_node, e.right_ascension_rate),
-        *(e.issue_of_data_clock, e.toc, e.group_delay, e.af0, e.af1, e.af2),
-        *(True, mean_motion, e.accuracy**2),
-    )
+        e.prn, e.time.time_of_week, e.health,
+        e.issue_of_data_ephemeris, e.issue_of_data_ephemeris, e.gps_week, e.time.week,
+        e.toe, e.semi_major_axis, e.mean_motion_difference, e.mean_anomaly, e.eccentricity,
+        e.argument_of_perigee, e.cuc, e.cus, e.crc, e.crs, e.cic, e.cis,
+        e.inclination, e.inclination_rate,
+        e.longitude_of_ascending_node, e.right_ascension_rate,
+        e.issue_of_data_clock, e.toc, e.group_delay, e.af0, e.af1, e.af2,
+        True, mean_motion, e.accuracy**2,
+    )  # fmt: skip
     return _frame(ids.ID_GPSEPHEM, payload, e, settings, receiver_status)
 
 
@@ -93,17 +93,17 @@ def encode_galileo_ephemeris(
     delays: tuple[float, ...] = (e.group_delay,)
     if is_inav:
         head = _INAV_HEAD.pack(
-            *(e.prn, *e5b, *e1b, e.issue_of_data_ephemeris, sisa, _INAV_SIGNALS_E1B_E5B, *times)
-        )
+            e.prn, *e5b, *e1b, e.issue_of_data_ephemeris, sisa, _INAV_SIGNALS_E1B_E5B, *times
+        )  # fmt: skip
         delays = (e.group_delay, e.group_delay_secondary)
     else:
         head = _FNAV_HEAD.pack(e.prn, *e5a, e.issue_of_data_ephemeris, sisa, *times)
     elements = (
-        *(e.mean_anomaly, e.mean_motion_difference, e.eccentricity, math.sqrt(e.semi_major_axis)),
-        *(e.inclination, e.inclination_rate),
-        *(e.longitude_of_ascending_node, e.argument_of_perigee, e.right_ascension_rate),
-        *(e.cuc, e.cus, e.crc, e.crs, e.cic, e.cis, e.af0, e.af1, e.af2, *delays),
-    )
+        e.mean_anomaly, e.mean_motion_difference, e.eccentricity, math.sqrt(e.semi_major_axis),
+        e.inclination, e.inclination_rate,
+        e.longitude_of_ascending_node, e.argument_of_perigee, e.right_ascension_rate,
+        e.cuc, e.cus, e.crc, e.crs, e.cic, e.cis, e.af0, e.af1, e.af2, *delays,
+    )  # fmt: skip
     payload = head + struct.pack(f"<{len(elements)}d", *elements)
     message_id = ids.ID_GALINAVEPHEMERIS if is_inav else ids.ID_GALFNAVEPHEMERIS
     return _frame(message_id, payload, e, settings, receiver_status)

@@ -136,10 +136,10 @@ def encode_frame(
     if len(payload) > 0xFFFF:
         raise ValueError(f"payload: {len(payload)} bytes do not fit a frame")
     header = _HEADER.pack(
-        *(0xAA, 0x44, 0x12, HEADER_LENGTH, message_id, 0, settings.port_address, len(payload)),
-        *(0, settings.idle_time, time_status, week, milliseconds, receiver_status),
+        0xAA, 0x44, 0x12, HEADER_LENGTH, message_id, 0, settings.port_address, len(payload),
+        0, settings.idle_time, time_status, week, milliseconds, receiver_status,
         _DEFINITION_CRCS[settings.generation].get(message_id, 0),
         settings.software_version,
-    )
+    )  # fmt: skip
     content = header + payload
     return content + _CRC.pack(crc32_novatel(content))

@@ -129,10 +129,10 @@ def encode_bestxyz(
         _TYPE_DOPPLER_VELOCITY if has_velocity else _TYPE_NONE,
         *(fix.velocity if has_velocity else zeros),
         *(fix.velocity_sigma if has_velocity else zeros),
-        *(_BASE_STATION, fix.velocity_latency, 0.0, 0.0),
-        *(fix.satellites_tracked, fix.satellites_used, fix.satellites_used, 0, 0, 0),
-        *(galileo_beidou_mask, gps_glonass_mask),
-    )
+        _BASE_STATION, fix.velocity_latency, 0.0, 0.0,
+        fix.satellites_tracked, fix.satellites_used, fix.satellites_used, 0, 0, 0,
+        galileo_beidou_mask, gps_glonass_mask,
+    )  # fmt: skip
     return encode_frame(ids.ID_BESTXYZ, payload, fix.time, settings, time_status, receiver_status)
 
 
@@ -156,10 +156,10 @@ def encode_receiver_time(
     utc = _GPS_EPOCH + timedelta(milliseconds=round(utc_nanoseconds * 1e-6))
     payload = _TIME.pack(
         _CLOCK_VALID if receiver_time.is_valid else _CLOCK_INVALID,
-        *(receiver_time.clock_offset, receiver_time.clock_offset_sigma, receiver_time.utc_offset),
-        *(utc.year, utc.month, utc.day, utc.hour, utc.minute),
-        *(utc.second * 1000 + utc.microsecond // 1000, _UTC_VALID),
-    )
+        receiver_time.clock_offset, receiver_time.clock_offset_sigma, receiver_time.utc_offset,
+        utc.year, utc.month, utc.day, utc.hour, utc.minute,
+        utc.second * 1000 + utc.microsecond // 1000, _UTC_VALID,
+    )  # fmt: skip
     return encode_frame(ids.ID_TIME, payload, time, settings, time_status, receiver_status)
 
 
@@ -179,9 +179,9 @@ def encode_ionutc(
     """
     p = parameters
     payload = _IONUTC.pack(
-        *(*p.alpha, *p.beta, p.reference_week, p.reference_time_of_week, p.utc_a0, p.utc_a1),
-        *(p.leap_second_week, p.leap_second_day, p.leap_seconds, p.leap_seconds_future, 0),
-    )
+        *p.alpha, *p.beta, p.reference_week, p.reference_time_of_week, p.utc_a0, p.utc_a1,
+        p.leap_second_week, p.leap_second_day, p.leap_seconds, p.leap_seconds_future, 0,
+    )  # fmt: skip
     return encode_frame(ID_IONUTC, payload, time, settings, time_status, receiver_status)
 
 
@@ -204,11 +204,11 @@ def encode_version(
         texts = [
             _text(component, name, length)
             for name, length in (
-                *(("model", 16), ("serial_number", 16), ("hardware_version", 16)),
-                *(("software_version", 16), ("boot_version", 16)),
-                *(("compile_date", 12), ("compile_time", 12)),
+                ("model", 16), ("serial_number", 16), ("hardware_version", 16),
+                ("software_version", 16), ("boot_version", 16),
+                ("compile_date", 12), ("compile_time", 12),
             )
-        ]
+        ]  # fmt: skip
         payload += _VERSION.pack(component.component_type, *texts)
     return encode_frame(ids.ID_VERSION, payload, time, settings, time_status, receiver_status)
 

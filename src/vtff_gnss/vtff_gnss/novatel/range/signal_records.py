@@ -18,9 +18,9 @@ from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 __all__ = ["SignalRecords", "epoch_from_records"]
 
 _MEASURED_COLUMNS = (
-    *("pseudorange", "carrier_phase_cycles", "doppler_hz", "cn0_dbhz", "pseudorange_sigma"),
-    *("carrier_phase_sigma_cycles", "lock_time", "flags"),
-)
+    "pseudorange", "carrier_phase_cycles", "doppler_hz", "cn0_dbhz", "pseudorange_sigma",
+    "carrier_phase_sigma_cycles", "lock_time", "flags",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
