@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 import yaml
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
+from vtff_dynamics.frames.frames import (
+    geodetic_from_itrf,
+    relative_state_rtn,
+    rotation_gcrf_to_itrf,
+)
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import parse_epoch
@@ -162,6 +166,18 @@ def test_more_spacecraft_than_two(fields: dict[str, Any], tmp_path: Path) -> Non
     assert truth.relative_state_rtn("deputy_2")[1] == pytest.approx(-2000.0, abs=1e-3)
 
 
+def test_a_deputy_can_start_relative_to_the_chief(fields: dict[str, Any], tmp_path: Path) -> None:
+    relative = {"position": [-3000.0, -15000.0, 2.0], "velocity": [0.1, 0.0, -0.2]}
+    fields["spacecraft"][1]["orbit"] = {"relative_rtn": relative}
+    scenario = load(fields, tmp_path)
+    state = relative_state_rtn(scenario.chief.state_gcrf, scenario.deputies[0].state_gcrf)
+    np.testing.assert_allclose(state, [-3000.0, -15000.0, 2.0, 0.1, 0.0, -0.2], atol=1e-6)
+    del relative["velocity"]
+    scenario = load(fields, tmp_path)
+    state = relative_state_rtn(scenario.chief.state_gcrf, scenario.deputies[0].state_gcrf)
+    np.testing.assert_allclose(state[3:], 0.0, atol=1e-8)
+
+
 def test_numbers_are_read_as_yaml_1_2_and_forces_by_their_type(
     fields: dict[str, Any], tmp_path: Path
 ) -> None:
@@ -232,8 +248,12 @@ WRONG = [
     ("spacecraft/0/target", {}, "spacecraft[0].target: unknown field"),
     ("spacecraft/1/target/position_relative_rtn", [1, 2], "three numbers expected, got [1, 2]"),
     ("spacecraft/1/target/position", [1, 2, 3], "spacecraft[1].target.position: unknown field"),
-    (CHIEF_ORBIT, {}, "exactly one of cartesian_gcrf, elements, same_orbit_ahead expected, got 0"),
-    (CHIEF_ORBIT, {"same_orbit_ahead": 1.0}, "the chief has no orbit to be ahead on"),
+    (
+        CHIEF_ORBIT,
+        {},
+        "exactly one of cartesian_gcrf, elements, same_orbit_ahead, relative_rtn expected, got 0",
+    ),
+    (CHIEF_ORBIT, {"same_orbit_ahead": 1.0}, "the chief cannot be placed relative to itself"),
     ("spacecraft/1/orbit/same_orbit_ahead", 1e8, "same_orbit_ahead: no point of the orbit"),
     (CHIEF_ORBIT + "/cartesian_gcrf/position", [6928.1, 0, 0], "inside the Earth"),
     (CHIEF_ORBIT + "/cartesian_gcrf/velocity", ["a", 0, 0], "velocity: three numbers expected"),

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.frames import right_ascension_from_longitude
+from vtff_dynamics.frames.frames import deputy_state_gcrf, right_ascension_from_longitude
 from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_mean
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
@@ -32,6 +32,7 @@ __all__ = [
     "ScenarioError",
     "Spacecraft",
     "load_scenario",
+    "read_scenario",
     "state_ahead_on_orbit",
 ]
 
@@ -133,6 +134,8 @@ def load_scenario(path: str | Path) -> Scenario:
                                 right_ascension_deg | longitude_of_ascending_node_deg,
                                 true_anomaly_deg | mean_anomaly_deg}
               same_orbit_ahead: m (deputies only), see `state_ahead_on_orbit`
+              relative_rtn:    {position: [3], velocity: [3] (optional, zero)} (deputies only),
+                               relative to the chief in its rotating RTN frame
             target             (deputies only, optional)
               position_relative_rtn: [3]
               velocity_relative_rtn: [3] (optional, zero)
@@ -154,8 +157,25 @@ def load_scenario(path: str | Path) -> Scenario:
     ScenarioError
         If the file cannot be read or does not have this form.
     """
-    path = Path(path)
-    root = Section(str(path), "", read_yaml(path))
+    return read_scenario(read_yaml(Path(path)), str(path))
+
+
+def read_scenario(fields: typing.Any, file: str) -> Scenario:
+    """Read the fields of a scenario file.
+
+    Parameters
+    ----------
+    fields
+        What the file holds; see `load_scenario`.
+    file
+        Name of the file for messages.
+
+    Raises
+    ------
+    ScenarioError
+        If the fields do not have the form of a scenario.
+    """
+    root = Section(file, "", fields)
     epoch = root.checked("epoch", lambda: parse_epoch(root.text("epoch")))
     scenario = root.checked(
         "",
@@ -293,7 +313,7 @@ def _all_spacecraft(sections: list[Section], epoch: GpsTime) -> tuple[Spacecraft
 
 def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatArray:
     """Return the GCRF state at the epoch that an orbit section describes."""
-    form = section.only_one_of("cartesian_gcrf", "elements", "same_orbit_ahead")
+    form = section.only_one_of("cartesian_gcrf", "elements", "same_orbit_ahead", "relative_rtn")
     if form == "cartesian_gcrf":
         cartesian = section.section(form)
         state = np.concatenate((cartesian.vector("position"), cartesian.vector("velocity")))
@@ -301,7 +321,14 @@ def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatA
     elif form == "elements":
         state = _state_from_elements(section.section(form), epoch)
     elif chief is None:
-        raise section.error(form, "the chief has no orbit to be ahead on")
+        raise section.error(form, "the chief cannot be placed relative to itself")
+    elif form == "relative_rtn":
+        relative = section.section(form)
+        position, velocity = relative.vector("position"), np.zeros(3)
+        if "velocity" in relative:
+            velocity = relative.vector("velocity")
+        relative.finish()
+        state = deputy_state_gcrf(chief.state_gcrf, np.concatenate((position, velocity)))
     else:
         distance = section.number(form)
         state = section.checked(form, lambda: state_ahead_on_orbit(chief.state_gcrf, distance))
