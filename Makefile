@@ -5,7 +5,7 @@ ENVIRONMENT := . .venv/vtff_environment.sh
 PYTEST_ARGUMENTS ?=
 SYSTEM ?= config/system/reference.yaml
 
-.PHONY: help setup demo test bench lint clean
+.PHONY: help setup setup_test demo test bench lint clean
 
 help:  ## Show the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 14
@@ -13,16 +13,19 @@ help:  ## Show the targets
 setup:  ## Make .venv with ROS 2 Jazzy from PyPI and build the workspace
 	@tools/setup.sh
 
+setup_test: # the same and what the tests need
+	@tools/setup.sh test
+
 demo: setup  ## Fly the reference formation, print the result beside the paper's, write plots
 	@.venv/bin/vtff run $(SYSTEM)
 
-test: setup  ## Run all tests
+test: setup_test  ## Run all tests
 	@$(ENVIRONMENT) && python -m pytest $(PYTEST_ARGUMENTS)
 
 bench: setup  ## Run the benchmarks, one after the other (idle machine, please)
 	@$(ENVIRONMENT) && python benchmarks/run_all.py
 
-lint: setup  ## Check format, style and types
+lint: setup_test  ## Check format, style and types
 	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
 
 clean:  ## Remove everything that set-up and the build made

@@ -75,7 +75,7 @@ class Tree:
             (self.fakes / tool).write_text(text)
             (self.fakes / tool).chmod(0o755)
 
-    def start(self, **settings: object) -> subprocess.Popen[str]:
+    def start(self, *arguments: str, **settings: object) -> subprocess.Popen[str]:
         self.calls.write_text("")
         variables = {
             "PATH": str(self.fakes),
@@ -87,7 +87,7 @@ class Tree:
             **{name: str(value) for name, value in settings.items()},
         }
         return subprocess.Popen(
-            ["bash", "tools/setup.sh"],
+            ["bash", "tools/setup.sh", *arguments],
             cwd=self.root,
             env=variables,
             # A job started in the background hands down an ignored SIGINT, which bash cannot trap.
@@ -98,18 +98,19 @@ class Tree:
             start_new_session=True,
         )
 
-    def setup(self, **settings: object) -> subprocess.CompletedProcess[str]:
-        process = self.start(**settings)
+    def setup(self, *arguments: str, **settings: object) -> subprocess.CompletedProcess[str]:
+        process = self.start(*arguments, **settings)
         output, errors = process.communicate(timeout=60)
         return subprocess.CompletedProcess([], process.returncode, output, errors)
 
     def work(self) -> list[str]:
         """Return which expensive steps the last call did."""
         text = self.calls.read_text()
-        return [step for step in ("-m venv", "-m pip", "colcon build") if step in text]
+        return [step for step in (*ALL, TEST_PACKAGES) if step in text]
 
 
-ALL = ["-m venv", "-m pip", "colcon build"]
+ALL = ["-m venv", "-r requirements/runtime.txt", "colcon build"]
+TEST_PACKAGES = "-r requirements/test.txt"
 
 
 @pytest.fixture
@@ -132,7 +133,7 @@ def assert_fails(result, text):
         ({"GLIBC": "2.31"}, "glibc 2.35 or newer is needed (Ubuntu 22.04, Debian 12); found 2.31"),
         ({"GLIBC": "none"}, "found none"),  # musl
         ({"CC_EXIT": 1}, "the C compiler 'cc' does not work"),
-        ({"FREE_KIB": 1000000}, "not enough disk: 976 MiB free, 2441 MiB needed"),
+        ({"FREE_KIB": 1000000}, "not enough disk: 976 MiB free, 1464 MiB needed"),
         ({"REASON": "is Python 3.9"}, "Python 3.10 to 3.13 is needed; python3 is Python 3.9"),
         ({"REASON": "lacks its C headers"}, "python3 lacks its C headers"),
         ({"VTFF_PYTHON": "nosuch"}, "VTFF_PYTHON=nosuch is not a program"),
@@ -183,6 +184,41 @@ def test_second_call_does_nothing(tree):
     assert tree.work() == []
 
 
+def test_test_packages_come_on_demand_and_once(tree):
+    tree.setup()
+    assert tree.work() == ALL
+    assert tree.setup("test").returncode == 0
+    assert tree.work() == [TEST_PACKAGES]
+    second = tree.setup("test")
+    assert (second.returncode, second.stdout, second.stderr) == (0, "", "")
+    assert tree.work() == []
+    tree.setup()
+    assert tree.work() == []
+
+
+def test_clean_checkout_is_set_up_for_tests_in_one_call(tree):
+    assert tree.setup("test").returncode == 0
+    assert tree.work() == [*ALL, TEST_PACKAGES]
+
+
+def test_set_up_for_use_installs_nothing_of_the_tests(tree):
+    tree.setup()
+    (tree.root / "requirements/test.txt").write_text("pytest")
+    tree.setup()
+    assert tree.work() == []
+
+
+def test_unknown_argument(tree):
+    assert_fails(tree.setup("tests"), "unknown argument 'tests'; it is 'test' or nothing")
+
+
+def test_failed_installation_of_test_packages_is_repeated(tree):
+    tree.setup()
+    assert_fails(tree.setup("test", PIP_ERROR="error"), "installing what the tests need")
+    tree.setup("test")
+    assert tree.work() == [TEST_PACKAGES]
+
+
 def test_vtff_command_runs_in_the_environment(tree):
     tree.setup()
     command = (tree.root / ".venv/bin/vtff").read_text()
@@ -193,22 +229,34 @@ def test_vtff_command_runs_in_the_environment(tree):
 @pytest.mark.parametrize(
     ("change", "work"),
     [
-        (lambda root: (root / "requirements/runtime.txt").write_text("numpy"), ALL),
-        (lambda root: (root / ".venv/.vtff_packages").unlink(), ALL),  # interrupted before
-        (lambda root: (root / ".venv/bin/python").unlink(), ALL),  # interpreter was removed
+        (
+            lambda root: (root / "requirements/runtime.txt").write_text("numpy"),
+            [*ALL, TEST_PACKAGES],
+        ),
+        (
+            lambda root: (root / ".venv/.vtff_packages").unlink(),
+            [*ALL, TEST_PACKAGES],
+        ),  # interrupted before
+        (
+            lambda root: (root / ".venv/bin/python").unlink(),
+            [*ALL, TEST_PACKAGES],
+        ),  # interpreter was removed
         (lambda root: (root / "src/package/package.xml").write_text("<a/>"), ["colcon build"]),
         (lambda root: (root / "src/package/setup.py").write_text(""), ["colcon build"]),
         (lambda root: shutil.rmtree(root / "install"), ["colcon build"]),
         (lambda root: (root / ".venv/vtff_environment.sh").unlink(), ["colcon build"]),
         (lambda root: (root / "src/package/module.py").write_text(""), []),
+        (lambda root: (root / "requirements/test.txt").write_text("pytest"), [TEST_PACKAGES]),
+        (lambda root: (root / "requirements/lock_test.txt").write_text("a==1"), [TEST_PACKAGES]),
+        (lambda root: (root / "requirements/lock.txt").write_text("a==1"), [*ALL, TEST_PACKAGES]),
     ],
 )
 def test_what_is_done_again(tree, change, work):
-    assert tree.setup().returncode == 0
+    assert tree.setup("test").returncode == 0
     change(tree.root)
-    assert tree.setup().returncode == 0
+    assert tree.setup("test").returncode == 0
     assert tree.work() == work
-    tree.setup()
+    tree.setup("test")
     assert tree.work() == []
 
 

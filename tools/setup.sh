@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # Set up vtff: .venv with ROS 2 Jazzy from PyPI wheels, colcon build, environment file.
-# Safe to call again: work that is done is not repeated. VTFF_PYTHON chooses the interpreter.
+# With the argument "test" also what tests and checks need. Safe to call again: work that is done is
+# not repeated. VTFF_PYTHON chooses the interpreter.
 set -euo pipefail
 
 unset CDPATH # with it, cd prints
@@ -8,13 +9,19 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv="$root/.venv"
 log="$root/log/setup.log"
-packages_kib=2500000
+packages_kib=1500000
+test_packages_kib=900000
 workspace_kib=200000
 
 stop() {
   printf 'setup: %s\n' "$1" >&2
   exit 1
 }
+
+case "${1:-}" in
+  "" | test) ;;
+  *) stop "unknown argument '$1'; it is 'test' or nothing" ;;
+esac
 
 # An apt ROS that is sourced in this shell would mix with the wheels.
 unset AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH PYTHONPATH LD_LIBRARY_PATH
@@ -122,8 +129,17 @@ fingerprint() { # of the files named on standard input
 }
 
 packages_fingerprint() {
-  printf '%s\n' requirements/*.txt tools/patch_wheels.py | LC_ALL=C sort | fingerprint
+  printf '%s\n' requirements/{build,lock,runtime}.txt tools/patch_wheels.py | fingerprint
   echo "$root" # a virtual environment cannot be moved
+}
+
+test_packages_fingerprint() {
+  printf '%s\n' requirements/{lock_test,test}.txt | fingerprint
+}
+
+# They are installed into .venv, and go with it.
+test_packages_are_installed() {
+  [ "$(cat "$venv/.vtff_test_packages" 2>/dev/null)" = "$(test_packages_fingerprint)" ]
 }
 
 packages_are_installed() {
@@ -159,11 +175,20 @@ install_packages() {
   python=$(choose_python)
   rm -rf "$venv" build install
   step "making .venv with $("$python" --version)" "$python" -m venv "$venv"
+  # Python compiles the modules that are used when they are first used: a tenth of them.
   step "installing ROS 2 Jazzy and the libraries (one to three minutes)" \
-    "$venv/bin/python" -m pip install -c requirements/lock.txt \
-    -r requirements/runtime.txt -r requirements/build.txt -r requirements/test.txt
+    "$venv/bin/python" -m pip install --no-compile -c requirements/lock.txt \
+    -r requirements/runtime.txt -r requirements/build.txt
   step "correcting the wheels' CMake files" "$venv/bin/python" tools/patch_wheels.py
   packages_fingerprint >"$venv/.vtff_packages"
+}
+
+install_test_packages() {
+  check_disk "$test_packages_kib"
+  step "installing what the tests need (about one minute)" \
+    "$venv/bin/python" -m pip install --no-compile -c requirements/lock.txt \
+    -c requirements/lock_test.txt -r requirements/test.txt
+  test_packages_fingerprint >"$venv/.vtff_test_packages"
 }
 
 build_workspace() {
@@ -212,5 +237,8 @@ fi
 if ! workspace_is_built; then
   check_machine
   build_workspace
+fi
+if [ "${1:-}" = test ] && ! test_packages_are_installed; then
+  install_test_packages
 fi
 install_viewer
