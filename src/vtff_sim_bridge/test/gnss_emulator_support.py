@@ -17,12 +17,12 @@ from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, load_gnss_configuration
-from vtff_sim_bridge.gnss.power_levels import PowerCommand
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
+from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
 SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))

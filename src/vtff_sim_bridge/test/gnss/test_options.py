@@ -19,10 +19,11 @@ from vtff_gnss.novatel.encode.lnav import quantize_lnav
 from vtff_gnss.novatel.range.range_logs import RANGE_RECORD, RANGECMP_RECORD
 from vtff_gnss.signals import carrier_wavelength, satellite_name
 from vtff_sim_bridge.gnss.configuration import MultipathModel, TrackingModel
-from vtff_sim_bridge.gnss.power_levels import PowerCommand, PowerLevels
+from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
 from vtff_sim_bridge.simremote.language import parse_command
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
+from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 SECONDS = 6
 GPS = c.SYSTEM_GPS

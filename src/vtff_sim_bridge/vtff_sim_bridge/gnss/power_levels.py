@@ -13,7 +13,6 @@ from __future__ import annotations
 import bisect
 import logging
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -21,8 +20,9 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
+from vtff_sim_bridge.simremote.power_command import PowerCommand
 
-__all__ = ["PowerCommand", "PowerLevels"]
+__all__ = ["PowerLevels"]
 
 LOGGER = logging.getLogger("simgen_emulator")
 
@@ -30,21 +30,6 @@ _SYSTEMS = {"GPS": SYSTEM_GPS, "GALILEO": SYSTEM_GALILEO}
 _NUMBERS = 64
 _OFF_DB = -200.0
 _FIELDS = {"POW_LEV": 10, "POW_ON": 8}
-
-
-class PowerCommand(NamedTuple):
-    """A stored POW_LEV, POW_ON, POW_MODE or REF_DBM command.
-
-    `value` is the level in dB, the switch (0 or 1), or the reference in dBm; None for POW_MODE.
-    `arguments` are all arguments as received: the meaning of the last fields of POW_LEV rests on
-    one source, so only the consumer that needs them reads them.
-    """
-
-    verb: str
-    time_nanoseconds: int
-    antenna_id: str | None
-    value: float | None
-    arguments: tuple[str, ...]
 
 
 class PowerLevels:

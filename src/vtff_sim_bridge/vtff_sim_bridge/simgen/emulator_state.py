@@ -15,7 +15,6 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_sim_bridge.gnss.power_levels import PowerCommand
 from vtff_sim_bridge.simremote.language import (
     Command,
     Reply,
@@ -39,6 +38,7 @@ from vtff_sim_bridge.simremote.motion import (
     MotionState,
     VehicleMotion,
 )
+from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 LOGGER = logging.getLogger("simgen_emulator")
 

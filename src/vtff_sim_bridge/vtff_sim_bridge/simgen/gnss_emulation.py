@@ -14,7 +14,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration, ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import ByteFaults
-from vtff_sim_bridge.gnss.power_levels import PowerCommand, PowerLevels
+from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere
 from vtff_sim_bridge.gnss.random_streams import (
     EPOCH_NANOSECONDS,
@@ -31,6 +31,7 @@ from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import SatelliteTruth, receiver_record
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simremote.motion import VehicleMotion
+from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 __all__ = ["GnssEmulation", "ReceiverSet"]
 
