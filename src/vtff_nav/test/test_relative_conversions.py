@@ -12,6 +12,7 @@ from rclpy.serialization import deserialize_message, serialize_message  # noqa: 
 from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_gnss.constants import SYSTEM_GPS  # noqa: E402
 from vtff_msgs.msg import AmbiguityStatus, LaserRange, RelativeState, SlantTec  # noqa: E402
+from vtff_nav.relative.common import solution as kinds  # noqa: E402
 from vtff_nav.relative.common.solution import (  # noqa: E402
     AMBIGUITY_FIXED,
     SOLUTION_FIXED,
@@ -80,6 +81,25 @@ def solution():
 
 def round_trip(message, kind):
     return deserialize_message(serialize_message(message), kind)
+
+
+def numbers_of(names_of, prefix):
+    """Return the constants of a module or message class whose names have a prefix."""
+    length = len(prefix)
+    names = [name for name in dir(names_of) if name.startswith(prefix)]
+    return {
+        n[length:]: getattr(names_of, n) for n in names if isinstance(getattr(names_of, n), int)
+    }
+
+
+def test_numbers_are_those_of_the_messages():
+    """The filters know no ROS, so the numbers of the messages stand a second time there."""
+    solutions = numbers_of(RelativeState, "SOLUTION_")
+    assert numbers_of(kinds, "SOLUTION_") == solutions
+    assert set(solutions) >= {"NONE", "PREDICTED", "CODE", "FLOAT", "FIXED", "TRUTH"}
+    assert numbers_of(kinds, "AMBIGUITY_") == numbers_of(AmbiguityStatus, "STATE_")
+    names = {number: name.lower() for name, number in solutions.items() if name != "TRUTH"}
+    assert dict(kinds.SOLUTION_NAMES) == names
 
 
 def test_relative_state(solution):

@@ -30,6 +30,7 @@ from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.signal_bands import bands_of
 from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
+    SOLUTION_NAMES,
     SOLUTION_NONE,
     RelativeEstimator,
     RelativeSolution,
@@ -54,8 +55,6 @@ JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a r
 LOCKSTEP_PATIENCE = 0.05  # s for messages that the end of their step has overtaken
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
-
-SOLUTION_NAMES = {0: "none", 1: "predicted", 2: "code", 3: "float", 4: "fixed"}
 
 
 @dataclass(frozen=True)

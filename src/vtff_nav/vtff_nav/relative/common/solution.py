@@ -1,13 +1,15 @@
-"""The interface of the relative navigation filters: what goes in and what comes out.
+"""The interface of the relative navigation filters: their input, their solution, its constants.
 
 Both estimators (`vtff_nav.relative.cdgps.estimator` and `vtff_nav.relative.paper.estimator`) are
 used in the same way: ephemerides and thrust are added as they arrive, and
-`RelativeEstimator.process` is called once for each epoch with what the two receivers have measured.
+`RelativeEstimator.process` is called once for each epoch with the observations of both receivers.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
@@ -25,8 +27,10 @@ __all__ = [
     "SOLUTION_CODE",
     "SOLUTION_FIXED",
     "SOLUTION_FLOAT",
+    "SOLUTION_NAMES",
     "SOLUTION_NONE",
     "SOLUTION_PREDICTED",
+    "SOLUTION_TRUTH",
     "AmbiguityTable",
     "DifferentialTecTable",
     "LaserMeasurement",
@@ -39,12 +43,24 @@ SOLUTION_PREDICTED = 1
 SOLUTION_CODE = 2
 SOLUTION_FLOAT = 3
 SOLUTION_FIXED = 4
-"""Numbers of ``vtff_msgs/RelativeState``."""
+SOLUTION_TRUTH = 5
+"""Kind of a relative state, as in ``vtff_msgs/RelativeState``; no filter returns the truth."""
+
+SOLUTION_NAMES: Mapping[int, str] = MappingProxyType(
+    {
+        SOLUTION_NONE: "none",
+        SOLUTION_PREDICTED: "predicted",
+        SOLUTION_CODE: "code",
+        SOLUTION_FLOAT: "float",
+        SOLUTION_FIXED: "fixed",
+    }
+)
+"""Names of the kinds of solution that a filter returns."""
 
 AMBIGUITY_FLOAT = 0
 AMBIGUITY_FIXED = 1
 AMBIGUITY_HELD = 2
-"""Numbers of ``vtff_msgs/AmbiguityStatus``."""
+"""State of an ambiguity, as in ``vtff_msgs/AmbiguityStatus``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +72,7 @@ class LaserMeasurement:
     time : GpsTime
         Time tag of the instrument.
     range : float
-        m, as measured: true range + latency times range rate + noise.
+        Measured range, m: true range + latency times range rate + noise.
     range_sigma : float
         m.
     """
@@ -66,11 +82,11 @@ class LaserMeasurement:
     range_sigma: float
 
 
-def _bytes() -> npt.NDArray[np.uint8]:
+def _no_bytes() -> npt.NDArray[np.uint8]:
     return np.zeros(0, dtype=np.uint8)
 
 
-def _floats() -> FloatArray:
+def _no_floats() -> FloatArray:
     return np.zeros(0)
 
 
@@ -80,25 +96,29 @@ class AmbiguityTable:
 
     Parameters
     ----------
-    system, prn, band, attribute, reference_prn, state : ndarray of uint8, shape (n,)
-        `reference_prn` is 0 where the ambiguity is single-differenced. A fixed ambiguity is that
-        of the double difference with the reference satellite of its system and signal.
+    system, prn, band, attribute : ndarray of uint8, shape (n,)
+        Signal of the ambiguity.
+    reference_prn : ndarray of uint8, shape (n,)
+        Reference satellite of a fixed ambiguity, which is that of a double difference; 0 where the
+        ambiguity is single-differenced.
     ambiguity_cycles : ndarray, shape (n,)
         Cycles; an integer where `state` is not `AMBIGUITY_FLOAT`.
     ambiguity_sigma_cycles : ndarray, shape (n,)
         One sigma of the float estimate of this epoch, cycles.
+    state : ndarray of uint8, shape (n,)
+        ``AMBIGUITY_*``.
     fixed_since : tuple of GpsTime or None, length n
-        Epoch at which the integer was fixed; None where float.
+        Epoch at which the integer was fixed; None where the ambiguity is float.
     """
 
-    system: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    prn: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    band: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    attribute: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    reference_prn: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    ambiguity_cycles: FloatArray = field(default_factory=_floats)
-    ambiguity_sigma_cycles: FloatArray = field(default_factory=_floats)
-    state: npt.NDArray[np.uint8] = field(default_factory=_bytes)
+    system: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    prn: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    band: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    attribute: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    reference_prn: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    ambiguity_cycles: FloatArray = field(default_factory=_no_floats)
+    ambiguity_sigma_cycles: FloatArray = field(default_factory=_no_floats)
+    state: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
     fixed_since: tuple[GpsTime | None, ...] = ()
 
     def __len__(self) -> int:
@@ -110,28 +130,29 @@ class AmbiguityTable:
 class DifferentialTecTable:
     """Differential slant TEC, deputy less chief, as columns of ``vtff_msgs/SlantTec``.
 
-    Only satellites whose ambiguities are integers on both signals are in it.
+    The table holds the satellites whose ambiguities are integers on two signals.
 
     Parameters
     ----------
     system, prn, band_first, band_second : ndarray of uint8, shape (n,)
+        Satellite, and the RINEX frequency digits of its two signals.
     stec_tecu, stec_sigma_tecu : ndarray, shape (n,)
         TECU, one sigma. The level, common to all satellites of a system, comes from the state of
         the filter and is part of the sigma.
     elevation, azimuth : ndarray, shape (n,)
-        At the chief, rad.
+        Direction of the satellite at the chief, rad.
     arc : ndarray of uint32, shape (n,)
-        Number of the continuous arc; changes whenever the integer is decided anew.
+        Number of the continuous arc; it changes whenever the integer is decided anew.
     """
 
-    system: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    prn: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    band_first: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    band_second: npt.NDArray[np.uint8] = field(default_factory=_bytes)
-    stec_tecu: FloatArray = field(default_factory=_floats)
-    stec_sigma_tecu: FloatArray = field(default_factory=_floats)
-    elevation: FloatArray = field(default_factory=_floats)
-    azimuth: FloatArray = field(default_factory=_floats)
+    system: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    prn: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    band_first: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    band_second: npt.NDArray[np.uint8] = field(default_factory=_no_bytes)
+    stec_tecu: FloatArray = field(default_factory=_no_floats)
+    stec_sigma_tecu: FloatArray = field(default_factory=_no_floats)
+    elevation: FloatArray = field(default_factory=_no_floats)
+    azimuth: FloatArray = field(default_factory=_no_floats)
     arc: npt.NDArray[np.uint32] = field(default_factory=lambda: np.zeros(0, dtype=np.uint32))
 
     def __len__(self) -> int:
@@ -141,7 +162,7 @@ class DifferentialTecTable:
 
 @dataclass(frozen=True, eq=False)
 class RelativeSolution:
-    """Deputy relative to chief at an epoch (``vtff_msgs/RelativeState`` and more).
+    """State of the deputy relative to the chief at an epoch (``vtff_msgs/RelativeState`` and more).
 
     Parameters
     ----------
@@ -150,42 +171,43 @@ class RelativeSolution:
     solution : int
         ``SOLUTION_*``; with `SOLUTION_NONE` the numbers below are NaN.
     position_rtn, velocity_rtn : ndarray, shape (3,)
-        In the chief's RTN frame; m and m/s, the derivative seen in the frame that turns about N
-        with h/r2 (as `vtff_dynamics.frames.frames.relative_state_rtn` without acceleration).
+        State in the chief's RTN frame; m and m/s. The velocity is the derivative seen in the frame
+        that turns about N with h/r2 (as in `vtff_dynamics.frames.frames.relative_state_rtn`
+        without acceleration).
     covariance_rtn : ndarray, shape (6, 6)
-        Of position and velocity.
+        Covariance of position and velocity.
     position_itrf : ndarray, shape (3,)
-        The baseline, deputy less chief, in Earth-fixed axes, m.
+        Baseline, deputy less chief, in Earth-fixed axes, m.
     covariance_position_itrf : ndarray, shape (3, 3)
     position_chief_gcrf, velocity_chief_gcrf : ndarray, shape (3,)
-        m and m/s.
+        State of the chief, m and m/s.
     covariance_chief_gcrf : ndarray, shape (6, 6)
     satellites_used : int
-        Satellites in common view that were used at this epoch.
+        Number of satellites in common view that were used at this epoch.
     ambiguities_fixed : int
-        Integers that the solution rests on.
+        Number of integers that the solution rests on.
     ratio, success_rate : float
-        Of the last integer search; 0 when not tested.
+        Ratio and bootstrapped success rate of the last integer search; 0 when nothing was tested.
     innovation_rms : float
-        Innovations normalised by their predicted sigmas, RMS; 0 without measurements.
+        RMS of the innovations, normalised by their predicted sigmas; 0 without measurements.
     normalised_innovation_squared : float
         v' S^-1 v of the measurements used; `innovation_count` degrees of freedom.
     innovation_count : int
     age : float
-        s since the last measurement update.
+        Time since the last measurement update, s.
     ambiguities : AmbiguityTable
     differential_tec : DifferentialTecTable
     local_electron_density : float
-        Electrons per m3 between the two altitudes; NaN where not estimated.
+        Electron density between the two altitudes, 1/m3; NaN where it is not estimated.
     local_electron_density_sigma : float
     laser_latency, laser_latency_sigma : float
-        s; NaN without laser.
+        Latency of the laser, s; NaN without laser.
     laser_residual : float
-        m, after the compensation of the latency; NaN without laser.
+        Measured less predicted range, latency included, m; NaN without laser.
     clock_difference : float
         Receiver clock of the deputy less that of the chief, s; NaN if unknown.
     degraded : tuple of str
-        Why the solution is not what it should be, for people; empty if nothing is wrong.
+        Sentences for people on what is wrong with the solution; empty if nothing is.
     excluded : tuple of str
         Signals left out at this epoch and why, e.g. ``"G05 L1: cycle slip"``.
     """
@@ -221,7 +243,7 @@ class RelativeSolution:
 
     @classmethod
     def none(cls, time: GpsTime, degraded: tuple[str, ...], age: float = 0.0) -> RelativeSolution:
-        """Return a solution that says only why there is none."""
+        """Return the solution of kind `SOLUTION_NONE` with the reasons for it in `degraded`."""
         vector, matrix = np.full(3, np.nan), np.full((6, 6), np.nan)
         return cls(
             time=time,
@@ -240,13 +262,13 @@ class RelativeSolution:
 
 
 class RelativeEstimator(Protocol):
-    """What a relative navigation filter offers."""
+    """Methods of a relative navigation filter."""
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Take a broadcast ephemeris; repetitions cost nothing."""
+        """Add a broadcast ephemeris; one that is already there costs nothing."""
 
     def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
-        """Take the thrust acceleration of the deputy over ``[start, start + duration)``.
+        """Add the thrust acceleration of the deputy over ``[start, start + duration)``.
 
         Parameters
         ----------
@@ -258,8 +280,8 @@ class RelativeEstimator(Protocol):
 
         Notes
         -----
-        To be called before the epochs in the interval are processed; without it there is no
-        thrust.
+        The thrust must be added before the epochs in the interval are processed; the filter
+        assumes no thrust where none was added.
         """
 
     def process(
@@ -269,17 +291,17 @@ class RelativeEstimator(Protocol):
         deputy: ObservationEpoch | None,
         laser: LaserMeasurement | None = None,
     ) -> RelativeSolution:
-        """Go on to an epoch and use what was measured there.
+        """Predict the state to an epoch and update it with the measurements of that epoch.
 
         Parameters
         ----------
         time : GpsTime
-            Epoch, later than the one before; the solution is valid at this GPS time. The time
-            tags of `chief` and `deputy` are equal to it (in receiver time).
+            GPS time of the epoch, at which the solution is valid; later than the last epoch. The
+            time tags of `chief` and `deputy` are equal to it (in receiver time).
         chief, deputy : ObservationEpoch or None
-            None where a receiver has sent nothing for this epoch.
+            Observations of each receiver; None where it has sent nothing for this epoch.
         laser : LaserMeasurement, optional
         """
 
     def reset(self) -> None:
-        """Forget every estimate; ephemerides are kept."""
+        """Forget every estimate; keep the ephemerides."""
