@@ -10,7 +10,6 @@ import pathlib
 
 import matplotlib as mpl
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 
 from vtff_analysis.baseline.processing import BaselineRun
@@ -26,10 +25,9 @@ from vtff_analysis.plot_style import (
     time_unit_of,
 )
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["write_csv", "write_json", "write_plot"]
-
-FloatArray = npt.NDArray[np.float64]
 
 # Okabe-Ito, from pale to strong as the solution gets better.
 _SOLUTION_COLOURS = {1: "#999999", 2: "#E69F00", 3: "#56B4E9", 4: "#0072B2"}

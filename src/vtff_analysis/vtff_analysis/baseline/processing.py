@@ -17,6 +17,7 @@ from vtff_dynamics.frames.frames import (
     rotation_itrf_to_enu,
 )
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import Dynamics
@@ -25,8 +26,6 @@ from vtff_nav.relative.common.solution import SOLUTION_NONE, RelativeEstimator, 
 from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 
 __all__ = ["BaselineOptions", "BaselineRun", "process_baseline"]
-
-FloatArray = npt.NDArray[np.float64]
 
 _ENU_NAMES = ("east", "north", "up")
 _RTN_NAMES = ("radial", "in-track", "cross-track")

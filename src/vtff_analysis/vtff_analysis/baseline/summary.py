@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.baseline.processing import BaselineRun
+from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.common.solution import (
     SOLUTION_CODE,
     SOLUTION_FIXED,
@@ -17,8 +18,6 @@ from vtff_nav.relative.common.solution import (
 )
 
 __all__ = ["SOLUTION_NAMES", "BaselineSummary", "ErrorStatistics", "summarise"]
-
-FloatArray = npt.NDArray[np.float64]
 
 SOLUTION_NAMES = {
     SOLUTION_NONE: "none",

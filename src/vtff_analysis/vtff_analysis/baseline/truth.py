@@ -9,15 +9,13 @@ import pathlib
 import zipfile
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_analysis.baseline.processing import BaselineRun
 from vtff_analysis.baseline.sources import BaselineError, TrueBaseline
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
+from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["errors_local"]
-
-FloatArray = npt.NDArray[np.float64]
 
 # Epochs and truth belong together within this, s.
 _TOLERANCE = 1e-3

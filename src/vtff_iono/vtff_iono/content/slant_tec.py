@@ -20,11 +20,11 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings
-from vtff_iono.links.compiled import compiled
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, PairRows, PairSelector, SignalPair
 
 __all__ = [

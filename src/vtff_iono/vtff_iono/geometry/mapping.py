@@ -16,10 +16,10 @@ import math
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.links.compiled import compiled
 
 __all__ = [
     "GROUND_SHELL_HEIGHT",

@@ -31,7 +31,7 @@ from dataclasses import astuple, dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_iono.links.compiled import compiled
+from vtff_dynamics.compiled import compiled
 from vtff_iono.links.signal_pairs import PairRows
 
 __all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs"]

@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
-
-FloatArray = npt.NDArray[np.float64]
 
 
 def tecu_per_metre(frequency_first: float, frequency_second: float) -> float:

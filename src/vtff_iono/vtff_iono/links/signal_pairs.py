@@ -13,11 +13,11 @@ from dataclasses import dataclass, fields
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.signals import carrier_frequency_hz
-from vtff_iono.links.compiled import compiled
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair"]

@@ -6,11 +6,10 @@ Use them through `integer_least_squares`, which checks arguments and explains fa
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any
 
-import numba
 import numpy as np
+
+from vtff_dynamics.compiled import compiled
 
 __all__ = ["KERNEL_OK", "KERNEL_OVERFLOW", "KERNEL_SINGULAR", "factorise", "reduce", "search"]
 
@@ -28,15 +27,7 @@ _LARGEST_ENTRY = 2**31
 """Limit of the entries of the transformation: products of two of them still fit into int64."""
 
 
-def _compiled(function: Callable[..., Any]) -> Any:
-    """Compile on first use, and keep the result on disk where there is a place for it."""
-    try:
-        return numba.njit(cache=True)(function)
-    except RuntimeError:  # neither the source folder nor a home folder can be written
-        return numba.njit(function)
-
-
-@_compiled
+@compiled
 def factorise(covariance, lower, variances, order):  # type: ignore[no-untyped-def]
     """Factorise Q = L^T D L with symmetric pivoting; return a ``KERNEL_*`` and a place.
 
@@ -85,7 +76,7 @@ def factorise(covariance, lower, variances, order):  # type: ignore[no-untyped-d
     return KERNEL_OK, 0
 
 
-@_compiled
+@compiled
 def _subtract_column(lower, transformation, inverse_transposed, i, k):  # type: ignore[no-untyped-def]
     """Make |L[i, k]| <= 1/2 by an integer multiple of column i; return whether that was exact."""
     multiple = math.floor(lower[i, k] + 0.5)
@@ -105,7 +96,7 @@ def _subtract_column(lower, transformation, inverse_transposed, i, k):  # type: 
     return largest < _LARGEST_ENTRY
 
 
-@_compiled
+@compiled
 def reduce(lower, variances, transformation, inverse_transposed):  # type: ignore[no-untyped-def]
     """Decorrelate in place by integer Gauss steps and exchanges of neighbours.
 
@@ -154,7 +145,7 @@ def reduce(lower, variances, transformation, inverse_transposed):  # type: ignor
     return KERNEL_OK
 
 
-@_compiled
+@compiled
 def search(center, lower, variances, found, norms, node_limit):  # type: ignore[no-untyped-def]
     """Find the integer vectors nearest to `center` in the metric of L^T D L, depth first.
 

@@ -22,6 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import erf
 
+from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.integers import kernels
 
 __all__ = [
@@ -37,7 +38,6 @@ __all__ = [
     "search_decorrelated",
 ]
 
-FloatArray = npt.NDArray[np.float64]
 IntegerArray = npt.NDArray[np.int64]
 
 _LARGEST_AMBIGUITY = 2.0**52

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.special import gammaincc
 
+from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.integers.failure_rate_table import CRITICAL_VALUE_COEFFICIENTS, FAILURE_RATES
 from vtff_nav.relative.integers.least_squares import (
     Decorrelation,
@@ -30,7 +31,6 @@ from vtff_nav.relative.integers.least_squares import (
 
 __all__ = ["FixStatus", "PartialFix", "partial_fix", "ratio_threshold"]
 
-FloatArray = npt.NDArray[np.float64]
 IntegerArray = npt.NDArray[np.int64]
 
 _LARGEST_FAILURE_RATE = 0.2
