@@ -8,7 +8,8 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from graph_support import SHARED, Runs  # noqa: E402
+from graph_support import Runs  # noqa: E402
+from shared_data import require_shared  # noqa: E402
 
 
 @pytest.fixture(scope="session")
@@ -20,6 +21,4 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
 @pytest.fixture(scope="session")
 def shared() -> pathlib.Path:
     """Folder of reference data, or skip."""
-    if not SHARED.is_dir():
-        pytest.skip("the folder of reference data (../shared) is absent")
-    return SHARED
+    return require_shared()

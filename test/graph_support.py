@@ -15,7 +15,6 @@ from vtff_msgs.msg import SimulatorStatus, StepDone
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SYSTEMS = ROOT / "config" / "system"
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", ROOT.parent / "shared"))
 
 
 def run_vtff(*arguments: object, timeout: float = 240.0) -> subprocess.CompletedProcess[str]:

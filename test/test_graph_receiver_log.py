@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from graph_support import SYSTEMS, run_vtff
+from shared_data import require_shared
 
 from vtff_bag.file.reader import BagReader
 from vtff_gnss import constants
@@ -50,11 +51,8 @@ RTKLIB_EPOCHS = {
 }
 
 
-def file_of(shared, name):
-    path = shared / "data/oem" / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+def file_of(name):
+    return require_shared(f"data/oem/{name}")
 
 
 def make(runs, name, path, *options):
@@ -125,8 +123,8 @@ def same_values(left, right, names):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_the_bag_holds_what_the_log_holds(run_of, shared, name):
-    path = file_of(shared, name)
+def test_the_bag_holds_what_the_log_holds(run_of, name):
+    path = file_of(name)
     run = run_of(name)
     events = list(read_log(path, raw_logs="all"))
     epoch_count, whole_count, ephemeris_count, fix_count, log_count = LOGS[name]
@@ -165,8 +163,8 @@ def test_the_bag_holds_what_the_log_holds(run_of, shared, name):
 
 
 @pytest.mark.parametrize("name", LOGS)
-def test_log_times_are_the_stamps(run_of, shared, name):
-    file_of(shared, name)
+def test_log_times_are_the_stamps(run_of, name):
+    file_of(name)
     run = run_of(name)
     compared = 0
     for topic in ("high_rate", "epoch", "ephemeris", "glonass_ephemeris", "fix", "raw"):
@@ -212,8 +210,8 @@ def rtklib_epochs(path):
 
 
 @pytest.mark.parametrize("name", RTKLIB_EPOCHS)
-def test_observations_equal_those_of_an_independent_decoder(run_of, shared, name):
-    path = file_of(shared, name)
+def test_observations_equal_those_of_an_independent_decoder(run_of, name):
+    path = file_of(name)
     theirs = rtklib_epochs(path)
     ours = epochs(run_of(name))
     assert len(ours) == len(theirs) == RTKLIB_EPOCHS[name]
@@ -245,17 +243,17 @@ def contents(run):
     return dict(by_topic)
 
 
-def test_runs_are_equal_byte_for_byte(runs, run_of, shared):
-    path = file_of(shared, "gavlab_test2_rcvr2.dat")
+def test_runs_are_equal_byte_for_byte(runs, run_of):
+    path = file_of("gavlab_test2_rcvr2.dat")
     first = contents(run_of(path.name))
     assert len(first) == 6
     assert contents(make(runs, "again", path)) == first
     assert contents(make(runs, "composed", path, "--composed")) == first
 
 
-def test_a_damaged_log_gives_exactly_its_intact_frames(runs, shared, tmp_path):
+def test_a_damaged_log_gives_exactly_its_intact_frames(runs, tmp_path):
     """Damaged in 60 places and cut off: what is published is whole, and nothing whole is lost."""
-    path = file_of(shared, "gavlab_test2_rcvr2.dat")
+    path = file_of("gavlab_test2_rcvr2.dat")
     content = bytearray(path.read_bytes()[:200_000])
     generator = random.Random(20161121)
     for position in generator.sample(range(len(content)), 60):
@@ -285,11 +283,11 @@ def test_a_damaged_log_gives_exactly_its_intact_frames(runs, shared, tmp_path):
                 assert np.array_equal(column, original.columns()[name]), name
 
 
-def test_two_receivers_in_one_system(shared, tmp_path):
+def test_two_receivers_in_one_system(tmp_path):
     """The chief's log gives the time; the deputy's follows it."""
     paths = {
-        "chief": file_of(shared, "gavlab_test2_rcvr1.dat"),
-        "deputy": file_of(shared, "gavlab_test2_rcvr2.dat"),
+        "chief": file_of("gavlab_test2_rcvr1.dat"),
+        "deputy": file_of("gavlab_test2_rcvr2.dat"),
     }
     drivers = [
         {

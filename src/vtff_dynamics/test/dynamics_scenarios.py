@@ -2,11 +2,9 @@
 
 import json
 import math
-import os
-import pathlib
 
 import numpy as np
-import pytest
+from shared_data import require_shared
 
 from vtff_dynamics.frames.frames import right_ascension_from_longitude
 from vtff_dynamics.orbit.elements import ClassicalElements
@@ -15,19 +13,9 @@ from vtff_dynamics.time.timescales import parse_epoch
 EPOCH = parse_epoch("2016-03-21T01:00:00 GPS")
 
 
-def shared_folder():
-    """Return the folder of shared measurement data, or skip the test without it."""
-    default = pathlib.Path(__file__).resolve().parents[3].parent / "shared"
-    folder = pathlib.Path(os.environ.get("VTFF_SHARED", default))
-    if not folder.is_dir():
-        pytest.skip(f"the shared data folder {folder} is absent (set VTFF_SHARED)")
-    return folder
-
-
 def reference_orbit():
     """Return the contents of propagation/reference_1h.json."""
-    path = shared_folder() / "data" / "propagation" / "reference_1h.json"
-    return json.loads(path.read_text())
+    return json.loads(require_shared("data/propagation/reference_1h.json").read_text())
 
 
 def remote_sensing_elements():

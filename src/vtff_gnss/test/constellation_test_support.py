@@ -6,23 +6,20 @@ import functools
 import pathlib
 
 import numpy as np
-import pytest
-from gnss_test_support import SHARED
+from shared_data import require_shared, shared_folder
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.rinex.navigation import RinexNavigation, read_rinex_navigation
 
-SPIRENT = SHARED / "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
-BRDC = SHARED / "data/ionosphere/bele_2024010/BRDC00IGS_R_20240100000_01D_MN.rnx.gz"
+SPIRENT = shared_folder() / "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
+BRDC = shared_folder() / "data/ionosphere/bele_2024010/BRDC00IGS_R_20240100000_01D_MN.rnx.gz"
 UNIX_TIME_OF_GPS_EPOCH = 315_964_800
 LONG = np.longdouble
 
 
 def shared_file(path: pathlib.Path) -> pathlib.Path:
     """Return a shared file, or skip the test."""
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+    return require_shared(path)
 
 
 @functools.lru_cache(maxsize=2)

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
 import struct
 import zlib
 
 import numpy as np
-import pytest
 from hypothesis import settings
+from shared_data import require_shared
 
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.novatel.range.range_logs import RANGE_RECORD
-
-SHARED = pathlib.Path(
-    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
-)
-OEM = SHARED / "data" / "oem"
 
 L1CA = 0x08109C04
 L2P_CODELESS = 0x01303C0B
@@ -31,10 +25,7 @@ def examples(count: int) -> settings:
 
 def oem_file(name: str) -> pathlib.Path:
     """Return a real receiver log, or skip the test."""
-    path = OEM / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+    return require_shared(f"data/oem/{name}")
 
 
 def crc32(content: bytes) -> int:

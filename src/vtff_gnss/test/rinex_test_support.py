@@ -7,16 +7,16 @@ import pathlib
 
 import numpy as np
 from constellation_test_support import shared_file
-from gnss_test_support import SHARED
+from shared_data import shared_folder
 
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.observation_table import ObservationTable, signal_keys
 from vtff_gnss.rinex.observation import RinexObservations, read_rinex_observation
 
-NAVIGATION = SHARED / "data/navigation"
+NAVIGATION = shared_folder() / "data/navigation"
 LEO = NAVIGATION / "leo_250m/250m_A.obs.gz"
 SPIRENT_BASE = NAVIGATION / "spirent_dynamic/Base-static_MO_Spirent.obs.gz"
-BELE = SHARED / "data/ionosphere/bele_2024010/BELE00BRA_R_20240100000_01D_30S_MO.crx.gz"
+BELE = shared_folder() / "data/ionosphere/bele_2024010/BELE00BRA_R_20240100000_01D_30S_MO.crx.gz"
 REAL_FILES = {"leo_250m": LEO, "spirent_dynamic": SPIRENT_BASE, "bele": BELE}
 
 

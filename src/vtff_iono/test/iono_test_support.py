@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import os
 import pathlib
 
-import pytest
 from hypothesis import settings
-
-SHARED = pathlib.Path(
-    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
-)
-BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
+from shared_data import require_shared
 
 
 def examples(count: int) -> settings:
@@ -21,7 +15,4 @@ def examples(count: int) -> settings:
 
 def bele_file(name: str) -> pathlib.Path:
     """Return a file of the night of plasma bubbles over Belem, or skip the test."""
-    path = BELE / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+    return require_shared(f"data/ionosphere/bele_2024010/{name}")

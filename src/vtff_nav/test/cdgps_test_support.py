@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import pathlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import pytest
 from cdgps_truth_support import TruthRecorder
+from shared_data import require_shared, shared_folder
 
 from vtff_dynamics.frames.frames import (
     kinematics_itrf,
@@ -44,8 +43,7 @@ from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))
-DATA = SHARED / "data/navigation"
+DATA = shared_folder() / "data/navigation"
 NAVIGATION = DATA / "spirent_dynamic/RINEX_GN_Spirent.23N"
 START = parse_epoch("2023-01-08T10:00:00 GPS")
 
@@ -63,8 +61,7 @@ SIGNALS = {"G1C": 48.0, "G2W": 42.0}
 
 def require_data() -> None:
     """Skip where the shared data are absent."""
-    if not NAVIGATION.exists():
-        pytest.skip(f"{DATA} is absent")
+    require_shared(NAVIGATION)
 
 
 def configuration(**changes: object) -> CdgpsConfiguration:

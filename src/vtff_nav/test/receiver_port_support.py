@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import os
-import pathlib
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -26,9 +24,6 @@ START = parse_epoch("2016-03-21T01:00:00 GPS")
 EPOCH = 50_000_000  # ns
 PATIENCE = 20.0  # s of wall time before a test gives up
 
-SHARED = pathlib.Path(
-    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
-)
 COMMANDS = (
     "UNLOGALL THISPORT TRUE",
     "LOG THISPORT RANGEB ONTIME 0.05",

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import pathlib
 import time
 
 import pytest
@@ -14,6 +12,7 @@ import rclpy
 import rclpy.executors
 from domain_coordinator import domain_id
 from rclpy.parameter import Parameter
+from shared_data import require_shared
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.novatel import read_log
@@ -22,10 +21,6 @@ from vtff_nav.receiver_driver_node import ReceiverDriverNode
 from vtff_node import diagnostics, qos
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.parameters import ParameterError
-
-SHARED = pathlib.Path(
-    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[3].parent / "shared")
-)
 
 
 @pytest.fixture()
@@ -40,10 +35,7 @@ def ros():
 
 @pytest.fixture()
 def log():
-    path = SHARED / "data/oem/gavlab_test2_rcvr2.dat"
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+    return require_shared("data/oem/gavlab_test2_rcvr2.dat")
 
 
 def driver(context, namespace, **values):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
 
@@ -25,7 +24,6 @@ from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))
 START = parse_epoch("2016-03-21T01:00:00 GPS")
 CHIEF_GCRF = np.array([6928137.0, 0.0, 0.0, 0.0, 3792.5442661521847, 6568.879358929605])
 DEPUTY_GCRF = CHIEF_GCRF + np.array([120.0, 500.0, 866.0, 0.0, 0.0, 0.0])

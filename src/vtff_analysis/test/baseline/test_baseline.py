@@ -5,11 +5,11 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
-import os
 import pathlib
 
 import numpy as np
 import pytest
+from shared_data import require_shared
 from typer.testing import CliRunner
 
 from vtff_analysis.baseline.output import write_csv, write_plot
@@ -29,23 +29,17 @@ from vtff_gnss.rinex.write_navigation import write_rinex_navigation
 from vtff_gnss.rinex.write_observation import write_rinex_observation
 from vtff_nav.relative.common.measurements import MeasurementNoise
 
-SHARED = pathlib.Path(
-    os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[4].parent / "shared")
-)
-SPIRENT = SHARED / "data/navigation/spirent_dynamic"
-LEO = SHARED / "data/navigation/leo_250m"
-OEM = SHARED / "data/oem"
-ROVER = SPIRENT / "Rover-dynamic_MO_Spirent.obs.gz"
-BASE = SPIRENT / "Base-static_MO_Spirent.obs.gz"
-NAVIGATION = SPIRENT / "RINEX_GN_Spirent.23N"
-MOTION = SPIRENT / "Rover-dynamic_motion_Spirent.csv.gz"
+SPIRENT = "data/navigation/spirent_dynamic"
+LEO = "data/navigation/leo_250m"
+OEM = "data/oem"
+ROVER = f"{SPIRENT}/Rover-dynamic_MO_Spirent.obs.gz"
+BASE = f"{SPIRENT}/Base-static_MO_Spirent.obs.gz"
+NAVIGATION = f"{SPIRENT}/RINEX_GN_Spirent.23N"
+MOTION = f"{SPIRENT}/Rover-dynamic_motion_Spirent.csv.gz"
 
 
 def shared(*paths):
-    for path in paths:
-        if not path.is_file():
-            pytest.skip(f"reference data {path} is not there")
-    return paths
+    return tuple(require_shared(path) for path in paths)
 
 
 def vtff(*arguments):
@@ -93,7 +87,7 @@ def test_spirent_pair_reaches_the_bound_of_issue_4(tmp_path):
 
 
 def test_real_static_pair_of_novatel_receivers(tmp_path):
-    logs = shared(OEM / "gavlab_test2_rcvr2.dat", OEM / "gavlab_test2_rcvr1.dat")
+    logs = shared(f"{OEM}/gavlab_test2_rcvr2.dat", f"{OEM}/gavlab_test2_rcvr1.dat")
     found, output = computed(tmp_path, *logs, "--dynamics", "static")
     assert (found["epochs"], found["fixed_fraction"]) == (426, 1.0)
     assert np.linalg.norm(found["scatter"]) <= 5e-3
@@ -103,7 +97,7 @@ def test_real_static_pair_of_novatel_receivers(tmp_path):
 
 def test_rtklib_finds_the_same_baseline_in_the_files_written_from_the_logs(tmp_path):
     rtklib = pytest.importorskip("pyrtklib", reason="the referee is not installed")
-    rover, base = shared(OEM / "gavlab_test2_rcvr2.dat", OEM / "gavlab_test2_rcvr1.dat")
+    rover, base = shared(f"{OEM}/gavlab_test2_rcvr2.dat", f"{OEM}/gavlab_test2_rcvr1.dat")
     logs = {"rover": open_observations(rover), "base": open_observations(base)}
     for name, log in logs.items():
         write_rinex_observation(tmp_path / name, log.table)
@@ -139,8 +133,8 @@ def test_rtklib_finds_the_same_baseline_in_the_files_written_from_the_logs(tmp_p
 
 @pytest.mark.slow
 def test_leo_pair_reaches_the_bound_of_issue_4(tmp_path):
-    files = shared(LEO / "250m_B.obs.gz", LEO / "250m_A.obs.gz", NAVIGATION)
-    found, _ = computed(tmp_path, *files, "--truth", *shared(LEO / "250m_truth.npz"))
+    files = shared(f"{LEO}/250m_B.obs.gz", f"{LEO}/250m_A.obs.gz", NAVIGATION)
+    found, _ = computed(tmp_path, *files, "--truth", *shared(f"{LEO}/250m_truth.npz"))
     assert found["errors_converged"]["rms_3d"] <= 0.6e-3
     # RINEX without Doppler: the first epoch gives no velocity.
     assert found["counts"]["fixed"] == 6000
@@ -148,7 +142,7 @@ def test_leo_pair_reaches_the_bound_of_issue_4(tmp_path):
 
 def test_epochs_of_a_bag_give_what_the_files_give(tmp_path):
     pytest.importorskip("rclpy")
-    files = shared(LEO / "250m_B.obs.gz", LEO / "250m_A.obs.gz", NAVIGATION)
+    files = shared(f"{LEO}/250m_B.obs.gz", f"{LEO}/250m_A.obs.gz", NAVIGATION)
     sources = from_files(*files[:2], files[2:])
     write_sample_bag(tmp_path / "pair", sources, 20)
     options = BaselineOptions(dynamics="orbital", elevation_mask_deg=5.0)

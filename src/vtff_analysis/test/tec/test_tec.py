@@ -2,13 +2,13 @@
 
 import gzip
 import json
-import os
 import pathlib
 
 import numpy as np
 import pytest
 from bag_samples import sample_messages, write_bag
 from pyarrow import csv, parquet
+from shared_data import require_shared
 from typer.testing import CliRunner
 
 from vtff_analysis.recordings.formation_recording import formation_seconds
@@ -25,16 +25,11 @@ from vtff_iono.content.slant_tec import Rejection
 from vtff_iono.formation_ionosphere import FormationIonosphere
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", ROOT.parent / "shared"))
 OBSERVATIONS = "vtff_msgs/msg/GnssObservations"
-BELE = SHARED / "data" / "ionosphere" / "bele_2024010"
 
 
 def bele(name):
-    path = BELE / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    return path
+    return require_shared(f"data/ionosphere/bele_2024010/{name}")
 
 
 def run(*arguments):

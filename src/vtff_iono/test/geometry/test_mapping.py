@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from iono_test_support import SHARED, examples
+from iono_test_support import examples
+from shared_data import require_shared
 
 from vtff_dynamics.frames.frames import geodetic_from_itrf, itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import elevation_azimuth, ellipsoid_normal
@@ -28,9 +29,7 @@ CHAPMAN = 1.3e12 * np.exp(
 
 
 def pyiri_profile():
-    path = SHARED / "data" / "ionosphere" / "model" / "pyiri_jicamarca_20160321T01.csv"
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
+    path = require_shared("data/ionosphere/model/pyiri_jicamarca_20160321T01.csv")
     with path.open() as file:
         rows = [row for row in csv.reader(file) if row and not row[0].startswith("#")]
     return rows[0], np.array(rows[1:], dtype=float)

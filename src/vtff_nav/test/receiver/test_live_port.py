@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pathlib
 import random
 import select
 import socket
@@ -14,12 +13,12 @@ import tty
 import pytest
 from receiver_port_support import (
     COMMANDS,
-    SHARED,
     Outputs,
     epoch_time,
     serving,
     until,
 )
+from shared_data import require_shared
 
 from vtff_gnss.novatel import CommandResponse, ReceiverLogStream, read_log
 from vtff_gnss.observations import ObservationEpoch
@@ -178,9 +177,7 @@ def test_the_path_of_a_device_is_live(link):
 @pytest.mark.parametrize("seed", [1, 2])
 @pytest.mark.parametrize("name", ["gavlab_test2_rcvr2.dat", "rtklib_oemv_200911218.gps"])
 def test_a_log_through_a_pseudo_terminal_is_what_it_is_from_file(name, seed):
-    path = SHARED / "data/oem" / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
+    path = require_shared(f"data/oem/{name}")
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     driver = Driver(os.ttyname(theirs), commands=(), receiver_timeout=3600.0)
@@ -251,7 +248,5 @@ def test_closing_does_not_wait_for_bytes_that_nobody_reads():
 
 
 def test_every_log_of_the_shared_folder_is_a_file():
-    folder = pathlib.Path(SHARED / "data/oem")
-    if not folder.is_dir():
-        pytest.skip(f"reference data {folder} is not there")
+    folder = require_shared("data/oem")
     assert all(live_address(str(path)) is None for path in folder.iterdir())

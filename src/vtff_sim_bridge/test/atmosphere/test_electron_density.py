@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
-import pathlib
 import sys
 import types
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
+from shared_data import require_shared
 
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_sim_bridge.atmosphere.density_models import (
@@ -33,18 +32,11 @@ from vtff_sim_bridge.atmosphere.electron_density import (
     write_profile,
 )
 
-DEFAULT_SHARED = pathlib.Path(__file__).resolve().parents[4].parent / "shared"
-JICAMARCA = (
-    pathlib.Path(os.environ.get("VTFF_SHARED", DEFAULT_SHARED))
-    / "data/ionosphere/model/pyiri_jicamarca_20160321T01.csv"
-)
-
 
 @pytest.fixture(scope="module")
 def jicamarca():
-    if not JICAMARCA.exists():
-        pytest.skip(f"{JICAMARCA} is absent (set VTFF_SHARED)")
-    return read_profile(JICAMARCA, "90_SH URSI SHU2015")
+    table = require_shared("data/ionosphere/model/pyiri_jicamarca_20160321T01.csv")
+    return read_profile(table, "90_SH URSI SHU2015")
 
 
 def test_vtec_of_the_model_table(jicamarca):

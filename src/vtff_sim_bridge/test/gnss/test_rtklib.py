@@ -13,6 +13,7 @@ import dataclasses
 import gnss_emulator_support as support
 import numpy as np
 import pytest
+from shared_data import require_shared
 
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_sim_bridge.gnss.configuration import (
@@ -24,8 +25,8 @@ from vtff_sim_bridge.simremote.motion import MotionState
 
 pyrtklib = pytest.importorskip("pyrtklib", reason="the referee is not installed")
 
-NAVIGATION = support.SHARED / "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
-TRUTH = support.SHARED / "data/navigation/leo_250m/250m_truth.npz"
+NAVIGATION = "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
+TRUTH = "data/navigation/leo_250m/250m_truth.npz"
 LOGS = b"LOG RANGEB ONTIME 1\r\nLOG RAWEPHEMB ONCHANGED\r\n"
 SECONDS = 6000
 GPS_EPOCH_UNIX = 315_964_800
@@ -34,10 +35,9 @@ GPS_EPOCH_UNIX = 315_964_800
 @pytest.fixture(scope="module")
 def run() -> tuple[support.Run, dict[GpsTime, tuple[np.ndarray, np.ndarray]]]:
     """Return the run and the true positions of both by receiver time."""
-    if not NAVIGATION.exists() or not TRUTH.exists():
-        pytest.skip(f"{TRUTH.parent} is absent")
+    navigation, truth = require_shared(NAVIGATION), require_shared(TRUTH)
     start = parse_epoch("2023-01-08T10:00:00 GPS")
-    motions = commands_from(np.load(TRUTH))
+    motions = commands_from(np.load(truth))
     base = support.with_receivers(
         support.configuration(),
         noise=NoiseModel(model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.0),
@@ -46,7 +46,7 @@ def run() -> tuple[support.Run, dict[GpsTime, tuple[np.ndarray, np.ndarray]]]:
             channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0, parity_delay=0.0
         ),
     )
-    constellation = ConstellationConfiguration(source=str(NAVIGATION))
+    constellation = ConstellationConfiguration(source=str(navigation))
     base = dataclasses.replace(base, constellation=constellation)
     made = support.Run(base, motions, LOGS, start=start)
     truth = {}

@@ -13,6 +13,7 @@ import time
 import tty
 
 import pytest
+from shared_data import require_shared
 
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
@@ -22,13 +23,6 @@ from vtff_sim_bridge.receiver.receiver_port import (
     ReceiverPort,
 )
 
-OEM = (
-    pathlib.Path(
-        os.environ.get("VTFF_SHARED", pathlib.Path(__file__).resolve().parents[4].parent / "shared")
-    )
-    / "data"
-    / "oem"
-)
 OK = b"\r\n<OK\r\n[COM1]"
 PATIENCE = 20.0
 
@@ -110,10 +104,7 @@ def test_commands_through_a_pseudo_terminal(make_port, tmp_path):
     ],
 )
 def test_real_logs_arrive_unchanged_in_random_chunks(make_port, tmp_path, name, seed):
-    path = OEM / name
-    if not path.is_file():
-        pytest.skip(f"reference data {path} is not there")
-    content = path.read_bytes()
+    content = require_shared(f"data/oem/{name}").read_bytes()
     generator = random.Random(seed)
     port = make_port()
     client = Client(tmp_path / "receiver")

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared_data import needs_shared, shared_folder
 
 from vtff_nav.relative.integers import kernels
 from vtff_nav.relative.integers.least_squares import (
@@ -25,8 +26,8 @@ from vtff_nav.relative.integers.least_squares import (
 )
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[5]
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))
-VECTORS = SHARED / "data" / "navigation" / "lambda_vectors.json"
+VECTORS = shared_folder() / "data/navigation/lambda_vectors.json"
+needs_vectors = needs_shared("data/navigation/lambda_vectors.json")
 
 
 def vectors() -> list[dict]:
@@ -47,7 +48,7 @@ def squared_norm(ambiguities: np.ndarray, integers: np.ndarray, covariance: np.n
     return float(residual @ np.linalg.solve(covariance, residual))
 
 
-@pytest.mark.skipif(not VECTORS.exists(), reason="lambda_vectors.json is not at hand")
+@needs_vectors
 @pytest.mark.parametrize("vector", vectors(), ids=lambda vector: vector["name"])
 def test_known_vectors(vector):
     solution = search(vector["float"], vector["cov"])
@@ -65,7 +66,7 @@ def test_known_vectors(vector):
         np.testing.assert_allclose(solution.squared_norms, published["sqnorm"], rtol=1e-6)
 
 
-@pytest.mark.skipif(not VECTORS.exists(), reason="lambda_vectors.json is not at hand")
+@needs_vectors
 def test_known_vectors_are_there():
     assert {v["n"] for v in vectors()} >= {1, 3, 6, 12, 20, 40}
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import os
-import pathlib
 
 import numpy as np
 import pytest
 from scipy.linalg import expm
+from shared_data import needs_shared, shared_folder
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, GM_EARTH
 from vtff_dynamics.frames.frames import (
@@ -37,14 +36,10 @@ from vtff_nav.relative.paper.filter import (
     state_jacobian,
 )
 
-REPOSITORY = pathlib.Path(__file__).resolve().parents[5]
-SHARED = pathlib.Path(os.environ.get("VTFF_SHARED", REPOSITORY.parent / "shared"))
-NAVIGATION = SHARED / "data" / "navigation"
+NAVIGATION = shared_folder() / "data" / "navigation"
 PAPER_RMS = np.array([0.49, 0.19, 0.18])  # m; table A1: what the closed loop kept
 TWO_BODY = ForceModel("two_body")
-needs_flight = pytest.mark.skipif(
-    not NAVIGATION.exists(), reason="the computed flight leo_250m is not at hand"
-)
+needs_flight = needs_shared("data/navigation")
 
 
 # --- parts ------------------------------------------------------------------------------------
