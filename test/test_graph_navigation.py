@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from vtff_analysis.report.summary import ACQUISITION_DURATION
+from vtff_analysis.evaluation.formation_flight import ACQUISITION_DURATION
 from vtff_bag.file.reader import BagReader
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_msgs.msg import RelativeState
-from vtff_node.stamps import NANOSECONDS, to_nanoseconds
+from vtff_node.stamps import to_nanoseconds
 
 pytestmark = [pytest.mark.slow, pytest.mark.parametrize("seed", [1, 2])]
 
@@ -49,7 +50,7 @@ def test_paper_filter_and_design(runs, seed):
         lambda m: (m.accel.linear.x, m.accel.linear.y, m.accel.linear.z),
     )
     start = stamps[np.any(thrust != 0.0, axis=1)][0]
-    keeping = stamps >= start + ACQUISITION_DURATION * NANOSECONDS
+    keeping = stamps >= start + ACQUISITION_DURATION * NANOSECONDS_PER_SECOND
     assert np.abs(thrust[keeping]).max() <= 0.05
 
 
@@ -71,5 +72,5 @@ def test_millimetre_filter_and_delay_aware_design(runs, seed):
     error = estimate[:, 1:] - truth
     assert np.sqrt(np.mean(np.sum(error[60:, :3] ** 2, axis=1))) <= 0.6e-3
     # While keeping: the thrust of the acquisition is uncertain by more than that in a second.
-    after = times >= times[0] + round(summary["keeping_start_time_s"]) * NANOSECONDS
+    after = times >= times[0] + round(summary["keeping_start_time_s"]) * NANOSECONDS_PER_SECOND
     assert np.sqrt(np.mean(np.sum(error[after, 3:] ** 2, axis=1))) <= 20e-6

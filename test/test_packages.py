@@ -74,7 +74,7 @@ MAY_IMPORT = {
     "vtff_iono": FOR_NODES,
     "vtff_nav": FOR_NODES,
     "vtff_sim_bridge": FOR_NODES,
-    "vtff_bag": {"vtff_msgs", "vtff_node"},
+    "vtff_bag": {"vtff_dynamics", "vtff_msgs", "vtff_node"},
     "vtff_analysis": {*FOR_NODES, *NODES, "vtff_bag"},
     "vtff_bringup": set(FOLDERS) - {"vtff_bringup"},
 }

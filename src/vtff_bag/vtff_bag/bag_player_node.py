@@ -1,114 +1,41 @@
-"""bag_player: publishes what a bag holds, at its pace, at the pace of steps or of a live /clock."""
+"""Node `bag_player`: replays a bag, paced by the wall clock, by steps or by a live /clock."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from rclpy.duration import Duration
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vtff_bag.file.errors import BagError
-from vtff_bag.file.message_definitions import message_class
-from vtff_bag.file.reader import BagReader, RawMessage
+from vtff_bag.file.reader import BagReader
 from vtff_bag.player.messages_in_order import CLOCK_TOPIC, Replay, ReplaySelection, select_topics
-from vtff_bag.player.replay_clock import LARGEST_RATE, SMALLEST_RATE
-from vtff_bag.player.replay_qos import publisher_profile
-from vtff_bag.player.replay_step_source import StepSource
+from vtff_bag.player.player_parameters import BagPlayerParameters
+from vtff_bag.player.replay_publishers import LATEST_STAMP, ReplayPublishers
+from vtff_bag.player.step_replay import StepReplay
 from vtff_msgs.srv import Seek, SetRate
 from vtff_node import diagnostics
 from vtff_node.main import run_node
-from vtff_node.node import CountingPublisher, VtffNode
-from vtff_node.parameters import REQUIRED, ParameterError, parameter
-from vtff_node.qos import HISTORY_DEPTH, PUBLISH
-from vtff_node.stamps import to_nanoseconds, to_stamp
-
-PACINGS = ("wall", "steps", "clock")
+from vtff_node.node import VtffNode
+from vtff_node.parameters import ParameterError
+from vtff_node.stamps import to_nanoseconds
 
 POLL_INTERVAL = 0.001  # s of wall time between looks at what is due
 STATE_INTERVAL = 0.2  # s of wall time between messages on ~/state
 DIAGNOSTICS_TOPIC = "/diagnostics"
 
-#: Later times do not fit a ROS stamp (2038-01-19); a foreign or damaged bag may have them.
-LATEST_STAMP = (2**31 - 1) * 1_000_000_000
-
-#: After this many messages on a topic its readers are waited for: a publisher keeps only its
-#: newest `HISTORY_DEPTH`, and a fast replay would overwrite what a slow reader has not got.
-ACKNOWLEDGED_EVERY = HISTORY_DEPTH // 4
-ACKNOWLEDGE_TIMEOUT = 2.0  # s of wall time; a reader that has died must not stop the replay
-
-
-@dataclass(frozen=True)
-class BagPlayerParameters:
-    """Parameters of the node."""
-
-    bag: str = parameter(REQUIRED, "bag directory, run folder or .mcap file")
-    pacing: str = parameter(
-        "wall",
-        "what the messages wait for: the wall clock, acknowledged steps, or a live /clock",
-        choices=PACINGS,
-    )
-    topics: list[str] = parameter([], "full names of the topics to replay; all if empty")
-    exclude_topics: list[str] = parameter([], "full names of topics to leave out")
-    publish_clock: bool = parameter(
-        True, "publish /clock where no recorded one is replayed; never with pacing clock"
-    )
-    rate: float = parameter(
-        1.0,
-        "pacing wall: recorded seconds per second",
-        minimum=SMALLEST_RATE,
-        maximum=LARGEST_RATE,
-    )
-    start_offset: float = parameter(
-        0.0, "pacing wall: where to begin, after the first message", unit="s", minimum=0.0
-    )
-    loop: bool = parameter(False, "pacing wall: begin again at the end")
-    start_paused: bool = parameter(False, "pacing wall: wait for ~/resume or ~/step")
-    delay: float = parameter(
-        0.5, "pacing wall: time for readers to find the topics", unit="s", minimum=0.0
-    )
-    step_topic: str = parameter(
-        CLOCK_TOPIC, "pacing steps: topic of which each stamp is a step to be acknowledged"
-    )
-    duration: float = parameter(
-        0.0, "pacing steps: recorded time to replay, 0 = all", unit="s", minimum=0.0
-    )
-    stands_for: list[str] = parameter(
-        [],
-        "pacing steps: nodes whose recorded work is replayed; each step is acknowledged for them",
-    )
-    lockstep_participants: list[str] = parameter(
-        [], "pacing steps: fully qualified nodes that must acknowledge each step"
-    )
-    lockstep_side_branches: list[str] = parameter(
-        [], "pacing steps: nodes that must acknowledge but may lag"
-    )
-    expected_nodes: list[str] = parameter(
-        [], "pacing steps: nodes to wait for; what they publish is not replayed"
-    )
-    maximum_lag: int = parameter(
-        50, "pacing steps: steps a side branch may lag", minimum=0, maximum=500
-    )
-    start_timeout: float = parameter(
-        30.0, "pacing steps: wall time for the first step", unit="s", minimum=0.1
-    )
-    step_timeout: float = parameter(
-        10.0, "pacing steps: wall time for a later step", unit="s", minimum=0.1
-    )
-
 
 class BagPlayerNode(VtffNode):
     """Replay a bag: every message once, in order, its bytes and quality of service unchanged.
 
-    Publishes the recorded topics, /clock before each message where none is replayed, and ~/state
-    (diagnostic_msgs/DiagnosticStatus). With pacing wall it offers ~/pause, ~/resume and ~/step
-    (std_srvs/Trigger), ~/seek and ~/set_rate (vtff_msgs). With pacing steps it takes the place
-    of the simulator: what the nodes under test publish is not replayed, and each step waits
-    until they have acknowledged the one before on /sim/step_done. With pacing clock each
-    message waits for the /clock that somebody else publishes.
+    Publishes the recorded topics and, where no recorded /clock is replayed, /clock before each
+    message. With pacing wall it also publishes ~/state (diagnostic_msgs/DiagnosticStatus) and
+    offers ~/pause, ~/resume and ~/step (std_srvs/Trigger), ~/seek and ~/set_rate (vtff_msgs). With
+    pacing steps it takes the place of the simulator: topics that the nodes under test publish are
+    not replayed, and each step waits until these nodes have acknowledged the step before on
+    /sim/step_done. With pacing clock each message waits for the /clock of another node.
     """
 
     Parameters = BagPlayerParameters
@@ -122,13 +49,9 @@ class BagPlayerNode(VtffNode):
             self.selection = select_topics(self.reader, given.topics, given.exclude_topics)
         except BagError as error:
             raise ParameterError(f"parameter 'bag': {error}") from error
-        self._replayed: dict[str, CountingPublisher] = {}
-        self._clock_publisher: CountingPublisher | None = None
-        self._clock_message = Clock()
-        self._clock_sent: int | None = None
         self.replay: Replay | None = None
-        self._steps: StepSource | None = None
-        self._messages_sent = 0
+        self._step_replay: StepReplay | None = None
+        self._replay_publishers: ReplayPublishers | None = None
         for line in (*self.reader.notes, *self.selection.skipped):
             self.get_logger().warning(line)
         self._begins_at = time.monotonic()
@@ -140,12 +63,12 @@ class BagPlayerNode(VtffNode):
 
     def _pace_by_wall(self) -> None:
         given: BagPlayerParameters = self.parameters
-        self._create_publishers(self.selection, given.publish_clock)
+        publishers = self._replay_publishers = self._make_publishers()
         try:
             self.replay = Replay(
                 self.reader,
                 self.selection.topics,
-                self.publish_recorded,
+                publishers.publish,
                 start_offset=given.start_offset,
                 rate=given.rate,
                 loop=given.loop,
@@ -160,6 +83,17 @@ class BagPlayerNode(VtffNode):
         self.create_timer(POLL_INTERVAL, self._advance, clock=self.steady_clock)
         self.create_timer(STATE_INTERVAL, self._publish_state, clock=self.steady_clock)
 
+    def _make_publishers(self) -> ReplayPublishers:
+        """Make the publishers of a replay by the wall clock, with /clock where it is wanted."""
+        wants_clock = self.parameters.publish_clock
+        if wants_clock and self.reader.end_time > LATEST_STAMP:
+            self.get_logger().warning("no /clock: the bag has times after 2038")
+            wants_clock = False
+        has_clock = wants_clock and not self.selection.has_clock
+        return ReplayPublishers(
+            self, self.selection, publishes_clock=has_clock, clock_from_messages=has_clock
+        )
+
     def _advance(self) -> None:
         replay = self.replay
         assert replay is not None
@@ -173,74 +107,25 @@ class BagPlayerNode(VtffNode):
     def _pace_by_steps(self) -> None:
         if not self.lockstep:
             raise ParameterError("parameter 'pacing' is 'steps'; that needs lockstep:=true")
-        self._steps = StepSource(self, self.reader, self.parameters)
-
-    def begin_steps(self, selection: ReplaySelection) -> None:
-        """Create the publishers of a replay in steps; every late reader gets all of it."""
-        self.selection = selection
-        self._create_publishers(selection, clock=False, lockstep=True)
-        self._clock_publisher = self.publisher(Clock, CLOCK_TOPIC)
-
-    def unmatched_topics(self) -> list[str]:
-        """Return the replayed topics that nobody reads yet."""
-        return [
-            name
-            for name, publisher in self._replayed.items()
-            if not publisher.get_subscription_count()
-        ]
+        self._step_replay = StepReplay(self, self.reader, self.parameters)
 
     def _pace_by_clock(self) -> None:
-        # Somebody else's /clock paces: the recorded one must not contradict it.
+        # Another node's /clock paces: the recorded /clock must not contradict it.
         topics = {n: t for n, t in self.selection.topics.items() if n != CLOCK_TOPIC}
         self.selection = ReplaySelection(topics, self.selection.skipped)
-        self._create_publishers(self.selection, clock=False, lockstep=self.lockstep)
-        self._waiting = self.reader.raw_messages(list(topics))
-        self._next = next(self._waiting, None)
+        self._replay_publishers = ReplayPublishers(self, self.selection, is_lockstep=self.lockstep)
+        self._messages = self.reader.raw_messages(list(topics))
+        self._next_message = next(self._messages, None)
         self.subscribe(Clock, CLOCK_TOPIC, self._on_clock)
 
     def _on_clock(self, message: Clock) -> None:
         started = time.perf_counter()
         now = to_nanoseconds(message.clock)
-        while self._next is not None and self._next.log_time <= now:
-            self.publish_recorded(self._next)
-            self._next = next(self._waiting, None)
+        assert self._replay_publishers is not None
+        while self._next_message is not None and self._next_message.log_time <= now:
+            self._replay_publishers.publish(self._next_message)
+            self._next_message = next(self._messages, None)
         self.acknowledge_step(message.clock, started)
-
-    # ---- publishing --------------------------------------------------------------------------
-
-    def _create_publishers(
-        self, selection: ReplaySelection, clock: bool, lockstep: bool = False
-    ) -> None:
-        for name, topic in selection.topics.items():
-            if name == CLOCK_TOPIC and lockstep:
-                continue
-            profile = PUBLISH if lockstep else publisher_profile(topic.offered_qos_profiles)
-            self._replayed[name] = self.publisher(message_class(topic.type), name, profile)
-        if clock and self.reader.end_time > LATEST_STAMP:
-            self.get_logger().warning("no /clock: the bag has times after 2038")
-        elif clock and not selection.has_clock:
-            self._clock_publisher = self.publisher(Clock, CLOCK_TOPIC)
-
-    def publish_recorded(self, message: RawMessage) -> None:
-        """Publish a recorded message as its bytes are, after a /clock where none is recorded."""
-        if self._clock_publisher is not None and not self.lockstep:
-            self.publish_clock(message.log_time)
-        self.scenario_nanoseconds = min(message.log_time, LATEST_STAMP)
-        publisher = self._replayed[message.topic]
-        publisher.publish(message.serialized)
-        self._messages_sent += 1
-        if publisher.published % ACKNOWLEDGED_EVERY == 0:
-            publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
-
-    def publish_clock(self, nanoseconds: int) -> None:
-        """Publish /clock once for each new time."""
-        if nanoseconds == self._clock_sent:
-            return
-        self._clock_sent = nanoseconds
-        self.scenario_nanoseconds = nanoseconds
-        self._clock_message.clock = to_stamp(nanoseconds)
-        assert self._clock_publisher is not None
-        self._clock_publisher.publish(self._clock_message)
 
     # ---- services ----------------------------------------------------------------------------
 
@@ -252,13 +137,13 @@ class BagPlayerNode(VtffNode):
         self.create_service(SetRate, "~/set_rate", self._on_set_rate)
 
     def pause(self) -> None:
-        """Stand still until `resume`."""
+        """Stop the replay until `resume`."""
         assert self.replay is not None
         self._waits_to_begin = False
         self.replay.pause()
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue the replay."""
         assert self.replay is not None
         self._waits_to_begin = False
         self.replay.resume()
@@ -312,13 +197,21 @@ class BagPlayerNode(VtffNode):
         self.report_progress(self.replay.position, self.replay.duration)
 
     def publish_diagnostics(self) -> None:
-        """Publish `health`, unless /diagnostics is replayed: nothing may mix with it."""
-        if DIAGNOSTICS_TOPIC not in self._replayed:
+        """Publish `health`, unless recorded /diagnostics are replayed."""
+        publishers = self._current_publishers()
+        if publishers is None or DIAGNOSTICS_TOPIC not in publishers.topics:
             super().publish_diagnostics()
 
+    def _current_publishers(self) -> ReplayPublishers | None:
+        return (
+            self._replay_publishers if self._step_replay is None else self._step_replay.publishers
+        )
+
     def health(self) -> list[DiagnosticStatus]:
-        """Report where the replay is."""
-        values: dict[str, Any] = {"bag": self.reader.path, "messages sent": self._messages_sent}
+        """Report the position and the state of the replay."""
+        publishers = self._current_publishers()
+        sent = 0 if publishers is None else publishers.sent
+        values: dict[str, Any] = {"bag": self.reader.path, "messages sent": sent}
         level, text = diagnostics.OK, "playing"
         if self.replay is not None:
             values["position, s"] = f"{self.replay.position:.3f}"
@@ -326,8 +219,8 @@ class BagPlayerNode(VtffNode):
             values["start, ns since 1970"] = self.reader.start_time
             values["rate"] = f"{self.replay.rate:g}"
             text = "paused" if self.replay.paused else "playing"
-        elif self._steps is not None:
-            level, text = self._steps.health()
+        elif self._step_replay is not None:
+            level, text = self._step_replay.health()
         return [diagnostics.status(f"{self.get_name()}: replay", level, text, values)]
 
 

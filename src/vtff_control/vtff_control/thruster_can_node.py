@@ -16,13 +16,14 @@ from geometry_msgs.msg import AccelStamped
 from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
 from vtff_control.thruster.can_thruster import ThrusterLink, open_bus
 from vtff_control.thruster.thruster import AppliedThrust, Thruster
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
-from vtff_node.stamps import NANOSECONDS, StampOrder, to_nanoseconds, to_stamp
+from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 # All times in s of wall time.
 BLOCKING_WAIT = 0.1  # in a callback; a report that takes longer is waited for between callbacks
@@ -109,7 +110,7 @@ class ThrusterCanNode(VtffNode):
             self._link.connect()
         except can.CanInterfaceNotImplementedError as error:
             raise ParameterError(f"parameter 'interface': {error}") from error
-        self._watchdog = round(given.watchdog_timeout * NANOSECONDS)
+        self._watchdog = round(given.watchdog_timeout * NANOSECONDS_PER_SECOND)
         self._applied = AccelStamped()
         self._counts = {"saturated": 0, "refused": 0, "out of order": 0, "watchdog trips": 0}
         self._reason = ""
@@ -214,7 +215,7 @@ class ThrusterCanNode(VtffNode):
         """Switch the thruster off: there has been no command for too long."""
         self._tripped = True
         self._counts["watchdog trips"] += 1
-        step = round(self.parameters.step * NANOSECONDS)
+        step = round(self.parameters.step * NANOSECONDS_PER_SECOND)
         # From the next step on, and never in place of a thrust that has been published.
         next_step = self._last_stamp + math.ceil(elapsed / self.parameters.step) * step
         start_stamp = max(next_step, self._last_start + step)

@@ -81,3 +81,22 @@ def test_whole_numbers_are_accepted_for_lists_of_reals(context):
 def test_wrong_values_are_named(context, given, expected):
     with pytest.raises(ParameterError, match=expected.replace("(", r"\(")):
         declared(context, *given)
+
+
+@dataclasses.dataclass(frozen=True)
+class WiderTable(Table):
+    own: int = parameter(7, "a parameter of its own")
+    steps: int = parameters.with_default(Table, "steps", 3)
+
+
+def test_an_inherited_parameter_keeps_its_range_with_another_default():
+    fields = {field.name: field for field in dataclasses.fields(WiderTable)}
+    assert (WiderTable().steps, Table().steps) == (3, 1)
+    assert parameters.describe(fields["steps"]) == "delay (0 to 100)"
+    with pytest.raises(ParameterError, match="'steps' is 101"):
+        parameters.check("steps", fields["steps"], 101)
+
+
+def test_a_table_names_its_own_parameters_before_the_inherited_ones():
+    names = [field.name for field in parameters.fields_in_order(WiderTable)]
+    assert names == ["own", *(field.name for field in dataclasses.fields(Table))]

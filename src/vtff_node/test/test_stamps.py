@@ -8,7 +8,8 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 from hypothesis import given  # noqa: E402
 from hypothesis import strategies as st  # noqa: E402
 
-from vtff_node.stamps import NANOSECONDS, StampOrder, to_nanoseconds, to_stamp  # noqa: E402
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND  # noqa: E402
+from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp  # noqa: E402
 
 
 @given(st.integers(-(2**31) * 10**9, (2**31 - 1) * 10**9 + 999_999_999))
@@ -23,7 +24,7 @@ def test_times_after_2038_are_refused():
 
 def test_each_stamp_is_accepted_once_and_in_order():
     order = StampOrder()
-    accepted = [order.accepts(second * NANOSECONDS) for second in (0, 1, 1, 3, 2, 4)]
+    accepted = [order.accepts(second * NANOSECONDS_PER_SECOND) for second in (0, 1, 1, 3, 2, 4)]
     assert accepted == [True, True, False, True, False, True]
     assert order.refused == 2
     assert order.refused_since_last_look()
@@ -32,7 +33,7 @@ def test_each_stamp_is_accepted_once_and_in_order():
 
 def test_a_jump_far_back_starts_anew():
     order = StampOrder()
-    assert order.accepts(1000 * NANOSECONDS)
-    assert order.accepts(900 * NANOSECONDS)
-    assert not order.accepts(900 * NANOSECONDS)
-    assert order.accepts(901 * NANOSECONDS)
+    assert order.accepts(1000 * NANOSECONDS_PER_SECOND)
+    assert order.accepts(900 * NANOSECONDS_PER_SECOND)
+    assert not order.accepts(900 * NANOSECONDS_PER_SECOND)
+    assert order.accepts(901 * NANOSECONDS_PER_SECOND)

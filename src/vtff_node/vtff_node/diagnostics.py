@@ -27,13 +27,13 @@ def status(
     Parameters
     ----------
     name
-        What is reported on, ``<node>: <subject>`` as REP-107 asks.
+        Subject of the report, ``<node>: <subject>`` as REP-107 asks.
     level
         `OK`, `WARN`, `ERROR` or `STALE`.
     message
-        One line that an operator understands.
+        One line for the operator.
     values
-        Numbers and texts shown beside it.
+        Numbers and texts shown beside the message.
     hardware_id
         Serial number or port of the device, empty for software.
     """

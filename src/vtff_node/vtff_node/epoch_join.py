@@ -1,4 +1,4 @@
-"""Brings together what several sources have measured at one epoch; without ROS."""
+"""Joins the measurements that several sources have made at the same epoch; without ROS."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _LARGEST_BACKLOG = 600
 
 @dataclass(frozen=True)
 class JoinedEpoch:
-    """What the sources have measured at one epoch.
+    """The measurements of all sources at one epoch.
 
     Parameters
     ----------
     stamp_nanoseconds : int
-        The epoch.
+        Time of the epoch, ns since 1970.
     measured : dict
-        By source; a source that has nothing for this epoch is absent.
+        Measurement by source; a source without a measurement at this epoch is absent.
     """
 
     stamp_nanoseconds: int
@@ -29,34 +29,34 @@ class JoinedEpoch:
 
 @dataclass
 class _OpenEpoch:
-    known_since: float
+    opened_at: float
     measured: dict[str, Any] = field(default_factory=dict)
 
 
 class EpochJoin:
     """Joins measurements by their stamps, in the order of time.
 
-    An epoch is complete when every source has a measurement for it. A source that has already
-    sent a later one, or has not sent any for `patience` seconds of wall time, is left out. With
-    `waits_for_closing` the time counts only from the moment at which every source that is missing
-    has said, by `close`, that it has sent everything up to the epoch: messages of two topics may
-    overtake each other, and in lockstep nothing else can make an epoch incomplete.
+    An epoch is complete when every source has a measurement for it. A missing source is no longer
+    awaited once it has sent a measurement of a later epoch, or once `patience` seconds of wall time
+    have passed since the epoch was opened. With `waits_for_closing` the patience begins only when
+    the missing source has been closed up to the epoch: messages of two topics may overtake each
+    other, and in lockstep nothing else can make an epoch incomplete.
 
     Parameters
     ----------
     sources : iterable of str
-        Names of the sources, all of them expected at every epoch.
+        Names of the sources; each is expected at every epoch.
     patience : float
-        s of wall time.
+        Wall time for which a missing source is awaited, s.
     waits_for_closing : bool
-        See above.
+        Whether the patience begins when the missing source is closed, see `close`.
 
     Attributes
     ----------
     late : int
-        Measurements that came after their epoch was given away.
+        Number of measurements that came after their epoch had been taken.
     incomplete : dict of str to int
-        By source, epochs that it was missing from.
+        By source, the number of epochs without its measurement.
     """
 
     def __init__(
@@ -69,44 +69,44 @@ class EpochJoin:
         self._newest = {name: -1 for name in self._sources}
         self._closed = {name: -1 for name in self._sources}
         self._closed_since = {name: 0.0 for name in self._sources}
-        self._last_given = -1
+        self._last_taken = -1
         self.late = 0
         self.incomplete = {name: 0 for name in self._sources}
 
     def expect(self, stamp_nanoseconds: int, now: float) -> None:
-        """Note that there is an epoch at this time, whether or not anything is measured."""
-        if stamp_nanoseconds > self._last_given:
+        """Open the epoch of this time, whether or not a source measures it."""
+        if stamp_nanoseconds > self._last_taken:
             self._open.setdefault(stamp_nanoseconds, _OpenEpoch(now))
             if len(self._open) > _LARGEST_BACKLOG:
                 self._open.pop(min(self._open))
 
     def add(self, source: str, stamp_nanoseconds: int, measurement: Any, now: float) -> None:
-        """Take a measurement; `now` is wall time in s.
+        """Add the measurement of a source; `now` is wall time in s.
 
-        One that comes after its epoch was given away is counted and dropped.
+        A measurement whose epoch has already been taken is counted as late and dropped.
         """
         self._newest[source] = max(self._newest[source], stamp_nanoseconds)
-        if stamp_nanoseconds <= self._last_given:
+        if stamp_nanoseconds <= self._last_taken:
             self.late += 1
             return
         self.expect(stamp_nanoseconds, now)
         self._open[stamp_nanoseconds].measured[source] = measurement
 
     def close(self, source: str, stamp_nanoseconds: int, now: float) -> None:
-        """Note that a source has sent everything up to and including this time."""
+        """Note that a source has sent all its measurements up to and including this time."""
         if source in self._closed and stamp_nanoseconds > self._closed[source]:
             self._closed[source] = stamp_nanoseconds
             self._closed_since[source] = now
 
     def restart(self) -> None:
-        """Forget all epochs: time has jumped back."""
+        """Forget all epochs, as after a jump back in time."""
         self._open.clear()
-        self._last_given = -1
+        self._last_taken = -1
         self._newest = {name: -1 for name in self._sources}
         self._closed = {name: -1 for name in self._sources}
 
     def take(self, now: float) -> JoinedEpoch | None:
-        """Return the next epoch that is complete, or that nothing more is waited for."""
+        """Return the oldest epoch once it is complete or its patience has run out; else None."""
         if not self._open:
             return None
         stamp = min(self._open)
@@ -115,7 +115,7 @@ class EpochJoin:
         if any(self._is_awaited(name, stamp, epoch, now) for name in missing):
             return None
         del self._open[stamp]
-        self._last_given = stamp
+        self._last_taken = stamp
         for name in missing:
             self.incomplete[name] += 1
         return JoinedEpoch(stamp, epoch.measured)
@@ -123,7 +123,7 @@ class EpochJoin:
     def _is_awaited(self, name: str, stamp: int, epoch: _OpenEpoch, now: float) -> bool:
         if self._newest[name] > stamp:
             return False
-        since = epoch.known_since
+        since = epoch.opened_at
         if self._waits_for_closing:
             if self._closed[name] < stamp:
                 return True

@@ -1,4 +1,4 @@
-"""Where the executables of the workspace are, found as `ros2 run` finds them."""
+"""Paths of executables, shared files and node classes, found as `ros2 run` finds them."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 
 
 class ExecutableNotFoundError(LookupError):
-    """A package or its executable is not installed; the text says what to do."""
+    """A package, its executable or its file is not installed; the text names it."""
 
 
 def executable_path(package: str, executable: str) -> pathlib.Path:
@@ -63,9 +63,9 @@ def _prefix(package: str) -> pathlib.Path:
 
 
 def node_class(package: str, executable: str) -> Any:
-    """Return the node class behind an executable, for composing several in one process.
+    """Return the node class of an executable, so that several nodes can share one process.
 
-    Every node module names its class ``NODE_CLASS``.
+    Every node module assigns its class to ``NODE_CLASS``.
 
     Raises
     ------
@@ -79,5 +79,5 @@ def node_class(package: str, executable: str) -> Any:
         module = importlib.import_module(script.module)
         if hasattr(module, "NODE_CLASS"):
             return module.NODE_CLASS
-        raise ExecutableNotFoundError(f"{script.module} names no NODE_CLASS: it cannot be composed")
+        raise ExecutableNotFoundError(f"{script.module} has no NODE_CLASS: it cannot be composed")
     raise ExecutableNotFoundError(f"package '{package}' has no executable '{executable}'")

@@ -1,4 +1,4 @@
-"""Who has finished which step: the bookkeeping of lockstep, without ROS.
+"""Which node has finished which step: the bookkeeping of lockstep, without ROS.
 
 The publisher of a step names it by its stamp. Participants acknowledge that stamp;
 the next step may begin when every participant has acknowledged the current one and
@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 
 class StepCoordinator:
-    """Decide when a step is complete.
+    """Keeps the acknowledgements of steps and decides when a step is complete.
 
     Parameters
     ----------
@@ -35,11 +35,11 @@ class StepCoordinator:
 
     @property
     def step(self) -> int:
-        """Number of the newest step, -1 before the first."""
+        """Number of the current step, -1 before the first."""
         return self._step
 
     def begin(self, stamp_nanoseconds: int) -> None:
-        """Open the next step under this stamp."""
+        """Begin the next step, which this stamp names."""
         self._step += 1
         self._steps[stamp_nanoseconds] = self._step
         self._waiting_for = {name for name in self._lag_allowed if self._is_behind(name)}
@@ -71,11 +71,14 @@ class StepCoordinator:
         return not self._waiting_for
 
     def missing(self) -> dict[str, int]:
-        """Nodes the current step waits for, with the last step each has finished (-1: none)."""
+        """Return the nodes that the current step waits for, with their last finished step.
+
+        The number is -1 for a node that has finished none.
+        """
         return {name: self._acknowledged[name] for name in sorted(self._waiting_for)}
 
     def _is_behind(self, name: str) -> bool:
-        # The first step waits for everybody: nobody may miss the start.
+        # The first step waits for every node, so that none misses the start.
         lag = self._lag_allowed[name] if self._step > 0 else 0
         return self._acknowledged[name] < self._step - lag
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import signal
 import sys
 import threading
@@ -15,17 +16,15 @@ from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
-from vtff_node.node import CommonParameters, VtffNode
+from vtff_node import parameters
+from vtff_node.node import EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 
-#: Longest wait of the executor. Finite, because the wheels' EventsExecutor never returns
-#: from an infinite one; short, because it also bounds the reaction to a signal.
+#: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
+#: returns from an infinite wait, and short, because it bounds the reaction to a signal.
 SPIN_TIMEOUT = 0.1
 
-EXIT_FAILURE = 1
-EXIT_USAGE = 2
-
-#: What making a node raises when a parameter or a ROS argument is wrong.
+#: Errors that making a node raises when a parameter or a ROS argument is wrong.
 USAGE_ERRORS = (
     ParameterError,
     ValueError,
@@ -50,13 +49,17 @@ def make_executor() -> Any:
 
 
 class StopRequest:
-    """Set by SIGINT or SIGTERM; publishers stay valid until the nodes are closed."""
+    """A request to end, made by SIGINT or SIGTERM.
+
+    The handlers replace those of rclpy, which would invalidate the publishers before the nodes are
+    closed.
+    """
 
     def __init__(self) -> None:
         self._event = threading.Event()
 
     def install(self) -> None:
-        """Install the handlers; only the main thread of a process may."""
+        """Install the handlers; only the main thread of a process may do that."""
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
         # `vtff run` starts its processes with both blocked, until they can be handled.
@@ -100,7 +103,7 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     Parameters
     ----------
     factories
-        Each makes one node.
+        Functions that make one node each.
     arguments
         Command line including ``--ros-args`` parts.
 
@@ -113,7 +116,7 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     stop.install()
     nodes: list[VtffNode] = []
     try:
-        if stop.requested:  # asked to end while Python was still starting
+        if stop.requested:  # a signal came while Python was still starting
             return 0
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
         for factory in factories:
@@ -130,7 +133,7 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
 
 
 def run_node(node_class: NodeFactory) -> None:
-    """Be the ``main`` of a node executable: run one node and exit with its code."""
+    """Run one node and exit with its code: the ``main`` of a node executable."""
     if any(argument in ("-h", "--help") for argument in sys.argv[1:]):
         print(help_text(node_class))
         sys.exit(0)
@@ -138,16 +141,11 @@ def run_node(node_class: NodeFactory) -> None:
 
 
 def help_text(node_class: Any) -> str:
-    """Return the help of a node executable: what it does and its parameters."""
-    import dataclasses
-    import inspect
-
-    from vtff_node import parameters
-
+    """Return the help of a node executable: the docstring of the node and its parameters."""
     lines = [inspect.cleandoc(node_class.__doc__ or ""), ""]
     lines.append("Parameters (--ros-args -p name:=value):")
     for table in filter(None, (node_class.Parameters, CommonParameters)):
-        for field in dataclasses.fields(table):
+        for field in parameters.fields_in_order(table):
             default = "required" if field.metadata["required"] else parameters.default_of(field)
             lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")
     return "\n".join(lines)

@@ -27,6 +27,13 @@ RUN_DIRECTORY_VARIABLE = "VTFF_RUN_DIRECTORY"
 #: File descriptor for progress lines (JSON), set by `vtff run`.
 PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
 
+#: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
+STEP_DONE_TOPIC = "/sim/step_done"
+
+#: Exit codes of a node executable: it failed, or a parameter or a ROS argument is wrong.
+EXIT_FAILURE = 1
+EXIT_USAGE = 2
+
 PROGRESS_INTERVAL = 0.2  # s of wall time between progress lines
 ACKNOWLEDGE_TIMEOUT = 3.0  # s a closing node waits for readers of its last messages
 
@@ -39,15 +46,15 @@ class CommonParameters:
         False, "run in lockstep; otherwise the wall clock or the hardware paces"
     )
     acknowledge_steps: bool = parameters.parameter(
-        False, "in lockstep, tell the step source on /sim/step_done when a step is done"
+        False, "in lockstep, acknowledge each step to the step source on /sim/step_done"
     )
     reports_ready: bool = parameters.parameter(
-        False, "tell the simulator on /sim/step_done, with a zero stamp, that the run may start"
+        False, "report on /sim/step_done, with a zero stamp, that this node is ready for the run"
     )
 
 
 class CountingPublisher(Publisher):
-    """A publisher that knows how many messages it has sent."""
+    """A publisher that counts the messages it has sent."""
 
     published = 0
 
@@ -70,7 +77,7 @@ class VtffNode(Node):
     def __init__(self, name: str, **node_arguments: Any) -> None:
         super().__init__(name, **node_arguments)
         self.common = parameters.declare(self, CommonParameters)
-        #: Steps wait for each other: subscriptions also get what was published before discovery.
+        #: In lockstep, subscriptions also receive what was published before their discovery.
         self.lockstep: bool = self.common.lockstep
         self.parameters: Any = (
             parameters.declare(self, self.Parameters) if self.Parameters is not None else None
@@ -80,15 +87,18 @@ class VtffNode(Node):
         self.scenario_nanoseconds = 0
         self.finished = False
         self.exit_code = 0
+        #: Why this node cannot go on, one line; empty while it can.
+        self.problem = ""
         self._counted: list[CountingPublisher] = []
         self._progress_next = 0.0
         self._progress_descriptor = _progress_descriptor()
         self._qualified_name = self.get_fully_qualified_name()
         self._step_done = StepDone(node=self._qualified_name)
-        acknowledges = self.lockstep and self.common.acknowledge_steps
-        speaks = acknowledges or self.common.reports_ready
-        self._step_publisher = self.publisher(StepDone, "/sim/step_done") if speaks else None
-        self._acknowledges_steps = acknowledges
+        self._acknowledges_steps = self.lockstep and self.common.acknowledge_steps
+        publishes_step_done = self._acknowledges_steps or self.common.reports_ready
+        self._step_publisher = (
+            self.publisher(StepDone, STEP_DONE_TOPIC) if publishes_step_done else None
+        )
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
         self._closing = False
@@ -120,14 +130,15 @@ class VtffNode(Node):
         message_type, topic, callback
             As for ``create_subscription``.
         latched
-            The values hold until replaced (ephemerides, status): get the old ones too.
+            Values of the topic hold until they are replaced (ephemerides, status): receive also
+            those that were published before discovery.
         """
         return self.create_subscription(
             message_type, topic, callback, qos.subscribe(self.lockstep or latched)
         )
 
     def acknowledge_step(self, stamp: Any, started: float) -> None:
-        """Note that this node has done all it does for a step; tell the step source if asked to.
+        """Note that this node has finished a step; acknowledge it if `acknowledge_steps` is set.
 
         Parameters
         ----------
@@ -143,15 +154,15 @@ class VtffNode(Node):
             self._step_publisher.publish(self._step_done)
 
     def report_ready(self) -> None:
-        """Tell the simulator, if it asked for that, that this node has prepared what it needs.
+        """Report that this node has prepared what it needs, if `reports_ready` is set.
 
-        A StepDone with zero stamp, which names no step.
+        The report is a StepDone with a zero stamp, which names no step.
         """
         if self._step_publisher is not None and self.common.reports_ready:
             self._step_publisher.publish(StepDone(node=self._qualified_name))
 
     def absent_nodes(self, expected: Sequence[str]) -> list[str]:
-        """Return which of the expected fully qualified node names are not in the graph."""
+        """Return those of the expected fully qualified node names that are not in the graph."""
         present = {
             f"{namespace.rstrip('/')}/{name}"
             for name, namespace in self.get_node_names_and_namespaces()
@@ -159,11 +170,11 @@ class VtffNode(Node):
         return [name for name in expected if name not in present]
 
     def health(self) -> list[DiagnosticStatus]:
-        """Return the node's diagnostic states; subclasses replace this."""
+        """Return the diagnostic states of the node; subclasses replace this method."""
         return [diagnostics.status(f"{self.get_name()}: running", diagnostics.OK, "running")]
 
     def _on_diagnostics_timer(self) -> None:
-        # A recorder that is closing would never record what it publishes now.
+        # A recorder that is closing could no longer record its own diagnostics.
         if not self._closing:
             self.publish_diagnostics()
 
@@ -181,7 +192,7 @@ class VtffNode(Node):
         done, total
             Seconds of scenario time, or bytes of a file.
         shown
-            Further numbers for the progress bar.
+            Further values that the progress bar shows.
         """
         if self._progress_descriptor is None:
             return
@@ -193,7 +204,7 @@ class VtffNode(Node):
         try:
             os.write(self._progress_descriptor, line.encode() + b"\n")
         except BlockingIOError:
-            return  # the pipe is full: the next line says the same
+            return  # the pipe is full; the next line replaces this one
         except OSError:
             self._progress_descriptor = None  # the runner has gone
 
@@ -202,11 +213,19 @@ class VtffNode(Node):
         self.finished = True
         self.exit_code = max(self.exit_code, exit_code)
 
+    def fail(self, problem: str) -> None:
+        """End this node with a failure; log its reason and keep it in `problem`."""
+        self.problem = problem
+        self.get_logger().error(problem)
+        if not self._closing:
+            self.publish_diagnostics()
+        self.finish(EXIT_FAILURE)
+
     def on_stop(self) -> None:
         """Put hardware into a safe state; called once before the node is destroyed."""
 
     def close(self) -> None:
-        """Stop, wait until readers have the last messages, and leave the message counts."""
+        """Stop, wait until readers have the last messages, and write the message counts."""
         self._closing = True
         self.on_stop()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 TableT = TypeVar("TableT")
 
-#: Where a range is open, ROS wants a number all the same.
+#: ROS wants both limits of a range; these stand for a side that is open.
 LARGEST_FLOAT = sys.float_info.max
 LARGEST_INTEGER = 2**63 - 1
 
@@ -72,8 +72,25 @@ def parameter(
     return dataclasses.field(default=default, metadata=metadata)
 
 
+def with_default(table: type, name: str, default: Any) -> Any:
+    """Return a parameter of an inherited table with another default."""
+    field = table.__dataclass_fields__[name]  # type: ignore[attr-defined]
+    return dataclasses.field(default=default, metadata=field.metadata)
+
+
+def fields_in_order(table: type) -> list[dataclasses.Field[Any]]:
+    """Return the fields of a table, its own before the inherited ones."""
+    inherited = {
+        field.name
+        for base in table.__mro__[1:]
+        if dataclasses.is_dataclass(base)
+        for field in dataclasses.fields(base)
+    }
+    return sorted(dataclasses.fields(table), key=lambda field: field.name in inherited)
+
+
 def describe(field: dataclasses.Field[Any]) -> str:
-    """One line of documentation of a table field, with unit and choices."""
+    """Return one line of documentation of a table field, with unit, choices and range."""
     text = str(field.metadata["description"])
     if field.metadata["unit"]:
         text += f" [{field.metadata['unit']}]"
@@ -97,12 +114,12 @@ def default_of(field: dataclasses.Field[Any]) -> Any:
 
 
 def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
-    """Check a value against the field's choices and range.
+    """Check a value against the choices and the range of its field.
 
     Raises
     ------
     ParameterError
-        Naming the parameter, the value and what would be allowed.
+        If the value is not allowed; the text names the parameter, the value and what is allowed.
     """
     choices = field.metadata["choices"]
     if choices and value not in choices:
@@ -139,7 +156,7 @@ def declare(node: Any, table: type[TableT]) -> TableT:
     values: dict[str, Any] = {}
     for field in dataclasses.fields(table):  # type: ignore[arg-type]
         try:
-            value = _declare_one(node, field)
+            value = _declare_field(node, field)
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f"parameter '{field.name}': {error}") from error
         if value is None:
@@ -167,19 +184,19 @@ def refuse_unknown(node: Any) -> None:
     Raises
     ------
     ParameterError
-        Naming the unknown parameter and the nearest known ones.
+        If there is such a value; the text names it and the parameters with the nearest names.
     """
-    known = {name for name in node._parameters if not name.startswith("qos_overrides")}
+    declared = {name for name in node._parameters if not name.startswith("qos_overrides")}
     for name in sorted(set(node._parameter_overrides) - set(node._parameters)):
         if name.startswith("qos_overrides"):
             continue
-        near = difflib.get_close_matches(name, known, n=3) or sorted(known)
+        near = difflib.get_close_matches(name, declared, n=3) or sorted(declared)
         raise ParameterError(
             f"node '{node.get_name()}' has no parameter '{name}'; did you mean: {', '.join(near)}?"
         )
 
 
-def _declare_one(node: Any, field: dataclasses.Field[Any]) -> Any:
+def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
     from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
     from rclpy.parameter import Parameter
 
@@ -219,10 +236,10 @@ def _declare_one(node: Any, field: dataclasses.Field[Any]) -> Any:
     value = declared.value
     if value is None or not numbers:
         return list(value) if kind.name.endswith("_ARRAY") and value is not None else value
-    return _as_numbers(field.name, value, kind is Parameter.Type.DOUBLE_ARRAY)
+    return _converted_numbers(field.name, value, kind is Parameter.Type.DOUBLE_ARRAY)
 
 
-def _as_numbers(name: str, value: Any, many: bool) -> Any:
+def _converted_numbers(name: str, value: Any, many: bool) -> Any:
     items = list(value) if hasattr(value, "__iter__") and not isinstance(value, str) else [value]
     usable = all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in items)
     if not usable or (not many and len(items) != 1):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from builtin_interfaces.msg import Time
 
-NANOSECONDS = 1_000_000_000
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 
 def to_nanoseconds(stamp: Time) -> int:
     """Return a stamp as nanoseconds since 1970."""
-    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+    return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
 
 
 def to_stamp(nanoseconds: int) -> Time:
@@ -18,9 +18,10 @@ def to_stamp(nanoseconds: int) -> Time:
     Raises
     ------
     ValueError
-        Outside the years 1901 to 2038 that the 32-bit seconds of a ROS stamp can hold.
+        If the time lies outside the years 1901 to 2038, which the 32-bit seconds of a ROS stamp
+        can hold.
     """
-    seconds, remainder = divmod(nanoseconds, NANOSECONDS)
+    seconds, remainder = divmod(nanoseconds, NANOSECONDS_PER_SECOND)
     if not -(2**31) <= seconds < 2**31:
         raise ValueError(
             f"time {seconds} s since 1970 does not fit a ROS stamp, which ends on 2038-01-19"
@@ -29,19 +30,20 @@ def to_stamp(nanoseconds: int) -> Time:
 
 
 class StampOrder:
-    """Accepts each stamp once and in order; a jump far back in time starts anew.
+    """Accepts each stamp once and in ascending order; after a jump far back the order starts anew.
 
-    A message that is repeated or has been overtaken must not be answered twice. A simulator
-    that starts again, or a bag that is played again, goes back by more than a moment.
+    A node must not act on a message that is repeated or was overtaken by a later one. A simulator
+    that starts again, or a bag that is played again, goes back in time by much more than messages
+    overtake each other.
 
     Attributes
     ----------
     refused
-        Stamps refused so far.
+        Number of stamps refused so far.
     """
 
-    #: A smaller step back is disorder, a larger one a new beginning, ns.
-    JUMP_BACK = 30 * NANOSECONDS
+    #: A smaller step back in time is disorder, a larger step is a new beginning, ns.
+    JUMP_BACK = 30 * NANOSECONDS_PER_SECOND
 
     def __init__(self) -> None:
         self.refused = 0
@@ -49,7 +51,7 @@ class StampOrder:
         self._reported = 0
 
     def accepts(self, nanoseconds: int) -> bool:
-        """Whether a message of this stamp is to be acted on."""
+        """Return whether the node shall act on a message with this stamp; count the refusals."""
         if self._newest is not None and 0 <= self._newest - nanoseconds < self.JUMP_BACK:
             self.refused += 1
             return False
@@ -57,6 +59,6 @@ class StampOrder:
         return True
 
     def refused_since_last_look(self) -> bool:
-        """Whether any was refused since the last call."""
+        """Return whether a stamp was refused since the last call of this method."""
         before, self._reported = self._reported, self.refused
         return self.refused > before

@@ -289,8 +289,8 @@ class SimgenBridgeNode(VtffNode):
         ]
 
     def _advance_when_complete(self) -> None:
-        if self._state == SimulatorStatus.STATE_RUNNING and self._step_source.is_complete:
-            self._advance()
+        if self._state == SimulatorStatus.STATE_RUNNING:
+            self._step_source.advance(self._advance)
 
     def _pace(self) -> None:
         if self._state != SimulatorStatus.STATE_RUNNING:

@@ -21,9 +21,10 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 from geometry_msgs.msg import AccelStamped  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 
+from vtff_analysis.evaluation.formation_flight import formation_flight  # noqa: E402
+from vtff_analysis.evaluation.summary import summarise_run  # noqa: E402
 from vtff_analysis.recordings.recording import read_run  # noqa: E402
 from vtff_analysis.recordings.settings import RunSettings  # noqa: E402
-from vtff_analysis.report.summary import formation_flight, summarise_run  # noqa: E402
 from vtff_msgs.msg import GnssObservations, RelativeState  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 

@@ -1,17 +1,17 @@
-"""Feeds the receiver driver from a live port: reading, lockstep, commands, recovery."""
+"""Feed of the receiver driver from a live port: reading, lockstep, commands, recovery."""
 
 from __future__ import annotations
 
 import math
 import select
 import time
-from typing import TYPE_CHECKING
 
 from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_msgs.srv import SendCommand
+from vtff_nav.receiver.driver_parameters import ReceiverDriverParameters
 from vtff_nav.receiver.event_publisher import EventPublisher
 from vtff_nav.receiver.live_port import LivePort, PortAddress, open_port
 from vtff_nav.receiver.live_receiver import LiveReceiver
@@ -21,16 +21,14 @@ from vtff_nav.receiver.receiver_session import ReceiverSession, SessionSettings
 from vtff_nav.receiver.second_watch import SecondWatch
 from vtff_nav.receiver.stream_statistics import StreamStatistics
 from vtff_node import diagnostics
+from vtff_node.node import VtffNode
 from vtff_node.stamps import to_nanoseconds
-
-if TYPE_CHECKING:
-    from vtff_nav.receiver_driver_node import ReceiverDriverNode
 
 __all__ = ["LiveFeed"]
 
-PUMP_INTERVAL = 0.01  # s; for time-outs: bytes wake the node themselves
-SERVICE_TIMEOUT = 2.0  # s that send_command waits; all the while the port is read
-SERVICE_POLL = 0.01  # s
+PUMP_INTERVAL = 0.01  # s; a timer is needed for time-outs only, as arriving bytes wake the node
+SERVICE_TIMEOUT = 2.0  # s that send_command waits for the answer; meanwhile it reads the port
+SERVICE_POLL = 0.01  # s between two reads of the port while send_command waits
 
 
 class LiveFeed:
@@ -38,8 +36,9 @@ class LiveFeed:
 
     Parameters
     ----------
-    node : ReceiverDriverNode
-        Whose parameters count.
+    node : VtffNode
+        The driver.
+    parameters : ReceiverDriverParameters
     address : PortAddress
     stream : ReceiverLogStream
     publisher : EventPublisher
@@ -47,30 +46,31 @@ class LiveFeed:
 
     def __init__(
         self,
-        node: ReceiverDriverNode,
+        node: VtffNode,
+        parameters: ReceiverDriverParameters,
         address: PortAddress,
         stream: ReceiverLogStream,
         publisher: EventPublisher,
     ) -> None:
-        given = node.parameters
         self._node = node
+        self._port_name = parameters.port
         self._publisher = publisher
         self._watch = PortWatch(self._wake)
         self._port: LivePort | None = None
         self._session = ReceiverSession(
-            lambda: open_port(address, given.baud),
+            lambda: open_port(address, parameters.baud),
             stream,
             SessionSettings(
-                commands=tuple(given.commands),
-                searches_baud=given.searches_baud,
-                # In lockstep wall time says nothing: scenario time may stand still.
-                receiver_timeout=math.inf if node.lockstep else given.receiver_timeout,
+                commands=tuple(parameters.commands),
+                searches_baud=parameters.searches_baud,
+                # In lockstep silence of wall time is no fault: scenario time may stand still.
+                receiver_timeout=math.inf if node.lockstep else parameters.receiver_timeout,
             ),
             report=self._report,
             on_port=self._on_port,
         )
         self._receiver = LiveReceiver(
-            self._session, SecondWatch(given.end_of_second_log, given.silence_timeout)
+            self._session, SecondWatch(parameters.end_of_second_log, parameters.silence_timeout)
         )
         self._clock_to_acknowledge: Clock | None = None
         self._clock_received = 0.0
@@ -83,13 +83,13 @@ class LiveFeed:
 
     @property
     def statistics(self) -> StreamStatistics:
-        """Rates and the newest epoch."""
+        """Rates and newest epoch of the observations."""
         return self._receiver.statistics
 
     # ---- reading -----------------------------------------------------------------------------
 
     def pump(self) -> None:
-        """Read and publish what has come, and do what is due."""
+        """Read the port, publish the decoded events, and acknowledge a second that is done."""
         if self._is_closed:
             return
         now = time.monotonic()
@@ -98,7 +98,7 @@ class LiveFeed:
             for event in events:
                 self._publisher.publish(event)
         except ValueError as error:  # a time that no stamp can hold
-            self._node.fail(f"{self._node.parameters.port}: {error}")
+            self._node.fail(f"{self._port_name}: {error}")
             return
         self._publisher.release_epoch(
             None if self._receiver.is_quiet(now) else self._receiver.newest_end
@@ -148,7 +148,7 @@ class LiveFeed:
         if not command or not command.isascii() or not command.isprintable():
             response.response = "one command of printable ASCII characters is expected"
             return response
-        # The executor has no answers that come later, so this callback goes on reading.
+        # A service of rclpy must answer within its callback, so the callback itself reads the port.
         pending = self._session.request(command, time.monotonic() + SERVICE_TIMEOUT)
         while not pending.is_over and not self._node.finished:
             self.pump()
@@ -167,7 +167,7 @@ class LiveFeed:
     # ---- health ------------------------------------------------------------------------------
 
     def _report(self, is_problem: bool, text: str) -> None:
-        line = f"{self._node.parameters.port}: {text}"
+        line = f"{self._port_name}: {text}"
         # rclpy ties a severity to the line of the call.
         if is_problem:
             self._node.get_logger().warning(line)
@@ -175,7 +175,7 @@ class LiveFeed:
             self._node.get_logger().info(line)
 
     def counts(self) -> dict[str, int]:
-        """Return what was not published."""
+        """Return the number of events that were not published, by reason."""
         left_out = self._publisher.left_out
         return {f"left out: {name}": count for name, count in left_out.items() if count}
 
@@ -197,7 +197,7 @@ class LiveFeed:
             **({} if session.baud is None else {"baud": str(session.baud)}),
             **self.statistics.line_values(session.baud),
         }
-        hardware_id = self._node.parameters.port
+        hardware_id = self._port_name
         if session.version is not None:
             hardware_id += f" {session.version.model} {session.version.serial_number}"
             values["firmware"] = session.version.software_version

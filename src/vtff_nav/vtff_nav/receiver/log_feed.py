@@ -1,9 +1,9 @@
-"""Feeds the receiver driver from a log file: pace, /clock, lockstep and the end of the log."""
+"""Feed of the receiver driver from a log file: pace, /clock, lockstep, end of the log."""
 
 from __future__ import annotations
 
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 from rosgraph_msgs.msg import Clock
 
@@ -11,22 +11,20 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris, GlonassEphemeris
 from vtff_gnss.novatel import Event, ReceiverLogStream
-from vtff_msgs.msg import StepDone
+from vtff_nav.receiver.driver_parameters import ReceiverDriverParameters
 from vtff_nav.receiver.event_publisher import EventPublisher
 from vtff_nav.receiver.log_replay import LogReplay, WallClockPacer, whole_second
 from vtff_nav.receiver.log_source import FileSource, SourceError
 from vtff_nav.receiver.stream_statistics import StreamStatistics
 from vtff_node import diagnostics
-from vtff_node.lockstep import StepCoordinator
+from vtff_node.node import VtffNode
 from vtff_node.stamps import to_nanoseconds, to_stamp
-
-if TYPE_CHECKING:
-    from vtff_nav.receiver_driver_node import ReceiverDriverNode
+from vtff_node.step_source import StepSource
 
 __all__ = ["LogFeed"]
 
 PUMP_INTERVAL = 0.001  # s
-PUMP_DURATION = 0.02  # s; a callback must leave the executor to others, and Ctrl-C, now and then
+PUMP_DURATION = 0.02  # s; then the callback returns, so that the executor can serve others and end
 
 
 class LogFeed:
@@ -34,42 +32,48 @@ class LogFeed:
 
     Parameters
     ----------
-    node : ReceiverDriverNode
-        Whose parameters count; it is ended with the log, or with an error.
+    node : VtffNode
+        The driver; it fails when the log cannot be read or a participant does not answer.
+    parameters : ReceiverDriverParameters
     source : FileSource
     stream : ReceiverLogStream
     publisher : EventPublisher
+    on_end : callable
+        Called when the last second is done, unless the log follows the /clock of another node.
     """
 
     def __init__(
         self,
-        node: ReceiverDriverNode,
+        node: VtffNode,
+        parameters: ReceiverDriverParameters,
         source: FileSource,
         stream: ReceiverLogStream,
         publisher: EventPublisher,
+        on_end: Callable[[], None],
     ) -> None:
         self._node = node
+        self._parameters = parameters
+        self._on_end = on_end
         self._source = source
         self._publisher = publisher
         self._log = LogReplay(source, stream)
         self.statistics = StreamStatistics()
         self._before_clock = 0
         self._jumps_back = 0
-        given = node.parameters
-        self._is_follower = node.lockstep and not given.publish_clock
+        self._is_follower = node.lockstep and not parameters.publish_clock
         self._clock_first: int | None = None  # s since 1980-01-06 (GPS)
         self._clock_newest = 0
         self._clock_to_acknowledge: Clock | None = None
-        self._pacer = WallClockPacer(given.replay_rate)
-        self._step_began = time.monotonic()
-        self._coordinator = StepCoordinator(
-            given.lockstep_participants, given.lockstep_side_branches, given.maximum_lag
+        self._pacer = WallClockPacer(parameters.replay_rate)
+        self._started = time.monotonic()
+        self._clock_publisher = (
+            node.publisher(Clock, "/clock") if parameters.publish_clock else None
         )
-        self._clock_publisher = node.publisher(Clock, "/clock") if given.publish_clock else None
+        self._step_source: StepSource | None = None
         if self._is_follower:
             node.subscribe(Clock, "/clock", self._on_clock)
         elif node.lockstep:
-            node.subscribe(StepDone, "/sim/step_done", self._on_step_done)
+            self._step_source = StepSource(node, parameters, self._continue_when_complete)
         node.create_timer(PUMP_INTERVAL, self.pump, clock=node.steady_clock)
 
     @property
@@ -88,10 +92,10 @@ class LogFeed:
         except SourceError as error:
             self._node.fail(str(error))
         except ValueError as error:  # a time that no stamp can hold
-            self._node.fail(f"{self._node.parameters.port}: {error}")
+            self._node.fail(f"{self._parameters.port}: {error}")
 
     def _advance(self) -> bool:
-        """Read a chunk or publish an event; return False when there is nothing to do now."""
+        """Read a chunk or publish an event; return False when the log has to wait."""
         if not self._log.has_next:
             if self._log.at_end:
                 self._end()
@@ -117,33 +121,32 @@ class LogFeed:
             )
         stamp_nanoseconds = GpsTime(second * NANOSECONDS_PER_SECOND).to_unix_nanoseconds()
         self._node.scenario_nanoseconds = stamp_nanoseconds
-        self._step_began = time.monotonic()
-        self._coordinator.begin(stamp_nanoseconds)
+        if self._step_source is not None:
+            self._step_source.begin(stamp_nanoseconds)
         if self._clock_publisher is not None:
             self._clock_publisher.publish(Clock(clock=to_stamp(stamp_nanoseconds)))
 
     def _publish(self, event: Event) -> None:
         is_early = (self._log.second or 0) < (self._clock_first or 0)
         if is_early and not isinstance(event, (BroadcastEphemeris, GlonassEphemeris)):
-            # Whoever follows /clock has no use for what was measured before it began.
+            # The followers of /clock cannot use what was measured before its first second.
             self._before_clock += 1
             return
         self.statistics.add(0, (event,))
         self._publisher.publish(event)
 
     def _end(self) -> None:
-        """Report the end once the last second is done; a follower of /clock stays."""
-        port = self._node.parameters.port
+        """End once the last second is done; a log that follows /clock does not end the node."""
         if not any(self._publisher.published.values()) and not self._left_out():
             undated = self._log.undated_count
             reason = f" ({undated} logs or answers without a time)" if undated else ""
-            self._node.fail(f"no NovAtel log that vtff reads was found in {port}{reason}")
+            self._node.fail(
+                f"no NovAtel log that vtff reads was found in {self._parameters.port}{reason}"
+            )
         elif self._is_follower:
             self._acknowledge_clock()
-        elif not self._node.lockstep or self._last_step_is_done():
-            self._node.get_logger().info(f"end of {port}: {self._node.counts()}")
-            self._node.publish_diagnostics()
-            self._node.finish()
+        elif self._last_step_is_done():
+            self._on_end()
 
     def close(self) -> None:
         """Close the log."""
@@ -152,14 +155,14 @@ class LogFeed:
     # ---- pace --------------------------------------------------------------------------------
 
     def _may_begin(self, second: int) -> bool:
-        """Whether the next second of the log may be published."""
+        """Return whether the next second of the log may be published."""
         if not self._node.lockstep:
             return self._pacer.may_begin(second, time.monotonic())
         if not self._is_follower:
             return self._log.second is None or self._last_step_is_done()
         if self._clock_first is None:
-            patience = self._node.parameters.start_timeout
-            if time.monotonic() - self._step_began > patience:
+            patience = self._parameters.start_timeout
+            if time.monotonic() - self._started > patience:
                 self._node.fail(f"no /clock to follow within {patience:.0f} s")
             return False
         if second <= self._clock_newest:
@@ -168,26 +171,16 @@ class LogFeed:
         return False
 
     def _last_step_is_done(self) -> bool:
-        if self._coordinator.complete:
+        """Return whether the next second need not wait; fail when a participant does not answer."""
+        if self._step_source is None or self._step_source.is_complete:
             return True
-        given = self._node.parameters
-        first = self._coordinator.step == 0
-        patience = given.start_timeout if first else given.step_timeout
-        if time.monotonic() - self._step_began > patience:
-            missing = ", ".join(
-                f"{name} (" + (f"last did second {step}" if step >= 0 else "never answered") + ")"
-                for name, step in self._coordinator.missing().items()
-            )
-            absent = ", ".join(self._node.absent_nodes(given.expected_nodes))
-            self._node.fail(
-                f"no acknowledgement within {patience:.0f} s; waiting for {missing}"
-                + (f"; not in the graph: {absent}" if absent else "")
-            )
+        problem = self._step_source.describe_hanging_step()
+        if problem:
+            self._node.fail(problem)
         return False
 
-    def _on_step_done(self, message: StepDone) -> None:
-        stamp = to_nanoseconds(message.header.stamp)
-        if self._coordinator.acknowledge(message.node, stamp):
+    def _continue_when_complete(self) -> None:
+        if self._step_source is not None and self._step_source.is_complete:
             self.pump()
 
     def _on_clock(self, message: Clock) -> None:
@@ -200,7 +193,7 @@ class LogFeed:
         self.pump()
 
     def _acknowledge_clock(self) -> None:
-        """Tell the step source that everything up to its clock is published."""
+        """Acknowledge the newest /clock: every event up to it has been published."""
         if self._clock_to_acknowledge is not None:
             self._node.acknowledge_step(self._clock_to_acknowledge.clock, time.perf_counter())
             self._clock_to_acknowledge = None
@@ -208,7 +201,7 @@ class LogFeed:
     # ---- health ------------------------------------------------------------------------------
 
     def counts(self) -> dict[str, int]:
-        """Return what the log brought that was not published."""
+        """Return the number of events that were not published, by reason, and of jumps back."""
         return {**self._left_out(), "jumps back in time": self._jumps_back}
 
     def _left_out(self) -> dict[str, int]:
@@ -218,4 +211,4 @@ class LogFeed:
     def state(self) -> tuple[bytes, str, dict[str, str], str]:
         """Return level, text, values and hardware id for /diagnostics."""
         text = "end of log" if self._log.at_end else "reading"
-        return diagnostics.OK, text, {}, self._node.parameters.port
+        return diagnostics.OK, text, {}, self._parameters.port

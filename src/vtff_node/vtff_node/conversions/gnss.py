@@ -1,4 +1,4 @@
-"""Between the columns and dataclasses of vtff_gnss and the messages of vtff_msgs."""
+"""Conversions between the observations, ephemerides, fixes and logs of vtff_gnss and messages."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from vtff_node.stamps import to_nanoseconds, to_stamp
 #: Frame of ephemerides and solutions: Earth-fixed, ITRF or WGS 84.
 EARTH_FRAME = "earth"
 
-#: Of the reduced logs of a GPStation-6: their interval, s, and the rate of its samples.
+#: Interval of the reduced logs of a GPStation-6, s, and the rate of the samples in them.
 ISM_WINDOW = 60.0
 ISM_SAMPLE_RATE_HZ = 50.0
 
-#: Fields that dataclass and message have under the same name.
+#: Fields that have the same name in the dataclass and in the message.
 _EPHEMERIS_FIELDS = tuple(
     field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
 )
@@ -77,7 +77,7 @@ def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObser
 def observations_from_message(message: GnssObservations, log_name: str = "") -> ObservationEpoch:
     """Return the columns of a message as numpy arrays that own their values.
 
-    The time is that of week and second of week: a stamp repeats itself in a leap second.
+    The time comes from week and second of week: the stamp repeats itself in a leap second.
 
     Raises
     ------
@@ -107,7 +107,7 @@ def ephemeris_to_message(ephemeris: BroadcastEphemeris) -> GnssEphemeris:
 
 
 def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
-    """Return the ephemeris of a message; its time of reception is that of the stamp."""
+    """Return the ephemeris of a message; its time of reception is the stamp of the message."""
     return BroadcastEphemeris(
         time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
         **{name: getattr(message, name) for name in _EPHEMERIS_FIELDS},
@@ -139,7 +139,7 @@ def glonass_ephemeris_from_message(message: GlonassEphemerisMessage) -> GlonassE
 
 
 def fix_to_message(fix: Fix) -> GnssFix:
-    """Return the message of a receiver's own solution."""
+    """Return the message of the receiver's own solution."""
     message = GnssFix(
         gps_week=fix.gps_week,
         gps_time_of_week=fix.gps_time_of_week,
@@ -151,7 +151,7 @@ def fix_to_message(fix: Fix) -> GnssFix:
 
 
 def fix_from_message(message: GnssFix) -> Fix:
-    """Return the solution of a message."""
+    """Return the receiver's own solution of a message."""
     values = {name: getattr(message, name) for name in _FIX_FIELDS}
     values.update({name: tuple(float(x) for x in values[name]) for name in _VECTOR_FIELDS})
     return Fix(
@@ -161,7 +161,7 @@ def fix_from_message(message: GnssFix) -> Fix:
 
 
 def raw_log_to_message(log: RawLog, frame_id: str) -> ReceiverLog:
-    """Return the message of a log as received; a log without time gets a zero stamp."""
+    """Return the message of a raw log; a log without a time gets a zero stamp."""
     message = ReceiverLog(name=log.name, log_id=log.log_id, data=array.array("B", log.content))
     if log.time is not None:
         message.header.stamp = to_stamp(log.time.to_unix_nanoseconds())
@@ -170,7 +170,7 @@ def raw_log_to_message(log: RawLog, frame_id: str) -> ReceiverLog:
 
 
 def raw_log_from_message(message: ReceiverLog) -> RawLog:
-    """Return the log of a message; a zero stamp means that it has no time."""
+    """Return the raw log of a message; a zero stamp means a log without a time."""
     unix_nanoseconds = to_nanoseconds(message.header.stamp)
     return RawLog(
         time=GpsTime.from_unix_nanoseconds(unix_nanoseconds) if unix_nanoseconds else None,
@@ -181,7 +181,10 @@ def raw_log_from_message(message: ReceiverLog) -> RawLog:
 
 
 def ism_slant_tec_to_message(slant_tec: IsmSlantTec, frame_id: str) -> SlantTec:
-    """Return the message of the TEC that a GPStation-6 formed; what it does not tell is NaN."""
+    """Return the message of the slant TEC that a GPStation-6 formed.
+
+    Fields that the receiver does not report are NaN.
+    """
     unknown = np.full(len(slant_tec.prn), math.nan)
     message = SlantTec(
         system=_array("B", slant_tec.system),
@@ -207,8 +210,9 @@ def ism_slant_tec_to_message(slant_tec: IsmSlantTec, frame_id: str) -> SlantTec:
 def ism_scintillation_to_message(indices: IsmScintillation, frame_id: str) -> Scintillation:
     """Return the message of the indices that a GPStation-6 formed over 60 s of 50 Hz samples.
 
-    Its S4 is that of all variation; `s4_corrected` has the thermal noise removed:
-    sqrt(max(S4^2 - correction^2, 0)) (GPStation-6 manual). What it does not tell is NaN.
+    `s4` is the total S4; `s4_corrected` has the thermal noise removed:
+    sqrt(max(S4^2 - correction^2, 0)) (GPStation-6 manual). Fields that the receiver does not report
+    are NaN.
     """
     unknown = np.full(len(indices.prn), math.nan)
     excess = np.square(indices.s4_total) - np.square(indices.s4_correction)

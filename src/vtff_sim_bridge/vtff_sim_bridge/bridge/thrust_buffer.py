@@ -7,54 +7,57 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-#: Steps after which the last thrust is no longer used when nothing newer came (realtime).
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+
+#: Age, in steps, up to which the newest thrust is used again when no newer one came (real time).
 STALE_AFTER_STEPS = 2
 
 
 class ThrustBuffer:
-    """Scheduled thrust by the time at which it starts.
+    """Keeps the scheduled thrust of one deputy by the time at which it starts.
 
     Parameters
     ----------
     step
-        Length of a step in s; each thrust acts for one.
+        Length of a step in s; each thrust acts for one step.
 
     Attributes
     ----------
     received
-        Messages so far.
+        Number of messages so far.
     late
-        Steps that had to use an older thrust, or none, after the first message (realtime).
+        Number of steps, after the first message, that had to use an older thrust or none
+        (real time).
     """
 
     def __init__(self, step: float) -> None:
-        self._stale_after = STALE_AFTER_STEPS * round(step * 1e9)
+        self._stale_after = STALE_AFTER_STEPS * round(step * NANOSECONDS_PER_SECOND)
         self._scheduled: dict[int, npt.NDArray[np.float64]] = {}
         self.received = 0
         self.late = 0
 
     def add(self, start_nanoseconds: int, acceleration_rtn: Sequence[float]) -> None:
-        """Schedule an acceleration (m/s2, RTN axes of the chief at the start)."""
+        """Schedule an acceleration, m/s^2, in the RTN axes of the chief at its start."""
         self.received += 1
         self._scheduled[start_nanoseconds] = np.asarray(acceleration_rtn, dtype=float)
 
     def starting_at(
         self, stamp_nanoseconds: int, *, exactly: bool
     ) -> npt.NDArray[np.float64] | None:
-        """Return the thrust of the step that starts now, and forget older ones.
+        """Return the thrust of the step that starts at a stamp, and forget stale thrust.
 
         Parameters
         ----------
         stamp_nanoseconds
             Start of the step.
         exactly
-            True (lockstep): only the thrust scheduled for this very step.
-            False (realtime): else the newest earlier one, unless it is too old.
+            True (lockstep): return only the thrust that is scheduled for this very step.
+            False (real time): if there is none, return the newest earlier thrust that is not stale.
 
         Returns
         -------
         ndarray, shape (3,), or None
-            Acceleration in m/s2; None for no thrust.
+            Acceleration, m/s^2; None for no thrust.
         """
         thrust = self._scheduled.get(stamp_nanoseconds)
         if thrust is None and not exactly:
