@@ -10,6 +10,7 @@ from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
 from vtff_control.tracking.sdre import (
+    DEFAULT_WEIGHTS,
     DESIGNS,
     FEEDFORWARD_GRAVITY,
     ControlResult,
@@ -27,33 +28,44 @@ from vtff_node.stamps import StampOrder, to_nanoseconds
 REFUSED = ControlResult(np.zeros(3), False, False)
 
 
+def describe_weight(name: str) -> str:
+    """Return the description of a weight of the cost, with the default of each design."""
+    defaults = ", ".join(f"{d} {getattr(w, name):g}" for d, w in DEFAULT_WEIGHTS.items())
+    quantity = "command" if name == "control" else f"{name} error"
+    return f"weight of the {quantity} in the cost, 0 = default of the design ({defaults})"
+
+
 @dataclass(frozen=True)
 class SdreControllerParameters:
     """Parameters of `sdre_controller`."""
 
     deputy: str = parameter("deputy", "name of the spacecraft to control")
-    design: str = parameter("paper", "control design", choices=DESIGNS)
+    design: str = parameter(SdreDesign.design, "control design", choices=DESIGNS)
     feedforward: bool = parameter(
-        False, "add the acceleration that holds the target in the eccentric, nonlinear frame"
+        SdreDesign.feedforward,
+        "add the acceleration that holds the target in the eccentric, nonlinear frame",
     )
     feedforward_gravity: str = parameter(
-        "j2", "gravity of the feedforward; should match the truth", choices=FEEDFORWARD_GRAVITY
+        SdreDesign.feedforward_gravity,
+        "gravity of the feedforward; should match the truth",
+        choices=FEEDFORWARD_GRAVITY,
     )
     acceleration_cap: float = parameter(
-        1.0, "largest command on each axis", unit="m/s^2", minimum=1e-9
+        SdreDesign.acceleration_cap, "largest command on each axis", unit="m/s^2", minimum=1e-9
     )
-    position_weight: float = parameter(
-        0.0, "weight of the position error, 0 = default of the design", unit="1/m^2", minimum=0.0
-    )
+    position_weight: float = parameter(0.0, describe_weight("position"), unit="1/m^2", minimum=0.0)
     velocity_weight: float = parameter(
-        0.0, "weight of the velocity error, 0 = default of the design", unit="s^2/m^2", minimum=0.0
+        0.0, describe_weight("velocity"), unit="s^2/m^2", minimum=0.0
     )
-    control_weight: float = parameter(
-        0.0, "weight of the command, 0 = default of the design", unit="s^4/m^2", minimum=0.0
+    control_weight: float = parameter(0.0, describe_weight("control"), unit="s^4/m^2", minimum=0.0)
+    sample_time: float = parameter(
+        SdreDesign.sample_time, "interval between states", unit="s", minimum=0.001
     )
-    sample_time: float = parameter(1.0, "interval between states", unit="s", minimum=0.001)
     delay_steps: int = parameter(
-        1, "samples between a state and the start of its thrust", minimum=0, maximum=100
+        SdreDesign.delay_steps,
+        "samples between a state and the start of its thrust",
+        minimum=0,
+        maximum=100,
     )
     target_position_rtn: list[float] = parameter(
         [0.0, 100.0, 0.0], "wanted position until /formation/target says otherwise", unit="m"

@@ -23,6 +23,9 @@ from crccheck.crc import Crc8SaeJ1850
 LOGGER = logging.getLogger("can_thruster_emulator")
 
 CLOCK_MODES = ("lockstep", "realtime")
+ACCELERATION_CAP = 1.4  # m/s2 on each axis, paper 000 appendix A
+QUANTUM = 1e-5  # m/s2, the resolution of the frames
+WATCHDOG_TIMEOUT = 2.0  # s
 HEARTBEAT_INTERVAL = 1.0  # s of wall time
 LONGEST_WAIT = 0.2  # s, bounds the reaction to a signal
 REOPEN_PAUSE = 0.5  # s between attempts to open a bus that has failed
@@ -89,9 +92,9 @@ class CanThruster:
     def __init__(
         self,
         dbc_file: str | Path,
-        acceleration_cap: float = 1.4,
-        quantum: float = 0.0,
-        watchdog_timeout: float = 2.0,
+        acceleration_cap: float = ACCELERATION_CAP,
+        quantum: float = QUANTUM,
+        watchdog_timeout: float = WATCHDOG_TIMEOUT,
         clock_mode: str = "lockstep",
     ) -> None:
         try:
@@ -401,21 +404,21 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--acceleration-cap",
         type=float,
-        default=1.4,
+        default=ACCELERATION_CAP,
         metavar="M/S2",
         help="largest acceleration on each axis (%(default)s)",
     )
     parser.add_argument(
         "--quantum",
         type=float,
-        default=1e-5,
+        default=QUANTUM,
         metavar="M/S2",
         help="smallest change of the acceleration (%(default)s)",
     )
     parser.add_argument(
         "--watchdog-timeout",
         type=float,
-        default=2.0,
+        default=WATCHDOG_TIMEOUT,
         metavar="SECONDS",
         help="time without a command after which there is no thrust (%(default)s)",
     )

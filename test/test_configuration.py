@@ -1,0 +1,118 @@
+"""Where a value lives: defaults in the nodes, what differs in params files, wiring in systems.
+
+Defaults stand in the parameter dataclass of a node, a params file holds what differs from them,
+and a system file connects nodes and hands on the scenario's target, step and names. What the
+simulator flies is never handed to an estimator: its models are its own parameters.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import pytest
+import yaml
+
+from vtff_bringup.system.extension import joined_system
+from vtff_node.executables import node_class
+from vtff_node.parameters import default_of
+from vtff_sim_bridge.simremote.language import DEFAULT_PORT
+
+CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
+SYSTEM_FILES = sorted((CONFIG / "system").glob("*.yaml"))
+PARAMETER_FILES = sorted((CONFIG / "params").glob("*.yaml"))
+
+#: What a system file may take from the scenario; ``spacecraft`` for the targets of deputies.
+SCENARIO_ENTRIES = ("step", "spacecraft")
+#: Parameters of the models that estimators and controllers have of the world.
+MODEL_PARAMETERS = frozenset(
+    ("gravity", "gravity_degree", "gravity_order", "integrator", "longest_step")
+    + ("code_sigma", "phase_sigma", "use_receiver_sigmas", "thrust_sigma")
+    + ("empirical_acceleration_sigma", "feedforward_gravity", "acceleration_cap", "quantum")
+)
+
+
+def read(path: pathlib.Path) -> dict[str, Any]:
+    return yaml.safe_load(path.read_text(encoding="utf-8"))
+
+
+def nodes_of(path: pathlib.Path) -> list[dict[str, Any]]:
+    """Return the entries of the nodes of a system file, with those of the files it extends."""
+    return joined_system(path, read)["nodes"]
+
+
+def defaults_of(node: dict[str, Any]) -> dict[str, Any]:
+    table = node_class(node["package"], node["executable"]).Parameters
+    return {field.name: default_of(field) for field in dataclasses.fields(table)}
+
+
+def users_of(parameter_file: pathlib.Path) -> list[dict[str, Any]]:
+    """Return the nodes of all systems that are given a params file."""
+    return [
+        node
+        for path in SYSTEM_FILES
+        for node in nodes_of(path)
+        if any(
+            (path.parent / name).resolve() == parameter_file
+            for name in node.get("parameter_files", ())
+        )
+    ]
+
+
+@pytest.mark.parametrize("path", PARAMETER_FILES, ids=lambda path: path.stem)
+def test_a_params_file_holds_only_what_differs_from_the_defaults(path):
+    users = users_of(path)
+    assert users, "no system uses the file"
+    (section,) = read(path).values()
+    assert section["ros__parameters"]
+    for node in users:
+        defaults = defaults_of(node)
+        for name, value in section["ros__parameters"].items():
+            assert name in defaults, f"{node['executable']} has no parameter {name}"
+            assert value != defaults[name], f"{name}: the default of {node['executable']}"
+
+
+@pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
+def test_a_system_file_sets_no_model_of_the_world(path):
+    for node in nodes_of(path):
+        given = set(node.get("parameters", {}))
+        assert given <= set(defaults_of(node)) | {"expected_nodes"}, node["executable"]
+        assert not given & MODEL_PARAMETERS, node["executable"]
+
+
+@pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
+def test_a_system_file_takes_only_step_and_target_from_the_scenario(path):
+    for node in nodes_of(path):
+        for name, value in node.get("parameters", {}).items():
+            if isinstance(value, str) and value.startswith("${scenario."):
+                entry = value.removeprefix("${scenario.").rstrip("}").split(".")
+                assert entry[0] in SCENARIO_ENTRIES, f"{node['executable']}: {name}"
+                assert entry[0] == "step" or "target" in entry, f"{node['executable']}: {name}"
+
+
+@pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
+def test_an_argument_that_feeds_a_parameter_has_the_default_of_that_parameter(path):
+    """Arguments whose value a process needs too: the bus and the port of SimREMOTE."""
+    arguments = joined_system(path, read).get("arguments", {})
+    for node in nodes_of(path):
+        defaults = defaults_of(node)
+        for name, value in node.get("parameters", {}).items():
+            argument = arguments.get(str(value).removeprefix("${").rstrip("}"), {})
+            if argument.get("file") or defaults.get(name) in (None, ""):
+                continue
+            # 'emulator' stands for what the emulator's own process sets.
+            if "default" in argument and argument["default"] != "emulator":
+                assert argument["default"] == defaults[name], f"{node['executable']}: {name}"
+
+
+def test_simremote_has_one_port():
+    bridge = {"package": "vtff_sim_bridge", "executable": "simgen_bridge"}
+    assert defaults_of(bridge)["simgen_port"] == DEFAULT_PORT
+
+
+@pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
+def test_emulated_devices_have_their_properties_from_their_own_defaults(path):
+    for process in joined_system(path, read).get("processes", ()):
+        options = {str(text) for text in process["arguments"]}
+        assert not options & {"--acceleration-cap", "--quantum", "--watchdog-timeout"}
