@@ -1,21 +1,21 @@
 """Continuous arcs of carrier phase: where a cycle slip is possible, an arc ends.
 
-An arc is broken, never repaired: in scintillation a guess of the lost cycles is a wrong electron
-content for the rest of the arc. Tests, in this order; any of them breaks all links of the
-satellite, because the frequencies of a satellite share signals:
+An arc is broken, never repaired: in scintillation a wrong guess of the lost cycles would make the
+electron content wrong for the rest of the arc. The tests follow in this order. A sample that fails
+one of them breaks all links of its satellite, because the links of a satellite share signals:
 
-1. the receiver says so: lock lost, half a cycle changed, a lock time shorter than the time since
+1. the receiver reports it: lock lost, half a cycle changed, a lock time shorter than the time since
    the last sample;
-2. a gap longer than the settings allow;
-3. geometry-free: the phase content jumps off its prediction (value and rate of a filter);
+2. a gap longer than the settings allow (this one breaks its own link only);
+3. geometry-free: the phase content jumps away from its prediction (a filter of value and rate);
 4. Melbourne-Wuebbena: the wide lane, averaged over a short time, leaves its mean;
-5. closure: two pairs of the satellite that share the first signal see one ionosphere, so the
+5. closure: two links of the satellite that share the first signal see the same ionosphere, so the
    difference of their contents hardly changes, whatever the ionosphere does.
 
-The limits of test 3 grow with the interval of the samples: 0.15 TECU at 20 Hz finds every slip of
-integer cycles that changes the content by 0.24 TECU or more, while a wall of a plasma bubble
-met at 7.5 km/s changes it by 0.08 TECU at most. At 30 s on the ground the ionosphere moves more
-than the smallest slips, so the limit follows the scatter of the innovations up to a cap.
+The limits of test 3 grow with the interval of the samples: 0.15 TECU at 20 Hz detects every slip of
+integer cycles that changes the content by 0.24 TECU or more, while a wall of a plasma bubble that
+is crossed at 7.5 km/s changes it by 0.08 TECU at most. At 30 s on the ground the ionosphere moves
+more than the smallest slips, so the limit follows the scatter of the innovations up to a cap.
 
 References
 ----------
@@ -26,7 +26,8 @@ Blewitt (1990), An automatic editing algorithm for GPS data, Geophys. Res. Lett.
 from __future__ import annotations
 
 import enum
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -38,47 +39,54 @@ __all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs"]
 
 
 class ArcBreak(enum.IntEnum):
-    """Why an arc began with a sample."""
+    """Why a new arc begins with a sample."""
 
     NONE = 0
-    """The sample continues an arc, or belongs to none."""
+    """The sample continues an arc, or belongs to no arc."""
     START = 1
-    """First sample of the link, or the first after its phase was not valid."""
+    """First sample of the link, or first sample after samples without a valid phase."""
     GAP = 2
+    """The link had no sample for longer than the settings allow."""
     LOCK = 3
     """The receiver lost lock or its lock time began anew."""
     HALF_CYCLE = 4
+    """The receiver added or removed half a cycle."""
     GEOMETRY_FREE = 5
+    """The phase content jumped away from its prediction."""
     WIDE_LANE = 6
+    """The wide lane left its mean."""
     OTHER_LINK = 7
-    """A test found a slip in another link of the satellite."""
+    """A test detected a slip in another link of the satellite."""
     CLOSURE = 8
+    """The content departed from that of another link with the same first signal."""
 
 
-@dataclass(frozen=True)
-class ArcSettings:
-    """Limits of the tests.
+class ArcSettings(NamedTuple):
+    """Limits of the tests. The compiled loops read them by name.
 
-    Parameters
+    Attributes
     ----------
     gap_intervals : float
-        A gap is more than this many sample intervals ...
+        A gap is longer than this many sample intervals ...
     gap : float
-        ... and longer than this, s.
+        ... and longer than this time, s.
     jump_tecu, jump_rate : float
-        Smallest limit of the geometry-free test: TECU, plus TECU/s times the interval.
+        Smallest limit of the geometry-free test: TECU, plus TECU/s times the sample interval.
     cap_tecu, cap_rate : float
-        Its largest limit.
+        Largest limit of the geometry-free test: TECU, plus TECU/s times the sample interval.
     jump_sigmas : float
-        Between the two, this many times the scatter of the innovations.
+        Between the smallest and the largest limit, the limit is this many times the scatter of the
+        innovations.
     wide_lane_cycles, wide_lane_sigmas : float
-        Limit of the Melbourne-Wuebbena test: the larger of the two, cycles and standard deviations.
+        Limit of the Melbourne-Wuebbena test: the larger of a number of cycles and a number of
+        standard deviations.
     wide_lane_average : float
         Time over which the wide lane is averaged for the test, s.
     closure_tecu, closure_sigmas : float
-        Limit of the closure test: the larger of the two, TECU and standard deviations.
+        Limit of the closure test: the larger of a content, TECU, and a number of standard
+        deviations.
     closure_average : float
-        Time over which its mean follows the slow changes of the hardware, s.
+        Time over which the mean of the closure follows the slow changes of the hardware, s.
     """
 
     gap_intervals: float = 2.5
@@ -105,28 +113,36 @@ class Arcs:
     number : ndarray of int64
         Number of the arc within its link, from 1; 0 where the phase cannot be used.
     break_reason : ndarray of int64
-        `ArcBreak` of the first sample of an arc.
+        `ArcBreak` at the first sample of an arc; 0 at all others.
     """
 
     number: npt.NDArray[np.int64]
     break_reason: npt.NDArray[np.int64]
 
 
-# Columns of the state of a link.
+# Columns of the state of a link: its arc, the filter of the phase content, and what the receiver
+# reported with the last sample; then the wide lane; then the closure.
 _ARC, _TIME, _VALUE, _RATE, _COUNT, _SCATTER, _HALF, _LOCK = range(8)
 _WIDE_FAST, _WIDE_MEAN, _WIDE_SPREAD, _WIDE_COUNT = range(8, 12)
 _CLOSURE_MEAN, _CLOSURE_SPREAD, _CLOSURE_COUNT = range(12, 15)
-_STATE = 15
-# Columns of the state of the detector: time of the last epoch and shortest interval of epochs.
+_STATE_COLUMNS = 15
+# Elements of the state of the detector: time of the last epoch, shortest interval of epochs.
 _LAST_EPOCH, _NOMINAL = range(2)
 
-# Gains of the filter that predicts the content: critically damped with a memory of some samples.
+# Gains of the filter that predicts the content: critically damped, with a memory of some samples.
 _GAIN_VALUE = 0.5
 _GAIN_RATE = 0.2
 _SETTLING_SAMPLES = 4
+# Number of samples over which the scatter of the innovations is averaged.
+_SCATTER_MEMORY = 30.0
+# Number of samples before the spread of the wide lane can be trusted, and the time over which its
+# mean is formed, s.
 _WIDE_LANE_SETTLING = 20
 _WIDE_LANE_MEMORY = 1800.0
-_SCATTER_MEMORY = 30.0
+# Lock times are rounded to 1/32 s in compressed logs, sample times to the epoch: a lock time is
+# too short only if it falls short by more than these margins, s.
+_LOCK_TIME_MARGIN = 0.05
+_LOCK_INTERVAL_MARGIN = 0.1
 
 
 class ArcDetector:
@@ -137,16 +153,16 @@ class ArcDetector:
     settings : ArcSettings
     """
 
-    def __init__(self, settings: ArcSettings = ArcSettings()) -> None:  # noqa: B008 - frozen
-        self._settings = np.array(astuple(settings))
-        self._state = np.zeros((0, _STATE))
-        self._broken = np.zeros(0, dtype=np.int64)
+    def __init__(self, settings: ArcSettings = ArcSettings()) -> None:  # noqa: B008 - immutable
+        self._settings = settings
+        self._states = np.zeros((0, _STATE_COLUMNS))
+        self._satellite_slipped = np.zeros(0, dtype=np.bool_)
         self._epochs = np.zeros(2)
 
     def update(self, rows: PairRows) -> Arcs:
-        """Return the arcs of rows, one or more whole epochs in order of time."""
-        self._grow(rows)
-        number, reason = _divide(
+        """Return the arcs of rows; these must be one or more whole epochs in order of time."""
+        self._make_room(rows)
+        number, break_reason = _divide_into_arcs(
             rows.time,
             rows.link,
             rows.satellite,
@@ -159,65 +175,110 @@ class ArcDetector:
             rows.lock_lost,
             rows.half_cycle,
             self._settings,
-            self._state,
-            self._broken,
+            self._states,
+            self._satellite_slipped,
             self._epochs,
         )
-        return Arcs(number, reason)
+        return Arcs(number, break_reason)
 
-    def _grow(self, rows: PairRows) -> None:
+    def _make_room(self, rows: PairRows) -> None:
+        """Append states for the links and satellites that appear for the first time."""
         if len(rows) == 0:
             return
-        missing = int(rows.link.max()) + 1 - len(self._state)
+        missing = int(rows.link.max()) + 1 - len(self._states)
         if missing > 0:
-            self._state = np.concatenate((self._state, np.zeros((missing, _STATE))))
-        missing = int(rows.satellite.max()) + 1 - len(self._broken)
+            self._states = np.concatenate((self._states, np.zeros((missing, _STATE_COLUMNS))))
+        missing = int(rows.satellite.max()) + 1 - len(self._satellite_slipped)
         if missing > 0:
-            self._broken = np.concatenate((self._broken, np.zeros(missing, dtype=np.int64)))
+            self._satellite_slipped = np.concatenate(
+                (self._satellite_slipped, np.zeros(missing, dtype=np.bool_))
+            )
+
+
+@compiled
+def _largest_limit(interval, settings):  # type: ignore[no-untyped-def]
+    """Return the jump of the content that no ionosphere makes within an interval, TECU."""
+    return settings.cap_tecu + settings.cap_rate * interval
 
 
 @compiled
 def _geometry_free_limit(state, interval, settings):  # type: ignore[no-untyped-def]
     """Return how far a content may be from its prediction, TECU."""
-    smallest = settings[2] + settings[3] * interval
-    largest = settings[4] + settings[5] * interval
-    return min(max(smallest, settings[6] * np.sqrt(state[_SCATTER])), max(largest, smallest))
+    largest = _largest_limit(interval, settings)
+    # Until the filter has settled, only what no ionosphere does is a jump.
+    if state[_COUNT] <= _SETTLING_SAMPLES:
+        return largest
+    smallest = settings.jump_tecu + settings.jump_rate * interval
+    scatter_limit = settings.jump_sigmas * np.sqrt(state[_SCATTER])
+    return min(max(smallest, scatter_limit), max(largest, smallest))
 
 
 @compiled
-def _tested(  # type: ignore[no-untyped-def]
+def _wide_lane_slips(state, interval, wide_lane, settings):  # type: ignore[no-untyped-def]
+    """Return whether a sample moves the short average of the wide lane too far from its mean."""
+    gain = min(1.0, interval / settings.wide_lane_average)
+    fast = state[_WIDE_FAST] + gain * (wide_lane - state[_WIDE_FAST])
+    spread = np.sqrt(state[_WIDE_SPREAD])
+    if state[_WIDE_COUNT] < _WIDE_LANE_SETTLING:
+        spread = max(spread, settings.wide_lane_cycles)
+    limit = max(settings.wide_lane_cycles, settings.wide_lane_sigmas * spread)
+    return abs(fast - state[_WIDE_MEAN]) > limit
+
+
+@compiled
+def _classify_sample(  # type: ignore[no-untyped-def]
     state, interval, content, wide_lane, lock_time, has_code, lost, half, nominal, settings
 ):
-    """Return the `ArcBreak` that a sample calls for; 0 = it continues the arc."""
+    """Return the `ArcBreak` that a sample calls for; NONE if it continues the arc."""
     if state[_COUNT] == 0.0:
-        return 1
-    # Lock times are rounded to 1/32 s in compressed logs.
-    if lost or lock_time < state[_LOCK] - 0.05 or lock_time < interval - 0.1:
-        return 3
+        return ArcBreak.START
+    if (
+        lost
+        or lock_time < state[_LOCK] - _LOCK_TIME_MARGIN
+        or lock_time < interval - _LOCK_INTERVAL_MARGIN
+    ):
+        return ArcBreak.LOCK
     if half != state[_HALF]:
-        return 4
-    if interval > settings[1] and interval > settings[0] * nominal:
-        return 2
-    jump = abs(content - state[_VALUE] - state[_RATE] * interval)
-    limit = _geometry_free_limit(state, interval, settings)
-    # Until the rate is known, only what no ionosphere does is a jump.
-    if state[_COUNT] <= _SETTLING_SAMPLES:
-        limit = settings[4] + settings[5] * interval
-    # A slip that the wide lane shows is one; a jump of the content alone may be the ionosphere.
+        return ArcBreak.HALF_CYCLE
+    if interval > settings.gap and interval > settings.gap_intervals * nominal:
+        return ArcBreak.GAP
+    # The wide lane is tested first: a slip that it shows is certain, while a jump of the content
+    # alone may be the ionosphere.
     if has_code and state[_WIDE_COUNT] >= 2.0:
-        gain = min(1.0, interval / settings[9])
-        fast = state[_WIDE_FAST] + gain * (wide_lane - state[_WIDE_FAST])
-        spread = np.sqrt(state[_WIDE_SPREAD])
-        if state[_WIDE_COUNT] < _WIDE_LANE_SETTLING:
-            spread = max(spread, settings[7])
-        if abs(fast - state[_WIDE_MEAN]) > max(settings[7], settings[8] * spread):
-            return 6
-    return 5 if jump > limit else 0
+        if _wide_lane_slips(state, interval, wide_lane, settings):
+            return ArcBreak.WIDE_LANE
+    jump = abs(content - state[_VALUE] - state[_RATE] * interval)
+    if jump > _geometry_free_limit(state, interval, settings):
+        return ArcBreak.GEOMETRY_FREE
+    return ArcBreak.NONE
 
 
 @compiled
-def _continued(state, interval, content, wide_lane, has_code, settings):  # type: ignore[no-untyped-def]
-    """Take a sample of the same arc into the state of its link."""
+def _is_slip(break_reason):  # type: ignore[no-untyped-def]
+    """Return whether a break is one that the other links of the satellite share."""
+    return (
+        break_reason != ArcBreak.NONE
+        and break_reason != ArcBreak.START
+        and break_reason != ArcBreak.GAP
+    )
+
+
+@compiled
+def _begin_arc(state, content, wide_lane, has_code, half, settings):  # type: ignore[no-untyped-def]
+    """Reset the state of a link to the first sample of a new arc."""
+    arc = state[_ARC] + 1.0
+    state[:] = 0.0
+    state[_ARC] = arc
+    state[_COUNT] = 1.0
+    state[_VALUE] = content
+    state[_HALF] = half
+    if has_code:
+        _update_wide_lane(state, 1.0, wide_lane, settings)
+
+
+@compiled
+def _continue_arc(state, interval, content, wide_lane, has_code, settings):  # type: ignore[no-untyped-def]
+    """Add a sample of the same arc to the state of its link."""
     count = state[_COUNT]
     innovation = content - state[_VALUE] - state[_RATE] * interval
     if count == 1.0:
@@ -230,50 +291,69 @@ def _continued(state, interval, content, wide_lane, has_code, settings):  # type
         state[_VALUE] += state[_RATE] * interval + gain_value * innovation
         state[_RATE] += gain_rate * innovation / interval
         if count >= _SETTLING_SAMPLES:
-            part = max(1.0 / _SCATTER_MEMORY, 1.0 / (count - _SETTLING_SAMPLES + 1.0))
-            state[_SCATTER] += part * (innovation * innovation - state[_SCATTER])
+            gain_scatter = max(1.0 / _SCATTER_MEMORY, 1.0 / (count - _SETTLING_SAMPLES + 1.0))
+            state[_SCATTER] += gain_scatter * (innovation * innovation - state[_SCATTER])
     state[_COUNT] = count + 1.0
     if has_code:
-        _wide_lane_continued(state, interval, wide_lane, settings)
+        _update_wide_lane(state, interval, wide_lane, settings)
 
 
 @compiled
-def _wide_lane_continued(state, interval, wide_lane, settings):  # type: ignore[no-untyped-def]
-    """Update short and long mean of the wide lane, and the spread of the short about the long."""
+def _update_wide_lane(state, interval, wide_lane, settings):  # type: ignore[no-untyped-def]
+    """Update the short and the long mean of the wide lane, and the spread of their difference."""
     count = state[_WIDE_COUNT]
     if count == 0.0:
         state[_WIDE_FAST] = state[_WIDE_MEAN] = wide_lane
         state[_WIDE_SPREAD] = 0.0
     else:
-        gain = max(min(1.0, interval / settings[9]), 1.0 / (count + 1.0))
-        state[_WIDE_FAST] += gain * (wide_lane - state[_WIDE_FAST])
+        gain_fast = max(min(1.0, interval / settings.wide_lane_average), 1.0 / (count + 1.0))
+        state[_WIDE_FAST] += gain_fast * (wide_lane - state[_WIDE_FAST])
         deviation = state[_WIDE_FAST] - state[_WIDE_MEAN]
-        part = max(1.0 / (count + 1.0), min(1.0, interval / _WIDE_LANE_MEMORY))
-        state[_WIDE_MEAN] += part * (wide_lane - state[_WIDE_MEAN])
-        state[_WIDE_SPREAD] += part * (deviation * deviation - state[_WIDE_SPREAD])
+        gain_mean = max(1.0 / (count + 1.0), min(1.0, interval / _WIDE_LANE_MEMORY))
+        state[_WIDE_MEAN] += gain_mean * (wide_lane - state[_WIDE_MEAN])
+        state[_WIDE_SPREAD] += gain_mean * (deviation * deviation - state[_WIDE_SPREAD])
     state[_WIDE_COUNT] = count + 1.0
 
 
 @compiled
-def _closes(state, interval, closure, settings):  # type: ignore[no-untyped-def]
-    """Return whether a closure is near its mean, and take it into the mean if so."""
+def _check_closure(state, interval, closure, settings):  # type: ignore[no-untyped-def]
+    """Return whether a closure is near its mean; if so, the mean and its spread are updated."""
     count = state[_CLOSURE_COUNT]
     if count == 0.0:
         state[_CLOSURE_MEAN] = closure
         state[_CLOSURE_COUNT] = 1.0
         return True
     deviation = closure - state[_CLOSURE_MEAN]
-    if abs(deviation) > max(settings[10], settings[11] * np.sqrt(state[_CLOSURE_SPREAD])):
+    limit = max(settings.closure_tecu, settings.closure_sigmas * np.sqrt(state[_CLOSURE_SPREAD]))
+    if abs(deviation) > limit:
         return False
-    part = max(1.0 / (count + 1.0), min(1.0, interval / settings[12]))
-    state[_CLOSURE_MEAN] += part * deviation
-    state[_CLOSURE_SPREAD] += part * (deviation * deviation - state[_CLOSURE_SPREAD])
+    gain = max(1.0 / (count + 1.0), min(1.0, interval / settings.closure_average))
+    state[_CLOSURE_MEAN] += gain * deviation
+    state[_CLOSURE_SPREAD] += gain * (deviation * deviation - state[_CLOSURE_SPREAD])
     state[_CLOSURE_COUNT] = count + 1.0
     return True
 
 
 @compiled
-def _divide(  # type: ignore[no-untyped-def]
+def _first_row_with_signal(row_first, row, epoch_start):  # type: ignore[no-untyped-def]
+    """Return the first of the rows just before `row` that share its first signal."""
+    reference = row
+    while reference > epoch_start and row_first[reference - 1] == row_first[row]:
+        reference -= 1
+    return reference
+
+
+@compiled
+def _follow_epochs(time, epochs):  # type: ignore[no-untyped-def]
+    """Keep the time of the last epoch, ns, and the shortest interval of epochs so far, s."""
+    since_last = 1e-9 * (time - epochs[_LAST_EPOCH])
+    if epochs[_LAST_EPOCH] > 0.0 and (epochs[_NOMINAL] == 0.0 or since_last < epochs[_NOMINAL]):
+        epochs[_NOMINAL] = since_last
+    epochs[_LAST_EPOCH] = time
+
+
+@compiled
+def _divide_into_arcs(  # type: ignore[no-untyped-def]
     time,
     link,
     satellite,
@@ -287,26 +367,26 @@ def _divide(  # type: ignore[no-untyped-def]
     half_cycle,
     settings,
     states,
-    broken,
+    satellite_slipped,
     epochs,
 ):
-    """Return number of the arc and reason of its beginning; `states` of the links are updated."""
+    """Return the number of the arc and the reason of its beginning for each row.
+
+    `states` and `epochs` are updated; `satellite_slipped` is scratch, False before and after.
+    """
     count = len(time)
     number = np.zeros(count, dtype=np.int64)
     reason = np.zeros(count, dtype=np.int64)
     start = 0
     while start < count:
+        _follow_epochs(time[start], epochs)
         end = start
-        since_last = 1e-9 * (time[start] - epochs[_LAST_EPOCH])
-        if epochs[_LAST_EPOCH] > 0.0 and (epochs[_NOMINAL] == 0.0 or since_last < epochs[_NOMINAL]):
-            epochs[_NOMINAL] = since_last
-        epochs[_LAST_EPOCH] = time[start]
+        # All samples of the epoch are classified first: a slip of one link breaks the others.
         while end < count and time[end] == time[start]:
-            satellite_slips = False
             if link[end] >= 0 and phase_valid[end]:
                 state = states[link[end]]
                 interval = 1e-9 * (time[end] - state[_TIME])
-                reason[end] = _tested(
+                reason[end] = _classify_sample(
                     state,
                     interval,
                     content[end],
@@ -318,18 +398,19 @@ def _divide(  # type: ignore[no-untyped-def]
                     epochs[_NOMINAL],
                     settings,
                 )
-                reference = end - 1
-                while reference >= start and row_first[reference] == row_first[end]:
-                    reference -= 1
-                reference += 1
-                if reference < end and reason[end] == 0 and reason[reference] == 0:
-                    if phase_valid[reference] and not _closes(
+                reference = _first_row_with_signal(row_first, end, start)
+                if (
+                    reference < end
+                    and reason[end] == ArcBreak.NONE
+                    and reason[reference] == ArcBreak.NONE
+                    and phase_valid[reference]
+                    and not _check_closure(
                         state, interval, content[end] - content[reference], settings
-                    ):
-                        reason[end] = 8
-                satellite_slips = reason[end] >= 3
-            if satellite_slips:
-                broken[satellite[end]] = 1
+                    )
+                ):
+                    reason[end] = ArcBreak.CLOSURE
+                if _is_slip(reason[end]):
+                    satellite_slipped[satellite[end]] = True
             end += 1
         for row in range(start, end):
             if link[row] < 0:
@@ -338,24 +419,18 @@ def _divide(  # type: ignore[no-untyped-def]
             if not phase_valid[row]:
                 state[_COUNT] = 0.0
                 continue
-            if broken[satellite[row]] and reason[row] == 0:
-                reason[row] = 7
-            interval = 1e-9 * (time[row] - state[_TIME])
-            if reason[row] != 0:
-                arc = state[_ARC] + 1.0
-                state[:] = 0.0
-                state[_ARC] = arc
-                state[_COUNT] = 1.0
-                state[_VALUE] = content[row]
-                state[_HALF] = half_cycle[row]
-                if code_valid[row]:
-                    _wide_lane_continued(state, 1.0, wide_lane[row], settings)
+            if satellite_slipped[satellite[row]] and reason[row] == ArcBreak.NONE:
+                reason[row] = ArcBreak.OTHER_LINK
+            has_code = code_valid[row]
+            if reason[row] != ArcBreak.NONE:
+                _begin_arc(state, content[row], wide_lane[row], has_code, half_cycle[row], settings)
             else:
-                _continued(state, interval, content[row], wide_lane[row], code_valid[row], settings)
+                interval = 1e-9 * (time[row] - state[_TIME])
+                _continue_arc(state, interval, content[row], wide_lane[row], has_code, settings)
             state[_TIME] = time[row]
             state[_LOCK] = lock_time[row]
             number[row] = int(state[_ARC])
         for row in range(start, end):
-            broken[satellite[row]] = 0
+            satellite_slipped[satellite[row]] = False
         start = end
     return number, reason
