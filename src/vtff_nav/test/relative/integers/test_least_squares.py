@@ -286,7 +286,8 @@ def test_works_where_nothing_can_be_cached(tmp_path):
         "import kernels_without_cache as kernels\n"
         "print(type(kernels.search).__name__)\n"
     )
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    search_path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
+    environment = {**os.environ, "PYTHONPATH": search_path}
     done = subprocess.run(
         [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
     )
