@@ -27,7 +27,7 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import DYNAMICS, MotionNoise
 from vtff_nav.relative.common.measurements import MeasurementNoise
-from vtff_nav.relative.common.signal_bands import bands_of
+from vtff_nav.relative.common.signal_bands import parse_bands
 from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
     SOLUTION_NAMES,
@@ -173,7 +173,7 @@ def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
         "longest_prediction": given.longest_prediction,
     }
     if given.signals:
-        common["bands"] = bands_of(given.signals)
+        common["bands"] = parse_bands(given.signals)
     if given.estimator == "paper":
         return PaperEstimator(PaperConfiguration(**common))
     compile_kernels()  # takes seconds where nothing is cached: now, not at the first epoch

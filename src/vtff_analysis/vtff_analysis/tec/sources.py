@@ -17,8 +17,8 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_nav.relative.cdgps.orbit_filter import combinations, single_point
 from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
+from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
 
 __all__ = [
     "TecError",
@@ -175,7 +175,9 @@ def receiver_positions(
         signals = reader.read(epoch, satellite_mask(known))
         if len(signals) == 0:
             continue
-        point = single_point(combinations(signals, orbits), orbits, epoch.time, _MASK, False)
+        point = solve_single_point(
+            form_combinations(signals, orbits), orbits, epoch.time, _MASK, False
+        )
         if point is not None:
             times.append(seconds[index])
             positions.append(point.position_itrf)

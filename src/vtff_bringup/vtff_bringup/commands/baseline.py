@@ -170,7 +170,7 @@ def baseline(
 def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
     from vtff_analysis.baseline.sources import BaselineError
     from vtff_nav.relative.common.measurements import DEFAULT_BANDS
-    from vtff_nav.relative.common.signal_bands import bands_of
+    from vtff_nav.relative.common.signal_bands import parse_bands
     from vtff_nav.relative.paper.estimator import PaperConfiguration
 
     if estimator not in _ESTIMATORS:
@@ -178,7 +178,7 @@ def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
     if signals is None:
         return dict(PaperConfiguration().bands if estimator == "paper" else DEFAULT_BANDS)
     try:
-        return bands_of([name.strip() for name in signals.split(",") if name.strip()])
+        return parse_bands([name.strip() for name in signals.split(",") if name.strip()])
     except ValueError as error:
         raise BaselineError(f"--signals {signals!r}: {error}") from None
 

@@ -32,7 +32,7 @@ from cdgps_test_support import (
 from cdgps_truth_support import longest_run, tec_errors, wrong_integers
 from scipy.stats import chi2
 
-from vtff_dynamics.frames.frames import rotation_gcrf_to_itrf, state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.orbit.propagator import Propagator
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from cdgps_test_support import START
 
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import Arc, ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import fix_ambiguities
 from vtff_nav.relative.cdgps.state import GaussianState
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_nav.relative.common.measurements import SingleDifferences
 
 WAVELENGTH = {1: 0.19, 2: 0.24}
 

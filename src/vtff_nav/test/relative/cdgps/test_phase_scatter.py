@@ -10,10 +10,11 @@ from cdgps_test_support import CHIEF, START, configuration, fly, simulate
 from cdgps_truth_support import wrong_integers
 from scipy.spatial.transform import Rotation
 
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.measurement_faults import without_faults
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_nav.relative.common.measurements import SingleDifferences
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
 WAVELENGTH, STATED, LIMIT = 0.19, 2e-6, 5.0

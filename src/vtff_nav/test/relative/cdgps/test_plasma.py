@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cdgps_test_support import CHIEF, DEPUTY_5KM, DEPUTY_250M, NAVIGATION, START, require_data
 
-from vtff_dynamics.frames.frames import state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_gnss.rinex.navigation import read_rinex_navigation

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from cdgps_test_support import CHIEF, DEPUTY_5KM, J2, START
 
-from vtff_dynamics.frames.frames import rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.propagator import Propagator
 from vtff_nav.relative.common.dynamics import (

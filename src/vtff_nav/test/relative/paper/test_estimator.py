@@ -10,13 +10,8 @@ from scipy.linalg import expm
 from shared_data import needs_shared, shared_folder
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, GM_EARTH
-from vtff_dynamics.frames.frames import (
-    relative_state_rtn,
-    rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-    state_gcrf_to_itrf,
-    state_itrf_to_gcrf,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf, state_itrf_to_gcrf
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.propagator import Propagator
 from vtff_dynamics.relative.motion import hcw_transition_matrix

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.measurements import SingleDifferences
 
 __all__ = ["Arc", "ArcBook"]
 

@@ -17,9 +17,9 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import Arc
 from vtff_nav.relative.cdgps.state import GaussianState
-from vtff_nav.relative.common.measurements import SignalKey
 from vtff_nav.relative.integers.validation import FixStatus, partial_fix
 
 __all__ = ["FixAttempt", "fix_ambiguities"]

@@ -15,7 +15,8 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences, geometry
+from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.measurements import SingleDifferences, compute_geometry
 
 __all__ = ["CodeMean", "LevelledPosition", "StartEpoch"]
 
@@ -96,8 +97,8 @@ class CodeMean:
             deputy = epoch.state_chief_itrf + np.concatenate((position, np.zeros(3)))
             offsets = epoch.offsets - np.array([0.0, clock / SPEED_OF_LIGHT])
             states = np.array([epoch.state_chief_itrf, deputy])
-            seen = geometry(epoch.table, epoch.time, offsets, states, np.eye(3))
-            columns = seen.rows(differences.satellite[rows])
+            seen = compute_geometry(epoch.table, epoch.time, offsets, states, np.eye(3))
+            columns = seen.columns(differences.satellite[rows])
             distance = (seen.range - seen.clock)[:, columns]
             residual = levelled - (distance[1] - distance[0] + clock)
             design = np.hstack((-seen.direction[1, columns], np.ones((len(rows), 1))))

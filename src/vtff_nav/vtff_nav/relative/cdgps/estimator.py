@@ -42,14 +42,13 @@ from vtff_nav.relative.common.measurements import (
     Geometry,
     SignalReader,
     SignalTable,
-    SingleDifferences,
-    geometry,
-    median,
+    compute_geometry,
+    form_single_differences,
     satellite_mask,
-    satellite_rows,
-    single_differences,
+    satellite_numbers,
+    upper_median,
 )
-from vtff_nav.relative.common.orbit_single_point import combinations, single_point
+from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
 from vtff_nav.relative.common.solution import (
     SOLUTION_FIXED,
     SOLUTION_PREDICTED,
@@ -121,7 +120,7 @@ class CdgpsEstimator(EstimatorInputs):
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
-        table = self._table(time)
+        table = self._ephemeris_table(time)
         signals = [self._signals(epoch, table) for epoch in (chief, deputy)]
         if self._absolute.state is not None and self._time is not None:
             self._predict(self._time, interval)
@@ -147,7 +146,7 @@ class CdgpsEstimator(EstimatorInputs):
         if epoch is None:
             return None
         if self._known is None or self._known[0] is not table:
-            self._known = (table, satellite_mask(satellite_rows(table)))
+            self._known = (table, satellite_mask(satellite_numbers(table)))
         signals = self._signal_reader.read(epoch, self._known[1])
         return signals if len(signals) else None
 
@@ -159,7 +158,7 @@ class CdgpsEstimator(EstimatorInputs):
             if whole is table and is_there[satellites].all():
                 return subset
         needed = np.unique(satellites)
-        rows = np.searchsorted(satellite_rows(table), needed)
+        rows = np.searchsorted(satellite_numbers(table), needed)
         subset = EphemerisTable([table.ephemerides[row] for row in rows.tolist()])
         self._subset = (table, satellite_mask(needed), subset)
         return subset
@@ -184,9 +183,9 @@ class CdgpsEstimator(EstimatorInputs):
         if deputy is None or signals[1] is None:
             return ["no observations of the deputy"]
         mask = math.radians(self.configuration.elevation_mask_deg)
-        measured = combinations(signals[1], table)
+        measured = form_combinations(signals[1], table)
         has_troposphere = self.configuration.has_troposphere
-        point = single_point(measured, table, deputy.time, mask, has_troposphere)
+        point = solve_single_point(measured, table, deputy.time, mask, has_troposphere)
         if point is None:
             return ["the deputy has no position: too few satellites"]
         received = deputy.time - point.clock / SPEED_OF_LIGHT
@@ -260,10 +259,10 @@ class CdgpsEstimator(EstimatorInputs):
             seen = dataclasses.replace(seen, range=seen.range - shift)
         if seen is None or signals[0] is None or signals[1] is None:
             return self._solution(time, None, degraded, None)
-        measured = single_differences(signals[0], signals[1])
-        rows = seen.rows(measured.satellite)
+        measured = form_single_differences(signals[0], signals[1])
+        rows = seen.columns(measured.satellite)
         mask = math.radians(self.configuration.elevation_mask_deg)
-        measured = _taken(measured, np.flatnonzero(seen.elevation[0, rows] > mask))
+        measured = measured.select(np.flatnonzero(seen.elevation[0, rows] > mask))
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)
@@ -303,7 +302,7 @@ class CdgpsEstimator(EstimatorInputs):
                     for epoch, clock in zip(epochs, clocks, strict=True)
                 ]
             )
-            seen = geometry(table, time, offsets, states, to_itrf)
+            seen = compute_geometry(table, time, offsets, states, to_itrf)
             changed = False
             for receiver, of_one in enumerate(signals):
                 if of_one is None:
@@ -414,20 +413,8 @@ def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMot
     return TerrestrialMotion(configuration.chief_motion, configuration.dynamics, *noises)
 
 
-def _taken(measured: SingleDifferences, rows: npt.NDArray[np.intp]) -> SingleDifferences:
-    """Return some rows."""
-    if len(rows) == len(measured):
-        return measured
-    columns = {
-        name: getattr(measured, name)[..., rows]
-        for name in measured.__dataclass_fields__
-        if name != "keys"
-    }
-    return SingleDifferences(keys=[measured.keys[row] for row in rows.tolist()], **columns)
-
-
 def _code_clock(signals: SignalTable, seen: Geometry, receiver: int) -> float:
     """Return the receiver clock that codes tell, s; good to the ionosphere."""
-    rows = seen.rows(signals.satellite)
+    rows = seen.columns(signals.satellite)
     residual = signals.pseudorange - seen.range[receiver, rows] + seen.clock[receiver, rows]
-    return median(residual) / SPEED_OF_LIGHT
+    return upper_median(residual) / SPEED_OF_LIGHT

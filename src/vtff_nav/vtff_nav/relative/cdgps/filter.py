@@ -12,6 +12,7 @@ from scipy.special import gammaincc
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
@@ -25,7 +26,7 @@ from vtff_nav.relative.cdgps.model import (
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences, median
+from vtff_nav.relative.common.measurements import SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
     SOLUTION_CODE,
     SOLUTION_FIXED,
@@ -193,7 +194,7 @@ class RelativeFilter:
         state = self.state
         if all(key in self.arcs for key in measured.keys):
             return
-        clock = median(measured.code - sky.predicted - code_biases(state, measured))
+        clock = upper_median(measured.code - sky.predicted - code_biases(state, measured))
         for row, key in enumerate(measured.keys):
             if key in self.arcs:
                 continue

@@ -79,7 +79,7 @@ def sky_of(
         Chief, deputy.
     configuration : CdgpsConfiguration
     """
-    rows = seen.rows(measured.satellite)
+    rows = seen.columns(measured.satellite)
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
     elevation = seen.elevation[:, rows]
     predicted = (seen.range[1] - seen.range[0] - seen.clock[1] + seen.clock[0])[rows]

@@ -25,8 +25,8 @@ from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
     Combinations,
     SinglePoint,
-    combinations,
-    single_point,
+    form_combinations,
+    solve_single_point,
     troposphere_delay,
 )
 
@@ -91,12 +91,12 @@ class AbsoluteFilter:
         table : EphemerisTable
         """
         configuration = self._configuration
-        measured = combinations(signals, table)
-        point = single_point(measured, table, tag, self._mask, configuration.has_troposphere)
+        measured = form_combinations(signals, table)
+        point = solve_single_point(measured, table, tag, self._mask, configuration.has_troposphere)
         if point is None:
             return False
         last, self._last_point = self._last_point, point
-        is_dual = bool(np.median(measured.band) > 0)
+        is_dual = bool(np.median(measured.second_band) > 0)
         bias = configuration.ephemeris_sigma if is_dual else 2.0 * _SINGLE_FREQUENCY_DELAY_SIGMA
         covariance = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         covariance[:3, :3] = 4.0 * point.covariance + bias**2 * np.eye(3)
@@ -173,10 +173,10 @@ class AbsoluteFilter:
         """
         state = self.state
         assert state is not None
-        measured = combinations(signals, table)
-        rows = seen.rows(measured.satellite)
+        measured = form_combinations(signals, table)
+        rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
-        measured, rows = measured.taken(is_high), rows[is_high]
+        measured, rows = measured.select(is_high), rows[is_high]
         if not len(measured):
             return
         clock = SPEED_OF_LIGHT * self.clock
@@ -231,7 +231,7 @@ class AbsoluteFilter:
         for row, (satellite, band, is_lost) in enumerate(
             zip(
                 measured.satellite.tolist(),
-                measured.band.tolist(),
+                measured.second_band.tolist(),
                 measured.is_lock_lost.tolist(),
                 strict=True,
             )
@@ -269,7 +269,7 @@ class AbsoluteFilter:
         state = self.state
         assert state is not None
         count = len(measured)
-        code_rows = np.flatnonzero(measured.band > 0)
+        code_rows = np.flatnonzero(measured.second_band > 0)
         order = np.concatenate((code_rows, np.arange(count)))
         size = len(order)
         design = np.zeros((size, len(state)))
@@ -291,7 +291,7 @@ class AbsoluteFilter:
                 measured.phase_sigma**2 + configuration.ephemeris_phase_sigma**2,
             )
         )
-        systems = np.unique(measured.satellite >> 8)
-        nuisance = (measured.satellite[order, None] >> 8 == systems[None, :]).astype(float)
+        systems = np.unique(measured.system)
+        nuisance = (measured.system[order, None] == systems[None, :]).astype(float)
         nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
         return state.innovation(design, values, variances, nuisance), order.tolist()

@@ -8,10 +8,11 @@ from vtff_dynamics.frames.frames import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, cross, norm, skew
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.model import Sky
 from vtff_nav.relative.cdgps.state import GaussianState
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_nav.relative.common.measurements import SingleDifferences
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FIXED,
     AMBIGUITY_FLOAT,

@@ -20,8 +20,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import Innovation
-from vtff_nav.relative.common.measurements import SignalKey, SingleDifferences
+from vtff_nav.relative.common.measurements import SingleDifferences
 
 __all__ = ["SLIP_CYCLES", "PhaseScatter", "epochs_to_average"]
 

@@ -1,12 +1,14 @@
 """Motion of two antennas between epochs: orbital, kinematic or static, with covariance.
 
 The state of each filter begins with nine numbers: position (3), velocity (3) and empirical
-acceleration (3). Those of the relative filter are deputy less chief. Positions and velocities are
-in the navigation axes: GCRF for orbital motion, ITRF for receivers on the ground.
+acceleration (3). The numbers of the relative filter are deputy less chief. Positions and velocities
+are in the navigation axes: GCRF for orbital motion, ITRF for receivers on the ground. Empirical
+accelerations are in the chief's RTN axes.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -41,7 +43,7 @@ Dynamics = Literal["orbital", "kinematic", "static"]
 DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 
 DYNAMIC_STATES = 9
-"""Position, velocity, empirical acceleration."""
+"""Number of states of the motion: position, velocity, empirical acceleration."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +65,7 @@ class ThrustInterval:
 
     @property
     def end(self) -> GpsTime:
-        """End of the interval."""
+        """End of the interval, not part of it."""
         return self.start + self.duration
 
 
@@ -76,7 +78,7 @@ class MotionNoise:
     empirical_sigma : float
         Steady-state sigma of the Gauss-Markov empirical acceleration on each RTN axis, m/s2.
     empirical_time : float
-        Its correlation time, s.
+        Correlation time of the empirical acceleration, s.
     kinematic_acceleration : float
         Root of the spectral density of white acceleration in kinematic motion, m/s2/sqrt(Hz).
     """
@@ -88,14 +90,16 @@ class MotionNoise:
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
-    """States of chief and difference at a later time, and how their errors develop.
+    """States of the chief and of the difference at a later time, and the growth of their errors.
 
     Parameters
     ----------
-    chief, relative : ndarray, shape (6,)
-        Position and velocity in the navigation axes.
+    chief, relative : ndarray, shape (9,)
+        Position and velocity in the navigation axes, and empirical acceleration.
     transition_chief, transition_relative : ndarray, shape (9, 9)
+        Derivatives by the states at the start.
     noise_chief, noise_relative : ndarray, shape (9, 9)
+        Process noise.
     """
 
     chief: FloatArray
@@ -115,15 +119,16 @@ class OrbitalMotion:
         Forces on both spacecraft.
     noise_chief, noise_relative : MotionNoise
     thrust_relative_sigma : float
-        Error of the known thrust, relative to its magnitude, on each axis.
+        Error of the thrust on each axis, relative to its magnitude.
     force_model_deputy : ForceModel, optional
-        Where the deputy differs (mass, cross-section); that of the chief by default.
+        Forces on the deputy where they differ (mass, cross-section); `force_model` by default.
     integrator : str
-        See `vtff_dynamics.orbit.propagator.Propagator`; ``euler`` for motion that is simulated so.
+        See `vtff_dynamics.orbit.propagator.Propagator`; ``euler`` where the motion is simulated
+        with explicit Euler steps.
     longest_step : float
         Longest step of integration, s. A Runge-Kutta step of 5 s is exact to 1e-7 m in low orbit,
-        the transition matrix to 1e-6. For ``euler`` that of the simulation: its error is part of
-        the motion.
+        the transition matrix to 1e-6. With ``euler`` the step of the simulation, whose error is
+        part of the motion.
 
     Raises
     ------
@@ -161,77 +166,78 @@ class OrbitalMotion:
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
     ) -> Prediction:
-        """Go on by `duration` seconds.
+        """Propagate both states by `duration` seconds.
 
         Parameters
         ----------
         time : GpsTime
-            Of the states given.
+            Time of the states.
         duration : float
             s, not negative.
         chief, relative : ndarray, shape (9,)
-            Position, velocity (GCRF) and empirical acceleration (RTN of the chief); that of the
-            deputy is the sum of both.
+            Position and velocity (GCRF) and empirical acceleration (RTN of the chief). The
+            empirical acceleration of the deputy is the sum of both.
         thrust : sequence of ThrustInterval
+            Thrust of the deputy; intervals outside the time propagated have no effect.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
         phi_chief = phi_relative = np.eye(DYNAMIC_STATES)
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
-        axes: dict[GpsTime, FloatArray] = {}
+        thrust_axes: dict[GpsTime, FloatArray] = {}
         for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
-            acceleration = np.zeros(3)
+            thrust_gcrf = np.zeros(3)
             for interval in thrust:
                 if interval.start <= start < interval.end:
-                    # The axes are those at the start of the interval, not of the step.
-                    fixed = axes.setdefault(interval.start, to_gcrf)
-                    acceleration = acceleration + fixed @ interval.acceleration_rtn
+                    # The axes of the first step of the interval are kept for all its steps.
+                    axes = thrust_axes.setdefault(interval.start, to_gcrf)
+                    thrust_gcrf = thrust_gcrf + axes @ interval.acceleration_rtn
             phi = transition_matrix(chief[:3], to_gcrf, step, self._noise_chief.empirical_time)
             noise = empirical_noise(self._noise_chief, to_gcrf, step)
             phi_chief, noise_chief = phi @ phi_chief, phi @ noise_chief @ phi.T + noise
             middle = chief[:3] + 0.5 * relative[:3]
             phi = transition_matrix(middle, to_gcrf, step, self._noise_relative.empirical_time)
             noise = empirical_noise(self._noise_relative, to_gcrf, step)
-            error = self._thrust_relative_sigma * float(np.linalg.norm(acceleration))
-            if error > 0.0:
-                noise = noise + _white_acceleration(error, step)
+            thrust_error = self._thrust_relative_sigma * float(np.linalg.norm(thrust_gcrf))
+            if thrust_error > 0.0:
+                noise = noise + white_acceleration_noise(thrust_error, step)
             phi_relative = phi @ phi_relative
             noise_relative = phi @ noise_relative @ phi.T + noise
-            self._step(start, step, chief, relative, to_gcrf, acceleration)
+            self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf)
         return Prediction(chief, relative, phi_chief, phi_relative, noise_chief, noise_relative)
 
-    def _step(
+    def _advance(
         self,
         time: GpsTime,
         step: float,
         chief: FloatArray,
         relative: FloatArray,
         to_gcrf: FloatArray,
-        thrust: FloatArray,
+        thrust_gcrf: FloatArray,
     ) -> None:
         """Advance both states in place by one step."""
         empirical_chief = to_gcrf @ chief[6:9]
         empirical_deputy = empirical_chief + to_gcrf @ relative[6:9]
         deputy = chief[:6] + relative[:6]
-        chief[:6] = self._advanced(time, chief[:6], self._model, step, empirical_chief)
-        relative[:6] = (
-            self._advanced(time, deputy, self._model_deputy, step, empirical_deputy + thrust)
-            - chief[:6]
+        chief[:6] = self._propagate(time, chief[:6], self._model, step, empirical_chief)
+        deputy = self._propagate(
+            time, deputy, self._model_deputy, step, empirical_deputy + thrust_gcrf
         )
+        relative[:6] = deputy - chief[:6]
         chief[6:9] *= math.exp(-step / self._noise_chief.empirical_time)
         relative[6:9] *= math.exp(-step / self._noise_relative.empirical_time)
 
-    def _advanced(
+    def _propagate(
         self,
         time: GpsTime,
         state: FloatArray,
         model: ForceModel,
         step: float,
-        acceleration: FloatArray,
+        acceleration_gcrf: FloatArray,
     ) -> FloatArray:
-        """Return a state one step later."""
-        return Propagator(time, state, model, self._integrator, step).advance(acceleration)
+        """Return a state one step later, under the forces and a constant acceleration."""
+        return Propagator(time, state, model, self._integrator, step).advance(acceleration_gcrf)
 
     @staticmethod
     def to_itrf(time: GpsTime) -> FloatArray:
@@ -245,13 +251,14 @@ class OrbitalMotion:
 
 
 class TerrestrialMotion:
-    """Antennas on the ground (navigation axes: ITRF): static, or moving freely.
+    """Motion of antennas on the ground (navigation axes: ITRF): static or free.
 
     Parameters
     ----------
     chief, relative : str
-        ``static`` or ``kinematic``.
+        ``static`` or ``kinematic``: motion of the chief and of the difference.
     noise_chief, noise_relative : MotionNoise
+        Only `MotionNoise.kinematic_acceleration` is used.
     """
 
     def __init__(
@@ -274,18 +281,25 @@ class TerrestrialMotion:
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
     ) -> Prediction:
-        """Go on by `duration` seconds; see `OrbitalMotion.predict`. Thrust means nothing here."""
+        """Propagate by `duration` seconds; see `OrbitalMotion.predict`. Thrust has no effect."""
         states, transitions, noises = [], [], []
         for state, (is_moving, noise) in zip((chief, relative), self._models, strict=True):
             phi = np.eye(DYNAMIC_STATES)
             process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
             if is_moving:
                 phi[:3, 3:6] = duration * np.eye(3)
-                process = _white_acceleration(noise.kinematic_acceleration, duration)
+                process = white_acceleration_noise(noise.kinematic_acceleration, duration)
             states.append(phi @ state)
             transitions.append(phi)
             noises.append(process)
-        return Prediction(*states, *transitions, *noises)
+        return Prediction(
+            chief=states[0],
+            relative=states[1],
+            transition_chief=transitions[0],
+            transition_relative=transitions[1],
+            noise_chief=noises[0],
+            noise_relative=noises[1],
+        )
 
     @staticmethod
     def to_itrf(_time: GpsTime) -> FloatArray:
@@ -306,22 +320,23 @@ def transition_matrix(
     Parameters
     ----------
     position_gcrf : array_like, shape (3,)
-        Where the gravity gradient is taken, m.
+        Position at which the gravity gradient is taken, m.
     to_gcrf : ndarray, shape (3, 3)
-        From the axes of the empirical acceleration (RTN) to GCRF.
+        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
     step : float
-        s.
+        Length of the step, s.
     empirical_time : float
         Correlation time of the empirical acceleration, s.
 
     Notes
     -----
-    Third order in the step. J2 changes the gradient by 0.3 %, which matters to a covariance as
-    little as it does; the states themselves are propagated with all forces.
+    The matrix is of third order in the step. J2 changes the gradient by 0.3 %, which no covariance
+    needs; the states themselves are propagated with all forces.
     """
-    r = np.asarray(position_gcrf, dtype=float)
-    squared = float(r @ r)
-    gradient = GM_EARTH / squared**1.5 * (3.0 * np.outer(r, r) / squared - np.eye(3))
+    position = np.asarray(position_gcrf, dtype=float)
+    squared = float(position @ position)
+    tidal = 3.0 * np.outer(position, position) / squared - np.eye(3)
+    gradient = GM_EARTH / squared**1.5 * tidal
     phi = np.eye(DYNAMIC_STATES)
     identity = np.eye(3)
     phi[:3, :3] += 0.5 * step**2 * gradient
@@ -335,12 +350,21 @@ def transition_matrix(
 
 
 def empirical_noise(noise: MotionNoise, to_gcrf: FloatArray, step: float) -> FloatArray:
-    """Return the process noise (9, 9) of a Gauss-Markov empirical acceleration over a step."""
+    """Return the process noise (9, 9) of a Gauss-Markov empirical acceleration over a step.
+
+    Parameters
+    ----------
+    noise : MotionNoise
+    to_gcrf : ndarray, shape (3, 3)
+        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
+    step : float
+        Length of the step, s; short against the correlation time.
+    """
     spectral_density = 2.0 * noise.empirical_sigma**2 / noise.empirical_time
     process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
     identity = np.eye(3)
-    # White noise integrated once, twice and three times; blocks are isotropic, so that only the
-    # mixed ones with the acceleration depend on its axes.
+    # The white noise that drives the acceleration is integrated once, twice and three times. It is
+    # isotropic, so that only the blocks that mix the acceleration with others depend on its axes.
     process[:3, :3] = spectral_density * step**5 / 20.0 * identity
     process[:3, 3:6] = process[3:6, :3] = spectral_density * step**4 / 8.0 * identity
     process[3:6, 3:6] = spectral_density * step**3 / 3.0 * identity
@@ -352,8 +376,16 @@ def empirical_noise(noise: MotionNoise, to_gcrf: FloatArray, step: float) -> Flo
     return process
 
 
-def _white_acceleration(root_density: float, step: float) -> FloatArray:
-    """Return the process noise (9, 9) of white acceleration over a step."""
+def white_acceleration_noise(root_density: float, step: float) -> FloatArray:
+    """Return the process noise (9, 9) of white acceleration over a step.
+
+    Parameters
+    ----------
+    root_density : float
+        Root of the spectral density on each axis, m/s2/sqrt(Hz).
+    step : float
+        Length of the step, s.
+    """
     density = root_density**2
     process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
     process[:3, :3] = density * step**3 / 3.0 * np.eye(3)
@@ -365,18 +397,17 @@ def _white_acceleration(root_density: float, step: float) -> FloatArray:
 def _steps(
     time: GpsTime, duration: float, thrust: Sequence[ThrustInterval], longest_step: float
 ) -> list[tuple[GpsTime, float]]:
-    """Return start and length of steps that end wherever the thrust changes."""
+    """Return start and length of the steps of integration; a step ends where the thrust changes."""
     end = time + duration
-    marks = {time, end}
+    changes = {time, end}
     for interval in thrust:
-        marks.update(mark for mark in (interval.start, interval.end) if time < mark < end)
-    ordered = sorted(marks)
+        changes.update(t for t in (interval.start, interval.end) if time < t < end)
     steps = []
-    for start, stop in zip(ordered[:-1], ordered[1:], strict=True):
-        count = math.ceil((stop - start) / longest_step - 1e-9)
-        nanoseconds = (stop.nanoseconds - start.nanoseconds) // count
+    for first, last in itertools.pairwise(sorted(changes)):
+        count = math.ceil((last - first) / longest_step - 1e-9)
+        nanoseconds = (last.nanoseconds - first.nanoseconds) // count
         for index in range(count):
-            begin = GpsTime(start.nanoseconds + index * nanoseconds)
-            finish = stop if index == count - 1 else GpsTime(begin.nanoseconds + nanoseconds)
+            begin = GpsTime(first.nanoseconds + index * nanoseconds)
+            finish = last if index == count - 1 else GpsTime(begin.nanoseconds + nanoseconds)
             steps.append((begin, finish - begin))
     return steps

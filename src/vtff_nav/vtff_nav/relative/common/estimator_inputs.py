@@ -1,4 +1,4 @@
-"""What every relative estimator is given between epochs: ephemerides and thrust."""
+"""Ephemerides and thrust that a relative estimator is given between epochs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ __all__ = ["EstimatorInputs"]
 
 
 class EstimatorInputs:
-    """Base of the estimators: the part of `RelativeEstimator` that is the same in all.
+    """Base class of the estimators: methods of `RelativeEstimator` that all of them share.
 
     Parameters
     ----------
     ephemerides : iterable of BroadcastEphemeris, optional
+        Ephemerides to begin with.
     """
 
     def __init__(self, ephemerides: Iterable[BroadcastEphemeris] = ()) -> None:
@@ -30,13 +31,13 @@ class EstimatorInputs:
         self._thrust: list[ThrustInterval] = []
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Take a broadcast ephemeris; repetitions cost nothing."""
+        """Add a broadcast ephemeris; one that is already there costs nothing."""
         if ephemeris not in self._ephemerides:
             self._ephemerides[ephemeris] = None
             self._store = None
 
     def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
-        """Take the thrust of the deputy; see `RelativeEstimator.add_thrust`.
+        """Add the thrust of the deputy; see `RelativeEstimator.add_thrust`.
 
         Raises
         ------
@@ -51,8 +52,8 @@ class EstimatorInputs:
         if acceleration.any():
             self._thrust.append(ThrustInterval(start, duration, acceleration))
 
-    def _table(self, time: GpsTime) -> EphemerisTable:
-        """Return the ephemerides that are valid at a time."""
+    def _ephemeris_table(self, time: GpsTime) -> EphemerisTable:
+        """Return the table of the ephemerides that are valid at a time."""
         if self._store is None:
             self._store = EphemerisStore(self._ephemerides)
         return self._store.table(time)

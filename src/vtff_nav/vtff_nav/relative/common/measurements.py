@@ -5,72 +5,60 @@ from __future__ import annotations
 import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, skew
 from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
-from vtff_gnss.signals import carrier_frequency_hz, satellite_name
+from vtff_gnss.signals import (
+    SignalKey,
+    carrier_frequency_hz,
+    satellite_number,
+    satellite_number_of_signal,
+    signal_from_number,
+    signal_number,
+)
 
 __all__ = [
     "DEFAULT_BANDS",
     "Geometry",
     "MeasurementNoise",
-    "SignalKey",
     "SignalReader",
     "SignalTable",
     "SingleDifferences",
     "code_group_delay",
-    "geometry",
-    "median",
+    "compute_geometry",
+    "form_single_differences",
     "satellite_mask",
-    "satellite_rows",
-    "signal_key",
-    "single_differences",
+    "satellite_numbers",
+    "upper_median",
 ]
 
 DEFAULT_BANDS: dict[int, tuple[int, ...]] = {c.SYSTEM_GPS: (1, 2, 5), c.SYSTEM_GALILEO: (1, 5, 7)}
-"""RINEX frequency digits used: L1, L2, L5; E1, E5a, E5b."""
+"""RINEX frequency digits used for each system: L1, L2, L5; E1, E5a, E5b."""
 
-# Of several signals on one carrier one is used: the civil ones and pilots first, P(Y) before L2C
-# because the broadcast clock refers to it. They share the carrier, so that a second adds little.
+# Only one of several signals on a carrier is used, because a second signal on the same carrier adds
+# little. Civil signals and pilots come first; P(Y) comes before L2C because the broadcast clock
+# refers to it.
 _ATTRIBUTE_ORDER = "CWPQXSLIBYMNDAZ"
 _ATTRIBUTE_RANK = np.full(256, len(_ATTRIBUTE_ORDER), dtype=np.int64)
 for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
     _ATTRIBUTE_RANK[ord(_letter)] = _rank
 
 _LAYOUTS_KEPT = 16
-_BOTH_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
+_CODE_AND_PHASE_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
+_LARGEST_SATELLITE_NUMBER = int(satellite_number(255, 255))
 
-
-class SignalKey(NamedTuple):
-    """A signal of a satellite."""
-
-    system: int
-    prn: int
-    band: int
-    attribute: int
-
-    @property
-    def satellite(self) -> tuple[int, int]:
-        """System and number of the satellite."""
-        return self.system, self.prn
-
-    @property
-    def group(self) -> tuple[int, int, int]:
-        """What shares one receiver bias: system, band and attribute."""
-        return self.system, self.band, self.attribute
-
-    def __str__(self) -> str:
-        """Return for example ``G05 L1C``."""
-        return f"{satellite_name(self.system, self.prn)} L{self.band}{chr(self.attribute)}"
+# Receivers that are slower than this over the ground (m/s) stand on it or move near it.
+_SLOWEST_ORBITAL_SPEED = 1e3
+_EARTH_ROTATION = skew([0.0, 0.0, c.EARTH_ROTATION_RATE_BROADCAST])
+"""``_EARTH_ROTATION @ r`` is the cross product of the rotation vector of the Earth with r, 1/s."""
 
 
 @dataclass(frozen=True)
@@ -80,11 +68,11 @@ class MeasurementNoise:
     Parameters
     ----------
     code_sigma, phase_sigma : float
-        m; used where the receiver states none.
+        Sigmas where the receiver states none, m.
     use_receiver_sigmas : bool
-        Take those of the receiver, but not below the smallest.
+        Whether the sigmas that the receiver states are used.
     smallest_code_sigma, smallest_phase_sigma : float
-        m.
+        Lower limits of the sigmas that the receiver states, m.
     """
 
     code_sigma: float = 0.3
@@ -109,24 +97,34 @@ class MeasurementNoise:
 
 @dataclass(frozen=True, eq=False)
 class SignalTable:
-    """Usable signals of one receiver epoch, at most one on each carrier of a satellite; (n,).
+    """Usable signals of one receiver epoch, at most one on each carrier of a satellite.
+
+    All columns have shape (n,); signals are in the order of `signal`.
 
     Parameters
     ----------
-    number : ndarray of int64
-        System, satellite, band and attribute as one number, increasing.
+    signal, satellite : ndarray of int64
+        `vtff_gnss.signals.signal_number` and `vtff_gnss.signals.satellite_number`.
+    system, band : ndarray of int64
+        ``SYSTEM_*`` and RINEX frequency digit.
     wavelength, frequency_hz : ndarray
+        Of the carrier, m and Hz.
     pseudorange, carrier_range : ndarray
-        m; the carrier range has an ambiguity.
+        m; the carrier range is ambiguous.
     code_sigma, phase_sigma : ndarray
-        m.
+        Sigmas of pseudorange and carrier range, m.
     range_rate : ndarray
-        m/s, from Doppler; NaN where there is none.
+        Range rate from Doppler, m/s; NaN without Doppler.
     flags : ndarray of uint16
+        ``FLAG_*`` of `vtff_gnss.constants`.
     lock_time : ndarray
+        s.
     """
 
-    number: npt.NDArray[np.int64]
+    signal: npt.NDArray[np.int64]
+    satellite: npt.NDArray[np.int64]
+    system: npt.NDArray[np.int64]
+    band: npt.NDArray[np.int64]
     wavelength: FloatArray
     frequency_hz: FloatArray
     pseudorange: FloatArray
@@ -139,89 +137,112 @@ class SignalTable:
 
     def __len__(self) -> int:
         """Return the number of signals."""
-        return len(self.number)
+        return len(self.signal)
 
-    def taken(self, rows: npt.NDArray[np.intp]) -> SignalTable:
-        """Return some rows."""
-        return SignalTable(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
-
-    @property
-    def satellite(self) -> npt.NDArray[np.int64]:
-        """System and satellite as one number, shape (n,)."""
-        return self.number >> 16
+    def select(self, rows: npt.NDArray[np.intp]) -> SignalTable:
+        """Return a table of some rows."""
+        return SignalTable(
+            **{name: getattr(self, name)[rows] for name in self.__dataclass_fields__}
+        )
 
 
 def satellite_mask(satellites: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return which of all satellite numbers (system and number as one) are given, (65536,)."""
-    mask = np.zeros(1 << 16, dtype=bool)
+    """Return an array that is true at the given satellite numbers, shape (65536,).
+
+    Parameters
+    ----------
+    satellites : ndarray of int64
+        `vtff_gnss.signals.satellite_number` of satellites.
+    """
+    mask = np.zeros(_LARGEST_SATELLITE_NUMBER + 1, dtype=bool)
     mask[satellites] = True
     return mask
 
 
 @dataclass(frozen=True, eq=False)
 class _Layout:
-    """What depends only on which signals a log holds, in the order of their numbers; shape (n,)."""
+    """Columns that depend only on the signals in a log, in the order of signals; shape (n,).
+
+    Parameters
+    ----------
+    order : ndarray of intp
+        Rows of the epoch.
+    signal, satellite, carrier : ndarray of int64
+        Numbers of signal and satellite; `carrier` is equal for signals on one carrier of a
+        satellite.
+    system, band : ndarray of int64
+    frequency_hz, wavelength : ndarray
+    """
 
     order: npt.NDArray[np.intp]
-    number: npt.NDArray[np.int64]
+    signal: npt.NDArray[np.int64]
+    satellite: npt.NDArray[np.int64]
+    carrier: npt.NDArray[np.int64]
+    system: npt.NDArray[np.int64]
+    band: npt.NDArray[np.int64]
     frequency_hz: FloatArray
     wavelength: FloatArray
 
 
 class SignalReader:
-    """Takes the usable signals out of epochs.
+    """Reads the usable signals of epochs.
 
     Parameters
     ----------
     noise : MeasurementNoise
     bands : mapping of int to tuple of int
-        Frequency digits wanted of each system.
+        RINEX frequency digits that are used of each system.
     """
 
     def __init__(self, noise: MeasurementNoise, bands: Mapping[int, tuple[int, ...]]) -> None:
         self._noise = noise
         self._is_wanted = np.zeros((256, 10), dtype=bool)
-        for wanted, digits in bands.items():
-            self._is_wanted[wanted, list(digits)] = True
-        # A log holds the same signals for minutes: one layout for each receiver and some more.
+        for system, digits in bands.items():
+            self._is_wanted[system, list(digits)] = True
+        # A log holds the same signals for minutes, so the layouts are kept.
         self._layouts: dict[bytes, _Layout] = {}
 
-    def read(self, epoch: ObservationEpoch, is_known: npt.NDArray[np.bool_]) -> SignalTable:
+    def read(self, epoch: ObservationEpoch, has_ephemeris: npt.NDArray[np.bool_]) -> SignalTable:
         """Return the signals of an epoch that have valid code and phase.
 
         Parameters
         ----------
         epoch : ObservationEpoch
-        is_known : ndarray of bool
-            See `satellite_mask`: satellites with an ephemeris.
+        has_ephemeris : ndarray of bool
+            `satellite_mask` of the satellites with an ephemeris; the others are left out.
         """
-        layout = self._layout(epoch)
+        layout = self._layout_of(epoch)
         order = layout.order
         flags = epoch.flags[order]
-        is_usable = (flags & _BOTH_VALID) == _BOTH_VALID
-        is_usable &= is_known[layout.number >> 16]
+        is_usable = (flags & _CODE_AND_PHASE_VALID) == _CODE_AND_PHASE_VALID
+        is_usable &= has_ephemeris[layout.satellite]
         pseudorange = epoch.pseudorange[order]
         carrier_range = layout.wavelength * epoch.carrier_phase_cycles[order]
         is_usable &= np.isfinite(pseudorange + carrier_range)
         rows = np.flatnonzero(is_usable)
-        carrier = layout.number[rows] >> 8
+        # The first usable signal of each carrier is the preferred one.
+        carrier = layout.carrier[rows]
         rows = rows[np.append(True, carrier[1:] != carrier[:-1])] if len(rows) else rows
-        chosen, wavelength = order[rows], layout.wavelength[rows]
-        code_sigma, phase_sigma = self._noise.sigmas(epoch, chosen, wavelength)
+        epoch_rows, wavelength = order[rows], layout.wavelength[rows]
+        code_sigma, phase_sigma = self._noise.sigmas(epoch, epoch_rows, wavelength)
         return SignalTable(
-            number=layout.number[rows],
+            signal=layout.signal[rows],
+            satellite=layout.satellite[rows],
+            system=layout.system[rows],
+            band=layout.band[rows],
             wavelength=wavelength,
             frequency_hz=layout.frequency_hz[rows],
             pseudorange=pseudorange[rows],
             carrier_range=carrier_range[rows],
             code_sigma=code_sigma,
             phase_sigma=phase_sigma,
-            range_rate=-wavelength * epoch.doppler_hz[chosen].astype(float),
+            range_rate=-wavelength * epoch.doppler_hz[epoch_rows].astype(float),
             flags=flags[rows],
-            lock_time=epoch.lock_time[chosen].astype(float),
+            lock_time=epoch.lock_time[epoch_rows].astype(float),
         )
 
-    def _layout(self, epoch: ObservationEpoch) -> _Layout:
+    def _layout_of(self, epoch: ObservationEpoch) -> _Layout:
+        """Return the layout of the signals of an epoch."""
         names = epoch.system, epoch.prn, epoch.band, epoch.attribute
         key = b"".join(column.tobytes() for column in names)
         layout = self._layouts.get(key)
@@ -229,13 +250,18 @@ class SignalReader:
             if len(self._layouts) >= _LAYOUTS_KEPT:
                 self._layouts.clear()
             system, prn, band, attribute = (column.astype(np.int64) for column in names)
-            carrier = (system << 16) | (prn << 8) | band
+            carrier = signal_number(system, prn, band, 0)
             order = np.lexsort((_ATTRIBUTE_RANK[attribute], carrier))
             order = order[self._is_wanted[system[order], band[order]]]
             frequency = carrier_frequency_hz(system[order], band[order])
+            signal = signal_number(system[order], prn[order], band[order], attribute[order])
             layout = _Layout(
                 order=order,
-                number=(carrier[order] << 8) | attribute[order],
+                signal=signal,
+                satellite=satellite_number_of_signal(signal),
+                carrier=carrier[order],
+                system=system[order],
+                band=band[order],
                 frequency_hz=frequency,
                 wavelength=SPEED_OF_LIGHT / frequency,
             )
@@ -243,29 +269,34 @@ class SignalReader:
         return layout
 
 
-def signal_key(number: int) -> SignalKey:
-    """Return the key of a signal number of `SignalTable`."""
-    return SignalKey(number >> 24, (number >> 16) & 255, (number >> 8) & 255, number & 255)
-
-
 @dataclass(frozen=True, eq=False)
 class SingleDifferences:
-    """Deputy less chief of the signals that both have, shape (n,); m.
+    """Measurements of the deputy less those of the chief, of the signals that both receivers have.
+
+    All columns but `lock_time` have shape (n,).
 
     Parameters
     ----------
     keys : list of SignalKey
+        Signals, in the order of their numbers.
     satellite : ndarray of int64
-        System and satellite as one number.
-    wavelength, frequency_hz, code, phase, code_variance, phase_variance, range_rate : ndarray
+        `vtff_gnss.signals.satellite_number`.
+    wavelength, frequency_hz : ndarray
+        Of the carrier, m and Hz.
+    code, phase : ndarray
+        Single differences of pseudorange and carrier range, m.
+    code_variance, phase_variance : ndarray
+        Variances of these differences, m2.
+    range_rate : ndarray
+        Single difference of the range rates from Doppler, m/s.
     is_parity_known : ndarray of bool
-        At both receivers: the ambiguity is a whole number.
+        Whether both receivers know the parity: the ambiguity is then a whole number.
     half_cycles : ndarray of int64
-        Bit 0 for the chief, bit 1 for the deputy: the receiver has added half a cycle.
+        Receivers that have added half a cycle: bit 0 for the chief, bit 1 for the deputy.
     is_lock_lost : ndarray of bool
-        At either.
+        Whether either receiver has lost lock.
     lock_time : ndarray, shape (2, n)
-        s; chief, deputy.
+        Lock time of chief and deputy, s.
     """
 
     keys: list[SignalKey]
@@ -286,18 +317,28 @@ class SingleDifferences:
         """Return the number of signals."""
         return len(self.keys)
 
+    def select(self, rows: npt.NDArray[np.intp]) -> SingleDifferences:
+        """Return the single differences of some rows."""
+        if len(rows) == len(self):
+            return self
+        columns = {
+            name: getattr(self, name)[..., rows]
+            for name in self.__dataclass_fields__
+            if name != "keys"
+        }
+        return SingleDifferences(keys=[self.keys[row] for row in rows.tolist()], **columns)
 
-def single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDifferences:
-    """Return the differences of the signals that both receivers have."""
-    _, first, second = np.intersect1d(
-        chief.number, deputy.number, assume_unique=True, return_indices=True
+
+def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDifferences:
+    """Return the differences, deputy less chief, of the signals that both receivers have."""
+    _, rows_chief, rows_deputy = np.intersect1d(
+        chief.signal, deputy.signal, assume_unique=True, return_indices=True
     )
-    a, b = chief.taken(first), deputy.taken(second)
-    both = a.flags & b.flags
+    a, b = chief.select(rows_chief), deputy.select(rows_deputy)
     added = c.FLAG_HALF_CYCLE_ADDED
-    half = ((a.flags & added) > 0).astype(np.int64) + 2 * ((b.flags & added) > 0)
+    half_cycles = ((a.flags & added) > 0).astype(np.int64) + 2 * ((b.flags & added) > 0)
     return SingleDifferences(
-        keys=[signal_key(number) for number in a.number.tolist()],
+        keys=[signal_from_number(number) for number in a.signal.tolist()],
         satellite=a.satellite,
         wavelength=a.wavelength,
         frequency_hz=a.frequency_hz,
@@ -306,8 +347,8 @@ def single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDiffere
         code_variance=a.code_sigma**2 + b.code_sigma**2,
         phase_variance=a.phase_sigma**2 + b.phase_sigma**2,
         range_rate=b.range_rate - a.range_rate,
-        is_parity_known=(both & c.FLAG_PARITY_KNOWN) > 0,
-        half_cycles=half,
+        is_parity_known=(a.flags & b.flags & c.FLAG_PARITY_KNOWN) > 0,
+        half_cycles=half_cycles,
         is_lock_lost=((a.flags | b.flags) & c.FLAG_LOCK_LOST) > 0,
         lock_time=np.array([a.lock_time, b.lock_time]),
     )
@@ -315,20 +356,21 @@ def single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDiffere
 
 @dataclass(frozen=True, eq=False)
 class Geometry:
-    """Lines of sight of both receivers to n satellites; leading axis chief, deputy.
+    """Lines of sight of both receivers to n satellites; the leading axis is chief, deputy.
 
     Parameters
     ----------
     satellite : ndarray of int64, shape (n,)
-        System and satellite as one number, increasing.
+        `vtff_gnss.signals.satellite_number`, increasing.
     range : ndarray, shape (2, n)
-        m, from the position at reception (tag less clock) to that at transmission.
+        Distance from the receiver at reception (time tag less clock) to the satellite at
+        transmission, m.
     range_rate : ndarray, shape (2, n)
         m/s.
     clock : ndarray, shape (2, n)
         Satellite clock, m.
     clock_drift : ndarray, shape (2, n)
-        Its derivative, m/s.
+        Derivative of the satellite clock, m/s.
     direction : ndarray, shape (2, n, 3)
         Unit vectors to the satellites in the navigation axes.
     elevation, azimuth : ndarray, shape (2, n)
@@ -344,44 +386,45 @@ class Geometry:
     elevation: FloatArray
     azimuth: FloatArray
 
-    def rows(self, satellite: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
-        """Return the columns of satellites, all of which must be there."""
+    def columns(self, satellite: npt.NDArray[np.int64]) -> npt.NDArray[np.intp]:
+        """Return the columns of satellites; all of them must be part of the geometry."""
         return np.searchsorted(self.satellite, satellite)
 
 
-def satellite_rows(table: EphemerisTable) -> npt.NDArray[np.int64]:
-    """Return system and satellite as one number for each row of a table (increasing)."""
-    return (table.system.astype(np.int64) << 8) | table.prn.astype(np.int64)
+def satellite_numbers(table: EphemerisTable) -> npt.NDArray[np.int64]:
+    """Return the `vtff_gnss.signals.satellite_number` of each row of a table, increasing."""
+    return satellite_number(table.system, table.prn)
 
 
-def geometry(
+def compute_geometry(
     table: EphemerisTable,
     time: GpsTime,
     offsets: FloatArray,
     states_itrf: FloatArray,
     to_itrf: FloatArray,
 ) -> Geometry:
-    """Return the lines of sight of receivers.
+    """Return the lines of sight of both receivers to the satellites of a table.
 
     Parameters
     ----------
     table : EphemerisTable
     time : GpsTime
-        Of the states.
+        Time of the states.
     offsets : ndarray, shape (2,)
         True time of reception less `time` (time tag less clock), s.
     states_itrf : ndarray, shape (2, 6)
-        Positions and Earth-fixed velocities at `time`. They are carried to the time of reception
-        by their velocity and the acceleration of free fall: 7.6 mm for each microsecond in orbit.
+        Positions and Earth-fixed velocities at `time`, m and m/s. The positions are moved to the
+        time of reception by the velocity (7.6 mm for each microsecond in orbit) and free fall.
     to_itrf : ndarray, shape (3, 3)
-        From the navigation axes.
+        Rotation from the navigation axes to ITRF.
     """
     position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
-    shift = offsets[:, None]
-    received = position + shift * velocity + 0.5 * shift**2 * _acceleration(states_itrf)
-    sight = lines_of_sight(table, time, offsets, received, velocity)
+    delay = offsets[:, None]
+    acceleration = _free_fall_acceleration(position, velocity)
+    position_at_reception = position + delay * velocity + 0.5 * delay**2 * acceleration
+    sight = lines_of_sight(table, time, offsets, position_at_reception, velocity)
     return Geometry(
-        satellite=satellite_rows(table),
+        satellite=satellite_numbers(table),
         range=sight.range,
         range_rate=sight.range_rate,
         clock=SPEED_OF_LIGHT * sight.clock_offset_satellite,
@@ -392,36 +435,59 @@ def geometry(
     )
 
 
-def _acceleration(states_itrf: FloatArray) -> FloatArray:
-    """Return the Earth-fixed acceleration of free fall, (2, 3); 0 for receivers at rest."""
-    position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
-    squared = np.sum(position**2, axis=1, keepdims=True)
-    rate = c.EARTH_ROTATION_RATE_BROADCAST
-    fall = -c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS] / squared**1.5 * position
-    coriolis = 2.0 * rate * velocity[:, [1, 0, 2]] * np.array([1.0, -1.0, 0.0])
-    inertial = fall + coriolis
-    centrifugal = rate**2 * position * np.array([1.0, 1.0, 0.0])
-    is_orbiting = np.sum(velocity**2, axis=1, keepdims=True) > 1e6
-    return np.where(is_orbiting, inertial + centrifugal, 0.0)
+def _free_fall_acceleration(position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return the acceleration of free fall in Earth-fixed axes; zero for receivers on the ground.
+
+    Parameters
+    ----------
+    position, velocity : ndarray, shape (2, 3)
+        ITRF, m and m/s.
+
+    Returns
+    -------
+    ndarray, shape (2, 3)
+        Point mass, Coriolis and centrifugal acceleration, m/s2.
+    """
+    radius = np.linalg.norm(position, axis=1, keepdims=True)
+    gravity = -c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS] / radius**3 * position
+    coriolis = -2.0 * velocity @ _EARTH_ROTATION.T
+    centrifugal = -position @ (_EARTH_ROTATION @ _EARTH_ROTATION).T
+    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
+    return np.where(speed > _SLOWEST_ORBITAL_SPEED, gravity + coriolis + centrifugal, 0.0)
 
 
 @functools.lru_cache(maxsize=32)
 def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
-    """Return by how much codes leave later than the broadcast clock tells, m, of all satellites.
+    """Return the delay of the code on a carrier against the broadcast clock, m.
 
+    Parameters
+    ----------
+    table : EphemerisTable
+    band : int
+        RINEX frequency digit.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        Delay for each satellite of the table, NaN where its system lacks the carrier.
+
+    Notes
+    -----
     With gamma = (f1 / f)^2: GPS gamma TGD (IS-GPS-200, 20.3.3.3.3.2; inter-signal corrections of
     L2C and L5 are not in LNAV and taken as zero). Galileo with the I/NAV clock: E1 and E5b gamma
     BGD(E1,E5b), E5a BGD(E1,E5b) + (gamma - 1) BGD(E1,E5a) (OS SIS ICD, 5.1.5).
     """
     frequency = carrier_frequency_hz(table.system, np.full(len(table), band))
     gamma = (c.FREQUENCY_L1 / frequency) ** 2
-    first, second = table.group_delay, table.group_delay_secondary
-    galileo = second + (gamma - 1.0) * first if band == 5 else gamma * second
-    delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * first)
+    if band == 5:
+        galileo = table.group_delay_secondary + (gamma - 1.0) * table.group_delay
+    else:
+        galileo = gamma * table.group_delay_secondary
+    delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * table.group_delay)
     return SPEED_OF_LIGHT * delay
 
 
-def median(values: FloatArray) -> float:
-    """Return the (upper) median; `numpy.median` takes ten times as long on so few numbers."""
+def upper_median(values: FloatArray) -> float:
+    """Return the upper median; `numpy.median` takes ten times as long on so few numbers."""
     ordered: list[float] = sorted(values.tolist())
     return ordered[len(ordered) // 2]

@@ -1,4 +1,4 @@
-"""Position from the codes of one epoch, and the combinations that are free of the ionosphere."""
+"""Ionosphere-free combinations of one epoch, and the position of a receiver from their codes."""
 
 from __future__ import annotations
 
@@ -17,13 +17,26 @@ from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
-    geometry,
-    satellite_rows,
+    compute_geometry,
+    satellite_numbers,
 )
 
-__all__ = ["Combinations", "SinglePoint", "combinations", "single_point", "troposphere_delay"]
+__all__ = [
+    "Combinations",
+    "SinglePoint",
+    "form_combinations",
+    "solve_single_point",
+    "troposphere_delay",
+]
 
 _POINT_ITERATIONS = 12
+# The first iterations only bring the position near the Earth: elevations mean nothing yet.
+_ITERATIONS_WITHOUT_ELEVATION = 6
+_FIRST_RADIUS = 6.9e6
+_POINT_TOLERANCE = 1e-3
+_LARGEST_POINT_CONDITION = 1e10
+_FEWEST_DOPPLER_SATELLITES = 5
+_SMALLEST_VELOCITY_SIGMA = 0.5
 _TOP_OF_TROPOSPHERE = 20e3
 
 
@@ -31,23 +44,31 @@ _TOP_OF_TROPOSPHERE = 20e3
 class Combinations:
     """Ionosphere-free measurements of one epoch, one row for each of n satellites.
 
+    A satellite with two carriers has ionosphere-free combinations of code and phase. A satellite
+    with one carrier has GRAPHIC, the mean of code and phase, as `phase`; its `code` is the code
+    itself, which the ionosphere delays. All columns have shape (n,).
+
     Parameters
     ----------
     satellite : ndarray of int64
-        System and satellite as one number.
-    band : ndarray of int64
-        Frequency digit of the second carrier; 0 where the row is GRAPHIC.
+        `vtff_gnss.signals.satellite_number`, increasing.
+    system : ndarray of int64
+        ``SYSTEM_*``.
+    second_band : ndarray of int64
+        RINEX frequency digit of the second carrier; 0 where the row is GRAPHIC.
     code, phase : ndarray
-        m; for GRAPHIC `code` is the code itself, with the ionosphere, and `phase` the mean.
+        m.
     code_sigma, phase_sigma : ndarray
         m.
     is_lock_lost : ndarray of bool
+        Whether lock was lost on a carrier.
     range_rate : ndarray
-        m/s.
+        Range rate from Doppler on the first carrier, m/s.
     """
 
     satellite: npt.NDArray[np.int64]
-    band: npt.NDArray[np.int64]
+    system: npt.NDArray[np.int64]
+    second_band: npt.NDArray[np.int64]
     code: FloatArray
     phase: FloatArray
     code_sigma: FloatArray
@@ -59,77 +80,81 @@ class Combinations:
         """Return the number of satellites."""
         return len(self.satellite)
 
-    def taken(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> Combinations:
-        """Return some rows."""
-        return Combinations(*(getattr(self, name)[rows] for name in self.__dataclass_fields__))
+    def select(self, rows: npt.NDArray[np.intp] | npt.NDArray[np.bool_]) -> Combinations:
+        """Return the combinations of some rows."""
+        return Combinations(
+            **{name: getattr(self, name)[rows] for name in self.__dataclass_fields__}
+        )
 
 
-def combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
-    """Return the ionosphere-free combinations; all satellites must have an ephemeris."""
-    known = satellite_rows(table)
-    # Signals are ordered by satellite and band, and all satellites have an ephemeris.
+def form_combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
+    """Return the ionosphere-free combinations of the first two carriers of each satellite.
+
+    Parameters
+    ----------
+    signals : SignalTable
+    table : EphemerisTable
+        All satellites of `signals` must be in it; their group delays are taken off the codes.
+    """
+    # Signals are in the order of satellites and bands.
     is_first = np.ones(len(signals), dtype=bool)
     is_first[1:] = signals.satellite[1:] != signals.satellite[:-1]
     first = np.flatnonzero(is_first)
     count = np.diff(np.append(first, len(signals)))
-    satellites = signals.satellite[first]
-    rows = np.searchsorted(known, satellites)
-    # The first two of a satellite are its main carriers.
     second = first + (count > 1)
-    f1, f2 = signals.frequency_hz[first] ** 2, signals.frequency_hz[second] ** 2
-    is_dual = f1 != f2
-    gap = np.where(is_dual, f1 - f2, 1.0)
-    a1, a2 = np.where(is_dual, f1 / gap, 1.0), np.where(is_dual, -f2 / gap, 0.0)
-    p1, p2 = (
-        _corrected_code(signals, first, table, rows),
-        _corrected_code(signals, second, table, rows),
-    )
-    l1, l2 = signals.carrier_range[first], signals.carrier_range[second]
-    sc1, sc2 = signals.code_sigma[first], signals.code_sigma[second]
-    sp1, sp2 = signals.phase_sigma[first], signals.phase_sigma[second]
-    code, phase = a1 * p1 + a2 * p2, a1 * l1 + a2 * l2
-    lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
+    f1_squared, f2_squared = signals.frequency_hz[first] ** 2, signals.frequency_hz[second] ** 2
+    is_dual = f1_squared != f2_squared
+    difference = np.where(is_dual, f1_squared - f2_squared, 1.0)
+    factor1 = np.where(is_dual, f1_squared / difference, 1.0)
+    factor2 = np.where(is_dual, -f2_squared / difference, 0.0)
+    code1, code2 = (_corrected_code(signals, rows, table) for rows in (first, second))
+    phase1, phase2 = signals.carrier_range[first], signals.carrier_range[second]
+    code_sigma1, code_sigma2 = signals.code_sigma[first], signals.code_sigma[second]
+    phase_sigma1, phase_sigma2 = signals.phase_sigma[first], signals.phase_sigma[second]
+    is_lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
     return Combinations(
-        satellite=satellites,
-        band=np.where(is_dual, (signals.number[second] >> 8) & 255, 0),
-        code=code,
-        phase=np.where(is_dual, phase, 0.5 * (p1 + l1)),
-        code_sigma=np.hypot(a1 * sc1, a2 * sc2),
-        phase_sigma=np.where(is_dual, np.hypot(a1 * sp1, a2 * sp2), 0.5 * np.hypot(sc1, sp1)),
-        is_lock_lost=lost[first] | lost[second],
+        satellite=signals.satellite[first],
+        system=signals.system[first],
+        second_band=np.where(is_dual, signals.band[second], 0),
+        code=factor1 * code1 + factor2 * code2,
+        phase=np.where(is_dual, factor1 * phase1 + factor2 * phase2, 0.5 * (code1 + phase1)),
+        code_sigma=np.hypot(factor1 * code_sigma1, factor2 * code_sigma2),
+        phase_sigma=np.where(
+            is_dual,
+            np.hypot(factor1 * phase_sigma1, factor2 * phase_sigma2),
+            0.5 * np.hypot(code_sigma1, phase_sigma1),
+        ),
+        is_lock_lost=is_lost[first] | is_lost[second],
         range_rate=signals.range_rate[first],
     )
 
 
 def _corrected_code(
-    signals: SignalTable,
-    rows: npt.NDArray[np.intp],
-    table: EphemerisTable,
-    satellites: npt.NDArray[np.intp],
+    signals: SignalTable, rows: npt.NDArray[np.intp], table: EphemerisTable
 ) -> FloatArray:
-    """Return codes without the group delay that the message tells, m."""
-    code = signals.pseudorange[rows]
-    bands = (signals.number[rows] >> 8) & 255
+    """Return the codes of some rows less their broadcast group delays, m, shape (n,)."""
+    code, bands = signals.pseudorange[rows], signals.band[rows]
+    table_rows = np.searchsorted(satellite_numbers(table), signals.satellite[rows])
     for band in set(bands.tolist()):
-        chosen = bands == band
-        code[chosen] -= code_group_delay(table, band)[satellites[chosen]]
+        has_band = bands == band
+        code[has_band] -= code_group_delay(table, band)[table_rows[has_band]]
     return code
 
 
 @dataclass(frozen=True, eq=False)
 class SinglePoint:
-    """Position from the codes of one epoch.
+    """Position of a receiver from the codes of one epoch.
 
     Parameters
     ----------
     time : GpsTime
         Time tag of the epoch.
     position_itrf, velocity_itrf : ndarray, shape (3,)
-        At the true time of reception; the velocity from Doppler, NaN without.
+        State at the true time of reception, m and m/s; the velocity is NaN without Doppler.
     covariance : ndarray, shape (3, 3)
-        Of the position, m2.
+        Covariance of the position, m2.
     velocity_sigma : float
-        m/s, of each component.
+        Sigma of each component of the velocity, m/s.
     clock : float
         Receiver clock less GPS time, m.
     """
@@ -142,78 +167,105 @@ class SinglePoint:
     clock: float
 
 
-def single_point(
+def solve_single_point(
     measured: Combinations,
     table: EphemerisTable,
     time: GpsTime,
     elevation_mask: float,
     has_troposphere: bool,
 ) -> SinglePoint | None:
-    """Solve position and clocks by least squares from nothing; None if that is impossible."""
-    systems = np.unique(measured.satellite >> 8)
-    if len(measured) < 3 + len(systems):
+    """Solve position and one clock for each system by least squares, without a first guess.
+
+    Parameters
+    ----------
+    measured : Combinations
+    table : EphemerisTable
+    time : GpsTime
+        Time tag of the epoch.
+    elevation_mask : float
+        Satellites below are not used, rad.
+    has_troposphere : bool
+        Whether `troposphere_delay` is part of the model.
+
+    Returns
+    -------
+    SinglePoint or None
+        None with too few satellites, a singular geometry or no convergence.
+    """
+    systems = np.unique(measured.system)
+    fewest_satellites = 3 + len(systems)
+    if len(measured) < fewest_satellites:
         return None
-    rows = np.searchsorted(satellite_rows(table), measured.satellite)
-    directions = table.states(time).position_itrf[rows].sum(axis=0)
-    position = 6.9e6 * directions / np.linalg.norm(directions)
-    clocks = (measured.satellite[:, None] >> 8 == systems[None, :]).astype(float)
-    clock, is_used = np.zeros(len(systems)), np.ones(len(measured), dtype=bool)
+    rows = np.searchsorted(satellite_numbers(table), measured.satellite)
+    # Satellites in view are on the side of the Earth where the receiver is.
+    sum_of_satellites = table.states(time).position_itrf[rows].sum(axis=0)
+    position = _FIRST_RADIUS * sum_of_satellites / np.linalg.norm(sum_of_satellites)
+    is_of_system = (measured.system[:, None] == systems[None, :]).astype(float)
+    clocks, is_used = np.zeros(len(systems)), np.ones(len(measured), dtype=bool)
     for iteration in range(_POINT_ITERATIONS):
         states = np.zeros((2, 6))
         states[:, :3] = position
         # The clock of the first system stands for the time of reception.
-        offset = np.full(2, -clock[0] / SPEED_OF_LIGHT)
-        seen = geometry(table, time, offset, states, np.eye(3))
-        if iteration > 5:
-            is_used = seen.elevation[0, rows] > elevation_mask
-            if np.count_nonzero(is_used) < 3 + len(systems):
+        offsets = np.full(2, -clocks[0] / SPEED_OF_LIGHT)
+        geometry = compute_geometry(table, time, offsets, states, np.eye(3))
+        elevation = geometry.elevation[0, rows]
+        direction = geometry.direction[0, rows]
+        design = np.hstack((-direction, is_of_system)) / measured.code_sigma[:, None]
+        predicted = geometry.range[0, rows] - geometry.clock[0, rows] + is_of_system @ clocks
+        if iteration >= _ITERATIONS_WITHOUT_ELEVATION:
+            is_used = elevation > elevation_mask
+            if np.count_nonzero(is_used) < fewest_satellites:
                 return None
-        direction = seen.direction[0, rows]
-        design = np.hstack((-direction, clocks)) / measured.code_sigma[:, None]
-        predicted = seen.range[0, rows] - seen.clock[0, rows] + clocks @ clock
-        if has_troposphere and iteration > 5:
-            predicted = predicted + troposphere_delay(position, seen.elevation[0, rows])
+            if has_troposphere:
+                predicted = predicted + troposphere_delay(position, elevation)
         residual = (measured.code - predicted) / measured.code_sigma
         normal = design[is_used].T @ design[is_used]
-        if np.linalg.cond(normal) > 1e10:
+        if np.linalg.cond(normal) > _LARGEST_POINT_CONDITION:
             return None
         change = np.linalg.solve(normal, design[is_used].T @ residual[is_used])
         position = position + change[:3]
-        clock = clock + change[3:]
-        if float(np.abs(change).max()) < 1e-3 and iteration > 6:
+        clocks = clocks + change[3:]
+        is_converged = float(np.abs(change).max()) < _POINT_TOLERANCE
+        if is_converged and iteration > _ITERATIONS_WITHOUT_ELEVATION:
             break
     else:
         return None
-    velocity, velocity_sigma = _doppler_velocity(
-        measured.taken(is_used), direction[is_used], position, table, time
+    velocity, velocity_sigma = _solve_velocity(
+        measured.select(is_used), direction[is_used], position, table, time
     )
-    covariance = np.linalg.inv(normal)[:3, :3]
-    return SinglePoint(time, position, velocity, covariance, velocity_sigma, float(clock[0]))
+    return SinglePoint(
+        time=time,
+        position_itrf=position,
+        velocity_itrf=velocity,
+        covariance=np.linalg.inv(normal)[:3, :3],
+        velocity_sigma=velocity_sigma,
+        clock=float(clocks[0]),
+    )
 
 
-def _doppler_velocity(
+def _solve_velocity(
     measured: Combinations,
     direction: FloatArray,
     position_itrf: FloatArray,
     table: EphemerisTable,
     time: GpsTime,
 ) -> tuple[FloatArray, float]:
-    """Return the Earth-fixed velocity from Doppler and its sigma; NaN if there is too little."""
+    """Return the Earth-fixed velocity from Doppler and its sigma; NaN with too few satellites."""
     has_rate = np.isfinite(measured.range_rate) & (measured.range_rate != 0.0)
-    if np.count_nonzero(has_rate) < 5:
+    if np.count_nonzero(has_rate) < _FEWEST_DOPPLER_SATELLITES:
         return np.full(3, np.nan), math.nan
-    rows = np.searchsorted(satellite_rows(table), measured.satellite[has_rate])
+    rows = np.searchsorted(satellite_numbers(table), measured.satellite[has_rate])
     velocity = np.zeros(3)
     for _ in range(3):
         states = np.tile(np.concatenate((position_itrf, velocity)), (2, 1))
-        seen = geometry(table, time, np.zeros(2), states, np.eye(3))
-        predicted = seen.range_rate[0, rows] - seen.clock_drift[0, rows]
+        geometry = compute_geometry(table, time, np.zeros(2), states, np.eye(3))
+        predicted = geometry.range_rate[0, rows] - geometry.clock_drift[0, rows]
         design = np.hstack((-direction[has_rate], np.ones((len(rows), 1))))
         residual = measured.range_rate[has_rate] - predicted
         change, *_ = np.linalg.lstsq(design, residual, rcond=None)
         velocity = velocity + change[:3]
     spread = float(np.sqrt(np.mean((residual - design @ change) ** 2)))
-    return velocity, max(5.0 * spread, 0.5)
+    return velocity, max(5.0 * spread, _SMALLEST_VELOCITY_SIGMA)
 
 
 def troposphere_delay(position_itrf: FloatArray, elevation: FloatArray) -> FloatArray:
@@ -222,14 +274,18 @@ def troposphere_delay(position_itrf: FloatArray, elevation: FloatArray) -> Float
     Parameters
     ----------
     position_itrf : ndarray, shape (3,)
-        Receiver, m.
-    elevation : ndarray
+        Position of the receiver, m.
+    elevation : ndarray, shape (n,)
         rad.
+
+    Returns
+    -------
+    ndarray, shape (n,)
 
     Notes
     -----
-    2.4 m at the zenith at sea level, falling with a scale height of 7.5 km; mapped with
-    1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984). Nothing above 20 km.
+    The delay is 2.4 m at the zenith at sea level and falls with a scale height of 7.5 km. It is
+    mapped with 1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984). It is zero above 20 km.
     """
     height = float(geodetic_from_itrf(position_itrf)[2])
     if not -1e3 < height < _TOP_OF_TROPOSPHERE:

@@ -1,4 +1,4 @@
-"""Signals by name, as users give them: ``G1`` is L1 of GPS, ``E5`` is E5a of Galileo."""
+"""Carriers by the names that users give: ``G1`` is L1 of GPS, ``E5`` is E5a of Galileo."""
 
 from __future__ import annotations
 
@@ -9,23 +9,28 @@ import numpy as np
 from vtff_gnss import constants as c
 from vtff_gnss.signals import carrier_frequency_hz
 
-__all__ = ["bands_of"]
+__all__ = ["parse_bands"]
 
 _SYSTEMS = {"G": c.SYSTEM_GPS, "E": c.SYSTEM_GALILEO}
 
 
-def bands_of(names: Iterable[str]) -> dict[int, tuple[int, ...]]:
-    """Return the RINEX frequency digits of each system.
+def parse_bands(names: Iterable[str]) -> dict[int, tuple[int, ...]]:
+    """Return the RINEX frequency digits of each system named.
 
     Parameters
     ----------
     names : iterable of str
-        System letter and RINEX frequency digit, e.g. ``["G1", "G2", "G5", "E1", "E5", "E7"]``.
+        System letters, each with a RINEX frequency digit, e.g. ``["G1", "G2", "E1", "E5"]``.
+
+    Returns
+    -------
+    dict of int to tuple of int
+        Frequency digits in rising order, by ``SYSTEM_*``.
 
     Raises
     ------
     ValueError
-        If a name is not one of a known carrier, or none is given.
+        If a name is not that of a carrier, or there is no name.
     """
     bands: dict[int, tuple[int, ...]] = {}
     for name in names:

@@ -45,10 +45,10 @@ from vtff_nav.relative.common.measurements import (
     Geometry,
     SignalReader,
     SingleDifferences,
-    geometry,
+    compute_geometry,
+    form_single_differences,
     satellite_mask,
-    satellite_rows,
-    single_differences,
+    satellite_numbers,
 )
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FLOAT,
@@ -151,7 +151,7 @@ class PaperEstimator(EstimatorInputs):
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
-        table = self._table(time)
+        table = self._ephemeris_table(time)
         self._predict(time)
         self._time = time
         self._update_chief(time, chief, table)
@@ -207,14 +207,14 @@ class PaperEstimator(EstimatorInputs):
         """Improve the chief's orbit and clock, or begin with them."""
         if epoch is None:
             return
-        signals = self._chief_signals.read(epoch, satellite_mask(satellite_rows(table)))
+        signals = self._chief_signals.read(epoch, satellite_mask(satellite_numbers(table)))
         if not len(signals):
             return
         if self._chief.state is None:
             self._chief.start(time, epoch.time, signals, table)
             return
         seen = self._chief_geometry(time, epoch.time - time, table)
-        columns = seen.rows(signals.satellite)
+        columns = seen.columns(signals.satellite)
         distance = (seen.range[0] - seen.clock[0])[columns]
         clock = float(np.median(signals.pseudorange - distance)) / SPEED_OF_LIGHT
         if abs(clock - self._chief.clock) > _CLOCK_JUMP / SPEED_OF_LIGHT:
@@ -225,7 +225,9 @@ class PaperEstimator(EstimatorInputs):
     def _chief_geometry(self, time: GpsTime, tag_offset: float, table: EphemerisTable) -> Geometry:
         state = state_gcrf_to_itrf(time, self._chief.mean[:6])
         offsets = np.full(2, tag_offset - self._chief.clock)
-        return geometry(table, time, offsets, np.array([state] * 2), rotation_gcrf_to_itrf(time))
+        return compute_geometry(
+            table, time, offsets, np.array([state] * 2), rotation_gcrf_to_itrf(time)
+        )
 
     def _measured(
         self,
@@ -238,11 +240,11 @@ class PaperEstimator(EstimatorInputs):
         """Return the phases in common view; ambiguities of those that slipped are forgotten."""
         if chief is None or deputy is None:
             return None
-        is_known = satellite_mask(satellite_rows(table))
+        is_known = satellite_mask(satellite_numbers(table))
         both = [self._signals.read(epoch, is_known) for epoch in (chief, deputy)]
         # Without parity the phase may be off by half a cycle.
-        whole = [s.taken(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
-        differences = single_differences(*whole)
+        whole = [s.select(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
+        differences = form_single_differences(*whole)
         for key in self._arcs.broken(time, differences, interval):
             self._arcs.end(key)
             self._mean.forget(key)
@@ -306,7 +308,7 @@ class PaperEstimator(EstimatorInputs):
         arrival: FloatArray = predicted[3:] + (now - predicted[:3]) / duration
         return arrival
 
-    def _predicted(self, measured: _Measured) -> tuple[FloatArray, FloatArray, Geometry]:
+    def _predicted(self, measured: _Measured) -> tuple[FloatArray, npt.NDArray[np.intp], Geometry]:
         """Return range differences without clocks (m), columns of the satellites, geometry.
 
         Directions are in ITRF.
@@ -319,8 +321,8 @@ class PaperEstimator(EstimatorInputs):
         clocks = np.array([clock, clock + mean[CLOCK] / SPEED_OF_LIGHT])
         states = np.array([chief, deputy])
         offsets = measured.tag_offsets - clocks
-        seen = geometry(measured.table, measured.time, offsets, states, np.eye(3))
-        columns = seen.rows(measured.differences.satellite)
+        seen = compute_geometry(measured.table, measured.time, offsets, states, np.eye(3))
+        columns = seen.columns(measured.differences.satellite)
         distance = (seen.range - seen.clock)[:, columns]
         return distance[1] - distance[0], columns, seen
 
@@ -419,9 +421,12 @@ class PaperEstimator(EstimatorInputs):
         """Return the integers of the signals in view; nothing has tested them: state float."""
         keys = [] if measured is None else measured.differences.keys
         arcs = [self._arcs[key] for key in keys if key in self._arcs]
-        columns = np.array([arc.key for arc in arcs], dtype=np.uint8).reshape(-1, 4).T
+        columns = np.array([arc.key for arc in arcs], dtype=np.uint8).reshape(-1, 4)
         return AmbiguityTable(
-            *columns,
+            system=columns[:, 0],
+            prn=columns[:, 1],
+            band=columns[:, 2],
+            attribute=columns[:, 3],
             reference_prn=np.zeros(len(arcs), dtype=np.uint8),
             ambiguity_cycles=np.array([arc.offset_cycles for arc in arcs]),
             ambiguity_sigma_cycles=np.full(len(arcs), np.nan),
