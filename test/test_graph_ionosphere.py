@@ -16,7 +16,8 @@ from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.sources import from_bag
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import geodetic_from_itrf, rotation_gcrf_to_itrf
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message

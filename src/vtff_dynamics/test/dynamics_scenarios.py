@@ -6,7 +6,7 @@ import math
 import numpy as np
 from shared_data import require_shared
 
-from vtff_dynamics.frames.frames import right_ascension_from_longitude
+from vtff_dynamics.frames.earth import right_ascension_from_longitude
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.time.timescales import parse_epoch
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 from formation_simulation import RADIUS, chapman, plumex_like
 
-from vtff_dynamics.frames.frames import itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_iono.bias.bias_samples import BiasSamples
 from vtff_iono.geometry.mapping import profile_content

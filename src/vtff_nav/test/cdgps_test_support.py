@@ -11,12 +11,8 @@ import numpy as np
 from cdgps_truth_support import TruthRecorder
 from shared_data import require_shared, shared_folder
 
-from vtff_dynamics.frames.frames import (
-    kinematics_itrf,
-    relative_state_rtn,
-    rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-)
+from vtff_dynamics.frames.earth import kinematics_itrf, rotation_gcrf_to_itrf
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.propagator import Propagator
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch

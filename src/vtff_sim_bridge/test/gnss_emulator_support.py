@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, GM_EARTH
-from vtff_dynamics.frames.frames import state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.novatel import ReceiverLogStream

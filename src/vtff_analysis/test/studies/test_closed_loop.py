@@ -8,7 +8,7 @@ import pytest
 
 from vtff_analysis.studies.closed_loop import ClosedLoopResult, DeputyHistory, simulate_closed_loop
 from vtff_control.tracking.sdre import SdreDesign
-from vtff_dynamics.frames.frames import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_sim_bridge.truth.scenario import Scenario, Spacecraft, load_scenario
 

@@ -27,7 +27,7 @@ from vtff_analysis.studies.radial_offset_output import (  # noqa: E402
 from vtff_bag.file.errors import BagReadError  # noqa: E402
 from vtff_bag.run.description import RunDescription  # noqa: E402
 from vtff_bringup.commands.study import app  # noqa: E402
-from vtff_dynamics.frames.frames import relative_state_rtn  # noqa: E402
+from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_msgs.msg import SimulatorStatus  # noqa: E402
 from vtff_sim_bridge.atmosphere.electron_density import read_profile  # noqa: E402
 from vtff_sim_bridge.truth.scenario import load_scenario  # noqa: E402

@@ -11,11 +11,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.baseline.sources import BaselineError, BaselineSources, Position
-from vtff_dynamics.frames.frames import (
-    rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-    rotation_itrf_to_enu,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration

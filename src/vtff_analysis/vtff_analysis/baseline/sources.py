@@ -12,11 +12,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.recordings.topics import TRUTH_TOPIC
-from vtff_dynamics.frames.frames import (
-    geodetic_from_itrf,
-    rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris

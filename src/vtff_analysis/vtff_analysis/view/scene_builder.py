@@ -12,7 +12,8 @@ import numpy as np
 from vtff_analysis.recordings.topics import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
 from vtff_analysis.view.satellites import SatellitePositions
 from vtff_analysis.view.scene import Scene
-from vtff_dynamics.frames.frames import geodetic_from_itrf, state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import satellite_name
 

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from vtff_analysis.view.scene import Scene, Series
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 
 #: An observation older than this, s, is of a satellite that is no longer tracked.
 LONGEST_HOLD = 2.5

@@ -14,14 +14,12 @@ from vtff_control.tracking.sdre import (
     DESIGNS,
     SdreController,
     SdreDesign,
-    osculating_mean_motion,
-    predict_state,
     stale_state_reason,
 )
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import deputy_state_gcrf, rotation_gcrf_to_rtn
-from vtff_dynamics.orbit.elements import ClassicalElements
-from vtff_dynamics.orbit.gravity import gravity_acceleration
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.elements import ClassicalElements, osculating_mean_motion
+from vtff_dynamics.orbit.gravity import gravity_acceleration, predict_state
 from vtff_dynamics.relative.motion import (
     frame_rates_rtn,
     hcw_state_matrix,

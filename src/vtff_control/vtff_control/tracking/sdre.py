@@ -15,7 +15,6 @@ same numbers in a node, in a notebook and on replay.
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -24,9 +23,10 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
-from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.frames import rotation_gcrf_to_rtn
-from vtff_dynamics.orbit.gravity import gravity_acceleration
+from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.elements import osculating_mean_motion
+from vtff_dynamics.orbit.gravity import gravity_acceleration, predict_state
 from vtff_dynamics.relative.motion import (
     frame_rates_rtn,
     hcw_state_matrix,
@@ -176,48 +176,6 @@ class ControlResult:
     saturated: bool
     valid: bool
     reason: str = ""
-
-
-def osculating_mean_motion(state_gcrf: FloatArray) -> float:
-    """Mean motion in rad/s of the two-body orbit through a GCRF state, shape (6,).
-
-    Raises
-    ------
-    ValueError
-        If the state is not on an ellipse.
-    """
-    speed_squared = float(state_gcrf[3:] @ state_gcrf[3:])
-    inverse_semi_major_axis = 2.0 / norm(state_gcrf[:3]) - speed_squared / GM_EARTH
-    if not inverse_semi_major_axis > 0.0:
-        raise ValueError("chief state: not on an elliptic orbit")
-    return math.sqrt(GM_EARTH * inverse_semi_major_axis**3)
-
-
-def predict_state(state_gcrf: FloatArray, duration: float, j2: float = J2_EARTH) -> FloatArray:
-    """State a few seconds later under point mass and J2: one fourth-order Runge-Kutta step.
-
-    Parameters
-    ----------
-    state_gcrf
-        Position (m) and velocity (m/s) in GCRF, shape (6,).
-    duration
-        Time ahead in s; the step is good to a millimetre up to 20 s.
-    j2
-        Second zonal coefficient; 0 leaves the point mass.
-
-    Returns
-    -------
-    ndarray, shape (6,)
-    """
-
-    def rate(state: FloatArray) -> FloatArray:
-        return np.concatenate((state[3:], gravity_acceleration(state[:3], j2=j2)))
-
-    first = rate(state_gcrf)
-    second = rate(state_gcrf + 0.5 * duration * first)
-    third = rate(state_gcrf + 0.5 * duration * second)
-    fourth = rate(state_gcrf + duration * third)
-    return state_gcrf + duration / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
 
 
 def stale_state_reason(stamp_state: int, stamp_now: int, maximum_age: float) -> str:

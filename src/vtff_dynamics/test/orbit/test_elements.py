@@ -9,14 +9,13 @@ from dynamics_scenarios import EPOCH, remote_sensing_elements
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import relative_state_rtn
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.orbit.elements import (
     ClassicalElements,
     QuasiNonsingularElements,
     RelativeOrbitalElements,
     deputy_elements,
-    j2_nodal_rate,
     mean_anomaly_from_true,
     relative_orbital_elements,
     true_anomaly_from_mean,
@@ -34,6 +33,23 @@ orbits = st.builds(
     argument_of_perigee=angles,
     true_anomaly=angles,
 )
+
+
+def j2_nodal_rate(elements: ClassicalElements) -> float:
+    """Return the secular rate of the node by J2, rad/s, of mean elements.
+
+    References
+    ----------
+    Vallado (2013), Fundamentals of Astrodynamics and Applications, eq. (9-37).
+    """
+    parameter = elements.semi_major_axis * (1.0 - elements.eccentricity**2)
+    return (
+        -1.5
+        * elements.mean_motion
+        * J2_EARTH
+        * (RADIUS_EARTH_JGM3 / parameter) ** 2
+        * math.cos(elements.inclination)
+    )
 
 
 @given(orbits)

@@ -12,12 +12,10 @@ import pytest
 from dynamics_scenarios import EPOCH, reference_orbit, remote_sensing_elements
 
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import (
-    geodetic_from_itrf,
-    mean_solar_local_time_hours,
-    state_gcrf_to_itrf,
-)
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
+from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import parse_epoch
 
 TWO_BODY = ForceModel(gravity="two_body")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.orbit.gravity import gravity_acceleration, gravity_jerk
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator

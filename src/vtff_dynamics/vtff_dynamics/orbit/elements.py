@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = [
@@ -19,8 +19,8 @@ __all__ = [
     "QuasiNonsingularElements",
     "RelativeOrbitalElements",
     "deputy_elements",
-    "j2_nodal_rate",
     "mean_anomaly_from_true",
+    "osculating_mean_motion",
     "relative_orbital_elements",
     "true_anomaly_from_mean",
 ]
@@ -107,7 +107,7 @@ class ClassicalElements:
         rad, in [0, pi].
     right_ascension : float
         Of the ascending node, rad. For a node given as Earth-fixed longitude see
-        `vtff_dynamics.frames.frames.right_ascension_from_longitude`.
+        `vtff_dynamics.frames.earth.right_ascension_from_longitude`.
     argument_of_perigee : float
         rad.
     true_anomaly : float
@@ -350,18 +350,17 @@ def deputy_elements(
     ).to_classical()
 
 
-def j2_nodal_rate(elements: ClassicalElements) -> float:
-    """Return the secular rate of the node by J2, rad/s, of mean elements.
+def osculating_mean_motion(state_gcrf: npt.ArrayLike) -> float:
+    """Return the mean motion of the two-body orbit through a state (6,), rad/s.
 
-    References
-    ----------
-    Vallado (2013), Fundamentals of Astrodynamics and Applications, eq. (9-37).
+    Raises
+    ------
+    ValueError
+        If the state is not on an ellipse.
     """
-    parameter = elements.semi_major_axis * (1.0 - elements.eccentricity**2)
-    return (
-        -1.5
-        * elements.mean_motion
-        * J2_EARTH
-        * (RADIUS_EARTH_JGM3 / parameter) ** 2
-        * math.cos(elements.inclination)
-    )
+    state = np.asarray(state_gcrf, dtype=float)
+    speed_squared = float(state[3:] @ state[3:])
+    inverse_semi_major_axis = 2.0 / norm(state[:3]) - speed_squared / GM_EARTH
+    if not inverse_semi_major_axis > 0.0:
+        raise ValueError("state_gcrf: not on an elliptic orbit")
+    return math.sqrt(GM_EARTH * inverse_semi_major_axis**3)

@@ -8,13 +8,13 @@ from typing import Any
 import brahe
 import numpy as np
 
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.earth_environment import (
     brahe_constants,
     ensure_earth_orientation,
     ensure_space_weather,
     jgm3_gravity_model,
 )
-from vtff_dynamics.frames.frames import rotation_gcrf_to_itrf
 from vtff_dynamics.orbit.gravity import gravity_acceleration
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray

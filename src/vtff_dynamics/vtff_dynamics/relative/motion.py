@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH
-from vtff_dynamics.frames.frames import angular_velocity_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import angular_velocity_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.gravity import gravity_acceleration, gravity_jerk
 from vtff_dynamics.vectors import FloatArray, cross, norm
 

@@ -23,7 +23,7 @@ from rinex_test_support import (
     value,
 )
 
-from vtff_dynamics.frames.frames import rotation_itrf_to_enu
+from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_gnss.files.observation_files import (
     ObservationFileError,
     open_ephemerides,

@@ -14,7 +14,7 @@ import pytest
 from constellation_test_support import SPIRENT, doubles, navigation, seconds_of, shared_file
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.line_of_sight import lines_of_sight

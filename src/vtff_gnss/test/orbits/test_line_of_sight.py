@@ -15,7 +15,7 @@ from constellation_test_support import (
 )
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import geodetic_from_itrf, itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.orbits.broadcast_orbit import GRAVITATIONAL_PARAMETER_BROADCAST, EphemerisTable
 from vtff_gnss.orbits.line_of_sight import (

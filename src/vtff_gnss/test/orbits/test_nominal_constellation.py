@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from vtff_dynamics.frames.frames import rotation_gcrf_to_itrf
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.constants import GPS_PI
 from vtff_gnss.orbits.broadcast_orbit import EARTH_ROTATION_RATE_BROADCAST, EphemerisTable

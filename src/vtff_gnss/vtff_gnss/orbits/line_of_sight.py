@@ -12,7 +12,7 @@ from vtff_dynamics.constants import (
     WGS84_FLATTENING,
     WGS84_SEMI_MAJOR_AXIS,
 )
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST

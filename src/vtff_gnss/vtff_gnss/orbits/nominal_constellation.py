@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.constants import J2_EARTH, NANOSECONDS_PER_SECOND, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.frames import earth_rotation_angle
+from vtff_dynamics.frames.earth import earth_rotation_angle
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.constants import (
     EARTH_ROTATION_RATE_BROADCAST,

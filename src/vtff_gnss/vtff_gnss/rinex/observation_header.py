@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vtff_dynamics.frames.frames import rotation_itrf_to_enu
+from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.rinex.calendar_time import TIME_SYSTEM_OF_LETTER, RinexClock

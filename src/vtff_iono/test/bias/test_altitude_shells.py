@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from iono_test_support import examples
 
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.frames.frames import geodetic_from_itrf, itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
 from vtff_iono.bias.altitude_shells import (
     TopsideModel,
     log_density_prior,

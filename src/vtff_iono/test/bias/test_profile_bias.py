@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from orbit_simulation import BIAS, PER_NS, PROFILES, samples, seen
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_iono.bias.bias_samples import BiasSamples
 from vtff_iono.bias.profile_bias import profile_biases
 from vtff_iono.bias.receiver_bias import estimate_receiver_biases

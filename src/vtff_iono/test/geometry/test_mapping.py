@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from iono_test_support import examples
 from shared_data import require_shared
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf, itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import elevation_azimuth, ellipsoid_normal
 from vtff_iono.geometry.mapping import (
     foelsche_kirchengast_mapping,

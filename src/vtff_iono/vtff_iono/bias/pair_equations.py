@@ -10,7 +10,7 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.geometry.mapping import pierce_point

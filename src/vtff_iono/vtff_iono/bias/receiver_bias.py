@@ -39,7 +39,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.bias.pair_equations import IntArray, PairEquations, satellite_pairs, solve_pairs

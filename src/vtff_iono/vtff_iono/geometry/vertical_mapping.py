@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import (
     GROUND_SHELL_HEIGHT,

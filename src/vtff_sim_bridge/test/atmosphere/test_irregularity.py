@@ -7,11 +7,8 @@ import math
 import numpy as np
 import pytest
 
-from vtff_dynamics.frames.frames import (
-    geodetic_from_itrf,
-    itrf_from_geodetic,
-    mean_solar_local_time_hours,
-)
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
+from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_sim_bridge.atmosphere.irregularity import (
     IrregularityRegion,

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import deputy_state_gcrf, state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
+from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, FREQUENCY_L5
 from vtff_sim_bridge.atmosphere.scintillation import (

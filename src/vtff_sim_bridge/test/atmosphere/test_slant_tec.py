@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.frames.frames import geodetic_from_itrf, itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, itrf_from_geodetic
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2
 from vtff_sim_bridge.atmosphere.density_models import (
     ChapmanLayer,

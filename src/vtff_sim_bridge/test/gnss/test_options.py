@@ -10,7 +10,7 @@ import gnss_emulator_support as support
 import numpy as np
 import pytest
 
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_gnss import constants as c
 from vtff_gnss.antenna_pattern import ParabolicPattern
 from vtff_gnss.fix import STATUS_NONE, Fix

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from vtff_dynamics.frames.frames import itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_sim_bridge.simremote import motion
 from vtff_sim_bridge.simremote.motion import (
     GeodeticMotionState,

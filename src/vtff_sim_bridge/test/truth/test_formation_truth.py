@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from vtff_dynamics.frames.frames import rotation_gcrf_to_rtn, state_gcrf_to_itrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import parse_epoch

@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
-from vtff_dynamics.frames.frames import (
-    geodetic_from_itrf,
-    relative_state_rtn,
-    rotation_gcrf_to_itrf,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import parse_epoch

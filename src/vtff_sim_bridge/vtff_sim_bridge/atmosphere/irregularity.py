@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import WGS84_FLATTENING, WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.frames.frames import mean_solar_local_time_hours
+from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 

@@ -11,7 +11,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.frames.frames import kinematics_itrf, relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.frames.earth import kinematics_itrf
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -96,7 +97,7 @@ class FormationTruth:
         """State of a spacecraft relative to the chief in the chief's RTN frame, shape (6,).
 
         Position in m and velocity in m/s as seen in the frame that turns about N with the rate of
-        the osculating orbit, see `vtff_dynamics.frames.frames.relative_state_rtn`.
+        the osculating orbit, see `vtff_dynamics.frames.rtn.relative_state_rtn`.
         """
         return relative_state_rtn(self.state_gcrf(self._chief), self.state_gcrf(name))
 

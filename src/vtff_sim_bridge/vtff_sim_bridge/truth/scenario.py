@@ -18,7 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
-from vtff_dynamics.frames.frames import deputy_state_gcrf, right_ascension_from_longitude
+from vtff_dynamics.frames.earth import right_ascension_from_longitude
+from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_mean
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch

@@ -1,4 +1,4 @@
-"""Frames: orthogonality, inverses, derivatives, geodesy and the Greenwich angle."""
+"""Earth-fixed frame: orthogonality, inverses, derivatives, leap seconds, the Greenwich angle."""
 
 import math
 
@@ -10,25 +10,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE
-from vtff_dynamics.frames.frames import (
-    angular_velocity_rtn,
-    deputy_state_gcrf,
+from vtff_dynamics.frames.earth import (
     earth_rotation_angle,
-    geodetic_from_itrf,
-    itrf_from_geodetic,
     kinematics_itrf,
-    mean_solar_local_time_hours,
-    relative_state_rtn,
     right_ascension_from_longitude,
     rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-    rotation_itrf_to_enu,
     state_gcrf_to_itrf,
     state_itrf_to_gcrf,
 )
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import leap_seconds, parse_epoch
-from vtff_dynamics.vectors import norm
 
 STATE = np.array([4.2e6, -3.1e6, 4.5e6, 3.9e3, 6.1e3, 0.7e3])
 component = st.floats(-1.0, 1.0)
@@ -132,110 +123,6 @@ def test_greenwich_angle_at_the_epoch_of_paper_000():
     expected = math.atan2(direction[1], direction[0]) % (2 * math.pi)
     # The equator of ITRF is tilted to that of GCRF by the precession since 2000, 1.6 mrad.
     assert right_ascension_from_longitude(EPOCH, longitude) == pytest.approx(expected, abs=3e-6)
-
-
-@given(vectors, vectors)
-def test_rtn_axes_are_orthonormal_and_along_radius_and_momentum(position, velocity):
-    momentum = np.cross(position, velocity)
-    if np.linalg.norm(momentum) < 1e-3:
-        return
-    rotation = rotation_gcrf_to_rtn(np.concatenate((7e6 * position, 8e3 * velocity)))
-    np.testing.assert_allclose(rotation @ rotation.T, np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(
-        rotation @ position, [np.linalg.norm(position), 0, 0], rtol=1e-12, atol=1e-12
-    )
-    np.testing.assert_allclose(rotation[2] * np.linalg.norm(momentum), momentum, atol=1e-12)
-    assert rotation[1] @ velocity > 0.0
-
-
-@given(vectors, vectors, st.booleans())
-def test_relative_and_deputy_states_are_inverse(position, velocity, with_acceleration):
-    relative = np.concatenate((1e5 * position, 100.0 * velocity))
-    acceleration = np.array([-4.0, 3.0, -4.1]) if with_acceleration else None
-    deputy = deputy_state_gcrf(STATE, relative, acceleration)
-    back = relative_state_rtn(STATE, deputy, acceleration)
-    np.testing.assert_allclose(back[:3], relative[:3], atol=1e-8)
-    np.testing.assert_allclose(back[3:], relative[3:], atol=1e-10)
-
-
-def test_relative_velocity_with_the_true_acceleration_is_the_derivative_of_relative_position():
-    step = 1.0
-    chief = Propagator(EPOCH, STATE, step=step)
-    deputy = Propagator(
-        EPOCH, deputy_state_gcrf(STATE, [-1000, -15000, 2000, 0.1, -0.3, 0.2]), step=step
-    )
-    history = []
-    for _ in range(3):
-        pair = (chief.state_gcrf, deputy.state_gcrf)
-        history.append(
-            (
-                relative_state_rtn(*pair, chief.acceleration_gcrf()),
-                relative_state_rtn(*pair),
-            )
-        )
-        chief.advance()
-        deputy.advance()
-    derivative = (history[2][0][:3] - history[0][0][:3]) / (2 * step)
-    exact, usual = (state[3:] for state in history[1])
-    np.testing.assert_allclose(exact, derivative, atol=5e-6)
-    # Neglecting the rotation about R: only R is unaffected, and the bound of the docstring holds.
-    assert usual[0] == pytest.approx(exact[0], abs=1e-9)
-    assert 1e-4 < abs(usual[2] - exact[2]) < 15 * 2e-3
-
-
-def test_rtn_turns_about_r_by_the_force_along_n():
-    momentum = np.cross(STATE[:3], STATE[3:])
-    normal = momentum / np.linalg.norm(momentum)
-    rates = angular_velocity_rtn(STATE, 0.01 * normal)
-    assert rates[0] == pytest.approx(
-        0.01 * np.linalg.norm(STATE[:3]) / np.linalg.norm(momentum), rel=1e-12
-    )
-    assert rates[1] == 0.0
-    assert rates[2] == angular_velocity_rtn(STATE)[2]
-
-
-def test_no_orbital_plane_is_an_error():
-    with pytest.raises(ValueError, match="orbital plane"):
-        rotation_gcrf_to_rtn([7e6, 0, 0, 1e3, 0, 0])
-
-
-@given(
-    st.floats(-math.pi / 2, math.pi / 2),
-    st.floats(-math.pi, math.pi, exclude_min=True),
-    st.floats(-5e3, 4e7),
-)
-def test_geodetic_and_itrf_are_inverse(latitude, longitude, height):
-    position = itrf_from_geodetic([latitude, longitude, height])
-    back = geodetic_from_itrf(position)
-    np.testing.assert_allclose(itrf_from_geodetic(back), position, atol=1e-6)
-    assert back[2] == pytest.approx(height, abs=1e-6)
-
-
-def test_geodetic_of_known_points_and_of_arrays():
-    points = np.array([[0.0, 0.0, 0.0], [math.pi / 2, 0.0, 0.0], [0.0, math.pi / 2, 1000.0]])
-    expected = np.array([[6378137.0, 0.0, 0.0], [0.0, 0.0, 6356752.314245], [0.0, 6379137.0, 0.0]])
-    np.testing.assert_allclose(itrf_from_geodetic(points), expected, atol=1e-6)
-    geodetic = geodetic_from_itrf(expected)
-    assert geodetic.shape == (3, 3)
-    np.testing.assert_allclose(geodetic[[0, 2]], points[[0, 2]], atol=1e-6)
-    np.testing.assert_allclose(geodetic[1, [0, 2]], [math.pi / 2, 0.0], atol=1e-6)
-
-
-@given(st.floats(-1.5, 1.5), st.floats(-3.1, 3.1), st.floats(-100.0, 1e6))
-def test_enu_axes_are_the_derivatives_of_geodetic_coordinates(latitude, longitude, height):
-    geodetic = np.array([latitude, longitude, height])
-    rotation = rotation_itrf_to_enu(itrf_from_geodetic(geodetic))
-    assert rotation @ rotation.T == pytest.approx(np.eye(3), abs=1e-14)
-    for row, step in enumerate(([0.0, 1e-6, 0.0], [1e-6, 0.0, 0.0], [0.0, 0.0, 10.0])):
-        change = itrf_from_geodetic(geodetic + step) - itrf_from_geodetic(geodetic - step)
-        assert rotation @ change / norm(change) == pytest.approx(np.eye(3)[row], abs=1e-8)
-
-
-def test_local_time():
-    # 00:59:43 UTC; 75 W is five hours earlier.
-    utc = (59 + 43 / 60) / 60
-    assert mean_solar_local_time_hours(EPOCH, 0.0) == pytest.approx(utc)
-    assert mean_solar_local_time_hours(EPOCH, math.radians(-75)) == pytest.approx(utc + 19)
 
 
 def test_shared_rotation_cannot_be_overwritten():
