@@ -15,7 +15,7 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 import bag_samples  # noqa: E402
 import full_run_samples  # noqa: E402
 
-from vtff_analysis.export.columns import exploded, message_columns  # noqa: E402
+from vtff_analysis.export.columns import explode_columns, message_columns  # noqa: E402
 from vtff_analysis.recordings.orbits import read_orbits  # noqa: E402
 from vtff_bag.file.reader import BagReader  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
@@ -256,13 +256,17 @@ def test_orbits_of_receivers_stand_in_for_truth(tmp_path):
 
 def test_lists_of_different_length_become_texts():
     columns = {"log_time_ns": [1, 2], "a": [[1, 2], [3]], "b": [[1], [2, 3]]}
-    assert exploded(columns)["a"] == ["[1, 2]", "[3]"]
-    assert exploded({"log_time_ns": [1], "a": [None]}) == {"log_time_ns": [1], "a": [None]}
+    assert explode_columns(columns)["a"] == ["[1, 2]", "[3]"]
+    assert explode_columns({"log_time_ns": [1], "a": [None]}) == {"log_time_ns": [1], "a": [None]}
 
 
 def test_empty_lists_keep_the_row():
     columns = {"log_time_ns": [1, 2], "a": [[], [3, 4]], "c": ["x", "y"]}
-    assert exploded(columns) == {"log_time_ns": [1, 2, 2], "a": [None, 3, 4], "c": ["x", "y", "y"]}
+    assert explode_columns(columns) == {
+        "log_time_ns": [1, 2, 2],
+        "a": [None, 3, 4],
+        "c": ["x", "y", "y"],
+    }
 
 
 def test_no_messages_give_no_rows():

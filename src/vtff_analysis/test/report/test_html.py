@@ -15,10 +15,10 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 import full_run_samples  # noqa: E402
 
+from vtff_analysis.evaluation.navigation import navigation_error  # noqa: E402
 from vtff_analysis.recordings.recording import read_run  # noqa: E402
+from vtff_analysis.recordings.run_place import find_run  # noqa: E402
 from vtff_analysis.report import write_report  # noqa: E402
-from vtff_analysis.report.navigation import navigation_error  # noqa: E402
-from vtff_analysis.report.write import find_run  # noqa: E402
 from vtff_bag.run.description import (  # noqa: E402
     RunDescription,
     describe_run_folder,
@@ -143,12 +143,15 @@ def test_paths_of_the_machine_stay_out_of_the_bag():
 
 def test_places_of_reports(bag, tmp_path):
     alone = find_run(bag)
-    assert (alone.name, alone.output) == ("recorded", bag.with_name("recorded_report"))
+    assert (alone.name, alone.output_folder("report")) == (
+        "recorded",
+        bag.with_name("recorded_report"),
+    )
     (file,) = bag.glob("*.mcap")
-    assert find_run(file).output == file.with_name("recorded_0_report")
+    assert find_run(file).output_folder("report") == file.with_name("recorded_0_report")
     shutil.copytree(bag, tmp_path / "run" / "bag")
     of_run = find_run(tmp_path / "run")
-    assert (of_run.name, of_run.output) == ("run", tmp_path / "run" / "report")
+    assert (of_run.name, of_run.output_folder("report")) == ("run", tmp_path / "run" / "report")
 
 
 def test_navigation_errors_are_within_what_was_simulated(bag):
@@ -157,7 +160,7 @@ def test_navigation_errors_are_within_what_was_simulated(bag):
     sigma = error.position_sigma_rtn[error.time > 60.5]
     assert sigma[0] == pytest.approx([0.02, 0.01, 0.01])
     assert settled.std(axis=0) == pytest.approx(sigma[0], rel=0.3)
-    assert (error.within_three_sigma() > 0.97).all()
+    assert (error.fraction_within_three_sigma() > 0.97).all()
 
 
 def test_chromium_shows_it_without_a_console_message(page):

@@ -13,7 +13,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from vtff_analysis.baseline.processing import BaselineRun
-from vtff_analysis.baseline.summary import SOLUTION_NAMES, BaselineSummary
+from vtff_analysis.baseline.summary import BaselineSummary
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     AXIS_STYLES,
@@ -26,6 +26,7 @@ from vtff_analysis.plot_style import (
 )
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_nav.relative.common.solution import SOLUTION_NAMES
 
 __all__ = ["write_csv", "write_json", "write_plot"]
 

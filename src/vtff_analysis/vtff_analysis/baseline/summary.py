@@ -10,22 +10,12 @@ import numpy.typing as npt
 from vtff_analysis.baseline.processing import BaselineRun
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.relative.common.solution import (
-    SOLUTION_CODE,
     SOLUTION_FIXED,
-    SOLUTION_FLOAT,
-    SOLUTION_NONE,
+    SOLUTION_NAMES,
     SOLUTION_PREDICTED,
 )
 
-__all__ = ["SOLUTION_NAMES", "BaselineSummary", "ErrorStatistics", "summarise"]
-
-SOLUTION_NAMES = {
-    SOLUTION_NONE: "none",
-    SOLUTION_PREDICTED: "predicted",
-    SOLUTION_CODE: "code",
-    SOLUTION_FLOAT: "float",
-    SOLUTION_FIXED: "fixed",
-}
+__all__ = ["BaselineSummary", "ErrorStatistics", "summarise"]
 
 CONVERGENCE_TIME = 600.0
 """s after the first epoch, after which errors are also stated."""

@@ -1,4 +1,4 @@
-"""Comparison of runs: the same numbers of each run side by side."""
+"""Comparison of runs: the same numbers of all runs side by side."""
 
 from __future__ import annotations
 
@@ -9,14 +9,16 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.evaluation.formation_flight import FormationFlight, formation_flight
+from vtff_analysis.evaluation.navigation import NavigationError, navigation_error
+from vtff_analysis.evaluation.summary import plain_value, summarise_run
 from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
 from vtff_analysis.recordings.recording import read_run
+from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import read_settings
-from vtff_analysis.report.navigation import SOLUTION_FIXED, NavigationError, navigation_error
-from vtff_analysis.report.summary import FormationFlight, formation_flight, plain, summarise_run
-from vtff_analysis.report.write import find_run
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import describe_run
+from vtff_nav.relative.common.solution import SOLUTION_FIXED
 
 #: Heading and rows of the table: label, key, decimals.
 SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
@@ -71,6 +73,9 @@ SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
     ),
 )
 
+#: Headings of the sections that do not belong to one deputy.
+_SECTIONS_OF_RUN = ("run", "latency", "ionosphere")
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ComparedRun:
@@ -79,11 +84,11 @@ class ComparedRun:
     Attributes
     ----------
     name
-        Shown in tables and plots; unique in the comparison.
+        Name in tables and plots; unique in the comparison.
     summary
-        Numbers by key: those of docs/summary.md and those of `SECTIONS`.
+        Numbers by the keys of docs/summary.md and of `SECTIONS`.
     flights, errors
-        By deputy.
+        Flights and errors of navigation by deputy.
     history
         The run as recorded.
     """
@@ -118,10 +123,12 @@ def read_compared_run(path: pathlib.Path, name: str) -> ComparedRun:
     summary = summarise_run(history, settings, flights)
     for deputy, recorded in history.deputies.items():
         prefix = f"{deputy}_" if len(flights) > 1 else ""
-        quality = _navigation_quality(recorded, errors.get(deputy))
-        summary.update({f"{prefix}{key}": plain(value) for key, value in quality.items()})
-    summary.update({key: plain(value) for key, value in _latency(history).items()})
-    summary.update({key: plain(value) for key, value in _ionosphere(history).items()})
+        quality = _summarise_navigation(recorded, errors.get(deputy))
+        summary.update({f"{prefix}{key}": plain_value(value) for key, value in quality.items()})
+    summary.update({key: plain_value(value) for key, value in _summarise_latency(history).items()})
+    summary.update(
+        {key: plain_value(value) for key, value in _summarise_ionosphere(history).items()}
+    )
     return ComparedRun(name, summary, flights, errors, history)
 
 
@@ -143,24 +150,24 @@ def comparison_rows(
     Returns
     -------
     list
-        Heading and rows; a row is a label, the decimals to show, and one value a run: None where
-        the number does not exist, ``...`` (Ellipsis) where the run has no such part.
+        Heading and rows; a row is a label, the decimals to show, and one value for each run: None
+        where the number does not exist, ``...`` (Ellipsis) where the run has no such subject.
     """
     prefixes = sorted({_prefix(run, deputy) for run in runs for deputy in run.flights} or {""})
     sections = []
     for prefix in prefixes:
         for heading, section in SECTIONS:
-            own = heading in ("run", "latency", "ionosphere")
-            if own and prefix != prefixes[0]:
+            is_of_run = heading in _SECTIONS_OF_RUN
+            if is_of_run and prefix != prefixes[0]:
                 continue
-            part = "" if own else prefix
+            section_prefix = "" if is_of_run else prefix
             rows = []
             for label, key, decimals in section:
-                values = [run.summary.get(part + key, ...) for run in runs]
+                values = [run.summary.get(section_prefix + key, ...) for run in runs]
                 if any(value is not ... for value in values):
                     rows.append((label.replace("_", "-"), decimals, values))
             if rows:
-                sections.append((f"{part.rstrip('_')} {heading}".strip(), rows))
+                sections.append((f"{section_prefix.rstrip('_')} {heading}".strip(), rows))
     return sections
 
 
@@ -168,31 +175,31 @@ def _prefix(run: ComparedRun, deputy: str) -> str:
     return f"{deputy}_" if len(run.flights) > 1 else ""
 
 
-def _navigation_quality(
+def _summarise_navigation(
     recorded: DeputyHistory, error: NavigationError | None
 ) -> Mapping[str, Any]:
-    found: dict[str, Any] = {}
-    inside = None if error is None else error.within_three_sigma()
+    numbers: dict[str, Any] = {}
+    inside = None if error is None else error.fraction_within_three_sigma()
     if inside is not None:
-        found["navigation_within_three_sigma_percent"] = 100.0 * float(inside.mean())
+        numbers["navigation_within_three_sigma_percent"] = 100.0 * float(inside.mean())
     quality = recorded.navigation
     if quality is not None and quality.time.size:
         fixed = quality.solution == SOLUTION_FIXED
-        found["navigation_fixed_percent"] = 100.0 * float(fixed.mean())
+        numbers["navigation_fixed_percent"] = 100.0 * float(fixed.mean())
         states = recorded.truth or recorded.estimate
         assert states is not None
         first = np.flatnonzero(fixed)
-        found["navigation_first_fixed_s"] = (
+        numbers["navigation_first_fixed_s"] = (
             float((quality.time[first[0]] - states.time[0]) * 1e-9) if first.size else None
         )
-    return found
+    return numbers
 
 
-def _latency(history: RunHistory) -> Mapping[str, Any]:
+def _summarise_latency(history: RunHistory) -> Mapping[str, Any]:
     """Sum the wall times that the nodes took for the same step."""
     complete = [times for times in history.compute_time.values() if times.size > 1]
     longest = max((times.size for times in complete), default=0)
-    # Side branches acknowledge only some steps: theirs do not add up with the others.
+    # Side branches acknowledge only some steps: their times do not add up with the others.
     chain = [times for times in complete if times.size > 0.9 * longest]
     if not chain:
         return {}
@@ -204,17 +211,17 @@ def _latency(history: RunHistory) -> Mapping[str, Any]:
     }
 
 
-def _ionosphere(history: RunHistory) -> Mapping[str, Any]:
-    found: dict[str, Any] = {}
-    vertical = _joined([c.values["vtec_tecu"] for c in history.slant_tec.values()])
-    s4 = _joined([c.values["s4"] for c in history.scintillation.values()])
+def _summarise_ionosphere(history: RunHistory) -> Mapping[str, Any]:
+    numbers: dict[str, Any] = {}
+    vertical = _join_finite([c.values["vtec_tecu"] for c in history.slant_tec.values()])
+    s4 = _join_finite([c.values["s4"] for c in history.scintillation.values()])
     if vertical.size:
-        found["vertical_tec_mean_tecu"] = float(vertical.mean())
+        numbers["vertical_tec_mean_tecu"] = float(vertical.mean())
     if s4.size:
-        found["s4_maximum"] = float(s4.max())
-    return found
+        numbers["s4_maximum"] = float(s4.max())
+    return numbers
 
 
-def _joined(columns: Sequence[Any]) -> Any:
+def _join_finite(columns: Sequence[Any]) -> Any:
     values = np.concatenate([np.empty(0), *columns])
     return values[np.isfinite(values)]

@@ -18,9 +18,9 @@ from vtff_analysis.plot_style import (
     save_figure,
     time_unit_of,
 )
-from vtff_analysis.recordings.history import FloatArray
+from vtff_dynamics.vectors import FloatArray
 
-# Okabe-Ito; the line style tells runs apart without colours.
+# Okabe-Ito colours; the line style tells runs apart without colours.
 _COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#000000")
 _STYLES: tuple[Any, ...] = ("-", (0, (5, 1.5)), (0, (2, 1)), "-.", ":", (0, (8, 2)))
 
@@ -29,34 +29,34 @@ Curves = tuple[FloatArray, FloatArray] | None
 
 
 def plot_comparison(runs: Sequence[ComparedRun], folder: pathlib.Path) -> list[pathlib.Path]:
-    """Draw what the runs have in common, each run with its own colour and line style.
+    """Draw the same quantities of all runs, each run with its own colour and line style.
 
     Parameters
     ----------
     runs
-        At least two.
+        At least two runs.
     folder
-        Where the files go; must exist.
+        Folder of the files; must exist.
 
     Returns
     -------
     list of pathlib.Path
-        Of each deputy: relative position, deviation from the target, cumulative dv and
-        navigation error, as far as a run has them.
+        Plots of each deputy: relative position, deviation from the target, cumulative dv and
+        navigation error; a quantity that no run has is left out.
     """
     deputies = sorted({name for run in runs for name in {**run.flights, **run.errors}})
     files = []
     for deputy in deputies:
         prefix = f"{deputy}_" if len(deputies) > 1 else ""
-        parts: tuple[tuple[str, str, str, Callable[[ComparedRun, str], Curves]], ...] = (
+        quantities: tuple[tuple[str, str, str, Callable[[ComparedRun, str], Curves]], ...] = (
             ("position", "relative position", "m", _position),
             ("deviation", "deviation from the target", "m", _deviation),
             ("delta_v", "dv spent so far", "m/s", _spent),
             ("navigation_error", "navigated minus true position", "m", _error),
         )
-        for name, title, unit, curves in parts:
+        for name, title, unit, curves in quantities:
             drawn = [(run.name, curves(run, deputy)) for run in runs]
-            filled = [(name_of_run, found) for name_of_run, found in drawn if found is not None]
+            filled = [(run_name, curve) for run_name, curve in drawn if curve is not None]
             if filled:
                 path = folder / f"{prefix}compare_{name}.png"
                 files.append(_draw(filled, path, f"{deputy}: {title}", unit))
@@ -75,7 +75,7 @@ def _draw(
         figure = make_figure(9.6)
         panels = figure.subplots(3, 1, sharex=True)
         for axis, panel in enumerate(panels):
-            # An outlier of one run must not hide the others.
+            # An outlier of one run must not set the scale of the others.
             usual = max(
                 float(np.quantile(np.abs(values[:, axis]), 0.995)) for _, (_, values) in curves
             )

@@ -10,9 +10,11 @@ from typing import Any
 
 import numpy as np
 
+from vtff_node.stamps import to_nanoseconds
+
 LOG_TIME_COLUMN = "log_time_ns"
 
-#: A fixed array up to this long becomes one column an element; 36 is a covariance of six.
+#: Longest fixed array that becomes one column for each element: a covariance of 6 by 6.
 LONGEST_FIXED = 36
 
 _SEQUENCE = re.compile(r"^sequence<(.+?)(?:, \d+)?>$")
@@ -21,7 +23,7 @@ _ANYTHING = re.compile(r"^(.+)$")
 
 
 def message_columns(messages: Iterable[tuple[int, Any]]) -> dict[str, list[Any]]:
-    """Return messages as columns of equal length, one row a message.
+    """Return messages as columns of equal length, one row for each message.
 
     Parameters
     ----------
@@ -32,13 +34,13 @@ def message_columns(messages: Iterable[tuple[int, Any]]) -> dict[str, list[Any]]
     -------
     dict
         `LOG_TIME_COLUMN`, then the fields in the order of the definition. A nested field has its
-        path with dots (``header.frame_id``); a time becomes one column of ns since 1970; a short
-        fixed array one column an element (``position[0]``); any other array stays a list.
+        path with dots (``header.frame_id``). A time becomes one column of ns since 1970, a short
+        fixed array one column for each element (``position[0]``); any other array stays a list.
     """
     columns: dict[str, list[Any]] = {LOG_TIME_COLUMN: []}
     for row, (log_time, message) in enumerate(messages):
         columns[LOG_TIME_COLUMN].append(log_time)
-        for name, value in _flat("", message):
+        for name, value in _flatten("", message):
             column = columns.setdefault(name, [None] * row)
             column.append(value)
         for column in columns.values():
@@ -58,8 +60,8 @@ def column_types(message: Any) -> dict[str, tuple[str, bool]]:
     Returns
     -------
     dict
-        Column -> name of the element type as ROS tells it (``double``, ``uint8``, ``string``,
-        ...), and whether the column holds lists. A list of messages is one of texts (JSON).
+        Name of the element type in ROS (``double``, ``uint8``, ``string``, ...) and whether the
+        column holds lists, by the name of the column. Messages in a list become texts (JSON).
     """
     return {LOG_TIME_COLUMN: ("uint64", False), **dict(_types("", message))}
 
@@ -80,12 +82,12 @@ def _types(prefix: str, message: Any) -> Iterable[tuple[str, tuple[str, bool]]]:
             yield name, (kind, bool(sequence or fixed))
 
 
-def exploded(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
-    """Return columns without lists: one row an element where all lists of a message are alike.
+def explode_columns(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
+    """Return columns without lists: one row for each element of a message's lists.
 
-    Messages that are columns themselves (observations, slant TEC) become one row a signal. A row
-    whose lists are empty keeps its other values. Where the lists of a message differ in length
-    they become texts instead.
+    Messages that are columns themselves (observations, slant TEC) become one row for each signal.
+    A row whose lists are empty keeps its other values. If the lists of any message differ in
+    length, all lists become texts instead.
     """
     lists = [name for name, column in columns.items() if any(_is_list(v) for v in column)]
     if not lists:
@@ -106,14 +108,14 @@ def exploded(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:
     }
 
 
-def _flat(prefix: str, message: Any) -> Iterable[tuple[str, Any]]:
-    """Yield name and value of each field, nested ones too."""
+def _flatten(prefix: str, message: Any) -> Iterable[tuple[str, Any]]:
+    """Yield name and value of each field and nested field."""
     for field in message.get_fields_and_field_types():
         name, value = f"{prefix}{field}", getattr(message, field)
         if _is_time(value):
-            yield f"{name}_ns", int(value.sec) * 1_000_000_000 + int(value.nanosec)
+            yield f"{name}_ns", to_nanoseconds(value)
         elif hasattr(value, "get_fields_and_field_types"):
-            yield from _flat(f"{name}.", value)
+            yield from _flatten(f"{name}.", value)
         elif isinstance(value, np.ndarray) and value.size <= LONGEST_FIXED:
             yield from ((f"{name}[{i}]", item) for i, item in enumerate(value.tolist()))
         else:
@@ -121,12 +123,13 @@ def _flat(prefix: str, message: Any) -> Iterable[tuple[str, Any]]:
 
 
 def _is_time(value: Any) -> bool:
-    fields = getattr(value, "get_fields_and_field_types", dict)()
-    return set(fields) == {"sec", "nanosec"}
+    if not hasattr(value, "get_fields_and_field_types"):
+        return False
+    return set(value.get_fields_and_field_types()) == {"sec", "nanosec"}
 
 
 def _plain(value: Any) -> Any:
-    """Return a value as numbers, texts and lists of them."""
+    """Return a value as a number, a text, or a list of numbers or texts."""
     if isinstance(value, (bytes, bytearray)):
         return int.from_bytes(value, "little") if len(value) == 1 else list(value)
     if isinstance(value, (np.ndarray, array.array)):
@@ -139,7 +142,7 @@ def _plain(value: Any) -> Any:
 def _plain_item(item: Any) -> Any:
     """Return an element of a list; a nested message becomes a JSON text."""
     if hasattr(item, "get_fields_and_field_types"):
-        return json.dumps(dict(_flat("", item)), ensure_ascii=False)
+        return json.dumps(dict(_flatten("", item)), ensure_ascii=False)
     return _plain(item)
 
 

@@ -9,10 +9,14 @@ from typing import Any
 from vtff_analysis.recordings.orbits import Orbit
 from vtff_dynamics.time.timescales import GpsTime
 
-# Okabe-Ito, as red, green, blue, opacity.
+# Okabe-Ito colours, as red, green, blue, opacity.
 _COLOURS = (
-    *([0, 114, 178, 255], [213, 94, 0, 255], [0, 158, 115, 255]),
-    *([204, 121, 167, 255], [86, 180, 233, 255], [240, 228, 66, 255]),
+    [0, 114, 178, 255],
+    [213, 94, 0, 255],
+    [0, 158, 115, 255],
+    [204, 121, 167, 255],
+    [86, 180, 233, 255],
+    [240, 228, 66, 255],
 )
 _TRAIL = 6000.0  # s of orbit drawn behind and ahead: about one revolution
 _MULTIPLIER = 60.0  # scenario seconds per second when the file is opened
@@ -24,13 +28,13 @@ def format_czml(orbits: Sequence[Orbit], name: str) -> str:
     Parameters
     ----------
     orbits
-        At least one.
+        At least one orbit.
     name
-        Of the document.
+        Name of the document.
 
     Notes
     -----
-    Positions are those in GCRF under CZML's ``INERTIAL`` (ICRF axes), interpolated by Lagrange
+    Positions are in GCRF, which CZML calls ``INERTIAL`` (ICRF axes), and interpolated by Lagrange
     polynomials of degree 5.
     """
     first = min(orbit.time[0] for orbit in orbits)

@@ -11,14 +11,15 @@ ORIGINATOR = "VTFF"
 def format_oem(orbit: Orbit, created: GpsTime | None = None) -> str:
     """Return the text of an OEM; the standard allows one object in each.
 
-    States are in GCRF, km and km/s, with 1 micrometre and 1 nm/s; epochs in UTC.
+    States are in GCRF, in km and km/s to 1 micrometre and 1 nm/s; epochs are in UTC.
 
     Parameters
     ----------
     orbit
-        Of one spacecraft.
+        Orbit of one spacecraft.
     created
-        For the header; the first epoch if not given, so that equal bags give equal files.
+        Date of creation in the header; the first epoch if it is not given, so that equal bags
+        give equal files.
     """
     name = orbit.name.upper()
     lines = [

@@ -1,11 +1,11 @@
-"""Observations and ephemerides of a bag as RINEX 3.05 files, one pair a receiver."""
+"""Observations and ephemerides of a bag as RINEX 3.05 files, one pair for each receiver."""
 
 from __future__ import annotations
 
 import pathlib
 import re
 
-from vtff_analysis.recordings.errors import ExportError
+from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.recording import UNNAMED_RECEIVER
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.time.timescales import GpsTime
@@ -28,17 +28,18 @@ def export_rinex(
     reader
         The bag.
     folder
-        Where to; must exist.
+        Folder of the files; must exist.
     high_rate
-        Take gnss/high_rate instead of gnss/epoch.
+        Whether observations come from gnss/high_rate instead of gnss/epoch.
 
     Returns
     -------
     list of pathlib.Path
+        The files.
 
     Raises
     ------
-    ExportError
+    RecordingError
         If the bag has no such observations.
     """
     wanted = "high_rate" if high_rate else "epoch"
@@ -51,7 +52,7 @@ def export_rinex(
             name = match["receiver"] or UNNAMED_RECEIVER
             files += _export_receiver(reader, topic.name, name, folder)
     if not files:
-        raise ExportError(f"{reader.path}: no observations on any gnss/{wanted}")
+        raise RecordingError(f"{reader.path}: no observations on any gnss/{wanted}")
     return files
 
 
@@ -71,9 +72,9 @@ def _export_receiver(
     files = [path]
     ephemeris_topic = f"{topic.rpartition('/')[0]}/ephemeris"
     if reader.topics.get(ephemeris_topic) and reader.topics[ephemeris_topic].message_count:
-        found = [ephemeris_from_message(d.message) for d in reader.messages(ephemeris_topic)]
+        ephemerides = [ephemeris_from_message(d.message) for d in reader.messages(ephemeris_topic)]
         path = folder / f"{name.replace('/', '_')}_nav.rnx"
-        write_rinex_navigation(path, found, leap_seconds=_leap_seconds(min(ordered)))
+        write_rinex_navigation(path, ephemerides, leap_seconds=_leap_seconds(min(ordered)))
         files.append(path)
     return files
 

@@ -6,14 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from vtff_analysis.recordings.errors import ExportError
+from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.orbits import Orbit
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.rinex.write_header import time_fields
 
 _CLOCK_UNKNOWN = 999999.999999
 _MODIFIED_JULIAN_DATE_OF_GPS_EPOCH = 44244
-_DAY = 86400 * 10**9
+_DAY = SECONDS_PER_DAY * NANOSECONDS_PER_SECOND
 _WIDTH_OF_LIST = 17
 _LINES_OF_LIST = 5
 _MOST_CRAFT = 85
@@ -23,21 +24,21 @@ def format_sp3(orbits: Sequence[Orbit]) -> str:
     """Return the text of an SP3 file with positions and velocities in ITRF, GPS time.
 
     Spacecraft are L01, L02, ... in the given order, as the format names low orbiters; comment
-    lines tell which is which. Positions have 1 mm, velocities 0.1 micrometre/s. Epochs at which
-    not all are known hold those that are.
+    lines give the name of each. Positions have 1 mm, velocities 0.1 micrometre/s. An epoch holds
+    the spacecraft that have a state at it.
 
     Parameters
     ----------
     orbits
-        At least one, at most 85.
+        At least one orbit, at most 85.
 
     Raises
     ------
-    ExportError
+    RecordingError
         If there are more spacecraft than the header can list.
     """
     if len(orbits) > _MOST_CRAFT:
-        raise ExportError(f"{len(orbits)} spacecraft: an SP3 header lists at most {_MOST_CRAFT}")
+        raise RecordingError(f"{len(orbits)} spacecraft: an SP3 header lists at most {_MOST_CRAFT}")
     epochs = sorted({time for orbit in orbits for time in orbit.time})
     rows = [dict(zip(orbit.time, orbit.state_itrf, strict=True)) for orbit in orbits]
     lines = _header(epochs, orbits)

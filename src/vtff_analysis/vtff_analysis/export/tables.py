@@ -7,8 +7,8 @@ import pathlib
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from vtff_analysis.export.columns import column_types, exploded, message_columns
-from vtff_analysis.report.summary import key_part
+from vtff_analysis.export.columns import column_types, explode_columns, message_columns
+from vtff_analysis.recordings.topics import key_part
 from vtff_bag.file.errors import BagReadError, UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader
@@ -20,8 +20,11 @@ BATCH = 5000
 _ARROW_TYPES = {
     **{name: name for name in ("int8", "int16", "int32", "int64")},
     **{name: name for name in ("uint8", "uint16", "uint32", "uint64", "string")},
-    **{"boolean": "bool_", "octet": "uint8", "char": "uint8", "float": "float32"},
-    **{"double": "float64"},
+    "boolean": "bool_",
+    "octet": "uint8",
+    "char": "uint8",
+    "float": "float32",
+    "double": "float64",
 }
 
 Progress = Callable[[str], None]
@@ -37,14 +40,14 @@ def export_csv(
     reader
         The bag.
     folder
-        Where to; must exist.
+        Folder of the files; must exist.
     progress
         Called with the name of each topic.
 
     Returns
     -------
     files, notes
-        The files, and a line for each topic that is left out.
+        The files, and one line for each topic that is left out.
     """
     return _export(reader, folder, ".csv", _write_csv, progress)
 
@@ -71,7 +74,7 @@ def _export(
         if not topic.message_count:
             continue
         try:
-            class_of_topic = message_class(topic.type)
+            message_type = message_class(topic.type)
         except UnknownTypeError as error:
             notes.append(f"{name} is left out: {error}")
             continue
@@ -79,7 +82,7 @@ def _export(
             progress(name)
         path = folder / f"{key_part(name)}{suffix}"
         try:
-            write(path, _batches(reader, name), class_of_topic())
+            write(path, _read_batches(reader, name), message_type())
         except BagReadError as error:
             notes.append(str(error))
         if path.exists():
@@ -87,7 +90,7 @@ def _export(
     return files, notes
 
 
-def _batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]]]:
+def _read_batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]]]:
     batch: list[tuple[int, Any]] = []
     for decoded in reader.messages(topic):
         batch.append((decoded.log_time, decoded.message))
@@ -105,7 +108,7 @@ def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], exam
         head = list(column_types(example))
         writer.writerow(head)
         for batch in batches:
-            columns = exploded(batch)
+            columns = explode_columns(batch)
             writer.writerows(zip(*(columns[name] for name in head), strict=True))
 
 
@@ -115,7 +118,7 @@ def _write_parquet(
     import pyarrow
     import pyarrow.parquet
 
-    # From the definition, not from the first rows: their lists may be empty.
+    # Types come from the definition, not from the first rows: their lists may be empty.
     kinds = {name: getattr(pyarrow, kind)() for name, kind in _ARROW_TYPES.items()}
     fields = [
         (name, pyarrow.list_(kinds[kind]) if is_list else kinds[kind])

@@ -1,1 +1,1 @@
-"""Recordings as arrays and domain objects: topics, histories, orbits, settings, truth files."""
+"""Recordings as arrays: run folders, histories, observations, orbits, settings, true values."""

@@ -1,7 +1,7 @@
-"""Error of the exports."""
+"""Error of reading a recording."""
 
 from __future__ import annotations
 
 
-class ExportError(ValueError):
-    """A bag does not hold what an export needs; the text names it."""
+class RecordingError(ValueError):
+    """A recording does not hold what a format or an evaluation needs; the text names it."""

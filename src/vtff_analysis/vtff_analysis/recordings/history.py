@@ -1,4 +1,4 @@
-"""What a run recorded, as arrays. Times are ns since 1970 in the scale of the ROS header stamps."""
+"""Recorded values of a run as arrays; times are ns since 1970 in the scale of the header stamps."""
 
 from __future__ import annotations
 
@@ -9,13 +9,46 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 
-FloatArray = npt.NDArray[np.float64]
 TimeArray = npt.NDArray[np.int64]
+"""Times in ns since 1970."""
 
 AXES = ("radial", "in_track", "cross_track")
 """Names of the RTN axes R, T, N in keys, in the order of the array columns."""
+
+
+def seconds_since(start: int, time: TimeArray) -> FloatArray:
+    """Return times in s since a start (ns since 1970).
+
+    The difference is taken before it becomes a float: a double does not hold ns since 1970.
+    """
+    return np.asarray((time - start) * 1e-9)
+
+
+def interpolate(
+    time: npt.ArrayLike,
+    sample_time: TimeArray,
+    values: FloatArray,
+    outside: float | None = None,
+) -> FloatArray:
+    """Return values at times, linear between samples.
+
+    Parameters
+    ----------
+    time
+        ns since 1970.
+    sample_time, values
+        Samples, shape (n,), at increasing times in ns since 1970.
+    outside
+        Value before the first and after the last sample; that of the nearest one if not given.
+    """
+    origin = sample_time[0]
+    wanted = (np.asarray(time, dtype=np.int64) - origin) / NANOSECONDS_PER_SECOND
+    samples = (sample_time - origin) / NANOSECONDS_PER_SECOND
+    return np.asarray(np.interp(wanted, samples, values, left=outside, right=outside))
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,22 +72,22 @@ class RelativeStateHistory:
 
 @dataclass(frozen=True, eq=False)
 class NavigationHistory:
-    """What navigation says of its own solution, for each usable estimate.
+    """What navigation states about its own solution, for each usable estimate.
 
     Attributes
     ----------
     time
-        ns since 1970, shape (n,).
+        Times of the estimates in ns since 1970, shape (n,).
     position_sigma_rtn, velocity_sigma_rtn
         One sigma in m and m/s, shape (n, 3); zero where none was given.
     solution
         ``vtff_msgs/RelativeState.SOLUTION_*``, shape (n,).
     satellites_used, ambiguities_fixed
-        Shape (n,).
+        Numbers of satellites and of fixed ambiguities, shape (n,).
     ratio
         Ratio of the ambiguity test, shape (n,); 0 where not tested.
     innovation_rms
-        In units of its predicted sigma, shape (n,).
+        RMS of the innovations in units of their predicted sigmas, shape (n,).
     """
 
     time: TimeArray
@@ -76,7 +109,7 @@ class AccelerationHistory:
     time
         Start of each application in ns since 1970, shape (n,).
     acceleration_rtn
-        m/s2, shape (n, 3).
+        Accelerations in m/s2, shape (n, 3).
     """
 
     time: TimeArray
@@ -85,7 +118,7 @@ class AccelerationHistory:
 
 @dataclass(frozen=True, eq=False)
 class DeputyHistory:
-    """Everything about one deputy; None where the bag has nothing.
+    """Recorded states and thrust of one deputy; None where the bag has no such topic.
 
     Attributes
     ----------
@@ -102,7 +135,7 @@ class DeputyHistory:
     target
         Targets published during the run, each in force from its time on.
     navigation
-        What navigation says of its solution, at the times of `estimate`.
+        What navigation states about its solution, at the times of `estimate`.
     """
 
     name: str
@@ -116,30 +149,31 @@ class DeputyHistory:
 
 @dataclass(frozen=True, eq=False)
 class ReceiverHistory:
-    """What one GNSS receiver observed, as columns over all epochs.
+    """Observations, fixes and ephemerides of one GNSS receiver, as columns over all epochs.
 
     Attributes
     ----------
     name
-        Spacecraft, the namespace of the receiver's topics.
+        Name of the spacecraft, which is the namespace of the receiver's topics.
     epoch_time
-        ns since 1970, shape (n,).
+        Times of the epochs in ns since 1970, shape (n,).
     observations_per_epoch
-        Shape (n,); the columns below have their sum as length.
+        Number of observations of each epoch, shape (n,); their sum is the length of the
+        observation columns.
     system, prn, band, attribute, flags
-        As in ``vtff_msgs/GnssObservations``.
+        Observation columns as in ``vtff_msgs/GnssObservations``.
     cn0_dbhz
-        Carrier to noise density.
+        Carrier to noise density of each observation.
     fix_time
-        Position solutions in ns since 1970, shape (m,).
+        Times of the position solutions in ns since 1970, shape (m,).
     fix_status
         ``vtff_msgs/GnssFix.STATUS_*``, shape (m,).
     ephemeris_system, ephemeris_prn
-        One entry per ephemeris message.
+        Satellite of each ephemeris message.
     fix_position_itrf
-        m, shape (m, 3).
+        Positions of the solutions in m, shape (m, 3).
     ephemerides
-        Those with Keplerian elements, as received.
+        Ephemerides with Keplerian elements, as received.
     """
 
     name: str
@@ -168,7 +202,7 @@ class SatelliteColumns:
     time
         ns since 1970.
     system, prn
-        As in ``vtff_msgs/GnssObservations``.
+        Satellites, numbered as in ``vtff_msgs/GnssObservations``.
     values
         Columns by the name of their field in the message.
     """
@@ -181,7 +215,7 @@ class SatelliteColumns:
 
 @dataclass(frozen=True)
 class HealthItem:
-    """What one part of the system reported on /diagnostics.
+    """Reports of one name on /diagnostics.
 
     Attributes
     ----------
@@ -190,19 +224,19 @@ class HealthItem:
     hardware_id
         Device or spacecraft.
     counts
-        Reports by level: OK, WARN, ERROR, STALE.
+        Number of reports by level: OK, WARN, ERROR, STALE; shape (4,).
     changes
         Scenario time (ns since 1970; 0 before the start) and text of each first report of a
         state other than OK, at most `LONGEST_CHANGES`.
     level, message, values
-        The last report.
+        Content of the last report.
     """
 
     LONGEST_CHANGES: ClassVar[int] = 20
 
     name: str
     hardware_id: str
-    counts: tuple[int, int, int, int]
+    counts: tuple[int, ...]
     changes: tuple[tuple[int, str], ...]
     level: int
     message: str
@@ -234,11 +268,12 @@ class DensityHistory:
     time
         ns since 1970.
     altitude, separation
-        Of the middle, and deputy less chief, m.
+        Altitude of the middle between the spacecraft, and altitude of the deputy less that of the
+        chief, m.
     latitude_deg, longitude_deg
-        Of the middle, geodetic.
+        Geodetic position of the middle between the spacecraft.
     density, sigma
-        Electrons per cubic metre, finite.
+        Density and its sigma in electrons per cubic metre, finite.
     """
 
     time: TimeArray
@@ -280,7 +315,7 @@ class SimulatorReport:
 
 @dataclass(frozen=True, eq=False)
 class RunHistory:
-    """A run as recorded.
+    """Everything that reports and comparisons use of a recorded run.
 
     Attributes
     ----------
@@ -289,20 +324,20 @@ class RunHistory:
     message_counts
         Messages by topic.
     deputies, receivers
-        By name, in alphabetical order.
+        Histories by name, in alphabetical order.
     simulator
-        None where no simulator took part.
+        Last report of the simulator; None where no simulator took part.
     slant_tec, scintillation
-        By topic.
+        Values of each topic, by its name.
     density
-        None where no density was measured.
+        Density from all satellites; None where none was measured.
     satellite_density
         Density from each satellite by itself; its values are ``altitude`` (m), ``density`` and
         ``density_sigma``.
     boundaries
-        In the order of time.
+        Crossed edges in the order of time.
     health
-        By name of the node.
+        Reports on /diagnostics in the order of their names.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
     notes

@@ -1,4 +1,4 @@
-"""What the simulated ionosphere of a run was: density profile, altitudes, contents, S4."""
+"""True ionosphere of a simulated run: density profile, altitudes, contents, S4."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.recordings.errors import ExportError
+from vtff_analysis.recordings.errors import RecordingError
+from vtff_analysis.recordings.history import TimeArray, interpolate
 from vtff_analysis.recordings.orbits import Orbit, read_orbits
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.frames import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import satellite_number
 from vtff_node.executables import ExecutableNotFoundError, share_file
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
@@ -28,9 +31,7 @@ __all__ = ["Crossing", "IonosphereTruth", "SatelliteTruth", "read_ionosphere_tru
 GNSS_ARGUMENT = "gnss"
 TRUTH_FILE = "gnss_truth.jsonl"
 
-_SECOND = 1_000_000_000
-_ORBIT_OF_TRUTH = "truth"
-TimeArray = npt.NDArray[np.int64]
+_TRUE_ORBIT = "truth"  # source of an orbit
 
 
 @dataclass(frozen=True)
@@ -51,16 +52,16 @@ class Crossing:
 
 @dataclass(frozen=True, eq=False)
 class SatelliteTruth:
-    """What a receiver was given, as columns of equal length.
+    """True content and S4 of the rays to one receiver, as columns of equal length.
 
     Attributes
     ----------
     time
         ns since 1970.
     satellite
-        System times 256 plus PRN.
+        `vtff_gnss.signals.satellite_number`.
     stec_tecu, s4
-        Content of the ray, and amplitude scintillation of L1.
+        Slant content of the ray, and amplitude scintillation of L1.
     """
 
     time: TimeArray
@@ -71,20 +72,20 @@ class SatelliteTruth:
 
 @dataclass(frozen=True, eq=False)
 class IonosphereTruth:
-    """True ionosphere and places of the spacecraft of a run.
+    """True ionosphere and true positions of the spacecraft of a run.
 
     Attributes
     ----------
     profile
         Vertical density that the receivers saw.
     time, altitude
-        By spacecraft: ns since 1970 and m above the ellipsoid, shape (n,).
+        ns since 1970 and m above the ellipsoid by spacecraft, shape (n,).
     latitude_deg, longitude_deg
-        By spacecraft, geodetic, shape (n,).
+        Geodetic position by spacecraft, shape (n,).
     regions
         Irregularity regions.
     satellites
-        By receiver; empty where the run folder has no file of it.
+        Rays by receiver; empty where the run folder has no truth file.
     """
 
     profile: ElectronDensityProfile
@@ -107,7 +108,7 @@ class IonosphereTruth:
 
     def altitude_at(self, craft: str, time: npt.ArrayLike) -> FloatArray:
         """Return the altitude of a spacecraft at times (ns since 1970), m; NaN outside the run."""
-        return self._at(craft, time, self.altitude[craft])
+        return self._interpolate(craft, time, self.altitude[craft])
 
     def separation_at(self, chief: str, deputy: str, time: npt.ArrayLike) -> FloatArray:
         """Return the altitude of the deputy less that of the chief, m."""
@@ -116,32 +117,28 @@ class IonosphereTruth:
     def place_at(self, craft: str, time: int) -> tuple[float, float]:
         """Return latitude and longitude at a time (ns since 1970), deg."""
         east = np.unwrap(np.radians(self.longitude_deg[craft]))
-        longitude = float(np.degrees(self._at(craft, time, east)))
-        latitude = float(self._at(craft, time, self.latitude_deg[craft]))
+        longitude = float(np.degrees(self._interpolate(craft, time, east)))
+        latitude = float(self._interpolate(craft, time, self.latitude_deg[craft]))
         return latitude, (longitude + 180.0) % 360.0 - 180.0
 
     def mean_density(self, chief: str, deputy: str, time: npt.ArrayLike) -> FloatArray:
         """Return the density averaged between two spacecraft, electrons per cubic metre."""
-        one, two = self.altitude_at(chief, time), self.altitude_at(deputy, time)
-        return self.profile.mean_density(np.minimum(one, two), np.maximum(one, two))
+        altitudes = self.altitude_at(chief, time), self.altitude_at(deputy, time)
+        return self.profile.mean_density(np.minimum(*altitudes), np.maximum(*altitudes))
 
     def crossings(self, craft: str, altitude: float) -> list[Crossing]:
-        """Return when a spacecraft crosses an altitude (m), in the order of time."""
+        """Return the crossings of an altitude (m) by a spacecraft, in the order of time."""
         time, height = self.time[craft], self.altitude[craft] - altitude
         before = np.flatnonzero(np.diff(height > 0.0))
-        step = np.diff(time)[before] / _SECOND
+        step = np.diff(time)[before] / NANOSECONDS_PER_SECOND
         speed = np.diff(height)[before] / step
         return [
-            Crossing(int(time[i] - height[i] / v * _SECOND), float(v))
+            Crossing(int(time[i] - height[i] / v * NANOSECONDS_PER_SECOND), float(v))
             for i, v in zip(before, speed, strict=True)
         ]
 
-    def _at(self, craft: str, time: npt.ArrayLike, values: FloatArray) -> FloatArray:
-        known = self.time[craft]
-        # Differences before floats: a double does not hold ns since 1970.
-        when = (np.asarray(time, dtype=np.int64) - known[0]) / _SECOND
-        seconds = (known - known[0]) / _SECOND
-        return np.asarray(np.interp(when, seconds, values, left=np.nan, right=np.nan))
+    def _interpolate(self, craft: str, time: npt.ArrayLike, values: FloatArray) -> FloatArray:
+        return interpolate(time, self.time[craft], values, outside=np.nan)
 
 
 def _simulated_gnss(described: RunDescription) -> GnssConfiguration | None:
@@ -150,13 +147,13 @@ def _simulated_gnss(described: RunDescription) -> GnssConfiguration | None:
     Parameters
     ----------
     described
-        The run; its argument ``gnss`` names the file of the GNSS simulator, which is looked for
-        at that place and among the installed files.
+        The run; its argument ``gnss`` names the file of the GNSS simulator. It is looked for
+        under that path and among the installed files.
 
     Returns
     -------
     GnssConfiguration or None
-        None where the run names no file, it is not on this machine, or it cannot be read.
+        None where the run names no file, or the file is not on this machine or cannot be read.
     """
     named = described.arguments.get(GNSS_ARGUMENT)
     if not named:
@@ -181,7 +178,7 @@ def read_ionosphere_truth(
     Parameters
     ----------
     reader
-        Its bag, with <craft>/truth/orbit.
+        The bag of the run, with <craft>/truth/orbit.
     described
         The run.
     run_folder
@@ -190,37 +187,38 @@ def read_ionosphere_truth(
     Returns
     -------
     IonosphereTruth or None
-        None where profile or true orbits are not known.
+        None where the profile or the true orbits are not recorded.
     """
     simulated = _simulated_gnss(described)
     if simulated is None or simulated.profile is None:
         return None
     try:
-        orbits = [orbit for orbit in read_orbits(reader) if orbit.source == _ORBIT_OF_TRUTH]
-    except ExportError:
+        orbits = [orbit for orbit in read_orbits(reader) if orbit.source == _TRUE_ORBIT]
+    except RecordingError:
         return None
     if not orbits:
         return None
-    places = {orbit.name: geodetic_from_itrf(orbit.state_itrf[:, :3]) for orbit in orbits}
-    start = min(_nanoseconds(orbit)[0] for orbit in orbits)
+    geodetic = {orbit.name: geodetic_from_itrf(orbit.state_itrf[:, :3]) for orbit in orbits}
+    times = {orbit.name: _unix_nanoseconds(orbit) for orbit in orbits}
+    start = min(time[0] for time in times.values())
     file = None if run_folder is None else run_folder / TRUTH_FILE
     return IonosphereTruth(
         profile=simulated.profile,
-        time={orbit.name: _nanoseconds(orbit) for orbit in orbits},
-        altitude={name: place[:, 2] for name, place in places.items()},
-        latitude_deg={name: np.degrees(place[:, 0]) for name, place in places.items()},
-        longitude_deg={name: np.degrees(place[:, 1]) for name, place in places.items()},
+        time=times,
+        altitude={name: position[:, 2] for name, position in geodetic.items()},
+        latitude_deg={name: np.degrees(position[:, 0]) for name, position in geodetic.items()},
+        longitude_deg={name: np.degrees(position[:, 1]) for name, position in geodetic.items()},
         regions=simulated.regions,
         satellites={} if file is None or not file.is_file() else _read_satellites(file, int(start)),
     )
 
 
-def _nanoseconds(orbit: Orbit) -> TimeArray:
+def _unix_nanoseconds(orbit: Orbit) -> TimeArray:
     return np.array([time.to_unix_nanoseconds() for time in orbit.time], dtype=np.int64)
 
 
 def _read_satellites(file: pathlib.Path, start: int) -> dict[str, SatelliteTruth]:
-    """Read the seconds of a truth file; a line that is cut off ends it."""
+    """Read the seconds of a truth file up to its end, or up to a line that was cut off."""
     columns: dict[str, list[list[Any]]] = {}
     with file.open(encoding="utf-8") as lines:
         for line in lines:
@@ -231,11 +229,13 @@ def _read_satellites(file: pathlib.Path, start: int) -> dict[str, SatelliteTruth
             except ValueError:
                 break
             names = record["satellites"]
-            kept = columns.setdefault(record["receiver"], [[], [], [], []])
-            kept[0] += [start + record["time"] * _SECOND] * len(names)
-            kept[1] += [system << 8 | prn for system, prn in map(satellite_from_name, names)]
-            kept[2] += record["slant_tec_tecu"]
-            kept[3] += record["s4_l1"]
+            times, satellites, contents, indices = columns.setdefault(
+                record["receiver"], [[], [], [], []]
+            )
+            times += [start + record["time"] * NANOSECONDS_PER_SECOND] * len(names)
+            satellites += [int(satellite_number(*satellite_from_name(name))) for name in names]
+            contents += record["slant_tec_tecu"]
+            indices += record["s4_l1"]
     return {
         name: SatelliteTruth(
             np.array(time, dtype=np.int64), np.array(satellite), np.array(stec), np.array(s4)

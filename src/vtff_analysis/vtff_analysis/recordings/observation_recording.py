@@ -18,7 +18,7 @@ _OBSERVATIONS_TYPE = "vtff_msgs/msg/GnssObservations"
 
 
 def recorded_observations(reader: BagReader, topic: str) -> ObservationTable:
-    """Return the epochs of a topic of GnssObservations; one that goes back in time is left out.
+    """Return the epochs of a topic of GnssObservations; epochs that go back in time are left out.
 
     Raises
     ------
@@ -43,7 +43,9 @@ def observation_columns(reader: BagReader, topic: str) -> ColumnCollector:
 def observation_table(columns: MessageColumns) -> ObservationTable:
     """Return messages of type GnssObservations as a table, in their order.
 
-    The time is that of week and second of week: a stamp repeats itself in a leap second.
+    This is `vtff_node.conversions.gnss.observations_from_message` for a whole recording at once:
+    an hour of high-rate observations takes seconds instead of minutes. The time is that of week
+    and second of week: a stamp repeats itself in a leap second.
 
     Raises
     ------
@@ -76,4 +78,5 @@ def observation_table(columns: MessageColumns) -> ObservationTable:
 def stamps(columns: MessageColumns) -> npt.NDArray[np.int64]:
     """Return the stamps of messages with a header, ns since 1970, shape (m,)."""
     seconds = columns.numbers["header.stamp.sec"].astype(np.int64)
-    return seconds * NANOSECONDS_PER_SECOND + columns.numbers["header.stamp.nanosec"]
+    nanoseconds = columns.numbers["header.stamp.nanosec"].astype(np.int64)
+    return np.asarray(seconds * NANOSECONDS_PER_SECOND + nanoseconds)

@@ -8,15 +8,16 @@ from typing import Any
 
 import numpy as np
 
-from vtff_analysis.recordings.errors import ExportError
+from vtff_analysis.recordings.errors import RecordingError
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.frames.frames import state_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.fix import STATUS_NONE
+from vtff_node.stamps import to_nanoseconds
 
 _ORBIT_TOPIC = re.compile(r"^/(?P<craft>.+)/truth/orbit$")
 _FIX_TOPIC = re.compile(r"^/(?P<craft>.+)/gnss/fix$")
-_STATUS_NONE = 0  # vtff_msgs/GnssFix.STATUS_NONE
 _EARTH_FRAME = "earth"
 
 
@@ -27,7 +28,7 @@ class Orbit:
     Attributes
     ----------
     name
-        Of the spacecraft.
+        Name of the spacecraft.
     source
         ``truth`` or ``receiver``.
     time
@@ -51,16 +52,16 @@ def read_orbits(reader: BagReader, interval: float | None = None) -> list[Orbit]
     reader
         The bag.
     interval
-        Shortest time between states to keep, s; all if not given.
+        Shortest time between the states to keep, s; all states are kept if it is not given.
 
     Returns
     -------
     list of Orbit
-        The truth where it is recorded, else the receiver's own solution.
+        True orbits where they are recorded, else the receivers' own solutions.
 
     Raises
     ------
-    ExportError
+    RecordingError
         If the bag has no orbit.
     """
     topics: dict[str, tuple[str, str]] = {}
@@ -71,25 +72,24 @@ def read_orbits(reader: BagReader, interval: float | None = None) -> list[Orbit]
                 topics[match["craft"]] = (source, topic.name)
     orbits = []
     for craft, (source, topic_name) in sorted(topics.items()):
-        orbit = _orbit(reader, craft, source, topic_name, interval)
+        orbit = _read_orbit(reader, craft, source, topic_name, interval)
         if orbit is not None:
             orbits.append(orbit)
     if not orbits:
-        raise ExportError(f"{reader.path}: no orbits (<craft>/truth/orbit or <craft>/gnss/fix)")
+        raise RecordingError(f"{reader.path}: no orbits (<craft>/truth/orbit or <craft>/gnss/fix)")
     return orbits
 
 
-def _orbit(
+def _read_orbit(
     reader: BagReader, craft: str, source: str, topic: str, interval: float | None
 ) -> Orbit | None:
     states: dict[GpsTime, tuple[bool, Any]] = {}
     newest: GpsTime | None = None
     for decoded in reader.messages(topic):
         message = decoded.message
-        if source == "receiver" and message.status == _STATUS_NONE:
+        if source == "receiver" and message.status == STATUS_NONE:
             continue
-        stamp = message.header.stamp
-        time = GpsTime.from_unix_nanoseconds(int(stamp.sec) * 10**9 + int(stamp.nanosec))
+        time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))
         state = np.concatenate((message.position, message.velocity))
         too_near = newest is not None and interval is not None and time - newest < interval - 1e-6
         if too_near or not np.isfinite(state).all():

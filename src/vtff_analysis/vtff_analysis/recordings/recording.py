@@ -1,4 +1,4 @@
-"""Bag of a run -> `RunHistory`. One pass over the bag, whatever it holds; needs rclpy."""
+"""Bag of a run -> `RunHistory`, in one pass over the bag; needs rclpy."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from vtff_analysis.recordings.history import (
 from vtff_analysis.recordings.recording_details import DetailCollector
 from vtff_analysis.recordings.topics import (
     ESTIMATE_TOPIC,
-    STATE_ENDED,
     STATUS_TOPIC,
     TARGET_TOPIC,
     TRUTH_TOPIC,
@@ -31,13 +30,18 @@ from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader, RawMessage
 from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.observations import OBSERVATION_COLUMNS
+from vtff_msgs.msg import RelativeState, SimulatorStatus
 from vtff_node.conversions.gnss import ephemeris_from_message
+from vtff_node.stamps import to_nanoseconds
 
 #: Name of a receiver whose topics have no namespace.
 UNNAMED_RECEIVER = "receiver"
 
-_SOLUTION_NONE = 0  # vtff_msgs/RelativeState.SOLUTION_NONE
-_PACINGS = ("lockstep", "realtime")  # vtff_msgs/SimulatorStatus.PACING_*
+_PACINGS = {
+    SimulatorStatus.PACING_LOCKSTEP: "lockstep",
+    SimulatorStatus.PACING_REALTIME: "realtime",
+}
 
 _RELATIVE_TOPICS = {TRUTH_TOPIC: "truth", ESTIMATE_TOPIC: "estimate", TARGET_TOPIC: "target"}
 _THRUST_TOPIC = re.compile(
@@ -45,9 +49,12 @@ _THRUST_TOPIC = re.compile(
 )
 _GNSS_TOPIC = re.compile(r"^(?:/(?P<receiver>.+))?/gnss/(?P<what>epoch|fix|ephemeris)$")
 
-#: Fields of an estimate beside state and covariance.
+#: Columns of a relative state: position and velocity; of an estimate also their sigmas and quality.
+_POSITION, _VELOCITY = slice(0, 3), slice(3, 6)
+_POSITION_SIGMA, _VELOCITY_SIGMA = slice(6, 9), slice(9, 12)
 _QUALITY = ("solution", "satellites_used", "ambiguities_fixed", "ratio", "innovation_rms")
-_STATE_WIDTH = 6  # position and velocity
+_STATE_WIDTH = 6
+_ESTIMATE_WIDTH = 12 + len(_QUALITY)
 
 Handler = Callable[[Any], None]
 
@@ -58,7 +65,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     Parameters
     ----------
     bag
-        Bag directory or file. Topics that it does not have are simply missing in the result.
+        Bag directory or file. Topics that it does not have are missing in the result.
 
     Returns
     -------
@@ -78,13 +85,13 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         if handler is None:
             continue
         try:
-            decoders[topic.name] = _decoder(message_class(topic.type), handler)
+            decoders[topic.name] = _make_decoder(message_class(topic.type), handler)
         except UnknownTypeError as error:
             collector.notes.append(f"topic '{topic.name}' is left out: {error}")
     last_status: RawMessage | None = None
     for raw in reader.raw_messages(list(decoders)):
         if raw.topic == STATUS_TOPIC:
-            last_status = raw  # only the last one counts
+            last_status = raw  # the report needs only the last status
         else:
             _decode(decoders, raw, collector.notes)
     if last_status is not None:
@@ -107,7 +114,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     )
 
 
-def _decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None]:
+def _make_decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None]:
     from rclpy.serialization import deserialize_message
 
     def decode(raw: RawMessage) -> None:
@@ -119,7 +126,7 @@ def _decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None
 def _decode(
     decoders: dict[str, Callable[[RawMessage], None]], raw: RawMessage, notes: list[str]
 ) -> None:
-    """Hand a message to its handler; a topic that does not decode is left out from there on."""
+    """Hand a message to its handler; after a message that does not decode its topic is left out."""
     decode = decoders.get(raw.topic)
     if decode is None:
         return
@@ -131,13 +138,8 @@ def _decode(
         notes.append(f"topic '{raw.topic}': unreadable from {raw.log_time} ns on: {reason}")
 
 
-def _nanoseconds(message: Any) -> int:
-    stamp = message.header.stamp
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 class _Rows:
-    """Times and rows of numbers that become arrays."""
+    """Collects times and rows of numbers, and returns them as arrays."""
 
     def __init__(self, width: int) -> None:
         self._width = width
@@ -155,42 +157,35 @@ class _Rows:
 
 
 class _Receiver:
-    """Messages of one receiver."""
+    """Collects the messages of one receiver."""
 
-    _COLUMNS = (
-        ("system", np.uint8),
-        ("prn", np.uint8),
-        ("band", np.uint8),
-        ("attribute", np.uint8),
-        ("flags", np.uint16),
-        ("cn0_dbhz", np.float32),
-    )
+    _COLUMNS = ("system", "prn", "band", "attribute", "flags", "cn0_dbhz")
 
     def __init__(self) -> None:
         self._epoch_times: list[int] = []
         self._counts: list[int] = []
-        self._columns: dict[str, list[Any]] = {name: [] for name, _ in self._COLUMNS}
+        self._columns: dict[str, list[Any]] = {name: [] for name in self._COLUMNS}
         self._fixes: list[tuple[int, int]] = []
         self._positions: list[Any] = []
         self._ephemerides: list[BroadcastEphemeris] = []
 
-    def epoch(self, message: Any) -> None:
-        self._epoch_times.append(_nanoseconds(message))
+    def add_epoch(self, message: Any) -> None:
+        self._epoch_times.append(to_nanoseconds(message.header.stamp))
         self._counts.append(len(message.system))
-        for name, kind in self._COLUMNS:
-            self._columns[name].append(np.array(getattr(message, name), dtype=kind))
+        for name, column in self._columns.items():
+            column.append(np.array(getattr(message, name), dtype=OBSERVATION_COLUMNS[name]))
 
-    def fix(self, message: Any) -> None:
-        self._fixes.append((_nanoseconds(message), message.status))
+    def add_fix(self, message: Any) -> None:
+        self._fixes.append((to_nanoseconds(message.header.stamp), message.status))
         self._positions.append(message.position)
 
-    def ephemeris(self, message: Any) -> None:
+    def add_ephemeris(self, message: Any) -> None:
         self._ephemerides.append(ephemeris_from_message(message))
 
     def history(self, name: str) -> ReceiverHistory:
         columns = {
-            column: np.concatenate([np.empty(0, kind), *self._columns[column]])
-            for column, kind in self._COLUMNS
+            name: np.concatenate([np.empty(0, OBSERVATION_COLUMNS[name]), *epochs])
+            for name, epochs in self._columns.items()
         }
         fixes = np.array(self._fixes, dtype=np.int64).reshape(-1, 2)
         satellites = [(ephemeris.system, ephemeris.prn) for ephemeris in self._ephemerides]
@@ -209,12 +204,12 @@ class _Receiver:
         )
 
 
-def _navigation(times: Any, values: Any) -> NavigationHistory:
-    solution, satellites, ambiguities, ratio, innovation = values[:, 12:].T
+def _navigation_history(times: Any, values: Any) -> NavigationHistory:
+    solution, satellites, ambiguities, ratio, innovation = values[:, -len(_QUALITY) :].T
     return NavigationHistory(
         time=times,
-        position_sigma_rtn=values[:, 6:9],
-        velocity_sigma_rtn=values[:, 9:12],
+        position_sigma_rtn=values[:, _POSITION_SIGMA],
+        velocity_sigma_rtn=values[:, _VELOCITY_SIGMA],
         solution=solution.astype(np.uint8),
         satellites_used=satellites.astype(np.uint8),
         ambiguities_fixed=ambiguities.astype(np.uint16),
@@ -234,51 +229,51 @@ class _Collector:
         self._receivers: dict[str, _Receiver] = {}
 
     def handler(self, topic: str) -> Handler | None:
-        """Return what takes the messages of a topic, None for a topic no report needs."""
+        """Return the function that takes the messages of a topic; None for an unused topic."""
         if topic in _RELATIVE_TOPICS:
-            return functools.partial(self._relative_state, _RELATIVE_TOPICS[topic])
+            return functools.partial(self._add_relative_state, _RELATIVE_TOPICS[topic])
         if topic == STATUS_TOPIC:
-            return self._status
+            return self._set_status
         thrust = _THRUST_TOPIC.match(topic)
         if thrust is not None:
             what = "command" if thrust["what"] == "control/thrust_command" else "applied"
             rows = self._thrust.setdefault(thrust["deputy"], {}).setdefault(what, _Rows(3))
-            return functools.partial(self._acceleration, rows)
+            return functools.partial(self._add_acceleration, rows)
         gnss = _GNSS_TOPIC.match(topic)
         if gnss is not None:
             name = gnss["receiver"] or UNNAMED_RECEIVER
             receiver = self._receivers.setdefault(name, _Receiver())
             handlers: dict[str, Handler] = {
-                "epoch": receiver.epoch,
-                "fix": receiver.fix,
-                "ephemeris": receiver.ephemeris,
+                "epoch": receiver.add_epoch,
+                "fix": receiver.add_fix,
+                "ephemeris": receiver.add_ephemeris,
             }
             return handlers[gnss["what"]]
         return None
 
-    def _relative_state(self, what: str, message: Any) -> None:
+    def _add_relative_state(self, what: str, message: Any) -> None:
         row = np.concatenate((message.position, message.velocity))
-        unusable = what == "estimate" and message.solution == _SOLUTION_NONE
+        unusable = what == "estimate" and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(row).all():
             return
         deputy = self._relative.setdefault(message.child_frame_id or "deputy", {})
         if what == "estimate":
-            variance = np.asarray(message.covariance)[::7]  # the diagonal of 6 by 6
+            variance = np.asarray(message.covariance)[::7]  # the diagonal of a 6 by 6 matrix
             sigma = np.sqrt(np.where(variance > 0.0, variance, 0.0))
             row = np.concatenate((row, sigma, [getattr(message, name) for name in _QUALITY]))
-        width = _STATE_WIDTH + (6 + len(_QUALITY) if what == "estimate" else 0)
-        deputy.setdefault(what, _Rows(width)).add(_nanoseconds(message), row)
+        width = _ESTIMATE_WIDTH if what == "estimate" else _STATE_WIDTH
+        deputy.setdefault(what, _Rows(width)).add(to_nanoseconds(message.header.stamp), row)
 
     @staticmethod
-    def _acceleration(rows: _Rows, message: Any) -> None:
+    def _add_acceleration(rows: _Rows, message: Any) -> None:
         linear = message.accel.linear
-        rows.add(_nanoseconds(message), (linear.x, linear.y, linear.z))
+        rows.add(to_nanoseconds(message.header.stamp), (linear.x, linear.y, linear.z))
 
-    def _status(self, message: Any) -> None:
+    def _set_status(self, message: Any) -> None:
         self.simulator = SimulatorReport(
             scenario=message.scenario,
-            pacing=_PACINGS[message.pacing] if message.pacing < len(_PACINGS) else "unknown",
-            complete=message.state == STATE_ENDED,
+            pacing=_PACINGS.get(message.pacing, "unknown"),
+            complete=message.state == SimulatorStatus.STATE_ENDED,
             time_into_run=message.time_into_run,
             late_commands=message.late_commands,
             real_time_factor=message.real_time_factor,
@@ -287,18 +282,20 @@ class _Collector:
     def deputies(self) -> dict[str, DeputyHistory]:
         histories = {}
         for name in sorted({*self._relative, *self._thrust}):
-            parts: dict[str, Any] = {}
+            histories_of_deputy: dict[str, Any] = {}
             for what, rows in self._relative.get(name, {}).items():
                 times, values = rows.arrays()
-                parts[what] = RelativeStateHistory(times, values[:, :3], values[:, 3:6])
+                histories_of_deputy[what] = RelativeStateHistory(
+                    times, values[:, _POSITION], values[:, _VELOCITY]
+                )
                 if what == "estimate":
-                    parts["navigation"] = _navigation(times, values)
+                    histories_of_deputy["navigation"] = _navigation_history(times, values)
             for what, rows in self._thrust.get(name, {}).items():
                 times, values = rows.arrays()
                 if times.size:
-                    parts[what] = AccelerationHistory(times, values)
-            if parts:
-                histories[name] = DeputyHistory(name, **parts)
+                    histories_of_deputy[what] = AccelerationHistory(times, values)
+            if histories_of_deputy:
+                histories[name] = DeputyHistory(name, **histories_of_deputy)
         return histories
 
     def receivers(self) -> dict[str, ReceiverHistory]:

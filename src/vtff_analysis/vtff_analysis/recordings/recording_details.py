@@ -12,11 +12,13 @@ import numpy as np
 from vtff_analysis.recordings.history import (
     Boundary,
     DensityHistory,
-    FloatArray,
     HealthItem,
     SatelliteColumns,
 )
 from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.vectors import FloatArray
+from vtff_msgs.msg import IrregularityBoundary
+from vtff_node.stamps import to_nanoseconds
 
 STEP_TOPIC = "/sim/step_done"
 DIAGNOSTICS_TOPIC = "/diagnostics"
@@ -27,48 +29,67 @@ _DENSITY = re.compile(r"/electron_density$")
 _BOUNDARY = re.compile(r"boundar")
 
 _SLANT_TEC_COLUMNS = (
-    *("stec_tecu", "stec_sigma_tecu", "vtec_tecu", "elevation", "azimuth"),
-    *("band_first", "band_second", "rejected"),
+    "stec_tecu",
+    "stec_sigma_tecu",
+    "vtec_tecu",
+    "elevation",
+    "azimuth",
+    "band_first",
+    "band_second",
+    "rejected",
 )
 _SATELLITE_DENSITY_COLUMNS = ("density", "density_sigma", "altitude")
 _SCINTILLATION_COLUMNS = (
-    *("band", "attribute", "s4", "s4_corrected", "sigma_phi", "roti_tecu_per_minute", "cn0_dbhz"),
-    *("elevation", "azimuth"),
+    "band",
+    "attribute",
+    "s4",
+    "s4_corrected",
+    "sigma_phi",
+    "roti_tecu_per_minute",
+    "cn0_dbhz",
+    "elevation",
+    "azimuth",
 )
 
-# vtff_msgs/IrregularityBoundary.KIND_* and SOURCE_*
-_KINDS = ("vertical", "horizontal")
-_SOURCES = ("density", "S4", "ROTI", "TEC gradient")
+_KINDS = {
+    IrregularityBoundary.KIND_VERTICAL: "vertical",
+    IrregularityBoundary.KIND_HORIZONTAL: "horizontal",
+}
+_SOURCES = {
+    IrregularityBoundary.SOURCE_DENSITY: "density",
+    IrregularityBoundary.SOURCE_S4: "S4",
+    IrregularityBoundary.SOURCE_ROTI: "ROTI",
+    IrregularityBoundary.SOURCE_TEC_GRADIENT: "TEC gradient",
+}
 
 _LEVELS = 4  # diagnostic_msgs/DiagnosticStatus: OK, WARN, ERROR, STALE
 
 Handler = Callable[[Any], None]
 
 
-def _nanoseconds(stamp: Any) -> int:
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
-
-
 class _Columns:
-    """Messages of columns, put one behind the other."""
+    """Collects messages of columns, and joins their columns."""
 
     def __init__(self, names: tuple[str, ...]) -> None:
         self._names = names
         self._times: list[Any] = []
-        self._parts: dict[str, list[Any]] = {name: [] for name in ("system", "prn", *names)}
+        self._columns: dict[str, list[Any]] = {name: [] for name in ("system", "prn", *names)}
 
     def add(self, message: Any) -> None:
         count = len(message.system)
-        self._times.append(np.full(count, _nanoseconds(message.header.stamp), dtype=np.int64))
-        for name, parts in self._parts.items():
+        self._times.append(np.full(count, to_nanoseconds(message.header.stamp), dtype=np.int64))
+        for name, collected in self._columns.items():
             column = np.asarray(getattr(message, name))
             if column.ndim == 0:
-                column = np.full(count, column)  # holds for all rows
+                column = np.full(count, column)  # one value that holds for all rows
             # A message of another program may leave columns out.
-            parts.append(column if len(column) == count else np.full(count, np.nan))
+            collected.append(column if len(column) == count else np.full(count, np.nan))
 
     def columns(self) -> SatelliteColumns:
-        joined = {name: np.concatenate([np.empty(0), *p]) for name, p in self._parts.items()}
+        joined = {
+            name: np.concatenate([np.empty(0), *collected])
+            for name, collected in self._columns.items()
+        }
         return SatelliteColumns(
             time=np.concatenate([np.empty(0, np.int64), *self._times]),
             system=joined.pop("system").astype(np.uint8),
@@ -78,7 +99,7 @@ class _Columns:
 
 
 class _Health:
-    """Reports of one name."""
+    """Collects the reports of one name on /diagnostics."""
 
     def __init__(self) -> None:
         self.counts = [0] * _LEVELS
@@ -97,13 +118,13 @@ class _Health:
 
 
 def _level(status: Any) -> int:
-    """Return the level as a number: rclpy shows a byte as bytes of length one."""
+    """Return the level of a report as a number: rclpy gives a byte as bytes of length one."""
     level = status.level
     return int.from_bytes(level, "little") if isinstance(level, bytes) else int(level)
 
 
 class DetailCollector:
-    """Sorts messages while the bag is read."""
+    """Sorts the messages of ionosphere, health and timing while the bag is read."""
 
     def __init__(self) -> None:
         self.boundaries: list[Boundary] = []
@@ -116,11 +137,11 @@ class DetailCollector:
         self._compute_time: dict[str, list[float]] = {}
 
     def handler(self, topic: str) -> Handler | None:
-        """Return what takes the messages of a topic, None for a topic no report needs."""
+        """Return the function that takes the messages of a topic; None for an unused topic."""
         if topic == STEP_TOPIC:
-            return self._step_done
+            return self._add_step
         if topic == DIAGNOSTICS_TOPIC:
-            return self._diagnostics
+            return self._add_diagnostics
         if _SLANT_TEC.search(topic):
             return self._slant_tec.setdefault(topic, _Columns(_SLANT_TEC_COLUMNS)).add
         if _SCINTILLATION.search(topic):
@@ -128,16 +149,16 @@ class DetailCollector:
         if _DENSITY.search(topic):
             return self._add_density
         if _BOUNDARY.search(topic):
-            return self._boundary
+            return self._add_boundary
         return None
 
     def slant_tec(self) -> dict[str, SatelliteColumns]:
         """Return slant TEC by topic, of topics that have any."""
-        return _filled(self._slant_tec)
+        return _join_topics(self._slant_tec)
 
     def scintillation(self) -> dict[str, SatelliteColumns]:
         """Return scintillation indices by topic, of topics that have any."""
-        return _filled(self._scintillation)
+        return _join_topics(self._scintillation)
 
     def density(self) -> DensityHistory | None:
         """Return the density of all satellites combined, None where there is none."""
@@ -165,12 +186,12 @@ class DetailCollector:
         return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
 
     def health(self) -> tuple[HealthItem, ...]:
-        """Return what was reported on /diagnostics, by name."""
+        """Return the reports on /diagnostics in the order of their names."""
         return tuple(
             HealthItem(
                 name=name,
                 hardware_id=reports.last.hardware_id,
-                counts=(*reports.counts,),  # type: ignore[arg-type]
+                counts=tuple(reports.counts),
                 changes=tuple(reports.changes),
                 level=min(_level(reports.last), _LEVELS - 1),
                 message=reports.last.message,
@@ -183,11 +204,11 @@ class DetailCollector:
         """Return the wall time of each acknowledged step in s, by node."""
         return {node: np.array(times) for node, times in sorted(self._compute_time.items())}
 
-    def _step_done(self, message: Any) -> None:
+    def _add_step(self, message: Any) -> None:
         self._compute_time.setdefault(message.node, []).append(message.compute_time)
 
-    def _diagnostics(self, message: Any) -> None:
-        time = _nanoseconds(message.header.stamp)
+    def _add_diagnostics(self, message: Any) -> None:
+        time = to_nanoseconds(message.header.stamp)
         for status in message.status:
             # Two spacecraft may have nodes of the same name.
             name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
@@ -195,9 +216,9 @@ class DetailCollector:
 
     def _add_density(self, message: Any) -> None:
         self._satellite_density.add(message)
-        # The last row is that of all satellites.
+        # The last row combines all satellites.
         if len(message.density) and math.isfinite(message.density[-1]):
-            self._density_time.append(_nanoseconds(message.header.stamp))
+            self._density_time.append(to_nanoseconds(message.header.stamp))
             self._density.append(
                 (
                     message.altitude,
@@ -208,12 +229,12 @@ class DetailCollector:
                 )
             )
 
-    def _boundary(self, message: Any) -> None:
+    def _add_boundary(self, message: Any) -> None:
         self.boundaries.append(
             Boundary(
-                time=_nanoseconds(message.header.stamp),
-                kind=_name(_KINDS, message.kind),
-                source=_name(_SOURCES, message.source),
+                time=to_nanoseconds(message.header.stamp),
+                kind=_KINDS.get(message.kind, str(message.kind)),
+                source=_SOURCES.get(message.source, str(message.source)),
                 entry=bool(message.entry),
                 spacecraft=message.spacecraft,
                 system=message.system,
@@ -225,10 +246,7 @@ class DetailCollector:
         )
 
 
-def _name(names: tuple[str, ...], number: int) -> str:
-    return names[number] if number < len(names) else str(number)
-
-
-def _filled(collected: dict[str, _Columns]) -> dict[str, SatelliteColumns]:
-    found = {topic: columns.columns() for topic, columns in sorted(collected.items())}
-    return {topic: columns for topic, columns in found.items() if columns.time.size}
+def _join_topics(collected: dict[str, _Columns]) -> dict[str, SatelliteColumns]:
+    """Return the columns of each topic that has any rows."""
+    joined = {topic: columns.columns() for topic, columns in sorted(collected.items())}
+    return {topic: columns for topic, columns in joined.items() if columns.time.size}

@@ -10,20 +10,19 @@ from typing import Any
 import numpy as np
 import yaml
 
-from vtff_analysis.recordings.history import FloatArray
+from vtff_analysis.recordings.topics import DEPUTY
 from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_parameters
-
-DEFAULT_DEPUTY = "deputy"  # default of the controller's parameter 'deputy'
+from vtff_dynamics.vectors import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerSettings:
-    """Settings of the controller of one deputy; None where the run's parameters do not tell.
+    """Settings of the controller of one deputy; None where the run's parameters have no value.
 
     Attributes
     ----------
     target_position_rtn
-        Wanted position relative to the chief in m, shape (3,).
+        Target position relative to the chief in m, shape (3,).
     acceleration_cap
         Largest acceleration of each axis in m/s2.
     design
@@ -45,9 +44,9 @@ class RunSettings:
     Attributes
     ----------
     seed
-        Seed of the run's random streams; None where unknown.
+        Seed of the run's random streams; None where it is not recorded.
     controllers
-        By the name of the deputy.
+        Settings of the controllers by the name of the deputy.
     notes
         One line for each file that could not be read.
     """
@@ -77,19 +76,21 @@ def read_settings(described: RunDescription) -> RunSettings:
     seed: int | None = None
     controllers: dict[str, ControllerSettings] = {}
     for name, text in sorted(described.parameter_texts.items()):
-        found = node_parameters(text)
-        if not found:
+        nodes = node_parameters(text)
+        if not nodes:
             notes.append(f"parameters/{name}.yaml: not a ROS parameter file")
-        for values in found.values():
+        for values in nodes.values():
             if "target_position_rtn" in values:
-                deputy = str(values.get("deputy", DEFAULT_DEPUTY))
-                controllers[deputy] = _controller(values, name, notes)
+                deputy = str(values.get("deputy", DEPUTY))
+                controllers[deputy] = _controller_settings(values, name, notes)
             if SCENARIO_PARAMETER in values:
                 seed = _seed(values, described.scenario_text)
     return RunSettings(seed, controllers, tuple(notes))
 
 
-def _controller(values: Mapping[str, Any], name: str, notes: list[str]) -> ControllerSettings:
+def _controller_settings(
+    values: Mapping[str, Any], name: str, notes: list[str]
+) -> ControllerSettings:
     target: FloatArray | None = None
     cap: float | None = None
     try:
@@ -110,12 +111,12 @@ def _controller(values: Mapping[str, Any], name: str, notes: list[str]) -> Contr
 
 
 def _seed(values: Mapping[str, Any], scenario_text: str) -> int | None:
-    """Return the seed of the run: of the parameters, else of the scenario file."""
-    given = values.get("seed", -1)
-    if not (isinstance(given, int) and given >= 0):
+    """Return the seed of the run: that of the parameters, else that of the scenario file."""
+    seed = values.get("seed", -1)
+    if not (isinstance(seed, int) and seed >= 0):
         try:
             scenario = yaml.safe_load(scenario_text)
         except yaml.YAMLError:
             return None
-        given = scenario.get("seed") if isinstance(scenario, Mapping) else None
-    return given if isinstance(given, int) else None
+        seed = scenario.get("seed") if isinstance(scenario, Mapping) else None
+    return seed if isinstance(seed, int) else None

@@ -1,4 +1,4 @@
-"""Report of a run: bag to arrays, arrays to numbers, numbers to tables and plots."""
+"""Report of a run: its numbers and histories as tables, plots and one HTML page."""
 
 from vtff_analysis.report.write import write_report
 

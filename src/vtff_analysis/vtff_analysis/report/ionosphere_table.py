@@ -1,4 +1,4 @@
-"""Table of the ionosphere of a run: paper, measured and true beside each other."""
+"""Table of the ionosphere of a run: the paper's, the measured and the true numbers."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ IONOSPHERE_REMARK = (
     "984.90 m. Density errors: 1 km bins, 236 to 567 km, rising, against the truth averaged over "
     "the separation. Crossing minutes: rays at least 30 s in a region."
 )
-"""What the numbers of the table are of."""
+"""Explanation of the numbers, for the line under the table."""
 
 
 def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
@@ -80,12 +80,15 @@ def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str
         key = f"ionosphere_{name}"
         if key in summary:
             values = (printed.get(key), summary[key], summary.get(f"ionosphere_true_{name}"))
-            rows.append((label, *("" if v is None else number_text(v, decimals) for v in values)))
+            paper, measured, true = (
+                "" if value is None else number_text(value, decimals) for value in values
+            )
+            rows.append((label, paper, measured, true))
     return rows
 
 
 def print_ionosphere(console: Console, summary: Mapping[str, Any], run_name: str) -> None:
-    """Print the table, if there is anything in it."""
+    """Print the table unless it is empty."""
     rows = ionosphere_rows(summary)
     if not rows:
         return
@@ -95,8 +98,8 @@ def print_ionosphere(console: Console, summary: Mapping[str, Any], run_name: str
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    for place, head in enumerate(IONOSPHERE_HEADS):
-        table.add_column(head, justify="right" if place else "left", no_wrap=True)
+    for column, head in enumerate(IONOSPHERE_HEADS):
+        table.add_column(head, justify="right" if column else "left", no_wrap=True)
     for row in rows:
         table.add_row(*row)
     console.print(table)

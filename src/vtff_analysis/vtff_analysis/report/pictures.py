@@ -5,11 +5,14 @@ from __future__ import annotations
 import pathlib
 from collections.abc import Mapping
 
+from vtff_analysis.evaluation.formation_flight import FormationFlight
+from vtff_analysis.evaluation.navigation import navigation_error
+from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.recordings.history import DeputyHistory, RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.settings import RunSettings
+from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.html import Picture
-from vtff_analysis.report.navigation import navigation_error
 from vtff_analysis.report.plots import plot_formation, plot_receiver
 from vtff_analysis.report.plots_details import (
     plot_compute_time,
@@ -25,8 +28,7 @@ from vtff_analysis.report.plots_ionosphere import (
     plot_scintillation_map,
     scenario_label,
 )
-from vtff_analysis.report.receiver_ionosphere import compare_with_receiver, plot_comparisons
-from vtff_analysis.report.summary import FormationFlight, key_part
+from vtff_analysis.report.plots_receiver_ionosphere import plot_comparisons
 
 _FORMATION_CAPTIONS = {
     "relative_position_and_thrust": (
@@ -60,18 +62,18 @@ def draw_pictures(
     run_name: str,
     truth: IonosphereTruth | None = None,
 ) -> list[Picture]:
-    """Draw every part that a run has.
+    """Draw the plots of every subject that a run has.
 
     Parameters
     ----------
     history, settings, flights
         The run, its settings, and the flight of each deputy that has one.
     folder
-        Where the PNG files go; must exist.
+        Folder of the PNG files; must exist.
     run_name
-        For the titles.
+        Name of the run for the titles.
     truth
-        The true ionosphere, where it is known.
+        The true ionosphere; None where it is not recorded.
 
     Returns
     -------
@@ -86,25 +88,25 @@ def draw_pictures(
         for path in plot_formation(flight, folder, prefix, run_name, scenario, cap):
             caption = _FORMATION_CAPTIONS[path.stem.removeprefix(prefix)]
             pictures.append(Picture(path, caption, "formation"))
-        pictures += _navigation(history.deputies[name], folder, prefix, run_name)
+        pictures += _draw_navigation(history.deputies[name], folder, prefix, run_name)
     for receiver in history.receivers.values():
         prefix = f"{key_part(receiver.name)}_"
-        path = plot_receiver(receiver, folder, prefix, run_name)
-        if path is not None:
+        tracking = plot_receiver(receiver, folder, prefix, run_name)
+        if tracking is not None:
             caption = f"Satellites that {receiver.name} tracked, coloured by the strongest signal."
-            pictures.append(Picture(path, caption, "gnss"))
+            pictures.append(Picture(tracking, caption, "gnss"))
         title = f"{run_name}: sky of {receiver.name}"
-        path = plot_sky(receiver, folder, prefix, title)
-        if path is not None:
+        sky = plot_sky(receiver, folder, prefix, title)
+        if sky is not None:
             caption = (
                 f"Sky of {receiver.name}: azimuth around, elevation from the zenith outwards, from "
                 "recorded ephemerides and position fixes; labels stand where a satellite was "
                 "first seen."
             )
-            pictures.append(Picture(path, caption, "gnss"))
+            pictures.append(Picture(sky, caption, "gnss"))
     labelled = f"{run_name}{scenario_label(scenario)}"
-    pictures += _density(history, truth, folder, labelled, scenario)
-    pictures += _ionosphere(history, folder, labelled)
+    pictures += _draw_density(history, truth, folder, labelled, scenario)
+    pictures += _draw_ionosphere(history, folder, labelled)
     comparisons = compare_with_receiver(history)
     if comparisons:
         path = folder / "receiver_ionosphere.png"
@@ -118,7 +120,7 @@ def draw_pictures(
     return pictures
 
 
-def _navigation(
+def _draw_navigation(
     deputy: DeputyHistory, folder: pathlib.Path, prefix: str, run_name: str
 ) -> list[Picture]:
     pictures = []
@@ -127,7 +129,7 @@ def _navigation(
         title = f"{run_name}: navigation of {deputy.name} minus truth"
         path = plot_navigation_error(error, folder, prefix, title)
         caption = "Navigated minus true state of each axis"
-        inside = error.within_three_sigma()
+        inside = error.fraction_within_three_sigma()
         if inside is not None:
             shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
             caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
@@ -144,7 +146,7 @@ def _navigation(
     return pictures
 
 
-def _density(
+def _draw_density(
     history: RunHistory,
     truth: IonosphereTruth | None,
     folder: pathlib.Path,
@@ -203,13 +205,13 @@ def _density(
     return pictures
 
 
-def _ionosphere(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+def _draw_ionosphere(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
     pictures = []
-    parts = (
+    plots = (
         (history.slant_tec, _SLANT_TEC_PANELS, "electron content, one colour a satellite"),
         (history.scintillation, _SCINTILLATION_PANELS, "scintillation, one colour a satellite"),
     )
-    for topics, panels, what in parts:
+    for topics, panels, what in plots:
         for topic, columns in topics.items():
             path = plot_satellite_values(
                 columns,

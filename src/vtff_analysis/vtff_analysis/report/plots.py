@@ -1,4 +1,4 @@
-"""Plots of a run as PNG files, 1600 pixels wide."""
+"""Plots of formation flight and tracked satellites as PNG files, 1600 pixels wide."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.paper_reference import paper_columns
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
@@ -24,12 +25,12 @@ from vtff_analysis.plot_style import (
     save_figure,
     time_unit_of,
 )
-from vtff_analysis.recordings.history import FloatArray, ReceiverHistory
-from vtff_analysis.report.summary import FormationFlight
-from vtff_gnss.signals import satellite_name
+from vtff_analysis.recordings.history import ReceiverHistory
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import satellite_from_number, satellite_name, satellite_number
 
 ACQUISITION_VIEW = 150.0
-"""Length in s of the close view of the acquisition, in which everything happens."""
+"""Length in s of the close view, which shows the whole acquisition."""
 
 _TRACKING_CELLS = 1200
 """Most cells along the time axis of the tracking plot, about one per pixel."""
@@ -51,17 +52,17 @@ def plot_formation(
     Parameters
     ----------
     flight
-        What to draw.
+        Flight of the deputy.
     folder
-        Where to; must exist.
+        Folder of the files; must exist.
     prefix
-        Put before the file names, for a run with several deputies.
+        Stands before the file names in a run with several deputies.
     run_name
-        For the titles.
+        Name of the run for the titles.
     scenario
         Name of the scenario; marks the paper's closest approach where it has one.
     acceleration_cap
-        Cap of each axis in m/s2 to draw as a limit; None where unknown.
+        Cap of each axis in m/s2, drawn as a limit; None where it is not recorded.
 
     Returns
     -------
@@ -73,15 +74,15 @@ def plot_formation(
     title = f"{run_name}: {flight.name} relative to the chief"
     files = []
     with mpl.rc_context(STYLE):
-        figure = _position_and_thrust(flight, scenario, acceleration_cap)
+        figure = _draw_position_and_thrust(flight, scenario, acceleration_cap)
         files.append(
             save_figure(figure, folder / f"{prefix}relative_position_and_thrust.png", title)
         )
-        figure = _position_by_axis(flight)
+        figure = _draw_position_by_axis(flight)
         files.append(save_figure(figure, folder / f"{prefix}relative_position.png", title))
         if flight.deviation_rtn is not None and flight.time[flight.keeping].size > 1:
             title = f"{run_name}: deviation of {flight.name} from its target while keeping"
-            figure = _keeping_error(flight)
+            figure = _draw_keeping_error(flight)
             files.append(save_figure(figure, folder / f"{prefix}keeping_error.png", title))
     return files
 
@@ -96,11 +97,11 @@ def plot_receiver(
     history
         Its observations.
     folder
-        Where to; must exist.
+        Folder of the file; must exist.
     prefix
-        Put before the file name.
+        Stands before the file name.
     run_name
-        For the title.
+        Name of the run for the title.
 
     Returns
     -------
@@ -111,13 +112,13 @@ def plot_receiver(
         return None
     with mpl.rc_context(STYLE):
         title = f"{run_name}: satellites tracked by {history.name}"
-        return save_figure(_tracking(history), folder / f"{prefix}gnss_tracking.png", title)
+        return save_figure(_draw_tracking(history), folder / f"{prefix}gnss_tracking.png", title)
 
 
-def _position_and_thrust(
+def _draw_position_and_thrust(
     flight: FormationFlight, scenario: str, acceleration_cap: float | None
 ) -> Figure:
-    """Figure A1: (A) position, (B) thrust; the whole run and the acquisition side by side."""
+    """Draw figure A1: (A) position, (B) thrust, of the whole run and of the acquisition."""
     figure = make_figure(8.4)
     views = _views(flight)
     axes = figure.subplots(2, len(views), squeeze=False, sharey="row", sharex="col")
@@ -151,8 +152,8 @@ def _position_and_thrust(
     return figure
 
 
-def _position_by_axis(flight: FormationFlight) -> Figure:
-    """Radial, in-track and cross-track in panels of their own, with target and estimate."""
+def _draw_position_by_axis(flight: FormationFlight) -> Figure:
+    """Draw radial, in-track and cross-track position in own panels, with target and estimate."""
     figure = make_figure(10.0)
     views = _views(flight)
     axes = figure.subplots(3, len(views), squeeze=False, sharex="col")
@@ -187,8 +188,8 @@ def _position_by_axis(flight: FormationFlight) -> Figure:
     return figure
 
 
-def _keeping_error(flight: FormationFlight) -> Figure:
-    """Deviation from the target, logarithmic where it decays over orders of magnitude."""
+def _draw_keeping_error(flight: FormationFlight) -> Figure:
+    """Draw the deviation from the target, logarithmic where it decays over orders of magnitude."""
     assert flight.deviation_rtn is not None
     figure = make_figure(9.6)
     panels = figure.subplots(3, 1, sharex=True)
@@ -211,7 +212,10 @@ def _keeping_error(flight: FormationFlight) -> Figure:
 
 
 def _choose_scale(panel: Axes, values: FloatArray) -> str:
-    """Make the axis logarithmic beyond the usual values if some are far outside; say so."""
+    """Make the axis logarithmic beyond the usual values if some values are far outside.
+
+    Returns a note for the title; empty where the axis stays linear.
+    """
     usual = float(np.quantile(np.abs(values), 0.9))
     largest = float(np.abs(values).max())
     if usual == 0.0 or largest < _FAR_OUTSIDE * usual:
@@ -230,10 +234,10 @@ def _choose_scale(panel: Axes, values: FloatArray) -> str:
     return f" (logarithmic beyond ± {limit:g})"
 
 
-def _tracking(history: ReceiverHistory) -> Figure:
-    """One row per satellite, coloured by its strongest signal."""
-    codes = history.system.astype(np.int64) << 8 | history.prn
-    satellites, row = np.unique(codes, return_inverse=True)
+def _draw_tracking(history: ReceiverHistory) -> Figure:
+    """Draw one row per satellite, coloured by its strongest signal."""
+    numbers = satellite_number(history.system, history.prn)
+    satellites, row = np.unique(numbers, return_inverse=True)
     seconds = (history.epoch_time - history.epoch_time.min()) * 1e-9
     end = float(seconds.max())
     intervals = np.diff(np.unique(seconds))
@@ -250,7 +254,7 @@ def _tracking(history: ReceiverHistory) -> Figure:
     mesh = panel.pcolormesh(edges, rows, strongest, cmap="viridis")
     panel.grid(False)
     panel.hlines(rows, edges[0], edges[-1], color="white", linewidth=6.0)
-    names = [satellite_name(int(code) >> 8, int(code) & 255) for code in satellites]
+    names = [satellite_name(*satellite_from_number(number)) for number in satellites]
     panel.set_yticks(range(len(names)), names, fontsize=11.0)
     panel.set_ylim(len(names) - 0.4, -0.6)
     panel.set_xlabel(f"time since the first epoch ({time_unit})")
@@ -259,7 +263,7 @@ def _tracking(history: ReceiverHistory) -> Figure:
 
 
 def _views(flight: FormationFlight) -> Sequence[tuple[str, float]]:
-    """Name and end in s of each column: the whole run, and its beginning if it is longer."""
+    """Return name and end in s of each column: the whole run, and its beginning if it is long."""
     end = max(float(flight.time[-1]), 1.0)
     if end <= 2.0 * ACQUISITION_VIEW:
         return [("whole run", end)]
@@ -267,7 +271,7 @@ def _views(flight: FormationFlight) -> Sequence[tuple[str, float]]:
 
 
 def _thrust_line(flight: FormationFlight, axis: int) -> tuple[FloatArray, FloatArray]:
-    """Return steps of the thrust, closed at the end of the last one."""
+    """Return times and values of the steps of the thrust; the last value ends the last step."""
     if flight.thrust_time.size == 0:
         return np.empty(0), np.empty(0)
     end = flight.thrust_time[-1] + flight.thrust_duration[-1]
@@ -281,7 +285,7 @@ def _mark_keeping(panel: Axes, flight: FormationFlight, factor: float, end: floa
         return
     panel.axvline(flight.keeping_start * factor, color=MARK_COLOUR, linewidth=1.0, alpha=0.6)
     if end <= 2.0 * ACQUISITION_VIEW:
-        # Above the panel, where no curve can run through it.
+        # The label stands above the panel, where no curve runs through it.
         panel.annotate(
             "keeping", (flight.keeping_start * factor, 1.0), (0.0, 3.0),
             xycoords=("data", "axes fraction"), textcoords="offset points",

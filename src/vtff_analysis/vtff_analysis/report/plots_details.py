@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.ticker import NullFormatter
 
+from vtff_analysis.evaluation.navigation import NavigationError
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     AXIS_NAMES,
@@ -21,30 +22,29 @@ from vtff_analysis.plot_style import (
     time_unit_of,
 )
 from vtff_analysis.recordings.history import (
-    FloatArray,
     NavigationHistory,
     ReceiverHistory,
     SatelliteColumns,
     TimeArray,
 )
-from vtff_analysis.report.navigation import SOLUTION_FIXED, SOLUTION_NAMES, NavigationError
-from vtff_analysis.report.summary import is_settled
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_gnss.signals import satellite_name
+from vtff_gnss.signals import satellite_from_number, satellite_name, satellite_number
 from vtff_iono.geometry.satellite_geometry import satellite_geometry
+from vtff_nav.relative.common.solution import SOLUTION_FIXED, SOLUTION_NAMES, SOLUTION_PREDICTED
 
 SKY_EPOCHS = 300
-"""Most epochs in a sky plot."""
+"""Largest number of epochs in a sky plot."""
 
 LINES = 12
-"""Most satellites drawn with a line of their own; the others stand behind them in grey."""
+"""Largest number of satellites in colour; the others are grey and behind them."""
 
-# Tol's muted colours with black: twelve that differ with any colour vision.
+# Tol's muted colours with black: twelve colours that differ with any colour vision.
 _SATELLITE_COLOURS = (
-    *("#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77"),
-    *("#CC6677", "#882255", "#AA4499", "#000000", "#0072B2", "#D55E00"),
-)
+    "#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77",
+    "#CC6677", "#882255", "#AA4499", "#000000", "#0072B2", "#D55E00",
+)  # fmt: skip
 
 
 def plot_navigation_error(
@@ -55,12 +55,12 @@ def plot_navigation_error(
         figure = make_figure(9.6)
         axes = figure.subplots(3, 2, sharex=True)
         factor, time_unit = time_unit_of(float(error.time[-1]))
-        parts = (
+        kinds = (
             ("position", "", error.position_rtn, error.position_sigma_rtn),
             ("velocity", "/s", error.velocity_rtn, error.velocity_sigma_rtn),
         )
-        for column, (what, per, values, sigma) in enumerate(parts):
-            # The first minutes of a filter are large: the scale is that of what follows.
+        for column, (what, per, values, sigma) in enumerate(kinds):
+            # Errors are large while a filter starts: the scale is that of the later ones.
             settled = values[len(values) // 5 :]
             for axis in range(3):
                 panel = axes[axis, column]
@@ -78,7 +78,7 @@ def plot_navigation_error(
                     )  # fmt: skip
                 panel.plot(error.time * factor, values[:, axis] / scale, color=AXIS_COLOURS[axis])
                 panel.set_ylim(-1.5 * usual / scale, 1.5 * usual / scale)
-                counted = is_settled(error.time - error.time[0])
+                counted = error.is_settled
                 counted = counted if counted.any() else ~counted
                 rms = float(np.sqrt(np.mean(values[counted, axis] ** 2)))
                 after = "" if counted.all() else " after 60 s"
@@ -103,7 +103,8 @@ def plot_navigation_quality(
         factor, time_unit = time_unit_of(float(time[-1]))
         time = time * factor
         upper.plot(time, quality.solution, ".", color=STATE_COLOUR, markersize=4.0)
-        upper.set_yticks(range(1, 5), SOLUTION_NAMES[1:5])
+        kinds = range(SOLUTION_PREDICTED, SOLUTION_FIXED + 1)
+        upper.set_yticks(kinds, [SOLUTION_NAMES[kind] for kind in kinds])
         upper.set_ylim(0.5, 4.5)
         fixed = float((quality.solution == SOLUTION_FIXED).mean())
         upper.set_title(f"kind of solution: fixed {100.0 * fixed:.1f} % of the time")
@@ -135,10 +136,10 @@ def plot_sky(
     pathlib.Path or None
         ``sky.png``; None without fixes or ephemerides to compute it from.
     """
-    seen = _seen(history)
-    if seen is None:
+    sky_points = _compute_sky(history)
+    if sky_points is None:
         return None
-    elevation, azimuth, cn0, names, first_rows = seen
+    elevation, azimuth, cn0, names, first_rows = sky_points
     with mpl.rc_context(STYLE):
         figure = make_figure(6.4)
         sky = figure.add_subplot(1, 2, 1, projection="polar")
@@ -169,20 +170,20 @@ def plot_satellite_values(
     path: pathlib.Path,
     title: str,
 ) -> pathlib.Path | None:
-    """Draw columns over time, one line a satellite.
+    """Draw columns over time, one line for each satellite.
 
     Parameters
     ----------
     columns
         Slant TEC or scintillation indices.
     panels
-        Column -> title and axis label, one panel each; columns without a value are left out.
+        Title and axis label of a panel by its column; columns without a value are left out.
     start
         Zero of the time axis, ns since 1970.
     path
-        The file.
+        PNG file.
     title
-        Of the figure.
+        Title of the figure.
 
     Returns
     -------
@@ -196,9 +197,9 @@ def plot_satellite_values(
     }
     if not wanted:
         return None
-    satellites = columns.system.astype(np.int64) << 8 | columns.prn
-    codes, counts = np.unique(satellites, return_counts=True)
-    longest = set(codes[np.argsort(counts)[::-1][:LINES]].tolist())
+    satellites = satellite_number(columns.system, columns.prn)
+    numbers, counts = np.unique(satellites, return_counts=True)
+    longest = set(numbers[np.argsort(counts)[::-1][:LINES]].tolist())
     seconds = (columns.time - start) * 1e-9
     factor, time_unit = time_unit_of(float(seconds.max()))
     with mpl.rc_context(STYLE):
@@ -206,14 +207,14 @@ def plot_satellite_values(
         drawn = figure.subplots(len(wanted), 1, sharex=True, squeeze=False)[:, 0]
         for panel, (name, (text, label)) in zip(drawn, wanted.items(), strict=True):
             colours = iter(_SATELLITE_COLOURS)
-            for code in codes.tolist():
-                rows = satellites == code
-                named = code in longest
+            for number in numbers.tolist():
+                rows = satellites == number
+                named = number in longest
                 panel.plot(
                     seconds[rows] * factor, columns.values[name][rows],
                     ".", markersize=2.5 if named else 1.5,
                     color=next(colours) if named else "0.75", zorder=3 if named else 2,
-                    label=satellite_name(code >> 8, code & 255) if named else None,
+                    label=satellite_name(*satellite_from_number(number)) if named else None,
                 )  # fmt: skip
             panel.set_title(text)
             panel.set_ylabel(label)
@@ -252,10 +253,17 @@ def plot_compute_time(
         return save_figure(figure, folder / "timing.png", title)
 
 
-def _seen(
+def _compute_sky(
     history: ReceiverHistory,
 ) -> tuple[FloatArray, FloatArray, FloatArray, list[str], list[int]] | None:
-    """Return elevation, azimuth (rad) and C/N0 of what was observed, and names with first rows."""
+    """Return the sky positions of the observed signals at up to `SKY_EPOCHS` epochs.
+
+    Returns
+    -------
+    elevation, azimuth, cn0, names, first_rows
+        rad, rad and dB-Hz of each signal, shape (n,); names of the satellites, and the first row
+        of each. None without fixes, ephemerides or observations.
+    """
     usable = np.isfinite(history.fix_position_itrf).all(axis=1)
     if not usable.any() or not history.ephemerides or not history.epoch_time.size:
         return None
@@ -265,34 +273,37 @@ def _seen(
     rows = np.repeat(epochs, history.observations_per_epoch)
     time = np.repeat(history.epoch_time, history.observations_per_epoch)[rows]
     system, prn, cn0 = history.system[rows], history.prn[rows], history.cn0_dbhz[rows]
-    nearest = _nearest(history.fix_time[usable], time)
+    nearest = _index_before(history.fix_time[usable], time)
     geometry = satellite_geometry(
         store, _gps_nanoseconds(time), system, prn, history.fix_position_itrf[usable][nearest]
     )
-    known = np.isfinite(geometry.elevation)
-    if not known.any():
+    computed = np.isfinite(geometry.elevation)
+    if not computed.any():
         return None
-    codes = (system.astype(np.int64) << 8 | prn)[known]
-    satellites, first_rows = np.unique(codes, return_index=True)
-    names = [satellite_name(int(code) >> 8, int(code) & 255) for code in satellites]
+    numbers = satellite_number(system, prn)[computed]
+    satellites, first_rows = np.unique(numbers, return_index=True)
+    names = [satellite_name(*satellite_from_number(number)) for number in satellites]
     return (
-        geometry.elevation[known],
-        geometry.azimuth[known],
-        cn0[known].astype(float),
+        geometry.elevation[computed],
+        geometry.azimuth[computed],
+        cn0[computed].astype(float),
         names,
         first_rows.tolist(),
     )
 
 
-def _nearest(times: TimeArray, wanted: TimeArray) -> TimeArray:
-    """Return the index of the time not after each wanted one, the first where there is none."""
+def _index_before(times: TimeArray, wanted: TimeArray) -> TimeArray:
+    """Return the index of the last of `times` not after each wanted time, else of the first."""
     order = np.argsort(times, kind="stable")
-    place = np.searchsorted(times[order], wanted, side="right") - 1
-    return np.asarray(order[np.maximum(place, 0)])
+    position = np.searchsorted(times[order], wanted, side="right") - 1
+    return np.asarray(order[np.maximum(position, 0)])
 
 
 def _gps_nanoseconds(time: TimeArray) -> TimeArray:
-    """Return GPS times, ns since 1980, of stamps: leap seconds are few, so by distinct value."""
+    """Return the GPS times (ns since 1980) of stamps (ns since 1970).
+
+    Each distinct stamp is converted once: an epoch has many rows.
+    """
     distinct, inverse = np.unique(time, return_inverse=True)
     gps = [GpsTime.from_unix_nanoseconds(int(value)).nanoseconds for value in distinct]
     return np.array(gps, dtype=np.int64)[inverse]

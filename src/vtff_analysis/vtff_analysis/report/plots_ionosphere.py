@@ -10,6 +10,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.patches import Rectangle
 
+from vtff_analysis.evaluation.scintillation import WEAK_SCINTILLATION
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     MARK_COLOUR,
@@ -20,21 +21,23 @@ from vtff_analysis.plot_style import (
 from vtff_analysis.recordings.history import (
     Boundary,
     DensityHistory,
-    FloatArray,
     SatelliteColumns,
-    TimeArray,
+    interpolate,
 )
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
-from vtff_analysis.report.ionosphere import CHIEF, DEPUTY, WEAK_SCINTILLATION
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import satellite_name
 
 __all__ = [
-    *("plot_density_profile", "plot_plateau", "plot_satellite_profiles"),
-    *("plot_scintillation_map", "scenario_label"),
+    "plot_density_profile",
+    "plot_plateau",
+    "plot_satellite_profiles",
+    "plot_scintillation_map",
+    "scenario_label",
 ]
 
-_SECOND = 1_000_000_000
 _KILOMETRE = 1e3
 _PLATEAU_MARGIN = 150.0  # s before and after the edges that figure 8 shows
 _PROFILE_MARGIN = 40e3  # m below and above the edges that figure 9 shows
@@ -45,7 +48,7 @@ _PAPER_SCENARIOS = ("esf", "esf_paper")
 
 
 def scenario_label(scenario: str) -> str:
-    """Return what every figure of a scenario has to say, to stand behind a title."""
+    """Return the remark that stands behind the title of every figure of a scenario."""
     return ", PLUMEX-like profile (synthetic)" if scenario == "plumex" else ""
 
 
@@ -94,7 +97,7 @@ def plot_satellite_profiles(
     path: pathlib.Path,
     title: str,
 ) -> pathlib.Path | None:
-    """Draw the density from the two satellites that are there for longest, rising (figure 9)."""
+    """Draw the density from the two satellites with most seconds on the rising leg (figure 9)."""
     rising = satellites.time > density.time[np.argmin(density.altitude)]
     low, high = float(density.altitude.min()), float(density.altitude.max())
     if truth is not None and truth.region_altitudes is not None:
@@ -109,9 +112,9 @@ def plot_satellite_profiles(
         chosen = _most_frequent(satellites, shown)
         axes: Any = figure.subplots(1, len(chosen), sharex=True, sharey=True, squeeze=False)[0]
         for axis, (system, prn), colour in zip(axes, chosen, AXIS_COLOURS, strict=False):
-            mine = shown & (satellites.system == system) & (satellites.prn == prn)
-            measured = satellites.values["density"][mine]
-            axis.plot(measured, altitude[mine] / _KILOMETRE, "o", ms=3.5, color=colour,
+            rows = shown & (satellites.system == system) & (satellites.prn == prn)
+            measured = satellites.values["density"][rows]
+            axis.plot(measured, altitude[rows] / _KILOMETRE, "o", ms=3.5, color=colour,
                       label="measured")  # fmt: skip
             if truth is not None:
                 height = np.linspace(low, high, 4000)
@@ -139,9 +142,9 @@ def plot_plateau(
     path: pathlib.Path,
     title: str,
 ) -> pathlib.Path | None:
-    """Draw vertical TEC of both spacecraft with the two satellites that are high for longest.
+    """Draw vertical TEC of both spacecraft from the two satellites that are high for longest.
 
-    Of a run with irregularity regions the rising pass through their altitudes is shown (figure 8).
+    For a run with irregularity regions the rising pass through their altitudes is drawn (figure 8).
     """
     crafts = {
         topic.split("/")[1]: columns
@@ -160,13 +163,14 @@ def plot_plateau(
         axes: Any = figure.subplots(len(best), len(crafts), sharex=True, sharey=True, squeeze=False)
         for column, (craft, values) in enumerate(crafts.items()):
             good = _high_and_good(values, start_time, begin, end, 10.0)
-            for row, (system, prn) in enumerate(best):
-                mine = good & (values.system == system) & (values.prn == prn)
-                time = values.time[mine]
-                axis = axes[row, column]
+            for panel_row, (system, prn) in enumerate(best):
+                rows = good & (values.system == system) & (values.prn == prn)
+                time = values.time[rows]
+                seconds = (time - start_time) / NANOSECONDS_PER_SECOND
+                axis = axes[panel_row, column]
                 axis.plot(
-                    (time - start_time) / _SECOND,
-                    values.values["vtec_tecu"][mine],
+                    seconds,
+                    values.values["vtec_tecu"][rows],
                     ".",
                     ms=3,
                     color=AXIS_COLOURS[column],
@@ -174,25 +178,31 @@ def plot_plateau(
                 )
                 if truth is not None and craft in truth.time:
                     true = truth.profile.vtec_above_tecu(truth.altitude_at(craft, time))
-                    axis.plot((time - start_time) / _SECOND, true, "k-", lw=1.2, label="true")
+                    axis.plot(
+                        (time - start_time) / NANOSECONDS_PER_SECOND,
+                        true,
+                        "k-",
+                        lw=1.2,
+                        label="true",
+                    )
                 axis.set_title(f"{craft}, {satellite_name(system, prn)}")
                 if truth is not None and truth.region_altitudes is not None:
                     for plateau in _PAPER_PLATEAU:
                         axis.axhline(plateau, color=MARK_COLOUR, ls=":", lw=1.0)
                 if column == 0:
                     axis.set_ylabel("vertical TEC (TECU)")
-                if row == len(best) - 1:
+                if panel_row == len(best) - 1:
                     axis.set_xlabel("time into the run (s)")
         axes[0, 0].legend()
         return save_figure(figure, path, title)
 
 
 def _pass_of_region(truth: IonosphereTruth | None, start_time: int) -> tuple[float, float]:
-    """Return begin and end of the rising pass of the chief through the regions, s into the run."""
+    """Return begin and end of the chief's rising pass through the regions, s into the run."""
     if truth is None or truth.region_altitudes is None or CHIEF not in truth.time:
         return 0.0, np.inf
     times = [
-        (crossing.time - start_time) / _SECOND
+        (crossing.time - start_time) / NANOSECONDS_PER_SECOND
         for altitude in truth.region_altitudes
         for crossing in truth.crossings(CHIEF, altitude)
         if crossing.vertical_speed > 0.0
@@ -209,8 +219,8 @@ def _high_and_good(
     end: float,
     lowest_elevation_deg: float = 30.0,
 ) -> Any:
-    """Return which rows are good, high enough and between two times (s into the run)."""
-    seconds = (columns.time - start_time) / _SECOND
+    """Return which rows are not rejected, high enough and between two times (s into the run)."""
+    seconds = (columns.time - start_time) / NANOSECONDS_PER_SECOND
     good = ~(columns.values["rejected"] > 0) & (seconds >= begin) & (seconds <= end)
     return good & (columns.values["elevation"] > np.radians(lowest_elevation_deg))
 
@@ -230,11 +240,11 @@ def plot_scintillation_map(
     first = (scintillation.values["band"] == 1) & np.isfinite(scintillation.values["s4_corrected"])
     if not first.any():
         return None
-    # The index is that of the minute before its stamp: it belongs to the middle of it.
-    time = scintillation.time[first] - 30 * _SECOND
+    # A stamp is the end of its minute; the index belongs to the middle of the minute.
+    time = scintillation.time[first] - 30 * NANOSECONDS_PER_SECOND
     s4 = scintillation.values["s4_corrected"][first]
     altitude, latitude, longitude = (
-        _at(time, density.time, values)
+        interpolate(time, density.time, values)
         for values in (
             density.altitude / _KILOMETRE,
             density.latitude_deg,
@@ -284,8 +294,3 @@ def _draw_regions(axes: Any, truth: IonosphereTruth, time: int) -> None:
         outline = Rectangle((west, south), width, north - south, fc="0.9", ec="0.5", zorder=0)
         axes[1].add_patch(outline)
         axes[1].annotate("true region", (west + width, north), va="bottom", color="0.35")
-
-
-def _at(time: TimeArray, known: TimeArray, values: FloatArray) -> FloatArray:
-    origin = known[0]
-    return np.interp((time - origin) / _SECOND, (known - origin) / _SECOND, values)

@@ -11,9 +11,11 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
+from vtff_analysis.evaluation.formation_flight import ACQUISITION_DURATION
+from vtff_analysis.evaluation.summary import SETTLED_WITHIN
 from vtff_analysis.paper_reference import PAPER_DURATION, PaperColumn, formation_columns
 from vtff_analysis.recordings.history import AXES
-from vtff_analysis.report.summary import ACQUISITION_DURATION, SETTLED_WITHIN, key_part
+from vtff_analysis.recordings.topics import key_part
 
 Summary = Mapping[str, Any]
 Section = Sequence[tuple[str, str, int]]  # label, key, decimals
@@ -25,7 +27,7 @@ _AXIS_LABELS = dict(zip(AXES, ("radial", "in-track", "cross-track"), strict=True
 
 
 def _axis_rows(label: str, unit: str, key: str, decimals: int) -> list[tuple[str, str, int]]:
-    """One row per axis; ``{}`` in the key stands for the axis."""
+    """Return one row per axis; ``{}`` in the key stands for the axis."""
     return [(f"{label} {_AXIS_LABELS[axis]}, {unit}", key.format(axis), decimals) for axis in AXES]
 
 
@@ -85,22 +87,22 @@ def print_formation(
     Parameters
     ----------
     console
-        Where to.
+        Console that the tables are printed on.
     summary
         Summary of the run.
     deputies
         Names of the deputies in the summary.
     run_name
-        For the title.
+        Name of the run for the title.
     """
     for name in deputies:
         prefix = f"{key_part(name)}_" if len(deputies) > 1 else ""
-        own = {key.removeprefix(prefix): value for key, value in summary.items()}
+        numbers = {key.removeprefix(prefix): value for key, value in summary.items()}
         columns = formation_columns(summary.get("scenario"))
         title = f"{run_name}: {name}" if len(deputies) > 1 else run_name
-        title = f"{title}, {_length(summary)}"
-        console.print(_formation_table(title, own, columns))
-        for line in formation_remarks(own, columns):
+        title = f"{title}, {_length_text(summary)}"
+        console.print(_formation_table(title, numbers, columns))
+        for line in formation_remarks(numbers, columns):
             console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim")
 
 
@@ -112,13 +114,13 @@ def print_receivers(
     Parameters
     ----------
     console
-        Where to.
+        Console that the tables are printed on.
     summary
         Summary of the run.
     receivers
         Names of the receivers in the summary.
     run_name
-        For the title.
+        Name of the run for the title.
     """
     table = _table(f"{run_name}: GNSS observations", receivers)
     for label, values in receiver_rows(summary, receivers):
@@ -127,7 +129,7 @@ def print_receivers(
 
 
 def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str, list[str]]]:
-    """Return the texts of the receiver table: a label and one number a receiver."""
+    """Return the texts of the receiver table: a label and one number for each receiver."""
     prefixes = [f"{key_part(name)}_" for name in receivers]
     signals = sorted(
         {
@@ -137,15 +139,15 @@ def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str,
             if key.startswith(f"{prefix}gnss_observations_")
         }
     )
-    found = []
+    rows = []
     for label, key, decimals in [
         *_RECEIVER,
         *[(f"  {key.removeprefix('gnss_observations_').upper()}", key, 0) for key in signals],
     ]:
         values = [summary.get(prefix + key) for prefix in prefixes]
         if any(value is not None for value in values):
-            found.append((label, [number_text(value, decimals) for value in values]))
-    return found
+            rows.append((label, [number_text(value, decimals) for value in values]))
+    return rows
 
 
 def print_message_counts(console: Console, counts: Mapping[str, int], run_name: str) -> None:
@@ -156,8 +158,8 @@ def print_message_counts(console: Console, counts: Mapping[str, int], run_name: 
     console.print(table)
 
 
-def _length(summary: Summary) -> str:
-    """Return the length of the run, and that it did not come to its end if so."""
+def _length_text(summary: Summary) -> str:
+    """Return the length of the run, and whether it was interrupted."""
     length = f"{summary['run_duration_s']:.0f} s"
     if summary.get("run_complete", True):
         return length
@@ -174,12 +176,12 @@ def formation_rows(
     summary
         Summary of the run, keys without the deputy's name.
     columns
-        The paper's results to set beside it.
+        The paper's results, which stand beside the measured numbers.
 
     Returns
     -------
     list
-        Heading and rows; a row is a label, the measured number, and one number a column.
+        Heading and rows; a row is a label, the measured number, and one number for each column.
     """
     left_out = _not_comparable(summary)
     absent = "not yet" if _is_short(summary) else "never"
@@ -208,12 +210,12 @@ def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn
 
 
 def _is_short(summary: Summary) -> bool:
-    """Whether the run is shorter than those of the paper."""
+    """Return whether the run is shorter than those of the paper."""
     return bool(summary["run_duration_s"] < PAPER_DURATION - 1.0)
 
 
 def _not_comparable(summary: Summary) -> set[str]:
-    """Return the keys of sums over a time that the run is too short for."""
+    """Return the keys of sums that cannot be compared, because the run is too short for them."""
     duration = summary["run_duration_s"]
     keys: set[str] = set()
     if _is_short(summary):
@@ -234,17 +236,17 @@ def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
 
 
 def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[str]:
-    """Lines under the table that say what may be compared with what."""
+    """Return the lines under the table that say which numbers may be compared."""
     lines = []
     control_input = summary.get("control_input")
     if control_input is not None:
         fed = "truth" if control_input == "truth" else "GNSS navigation"
-        lines.append(f"measured: controller fed with {fed}{_like_for_like(summary, columns)}.")
+        lines.append(f"measured: controller fed with {fed}{_comparable_column(summary, columns)}.")
     for column in columns:
         fed = (
             "GNSS navigation in the loop (HIL)" if column.hardware_in_the_loop else "fed with truth"
         )
-        lines.append(f"{_one_line(column.title)}: {column.source}; {fed}.")
+        lines.append(f"{_join_lines(column.title)}: {column.source}; {fed}.")
     duration = summary["run_duration_s"]
     if columns and _is_short(summary):
         lines.append(
@@ -266,18 +268,18 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
     return lines
 
 
-def _like_for_like(summary: Summary, columns: Sequence[PaperColumn]) -> str:
-    """Which columns were controlled by the same kind of state as the run."""
+def _comparable_column(summary: Summary, columns: Sequence[PaperColumn]) -> str:
+    """Return which column of the paper was controlled by the same kind of state as the run."""
     if not columns:
         return ""
     navigated = summary["control_input"] == "navigation"
     alike = [
-        _one_line(column.title) for column in columns if column.hardware_in_the_loop == navigated
+        _join_lines(column.title) for column in columns if column.hardware_in_the_loop == navigated
     ]
     return f", like '{alike[0]}'" if alike else "; the paper prints no such run"
 
 
-def _one_line(title: str) -> str:
+def _join_lines(title: str) -> str:
     return title.replace("\n", " ")
 
 

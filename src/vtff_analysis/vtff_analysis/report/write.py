@@ -11,32 +11,30 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from vtff_analysis.evaluation.fluctuations import read_fluctuation_lag
+from vtff_analysis.evaluation.formation_flight import formation_flight
+from vtff_analysis.evaluation.ionosphere import summarise_ionosphere
+from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
+from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
+from vtff_analysis.evaluation.summary import plain_value, summarise_run
 from vtff_analysis.recordings.history import RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, read_ionosphere_truth
 from vtff_analysis.recordings.recording import read_run
+from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import read_settings
-from vtff_analysis.report.fluctuations import read_fluctuation_lag
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_analysis.report.html import render_report
-from vtff_analysis.report.ionosphere import (
-    CHIEF,
-    DEPUTY,
-    MINUTE,
-    scintillating_minutes,
-    summarise_ionosphere,
-)
 from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
-from vtff_analysis.report.receiver_ionosphere import compare_with_receiver
-from vtff_analysis.report.summary import formation_flight, plain, summarise_run
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
-from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
-from vtff_bag.run.description import PARAMETER_FOLDER, describe_run
+from vtff_bag.file.reader import BagReader
+from vtff_bag.run.description import describe_run
 from vtff_bag.run.environment import describe_environment
 
 REPORT_FOLDER = "report"
 SUMMARY_FILE = "summary.json"
 HTML_FILE = "report.html"
-PROCESSOR_TOPIC = "/iono/slant_tec"  # of the ionosphere processor
+PROCESSOR_TOPIC = "/iono/slant_tec"  # end of the ionosphere processor's topics of contents
 
 
 def write_report(
@@ -53,19 +51,19 @@ def write_report(
         Run folder with the bag in ``bag`` and the parameter files in ``parameters``, or a bag
         alone: directory or ``.mcap`` file.
     console
-        Where the tables go.
+        Console that the tables are printed on.
     arguments
-        Name of the system under ``system``, and the arguments that it was run with; as the run
-        folder or the bag tells if not given.
+        Name of the system under ``system``, and the arguments that it was run with. If they are
+        not given, those that the run folder or the bag records.
     output
-        Folder for the report; ``report`` in the run folder, or ``<bag>_report`` beside a bag
-        that has none, if not given.
+        Folder for the report. If it is not given, ``report`` in the run folder, or
+        ``<bag>_report`` beside a bag that has none.
 
     Returns
     -------
     pathlib.Path
-        The report folder: ``report.html``, ``summary.json`` with the keys of docs/summary.md,
-        and PNG plots of every part that the run has.
+        The report folder with ``report.html``, ``summary.json`` with the keys of docs/summary.md,
+        and PNG plots of every subject that the run has.
 
     Raises
     ------
@@ -74,18 +72,18 @@ def write_report(
     OSError
         If the report cannot be written.
     """
-    place = find_run(pathlib.Path(path), output)
+    place = find_run(pathlib.Path(path))
     history = read_run(place.bag)
     reader = BagReader(place.bag)
     described = describe_run(place.folder, reader.custom_data)
     if arguments is not None:
         described = dataclasses.replace(described, arguments=dict(arguments))
     settings = read_settings(described)
-    found = {
-        name: formation_flight(deputy, settings.controller(name))
-        for name, deputy in history.deputies.items()
-    }
-    flights = {name: flight for name, flight in found.items() if flight is not None}
+    flights = {}
+    for name, deputy in history.deputies.items():
+        flight = formation_flight(deputy, settings.controller(name))
+        if flight is not None:
+            flights[name] = flight
     truth = None
     processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
     if processed or history.density is not None:
@@ -95,9 +93,9 @@ def write_report(
         **_named_arguments(described.arguments),
         **(described.environment or describe_environment()),
         **summarise_run(history, settings, flights),
-        **_ionosphere(history, reader, truth),
+        **_summarise_ionosphere(history, reader, truth),
     }
-    folder = place.output
+    folder = output or place.output_folder(REPORT_FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
@@ -112,62 +110,20 @@ def write_report(
     return folder
 
 
-def _ionosphere(
+def _summarise_ionosphere(
     history: RunHistory, reader: BagReader, truth: IonosphereTruth | None
 ) -> dict[str, Any]:
-    """Return the keys of the ionosphere."""
+    """Return the numbers of the ionosphere by their keys."""
     lag = None
     minutes = scintillating_minutes(history)
     if len(minutes):
         start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
-        found = read_fluctuation_lag(reader, (CHIEF, DEPUTY), start, end)
-        lag = None if found is None else found.lag
+        fluctuation_lag = read_fluctuation_lag(reader, (CHIEF, DEPUTY), start, end)
+        lag = None if fluctuation_lag is None else fluctuation_lag.lag
     summary = summarise_ionosphere(history, truth, lag)
     for comparison in compare_with_receiver(history):
-        summary.update(comparison.keys())
-    return {key: plain(value) for key, value in summary.items()}
-
-
-@dataclasses.dataclass(frozen=True)
-class RunPlace:
-    """Where a run is and where its report goes.
-
-    Attributes
-    ----------
-    name
-        Name of the run.
-    bag
-        The bag: directory or file.
-    folder
-        The run folder; the bag's own folder where it has none.
-    output
-        Folder of the report.
-    """
-
-    name: str
-    bag: pathlib.Path
-    folder: pathlib.Path
-    output: pathlib.Path
-
-
-def find_run(path: pathlib.Path, output: pathlib.Path | None = None) -> RunPlace:
-    """Find run folder and bag behind what a user has named.
-
-    Raises
-    ------
-    vtff_bag.file.errors.BagReadError
-        If there is no bag.
-    """
-    bag = BagReader(path).path.resolve()
-    folder = bag.parent
-    is_run = bag.name == RUN_SUBDIRECTORY and (
-        path.resolve() == folder or (folder / PARAMETER_FOLDER).is_dir()
-    )
-    if is_run:
-        return RunPlace(folder.name, bag, folder, output or folder / REPORT_FOLDER)
-    name = bag.name if bag.is_dir() else bag.stem
-    own = bag if bag.is_dir() else folder
-    return RunPlace(name, bag, own, output or folder / f"{name}_{REPORT_FOLDER}")
+        summary.update(comparison.summarise())
+    return {key: plain_value(value) for key, value in summary.items()}
 
 
 def _print_tables(
@@ -189,14 +145,14 @@ def _print_tables(
 def _named_arguments(arguments: Mapping[str, Any]) -> dict[str, Any]:
     """Return the system under its own key and each argument as ``argument_<name>``."""
     return {
-        key if key == "system" else f"argument_{key}": _flat(value)
+        key if key == "system" else f"argument_{key}": _flatten(value)
         for key, value in arguments.items()
     }
 
 
-def _flat(value: Any) -> Any:
+def _flatten(value: Any) -> Any:
     """Return a number or text; lists and mappings as JSON text, to keep the summary flat."""
-    value = plain(value)
+    value = plain_value(value)
     if value is None or isinstance(value, (str, int, float, bool)):
         return value
     return json.dumps(value, default=str)

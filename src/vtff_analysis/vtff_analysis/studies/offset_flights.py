@@ -7,12 +7,13 @@ import pathlib
 import numpy as np
 import yaml
 
-from vtff_analysis.recordings.topics import STATE_ENDED, STATUS_TOPIC
+from vtff_analysis.recordings.topics import STATUS_TOPIC
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import describe_run
 from vtff_bag.run.folder import new_folder
 from vtff_dynamics.frames.frames import deputy_state_gcrf
+from vtff_msgs.msg import SimulatorStatus
 from vtff_sim_bridge.truth.scenario import load_scenario
 from vtff_sim_bridge.truth.scenario_fields import read_yaml
 
@@ -111,7 +112,9 @@ def _folder_name(offset: float) -> str:
 def _is_complete(reader: BagReader) -> bool:
     if STATUS_TOPIC not in reader.topics:
         return False
-    return any(item.message.state == STATE_ENDED for item in reader.messages(STATUS_TOPIC))
+    return any(
+        item.message.state == SimulatorStatus.STATE_ENDED for item in reader.messages(STATUS_TOPIC)
+    )
 
 
 def _is_flight_of(folder: pathlib.Path, reader: BagReader, offset: float, seed: int) -> bool:

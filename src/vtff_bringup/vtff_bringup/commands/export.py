@@ -64,17 +64,16 @@ def export(
         )
         raise typer.Exit(EXIT_USAGE)
     # Imports rclpy, which takes a while.
-    from vtff_analysis.recordings.errors import ExportError
-    from vtff_analysis.report.write import find_run
+    from vtff_analysis.recordings.errors import RecordingError
+    from vtff_analysis.recordings.run_place import find_run
 
     try:
         place = find_run(bag)
-        default = place.output.with_name(place.output.name.replace("report", "export"))
-        folder = chosen_folder(out or default, empty=False)
+        folder = chosen_folder(out or place.output_folder("export"), empty=False)
         with console.status("exporting") as status:
             files, notes = _export(place.bag, place.name, folder, chosen, interval, high_rate,
                                    status.update)  # fmt: skip
-    except (BagError, ExportError, RunFolderError) as error:
+    except (BagError, RecordingError, RunFolderError) as error:
         console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
         raise typer.Exit(EXIT_USAGE) from error
     except OSError as error:
@@ -102,7 +101,7 @@ def _export(
     from vtff_analysis.export.sp3 import format_sp3
     from vtff_analysis.export.tables import export_csv, export_parquet
     from vtff_analysis.recordings.orbits import read_orbits
-    from vtff_analysis.report.summary import key_part
+    from vtff_analysis.recordings.topics import key_part
     from vtff_bag.file.reader import BagReader
 
     reader = BagReader(bag)

@@ -3,6 +3,9 @@
 import numpy as np
 import pytest
 
+from vtff_analysis.evaluation.formation_flight import formation_flight
+from vtff_analysis.evaluation.gnss_summary import summarise_receiver
+from vtff_analysis.evaluation.summary import summarise_flight, summarise_run
 from vtff_analysis.recordings.history import (
     AccelerationHistory,
     DeputyHistory,
@@ -12,8 +15,6 @@ from vtff_analysis.recordings.history import (
     SimulatorReport,
 )
 from vtff_analysis.recordings.settings import ControllerSettings, RunSettings
-from vtff_analysis.report.gnss_summary import summarise_receiver
-from vtff_analysis.report.summary import formation_flight, summarise_flight, summarise_run
 
 START = 1_458_522_000_000_000_000
 SECOND = 1_000_000_000

@@ -1,17 +1,20 @@
-"""Errors of navigation against truth, with what navigation claims for itself."""
+"""Errors of navigation against truth, with the sigmas that navigation states."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
-from vtff_analysis.recordings.history import DeputyHistory, FloatArray
+from vtff_analysis.recordings.history import DeputyHistory, seconds_since
+from vtff_dynamics.vectors import FloatArray
 
-SOLUTION_NAMES = ("none", "predicted", "code", "float", "fixed", "truth")
-"""vtff_msgs/RelativeState.SOLUTION_* by number."""
+__all__ = ["NAVIGATION_START_DURATION", "NavigationError", "navigation_error"]
 
-SOLUTION_FIXED = 4
+NAVIGATION_START_DURATION = 60.0
+"""s after the first solution in which the errors are those of the start of navigation; the paper
+starts its filter with as many seconds of code (section 3.4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,6 +29,8 @@ class NavigationError:
         m and m/s, shape (n, 3).
     position_sigma_rtn, velocity_sigma_rtn
         One sigma as navigation states it, shape (n, 3); zero where it states none.
+    is_settled
+        Whether navigation has had a solution for `NAVIGATION_START_DURATION`, shape (n,).
     """
 
     time: FloatArray
@@ -33,11 +38,11 @@ class NavigationError:
     velocity_rtn: FloatArray
     position_sigma_rtn: FloatArray
     velocity_sigma_rtn: FloatArray
+    is_settled: npt.NDArray[np.bool_]
 
-    def within_three_sigma(self) -> FloatArray | None:
-        """Return the fraction of positions within 3 sigma by axis; None without sigma."""
-        stated = self.position_sigma_rtn > 0.0
-        if not stated.any():
+    def fraction_within_three_sigma(self) -> FloatArray | None:
+        """Return the fraction of positions within 3 sigma, shape (3,); None without sigma."""
+        if not (self.position_sigma_rtn > 0.0).any():
             return None
         inside = np.abs(self.position_rtn) <= 3.0 * self.position_sigma_rtn
         return np.asarray(inside.mean(axis=0))
@@ -53,11 +58,13 @@ def navigation_error(history: DeputyHistory) -> NavigationError | None:
     )
     if in_truth.size == 0:
         return None
-    none = np.zeros((in_truth.size, 3))
+    no_sigma = np.zeros((in_truth.size, 3))
+    since_first_solution = seconds_since(int(estimate.time[0]), estimate.time[in_estimate])
     return NavigationError(
-        time=(truth.time[in_truth] - truth.time[0]) * 1e-9,
+        time=seconds_since(int(truth.time[0]), truth.time[in_truth]),
         position_rtn=estimate.position_rtn[in_estimate] - truth.position_rtn[in_truth],
         velocity_rtn=estimate.velocity_rtn[in_estimate] - truth.velocity_rtn[in_truth],
-        position_sigma_rtn=none if quality is None else quality.position_sigma_rtn[in_estimate],
-        velocity_sigma_rtn=none if quality is None else quality.velocity_sigma_rtn[in_estimate],
+        position_sigma_rtn=no_sigma if quality is None else quality.position_sigma_rtn[in_estimate],
+        velocity_sigma_rtn=no_sigma if quality is None else quality.velocity_sigma_rtn[in_estimate],
+        is_settled=since_first_solution >= NAVIGATION_START_DURATION,
     )

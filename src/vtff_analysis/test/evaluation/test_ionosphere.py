@@ -19,6 +19,8 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 from full_run_samples import SECOND, START, BagOfMessages  # noqa: E402
 
+from vtff_analysis.evaluation.ionosphere import summarise_ionosphere  # noqa: E402
+from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver  # noqa: E402
 from vtff_analysis.recordings.history import (  # noqa: E402
     Boundary,
     DensityHistory,
@@ -27,9 +29,7 @@ from vtff_analysis.recordings.history import (  # noqa: E402
 )
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, SatelliteTruth  # noqa: E402
 from vtff_analysis.report import write_report  # noqa: E402
-from vtff_analysis.report.ionosphere import summarise_ionosphere  # noqa: E402
 from vtff_analysis.report.ionosphere_table import ionosphere_rows  # noqa: E402
-from vtff_analysis.report.receiver_ionosphere import compare_with_receiver  # noqa: E402
 from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_gnss.novatel import IsmScintillation, IsmSlantTec  # noqa: E402
 from vtff_msgs.msg import Scintillation, SlantTec  # noqa: E402

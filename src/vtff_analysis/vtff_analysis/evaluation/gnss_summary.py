@@ -5,17 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_analysis.recordings.history import ReceiverHistory, TimeArray
 from vtff_gnss.constants import FLAG_LOCK_LOST, SYSTEM_LETTERS
+from vtff_gnss.fix import STATUS_NONE
+from vtff_gnss.signals import satellite_number, signal_from_number, signal_number
+
+__all__ = ["count_signals", "summarise_receiver", "system_name"]
 
 GAP_FACTOR = 1.5
 """An interval this many times the usual one is a gap."""
 
 SYSTEM_NAMES = ("gps", "glonass", "sbas", "galileo", "beidou", "qzss", "navic")
 """Names of the satellite systems in keys, at the index of their number."""
-
-_FIX_STATUS_NONE = 0  # vtff_msgs/GnssFix.STATUS_NONE
 
 
 def summarise_receiver(history: ReceiverHistory) -> dict[str, Any]:
@@ -31,23 +34,24 @@ def summarise_receiver(history: ReceiverHistory) -> dict[str, Any]:
     dict
         Flat, keys as in docs/summary.md without the receiver's name.
     """
-    satellites = _satellites(history.system, history.prn)
+    satellites = satellite_number(history.system, history.prn)
     summary: dict[str, Any] = {"gnss_epochs": history.epoch_time.size}
     summary.update(_summarise_epochs(np.unique(history.epoch_time)))
     summary["gnss_observations"] = history.system.size
     summary["gnss_satellites"] = np.unique(satellites).size
     for number in np.unique(history.system):
-        name = system_name(int(number))
-        of_system = satellites[history.system == number]
-        summary[f"gnss_satellites_{name}"] = np.unique(of_system).size
+        satellites_of_system = satellites[history.system == number]
+        summary[f"gnss_satellites_{system_name(int(number))}"] = np.unique(
+            satellites_of_system
+        ).size
     summary.update(_summarise_tracking(history, satellites))
     for signal, count in count_signals(history).items():
         summary[f"gnss_observations_{signal.lower()}"] = count
     if history.fix_time.size:
-        usable = history.fix_status != _FIX_STATUS_NONE
+        usable = history.fix_status != STATUS_NONE
         summary["gnss_fixes"] = history.fix_time.size
         summary["gnss_fixes_usable"] = int(usable.sum())
-    ephemerides = _satellites(history.ephemeris_system, history.ephemeris_prn)
+    ephemerides = satellite_number(history.ephemeris_system, history.ephemeris_prn)
     summary["gnss_ephemerides"] = ephemerides.size
     summary["gnss_ephemeris_satellites"] = np.unique(ephemerides).size
     return summary
@@ -55,15 +59,14 @@ def summarise_receiver(history: ReceiverHistory) -> dict[str, Any]:
 
 def count_signals(history: ReceiverHistory) -> dict[str, int]:
     """Return observations by signal, named by RINEX system, frequency and attribute (``G1C``)."""
-    codes = (
-        history.system.astype(np.uint32) << 16
-        | history.band.astype(np.uint32) << 8
-        | history.attribute
-    )
-    return {
-        f"{_system_letter(int(code) >> 16)}{int(code) >> 8 & 255}{chr(int(code) & 255)}": int(count)
-        for code, count in zip(*np.unique(codes, return_counts=True), strict=True)
-    }
+    # PRN 0 stands for all satellites: only system, band and attribute are counted apart.
+    numbers = signal_number(history.system, 0, history.band, history.attribute)
+    counts = {}
+    for number, count in zip(*np.unique(numbers, return_counts=True), strict=True):
+        signal = signal_from_number(number)
+        name = f"{_system_letter(signal.system)}{signal.band}{chr(signal.attribute)}"
+        counts[name] = int(count)
+    return counts
 
 
 def system_name(system: int) -> str:
@@ -73,11 +76,6 @@ def system_name(system: int) -> str:
 
 def _system_letter(system: int) -> str:
     return SYSTEM_LETTERS[system] if system < len(SYSTEM_LETTERS) else f"X{system}"
-
-
-def _satellites(system: Any, prn: Any) -> Any:
-    """Return one number per satellite."""
-    return system.astype(np.uint32) << 8 | prn
 
 
 def _summarise_epochs(times: TimeArray) -> dict[str, Any]:
@@ -96,14 +94,15 @@ def _summarise_epochs(times: TimeArray) -> dict[str, Any]:
     return summary
 
 
-def _summarise_tracking(history: ReceiverHistory, satellites: Any) -> dict[str, Any]:
+def _summarise_tracking(
+    history: ReceiverHistory, satellites: npt.NDArray[np.int64]
+) -> dict[str, Any]:
     if history.epoch_time.size == 0:
         return {}
     epoch = np.repeat(np.arange(history.epoch_time.size), history.observations_per_epoch)
-    pairs = np.unique(epoch.astype(np.uint64) << np.uint64(16) | satellites.astype(np.uint64))
-    per_epoch = np.bincount(
-        (pairs >> np.uint64(16)).astype(np.int64), minlength=history.epoch_time.size
-    )
+    names, column = np.unique(satellites, return_inverse=True)
+    tracked = np.unique(epoch * max(1, names.size) + column)
+    per_epoch = np.bincount(tracked // max(1, names.size), minlength=history.epoch_time.size)
     summary: dict[str, Any] = {
         "gnss_satellites_per_epoch_minimum": per_epoch.min(),
         "gnss_satellites_per_epoch_mean": per_epoch.mean(),

@@ -1,0 +1,162 @@
+"""Minutes of scintillation of a run: how many, where, and how many of them are true."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from vtff_analysis.recordings.history import RunHistory, SatelliteColumns, TimeArray, interpolate
+from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, SatelliteTruth
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import satellite_number
+from vtff_iono.edges.boundary_scores import score_minutes
+
+__all__ = [
+    "MINUTE",
+    "WEAK_SCINTILLATION",
+    "add_scintillation",
+    "scintillating_minutes",
+    "true_lag",
+]
+
+WEAK_SCINTILLATION = 0.2
+"""S4 from which on there is scintillation (paper 000, section 4.2)."""
+
+MINUTE = 60 * NANOSECONDS_PER_SECOND
+"""ns; window of the scintillation indices."""
+
+_LAG_STEP = 5 * NANOSECONDS_PER_SECOND  # before and after, over which the ground speed is taken
+
+Summary = dict[str, Any]
+
+
+def scintillating_minutes(history: RunHistory) -> TimeArray:
+    """Return the ends of the minutes in which the chief saw scintillation, ns since 1970."""
+    columns = _indices_of_l1(history, CHIEF)
+    if columns is None:
+        return np.empty(0, dtype=np.int64)
+    return np.unique(columns.time[columns.values["s4_corrected"] > WEAK_SCINTILLATION])
+
+
+def add_scintillation(
+    measured: Summary, true: Summary, history: RunHistory, truth: IonosphereTruth | None
+) -> None:
+    """Add the minutes of scintillation of each spacecraft, and where they begin and end.
+
+    Parameters
+    ----------
+    measured, true
+        Numbers by name; extended.
+    history
+        The run.
+    truth
+        True ionosphere; None where it is not recorded.
+    """
+    for craft in (CHIEF, DEPUTY):
+        columns = _indices_of_l1(history, craft)
+        if columns is None:
+            continue
+        detected = columns.values["s4_corrected"] > WEAK_SCINTILLATION
+        measured[f"{craft}_scintillating_minutes"] = int(np.count_nonzero(detected))
+        rays = None if truth is None else truth.satellites.get(craft)
+        if rays is None or not len(columns.time):
+            continue
+        score = score_minutes(detected, _crossing_seconds(columns, rays))
+        true[f"{craft}_scintillating_minutes"] = score.crossing_count
+        if score.crossing_count:
+            measured[f"{craft}_scintillation_detected_percent"] = 100.0 * score.detection_rate
+        if score.other_count:
+            measured[f"{craft}_scintillation_false_percent"] = 100.0 * score.false_alarm_rate
+    _add_events(measured, true, history, truth)
+
+
+def true_lag(truth: IonosphereTruth, ends: TimeArray) -> float | None:
+    """Return how much later the deputy is where the chief was, over the rotating Earth, s.
+
+    Parameters
+    ----------
+    truth
+        True orbits.
+    ends
+        Ends of the minutes of scintillation; the lag is that of the middle minute.
+
+    Returns
+    -------
+    float or None
+        None without minutes.
+    """
+    if not len(ends):
+        return None
+    middle = int(ends[len(ends) // 2])
+    ahead = _direction(*truth.place_at(CHIEF, middle + _LAG_STEP))
+    behind = _direction(*truth.place_at(CHIEF, middle - _LAG_STEP))
+    chief, deputy = (_direction(*truth.place_at(craft, middle)) for craft in (CHIEF, DEPUTY))
+    rate = np.linalg.norm(ahead - behind) / 10.0
+    return float(np.linalg.norm(chief - deputy) / rate)
+
+
+def _indices_of_l1(history: RunHistory, craft: str) -> SatelliteColumns | None:
+    """Return the indices of L1 of a spacecraft whose S4 is finite."""
+    columns = history.scintillation.get(f"/{craft}/iono/scintillation")
+    if columns is None:
+        return None
+    kept = (columns.values["band"] == 1) & np.isfinite(columns.values["s4_corrected"])
+    values = {name: column[kept] for name, column in columns.values.items()}
+    return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
+
+
+def _crossing_seconds(columns: SatelliteColumns, rays: SatelliteTruth) -> FloatArray:
+    """Return for how many seconds the ray of each row crossed a region in the row's minute."""
+    strong = rays.s4 > WEAK_SCINTILLATION
+    # The time of a row is the end of its minute.
+    offset = int(columns.time[0] % MINUTE)
+    ends = -(-(rays.time[strong] - offset) // MINUTE) * MINUTE + offset
+    minutes, counts = np.unique(
+        np.stack((ends, rays.satellite[strong])), axis=1, return_counts=True
+    )
+    seconds = {(int(t), int(s)): int(n) for t, s, n in zip(*minutes, counts, strict=True)}
+    satellites = satellite_number(columns.system, columns.prn)
+    rows = zip(columns.time.tolist(), satellites.tolist(), strict=True)
+    return np.array([float(seconds.get(row, 0)) for row in rows])
+
+
+def _add_events(
+    measured: Summary, true: Summary, history: RunHistory, truth: IonosphereTruth | None
+) -> None:
+    """Add where the chief was in the first and in the last minute of scintillation."""
+    ends, density = scintillating_minutes(history), history.density
+    if not len(ends) or density is None:
+        return
+    east = np.degrees(np.unwrap(np.radians(density.longitude_deg)))
+    for name, end in (("first", ends[0]), ("last", ends[-1])):
+        middle = end - MINUTE // 2
+        longitude = float(interpolate(middle, density.time, east))
+        measured[f"{name}_event_latitude_deg"] = float(
+            interpolate(middle, density.time, density.latitude_deg)
+        )
+        measured[f"{name}_event_longitude_deg"] = (longitude + 180.0) % 360.0 - 180.0
+    rays = None if truth is None else truth.satellites.get(CHIEF)
+    if truth is None or rays is None:
+        return
+    strong = rays.time[rays.s4 > WEAK_SCINTILLATION]
+    if len(strong):
+        for name, time in (("first", strong[0]), ("last", strong[-1])):
+            latitude, longitude = truth.place_at(CHIEF, int(time))
+            true[f"{name}_event_latitude_deg"] = latitude
+            true[f"{name}_event_longitude_deg"] = longitude
+
+
+def _direction(latitude_deg: float, longitude_deg: float) -> FloatArray:
+    """Return the unit vector of a place on a sphere, shape (3,)."""
+    latitude, longitude = math.radians(latitude_deg), math.radians(longitude_deg)
+    return np.array(
+        [
+            math.cos(latitude) * math.cos(longitude),
+            math.cos(latitude) * math.sin(longitude),
+            math.sin(latitude),
+        ]
+    )
