@@ -108,6 +108,9 @@ def _scintillation_table(result: TecResult) -> pa.Table:
                 name: joined(name)
                 for name in ("s4", "s4_corrected", "s4_pseudo", "sigma_phi", "cn0_dbhz", "samples")
             },
+            "phase_cutoff_hz": np.concatenate(
+                [np.full(len(window.prn), window.phase_cutoff_hz) for window in windows]
+            ),
         }
     )
 

@@ -11,16 +11,23 @@ import numpy.typing as npt
 
 from vtff_analysis.tec.sources import TecError, TecSource, receiver_positions
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 from vtff_iono.bias.code_biases import CodeBiasTable, broadcast_code_biases
 from vtff_iono.content.absolute_tec import AbsoluteTec, absolute_tec
 from vtff_iono.content.rate_of_tec import RateOfTecMonitor
 from vtff_iono.content.slant_tec import Rejection, no_bias
-from vtff_iono.scintillation.indices import ScintillationMonitor, ScintillationWindow
+from vtff_iono.scintillation.indices import (
+    ScintillationMonitor,
+    ScintillationSettings,
+    ScintillationWindow,
+    default_phase_cutoff_hz,
+)
 
-__all__ = ["TecResult", "process", "rejection_counts"]
+__all__ = ["TecResult", "phase_cutoff_hz", "process", "rejection_counts"]
 
 _SLOWEST_FOR_SCINTILLATION = 4.0
 _BIAS_TOLERANCE = 86400.0
@@ -89,7 +96,7 @@ def process(
     counts = np.diff(table.first_row)
     time = np.repeat(table.time_nanoseconds, counts)
     if source.position_itrf is not None:
-        position: npt.NDArray[np.float64] = np.array(source.position_itrf)
+        position: FloatArray = np.array(source.position_itrf)
     else:
         position = np.repeat(receiver_positions(table, orbits), counts, axis=0)
     if isinstance(biases, CodeBiasTable):
@@ -113,7 +120,9 @@ def process(
     scintillation = []
     if step <= 1.0 / _SLOWEST_FOR_SCINTILLATION:
         angles = content.geometry
-        monitor = ScintillationMonitor()
+        monitor = ScintillationMonitor(
+            ScintillationSettings(phase_cutoff_hz=phase_cutoff_hz(position))
+        )
         scintillation = [
             *monitor.update(time, table.columns, angles.elevation, angles.azimuth),
             *monitor.flush(),
@@ -127,6 +136,21 @@ def process(
         scintillation=scintillation,
         remarks=tuple(remarks),
     )
+
+
+def phase_cutoff_hz(position_itrf: FloatArray) -> float:
+    """Return the cut-off of sigma-phi for the motion of a receiver: on the ground or in orbit, Hz.
+
+    Parameters
+    ----------
+    position_itrf : ndarray, shape (3,) or (n, 3)
+        Positions of the receiver, m; NaN where unknown.
+    """
+    position = np.atleast_2d(position_itrf)
+    position = position[np.isfinite(position).all(axis=-1)]
+    # Without any position, the altitude is NaN: not below the lowest orbit.
+    altitude = np.median(geodetic_from_itrf(position)[..., 2]) if len(position) else np.nan
+    return default_phase_cutoff_hz(float(altitude))
 
 
 def rejection_counts(rejected: npt.NDArray[np.uint16]) -> dict[str, int]:

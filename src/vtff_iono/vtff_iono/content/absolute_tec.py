@@ -1,7 +1,7 @@
-"""Absolute slant and vertical TEC of one receiver after the fact: a file of a station or an orbit.
+"""Absolute slant and vertical TEC of one receiver, offline: a file of a station or of an orbit.
 
-The classes are those that run online (`SlantTecProcessor`); on top of their numbers come the levels
-of whole arcs and receiver biases estimated from all data.
+The contents come from the class that also runs online (`SlantTecProcessor`). Offline processing
+replaces their levels by those of whole arcs, and estimates receiver biases from all data.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.bias.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.content.slant_tec import (
+    WITHOUT_CONTENT,
     ArcLevels,
     BiasFunction,
     Rejection,
@@ -29,44 +30,44 @@ from vtff_iono.content.slant_tec import (
 )
 from vtff_iono.geometry.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.geometry.vertical_mapping import vertical_mapping
+from vtff_iono.links.arcs import arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 
 __all__ = ["AbsoluteTec", "BiasKey", "absolute_tec"]
 
 BiasKey = tuple[int, str, str]
-"""System and the two observation codes that a receiver bias belongs to."""
+"""System and the two observation codes that share one receiver bias."""
 
-# A sample with one of these says nothing about the receiver bias.
-_NO_CONTENT = np.uint16(
-    (1 << 16) - 1 - Rejection.CODE_OUTLIER - Rejection.CODE_INVALID - Rejection.NO_RECEIVER_BIAS
-)
+# Ratio of standard deviation and median absolute deviation of a normal distribution.
+_MEDIAN_TO_SIGMA = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
 class AbsoluteTec:
-    """Contents of all links at all epochs; arrays of shape (n,), one row each.
+    """Contents of all links at all epochs; arrays of shape (n,), one row for each link and epoch.
 
     Parameters
     ----------
     links : list of Link
-        Indexed by ``rows.pairs.link``.
+        Links, indexed by ``rows.pairs.link``.
     rows : SlantTecRows
-        What runs online gives, without receiver biases.
+        Contents as online processing gives them, without receiver biases.
     stec_tecu, stec_sigma_tecu : ndarray
-        With the level of the whole arc, all biases removed.
+        Slant content with the level of the whole arc, all biases removed, and its sigma, TECU.
     vtec_tecu : ndarray
-        Mapped to the vertical above the receiver's altitude.
+        Slant content mapped to the vertical above the receiver's altitude, TECU.
     azimuth : ndarray
-        rad.
+        Azimuth of the satellite, rad.
     geometry : SatelliteGeometry
-        Of all observations that were given, those without a link too.
+        Geometry of all given observations, including those without a link.
     pierce_latitude, pierce_longitude : ndarray
-        rad; at the thin shell, or at half the shell height above an orbit.
+        Pierce point at the thin shell, or at half the shell height above an orbit, rad.
     rejected : ndarray of uint16
         `Rejection`; a row is good if it is 0.
     receiver_biases : dict of BiasKey to ReceiverBias
+        Estimated receiver biases.
     remarks : tuple of str
-        What could not be done, for people.
+        Sentences for the user about what could not be estimated.
     """
 
     links: list[Link]
@@ -90,7 +91,8 @@ def _geometry_by_system(
     position_receiver_itrf: npt.ArrayLike,
 ) -> SatelliteGeometry:
     """Return the geometry of all observations; arguments as in `geometry_from_stores`."""
-    # An unhealthy satellite is where it says, and its signals pass the same ionosphere.
+    # An unhealthy satellite still broadcasts a valid orbit, and its signals pass the same
+    # ionosphere.
     stores = {
         system: EphemerisStore([e for e in ephemerides if e.system == system], healthy_only=False)
         for system in np.unique(columns["system"]).tolist()
@@ -119,11 +121,14 @@ def absolute_tec(
     position_receiver_itrf : array_like, shape (3,) or (m, 3)
         m; NaN where unknown.
     ephemerides : sequence of BroadcastEphemeris
+        Navigation messages.
     satellite_bias : BiasFunction
-        None removed by default, as for simulated signals without biases.
+        Satellite biases to remove. The default removes nothing, as for simulated signals without
+        biases.
     pairs : sequence of SignalPair
-        The first one of each system steers the ionosphere of the bias solution; the biases of the
-        others follow from comparison with it.
+        Pairs of signals that form links. In each system the pair of codes with the most samples
+        determines the ionosphere of the bias solution; the biases of its other pairs follow from
+        comparison with it.
     """
     position = np.asarray(position_receiver_itrf, dtype=float)
     geometry = _geometry_by_system(ephemerides, time, columns, position)
@@ -132,21 +137,26 @@ def absolute_tec(
     levels = ArcLevels(rows)
     first = rows.pairs.row_first
     direction = geometry.direction_itrf[first]
-    place = position if position.ndim == 1 else position[first]
-    place = np.broadcast_to(place, (len(rows), 3))
-    is_content = ((rows.rejected & _NO_CONTENT) == 0) & np.isfinite(levels.stec_tecu)
+    position_of_rows = np.broadcast_to(
+        position if position.ndim == 1 else position[first], (len(rows), 3)
+    )
+    is_content = ((rows.rejected & WITHOUT_CONTENT) == 0) & np.isfinite(levels.stec_tecu)
     key_of_link = [(link.system, link.code_first, link.code_second) for link in processor.links]
-    biases, remarks = _receiver_biases(rows, levels, direction, place, is_content, key_of_link)
-    bias = np.array([biases[k].bias_tecu if k in biases else 0.0 for k in key_of_link] + [0.0])
+    biases, remarks = _receiver_biases(
+        rows, levels, direction, position_of_rows, is_content, key_of_link
+    )
+    # The last element is that of rows without a link, whose number is -1.
+    bias_of_link = [biases[key].bias_tecu if key in biases else 0.0 for key in key_of_link]
+    bias = np.array([*bias_of_link, 0.0])
+    lacks_bias = np.array([*(key not in biases for key in key_of_link), False])[rows.pairs.link]
     sigma = content_sigma(
         levels.stec_sigma_tecu,
         rows.satellite_bias_sigma_tecu,
         [biases.get(key) for key in key_of_link],
         rows.pairs.link,
     )
-    unknown = np.array([k not in biases for k in key_of_link] + [False])[rows.pairs.link]
     stec = levels.stec_tecu - bias[rows.pairs.link]
-    vertical = vertical_mapping(place, direction, rows.elevation)
+    vertical = vertical_mapping(position_of_rows, direction, rows.elevation)
     return AbsoluteTec(
         links=processor.links,
         rows=rows,
@@ -158,7 +168,7 @@ def absolute_tec(
         pierce_latitude=vertical.pierce_latitude,
         pierce_longitude=vertical.pierce_longitude,
         rejected=rows.rejected
-        | np.where(unknown, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0)),
+        | np.where(lacks_bias, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0)),
         receiver_biases=biases,
         remarks=remarks,
     )
@@ -172,79 +182,109 @@ def _receiver_biases(
     is_content: npt.NDArray[np.bool_],
     key_of_link: list[BiasKey],
 ) -> tuple[dict[BiasKey, ReceiverBias], tuple[str, ...]]:
-    """Return the biases of all pairs of codes, and what could not be estimated."""
+    """Return the biases of all pairs of codes, and remarks on those that have none.
+
+    Samples of a pair of codes of one system share one bias; they are called a group here.
+    """
     groups = sorted(set(key_of_link))
-    number = np.array([groups.index(key) for key in key_of_link] + [-1])[rows.pairs.link]
-    number = np.where(is_content, number, -1)
-    counts = np.bincount(number[number >= 0], minlength=len(groups))
-    primary = [
-        max((g for g in range(len(groups)) if groups[g][0] == system), key=lambda g: counts[g])
-        for system in sorted({key[0] for key in groups})
-    ]
-    primary = [g for g in primary if counts[g] > 0]
-    place = {g: index for index, g in enumerate(primary)}
-    chosen = np.isin(number, primary)
+    group_of_link = np.array([*(groups.index(key) for key in key_of_link), -1])
+    group = np.where(is_content, group_of_link[rows.pairs.link], -1)
+    primary_groups = _primary_groups(groups, group)
+    # Number of each primary group among the primary ones, as the samples want it.
+    index_of_primary = {number: index for index, number in enumerate(primary_groups)}
+    is_primary = np.isin(group, primary_groups)
     samples = BiasSamples(
-        time=np.asarray(1e-9 * (rows.pairs.time - rows.pairs.time[:1])[chosen], dtype=float),
-        group=np.array([place.get(g, 0) for g in range(len(groups))])[number[chosen]],
-        stec_tecu=levels.stec_tecu[chosen],
-        stec_sigma_tecu=levels.stec_sigma_tecu[chosen],
-        elevation=rows.elevation[chosen],
-        direction_itrf=direction[chosen],
-        position_receiver_itrf=position[chosen],
-        arc=(rows.pairs.link << 32 | rows.arc)[chosen],
-        link=rows.pairs.link[chosen],
-        satellite_sigma_tecu=rows.satellite_bias_sigma_tecu[chosen],
+        time=np.asarray(1e-9 * (rows.pairs.time - rows.pairs.time[:1])[is_primary], dtype=float),
+        group=np.array([index_of_primary.get(number, 0) for number in range(len(groups))])[
+            group[is_primary]
+        ],
+        stec_tecu=levels.stec_tecu[is_primary],
+        stec_sigma_tecu=levels.stec_sigma_tecu[is_primary],
+        elevation=rows.elevation[is_primary],
+        direction_itrf=direction[is_primary],
+        position_receiver_itrf=position[is_primary],
+        arc=arc_keys(rows.pairs.link, rows.arc)[is_primary],
+        link=rows.pairs.link[is_primary],
+        satellite_sigma_tecu=rows.satellite_bias_sigma_tecu[is_primary],
     )
     try:
-        estimated = estimate_receiver_biases(samples)
+        estimates = estimate_receiver_biases(samples)
     except ReceiverBiasError as error:
         return {}, (f"{error}; contents include the receiver bias",)
-    biases = {groups[g]: estimated[index] for g, index in place.items()}
+    biases = {groups[number]: estimates[index] for number, index in index_of_primary.items()}
     remarks = []
-    for g, key in enumerate(groups):
-        if g in place:
+    for number, key in enumerate(groups):
+        if number in index_of_primary:
             continue
-        reference = [p for p in primary if groups[p][0] == key[0]]
-        found = _compared(rows, levels, number, g, reference, biases, groups)
-        if found is None:
-            letter = SYSTEM_LETTERS[key[0]]
-            remarks.append(f"receiver bias {letter} {key[1]}-{key[2]}: no samples to tell it")
+        bias = None
+        references = [other for other in primary_groups if groups[other][0] == key[0]]
+        if references:
+            reference_bias = biases[groups[references[0]]]
+            bias = _compare_groups(rows, levels, group, number, references[0], reference_bias)
+        if bias is None:
+            remarks.append(
+                f"receiver bias {SYSTEM_LETTERS[key[0]]} {key[1]}-{key[2]}: no samples to "
+                "estimate it from"
+            )
         else:
-            biases[key] = found
+            biases[key] = bias
     return biases, tuple(remarks)
 
 
-def _compared(
+def _primary_groups(groups: list[BiasKey], group: npt.NDArray[np.int64]) -> list[int]:
+    """Return the number of the group with the most samples in each system, without empty ones.
+
+    `group` is the number of the group of each row, -1 for rows that are not used.
+    """
+    counts = np.bincount(group[group >= 0], minlength=len(groups))
+    primary = []
+    for system in sorted({key[0] for key in groups}):
+        numbers = [number for number, key in enumerate(groups) if key[0] == system]
+        largest = max(numbers, key=lambda number: counts[number])
+        if counts[largest] > 0:
+            primary.append(largest)
+    return primary
+
+
+def _epoch_satellite_keys(rows: SlantTecRows) -> npt.NDArray[np.int64]:
+    """Return one integer for each satellite at each epoch."""
+    epoch = np.unique(rows.pairs.time, return_inverse=True)[1].astype(np.int64)
+    satellites = int(rows.pairs.satellite.max(initial=0)) + 1
+    return epoch * satellites + rows.pairs.satellite
+
+
+def _compare_groups(
     rows: SlantTecRows,
     levels: ArcLevels,
-    number: npt.NDArray[np.int64],
-    group: int,
-    reference: list[int],
-    biases: dict[BiasKey, ReceiverBias],
-    groups: list[BiasKey],
+    group: npt.NDArray[np.int64],
+    number: int,
+    reference: int,
+    reference_bias: ReceiverBias,
 ) -> ReceiverBias | None:
-    """Return the bias of a pair from another pair of the same satellites at the same time."""
-    if not reference:
+    """Return the bias of a group from a reference group of the same satellites at the same time.
+
+    None if the groups have no satellite in common. `group` is the number of the group of each row.
+    """
+    key = _epoch_satellite_keys(rows)
+    group_rows, reference_rows = np.flatnonzero(group == number), np.flatnonzero(group == reference)
+    _, index, reference_index = np.intersect1d(
+        key[group_rows], key[reference_rows], return_indices=True
+    )
+    if len(index) == 0:
         return None
-    epoch = np.unique(rows.pairs.time, return_inverse=True)[1]
-    key = epoch << 10 | rows.pairs.satellite
-    mine, theirs = np.flatnonzero(number == group), np.flatnonzero(number == reference[0])
-    _, one, other = np.intersect1d(key[mine], key[theirs], return_indices=True)
-    if len(one) == 0:
-        return None
-    known = biases[groups[reference[0]]]
-    difference = levels.stec_tecu[mine[one]] - levels.stec_tecu[theirs[other]]
+    group_rows, reference_rows = group_rows[index], reference_rows[reference_index]
+    difference = levels.stec_tecu[group_rows] - levels.stec_tecu[reference_rows]
     # Levels are constant over an arc: as many independent differences as there are arcs.
-    arcs = len(np.unique(rows.pairs.link[mine[one]] << 32 | rows.arc[mine[one]]))
+    arcs = len(np.unique(arc_keys(rows.pairs.link[group_rows], rows.arc[group_rows])))
     middle = float(np.median(difference))
-    scatter = 1.4826 * float(np.median(np.abs(difference - middle))) / math.sqrt(arcs)
+    spread = _MEDIAN_TO_SIGMA * float(np.median(np.abs(difference - middle)))
+    scatter = spread / math.sqrt(arcs)
     return ReceiverBias(
-        bias_tecu=known.bias_tecu + middle,
-        sigma_tecu=math.hypot(known.sigma_tecu, scatter),
-        sampling_sigma_tecu=math.hypot(known.sampling_sigma_tecu, scatter),
-        spread_tecu=known.spread_tecu,
-        model_tecu=tuple(value + middle for value in known.model_tecu),
-        is_bounded=known.is_bounded,
-        pairs=len(one),
+        bias_tecu=reference_bias.bias_tecu + middle,
+        sigma_tecu=math.hypot(reference_bias.sigma_tecu, scatter),
+        sampling_sigma_tecu=math.hypot(reference_bias.sampling_sigma_tecu, scatter),
+        spread_tecu=reference_bias.spread_tecu,
+        model_tecu=tuple(value + middle for value in reference_bias.model_tecu),
+        is_bounded=reference_bias.is_bounded,
+        pairs=len(index),
     )

@@ -1,12 +1,13 @@
 """ROTI: standard deviation of the rate of change of TEC over a window.
 
-It depends on the interval of the rates, on the length of the window and on the speed of the ray
+ROTI depends on the interval of the rates, on the length of the window and on the speed of the ray
 through the plasma; interval and window are therefore part of the result.
 
-Rates are formed within arcs. Where samples are as far apart as the rates, half a minute on a
-ground station, a jump of the content alone may be a slip or the wall of a bubble. To leave it out
-would take the largest rates out of the disturbed windows. Such a rate counts if it is no outlier
-among the certain ones of its window, so that a slip in quiet air does not.
+Rates are formed within arcs. Where the interval of the samples is that of the rates (half a minute
+on a ground station), a jump of the content that no other test confirms may be a slip or the wall of
+a bubble. To leave such a rate out would take the largest rates out of disturbed windows. This
+doubtful rate counts if it is no outlier among the certain rates of its window; so a slip in a quiet
+ionosphere does not count.
 
 References
 ----------
@@ -32,14 +33,15 @@ from vtff_iono.links.windows import Columns, WindowBuffer
 
 __all__ = ["RateOfTecMonitor", "RateOfTecWindow"]
 
-# A sample belongs to an instant if it is this near to it, as a part of the interval.
+# Rates are formed between samples at multiples of the interval; a sample may be off by this
+# fraction of the interval.
 _TOLERANCE = 0.02
+# A sample continues a rate if it follows the previous one within this many intervals.
+_LONGEST_STEP_INTERVALS = 1.5
 _FEWEST_RATES = 5
 # A doubtful rate beyond this probability of Student's distribution is a slip.
 _OUTLIER_PROBABILITY = 0.999
-
-
-_NEEDED = ("time", "arc", "content", "doubtful")
+_SECONDS_PER_MINUTE = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +57,7 @@ class RateOfTecWindow:
     link : ndarray of int64
         Numbers of the links.
     roti_tecu_per_minute : ndarray
-        Of slant TEC; NaN with fewer than 5 rates.
+        Standard deviation of the rates of slant TEC; NaN with fewer than 5 rates.
     mean_rate_tecu_per_minute : ndarray
         Mean rate of slant TEC.
     rates : ndarray of int64
@@ -78,29 +80,29 @@ class RateOfTecMonitor:
     interval : float
         Interval of the rates, s: 30 on the ground by custom, 1 in orbit.
     window : float
-        s: 300 on the ground, 60 in orbit.
+        Length of the windows, s: 300 on the ground, 60 in orbit.
     """
 
     def __init__(self, interval: float, window: float) -> None:
         self._interval = interval
         self._buffer = WindowBuffer(window)
-        # Last sample of each link: time in ns, arc, content.
-        self._last: dict[int, tuple[int, int, float]] = {}
+        # Last sample of each link: time in ns, arc, content in TECU.
+        self._last_sample: dict[int, tuple[int, int, float]] = {}
         # Time of the last epoch and the shortest interval of epochs, ns.
-        self._newest: int | None = None
-        self._shortest = int(np.iinfo(np.int64).max)
+        self._last_epoch: int | None = None
+        self._shortest_interval = int(np.iinfo(np.int64).max)
 
     def update(self, rows: SlantTecRows) -> Iterator[RateOfTecWindow]:
-        """Take contents in and yield the windows that they end.
+        """Add contents and yield the windows that they end.
 
-        The rates are those within arcs, and doubtful ones that are like them.
+        A window has the rates within arcs, and the doubtful rates that are no outliers among them.
         """
         interval = round(self._interval * NANOSECONDS_PER_SECOND)
-        self._follow(rows.pairs.time)
-        is_slow = self._shortest > interval // 2
-        phase = (rows.pairs.time + interval // 2) % interval - interval // 2
+        self._follow_epochs(rows.pairs.time)
+        is_slow = self._shortest_interval > interval // 2
+        offset = (rows.pairs.time + interval // 2) % interval - interval // 2
         chosen = (
-            (np.abs(phase) <= _TOLERANCE * interval)
+            (np.abs(offset) <= _TOLERANCE * interval)
             & (rows.arc > 0)
             & np.isfinite(rows.stec_phase_tecu)
         )
@@ -111,45 +113,49 @@ class RateOfTecMonitor:
             "doubtful": is_slow & (rows.break_reason[chosen] == ArcBreak.GEOMETRY_FREE),
         }
         for end, window in self._buffer.update(rows.pairs.time[chosen], columns):
-            yield self._roti(end, window)
+            yield self._window_roti(end, window)
 
-    def _follow(self, time: npt.NDArray[np.int64]) -> None:
+    def _follow_epochs(self, time: npt.NDArray[np.int64]) -> None:
         """Keep the shortest interval of epochs."""
         if len(time) == 0:
             return
-        steps = np.diff(time, prepend=time[0] if self._newest is None else self._newest)
-        self._shortest = int(np.min(steps, where=steps > 0, initial=self._shortest))
-        self._newest = int(time[-1])
+        before = time[0] if self._last_epoch is None else self._last_epoch
+        steps = np.diff(time, prepend=before)
+        self._shortest_interval = int(
+            np.min(steps, where=steps > 0, initial=self._shortest_interval)
+        )
+        self._last_epoch = int(time[-1])
 
     def flush(self) -> Iterator[RateOfTecWindow]:
         """Yield the last window, which may be short."""
         for end, window in self._buffer.flush():
-            yield self._roti(end, window)
+            yield self._window_roti(end, window)
 
-    def _roti(self, end: int, window: Columns) -> RateOfTecWindow:
+    def _window_roti(self, end: int, window: Columns) -> RateOfTecWindow:
+        """Return ROTI of the links in a window that ends at a time, ns."""
         order = np.argsort(window["link"], kind="stable")
         starts = np.flatnonzero(np.diff(window["link"][order], prepend=-1))
-        links, values = [], []
+        links, roti, mean_rate, counts = [], [], [], []
         for rows in np.split(order, starts[1:]):
             link = int(window["link"][rows[0]])
-            rates = self._rates(link, *(window[n][rows] for n in _NEEDED))
-            enough = len(rates) >= _FEWEST_RATES
-            links.append(link)
-            values.append(
-                (
-                    float(rates.std(ddof=1)) if enough else np.nan,
-                    float(rates.mean()) if len(rates) else np.nan,
-                    len(rates),
-                )
+            rates = self._rates(
+                link,
+                window["time"][rows],
+                window["arc"][rows],
+                window["content"][rows],
+                window["doubtful"][rows],
             )
-        table = np.array(values, dtype=float).reshape(-1, 3)
+            links.append(link)
+            roti.append(float(rates.std(ddof=1)) if len(rates) >= _FEWEST_RATES else np.nan)
+            mean_rate.append(float(rates.mean()) if len(rates) else np.nan)
+            counts.append(len(rates))
         return RateOfTecWindow(
             time=end,
             interval=self._interval,
             link=np.array(links, dtype=np.int64),
-            roti_tecu_per_minute=table[:, 0],
-            mean_rate_tecu_per_minute=table[:, 1],
-            rates=table[:, 2].astype(np.int64),
+            roti_tecu_per_minute=np.array(roti, dtype=float),
+            mean_rate_tecu_per_minute=np.array(mean_rate, dtype=float),
+            rates=np.array(counts, dtype=np.int64),
         )
 
     def _rates(
@@ -160,26 +166,26 @@ class RateOfTecMonitor:
         content: FloatArray,
         is_doubtful: npt.NDArray[np.bool_],
     ) -> FloatArray:
-        """Return the rates of one link, TECU/min, the first one from the window before."""
-        last = self._last.get(link, (0, -1, np.nan))
-        self._last[link] = (int(time[-1]), int(arc[-1]), float(content[-1]))
-        elapsed = np.diff(time, prepend=last[0]) / NANOSECONDS_PER_SECOND
-        is_next = elapsed < 1.5 * self._interval
-        new_arcs = np.diff(arc, prepend=last[1])
-        certain = is_next & (new_arcs == 0)
-        doubtful = is_next & (new_arcs == 1) & is_doubtful
+        """Return the rates of a link, TECU/min; the first rate begins in the previous window."""
+        last_time, last_arc, last_content = self._last_sample.get(link, (0, -1, np.nan))
+        self._last_sample[link] = (int(time[-1]), int(arc[-1]), float(content[-1]))
+        elapsed = np.diff(time, prepend=last_time) / NANOSECONDS_PER_SECOND
+        is_next = elapsed < _LONGEST_STEP_INTERVALS * self._interval
+        new_arcs = np.diff(arc, prepend=last_arc)
+        is_used = is_next & (new_arcs == 0)
+        is_doubtful_rate = is_next & (new_arcs == 1) & is_doubtful
         with np.errstate(invalid="ignore", divide="ignore"):
-            rates = np.diff(content, prepend=last[2]) / elapsed * 60.0
-        if doubtful.any():
-            certain |= doubtful & _is_like(rates, rates[certain])
-        return np.asarray(rates[certain])
+            rates = np.diff(content, prepend=last_content) / elapsed * _SECONDS_PER_MINUTE
+        if is_doubtful_rate.any():
+            is_used |= is_doubtful_rate & _may_belong_to(rates, rates[is_used])
+        return np.asarray(rates[is_used])
 
 
-def _is_like(values: FloatArray, others: FloatArray) -> npt.NDArray[np.bool_]:
-    """Return which values may be of the same normal distribution as others."""
-    count = len(others)
+def _may_belong_to(values: FloatArray, sample: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which values are no outliers of the normal distribution that a sample is from."""
+    count = len(sample)
     if count < _FEWEST_RATES:
         return np.zeros(len(values), dtype=np.bool_)
     limit = special.stdtrit(count - 1, 0.5 * (1.0 + _OUTLIER_PROBABILITY))
-    spread = others.std(ddof=1) * math.sqrt(1.0 + 1.0 / count)
-    return np.asarray(np.abs(values - others.mean()) <= limit * spread)
+    spread = sample.std(ddof=1) * math.sqrt(1.0 + 1.0 / count)
+    return np.asarray(np.abs(values - sample.mean()) <= limit * spread)

@@ -1,13 +1,13 @@
 """Absolute slant electron content of links: phase levelled to code, with one sigma and reasons.
 
-The phase content of an arc lacks a constant. It is the weighted mean of code minus phase, after
-the satellite bias, over the samples of the arc so far: the numbers depend on the past only, so that
-they are the same online and offline. `ArcLevels` gives the means at the end of the arcs, for
-work after the fact.
+The phase content of an arc lacks a constant, its level. The level is the weighted mean of code
+content minus phase content over the samples of the arc so far. It depends on the past only, so that
+online and offline processing give the same numbers. `ArcLevels` gives the levels at the end of the
+arcs, for offline processing.
 
 One sigma of a sample has four parts: phase noise, levelling, satellite bias and receiver bias. The
-levelling part is the larger of two estimates: from the scatter of single samples, and from the
-scatter of one-minute means, which sees multipath.
+levelling part is the larger of two estimates: one from the scatter of single samples, one from the
+scatter of one-minute means, which contain the multipath.
 """
 
 from __future__ import annotations
@@ -24,39 +24,45 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings
+from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings, arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, PairRows, PairSelector, SignalPair
 
 __all__ = [
+    "WITHOUT_CONTENT",
     "ArcLevels",
     "BiasFunction",
     "Rejection",
     "SlantTecProcessor",
     "SlantTecRows",
     "SlantTecSettings",
+    "no_bias",
 ]
 
 BiasFunction = Callable[[Link, GpsTime], tuple[float, float]]
-"""Gives a bias first - second of a link at a time, and its sigma, s; NaN where unknown."""
+"""Function that returns the code bias first - second of a link at a time and its sigma, s.
+
+Both are NaN where the bias is unknown."""
 
 # A bias is looked up again at the start of each hour.
 _BIAS_INTERVAL_NANOSECONDS = 3600 * NANOSECONDS_PER_SECOND
 
 
 class Rejection(enum.IntFlag):
-    """Why a sample was rejected: the sum of all reasons; 0 = good."""
+    """Why a sample was rejected: the sum of all reasons; 0 for a good sample."""
 
     NONE = 0
     NO_SECOND_SIGNAL = 1
-    """The satellite has an observation in a first band and in no second one."""
+    """The satellite has an observation in a first band and in no second band."""
     CODE_INVALID = 2
-    """A pseudorange is missing or its loop not locked: the sample does not level the arc."""
+    """A pseudorange is missing or its loop is not locked: the sample does not level the arc."""
     PHASE_INVALID = 4
-    """A carrier phase is missing or its loop not locked."""
+    """A carrier phase is missing or its loop is not locked."""
     PARITY_UNKNOWN = 8
     """A phase may be off by half a cycle."""
     LOW_CN0 = 16
+    """The C/N0 of the weaker signal is below the limit."""
     LOW_ELEVATION = 32
+    """The satellite is below the elevation mask."""
     NO_GEOMETRY = 64
     """No ephemeris or no position: elevation unknown."""
     NO_SATELLITE_BIAS = 128
@@ -68,6 +74,11 @@ class Rejection(enum.IntFlag):
     NO_RECEIVER_BIAS = 1024
     """The content contains the unknown bias of the receiver."""
 
+
+WITHOUT_CONTENT = np.uint16(
+    0xFFFF - Rejection.CODE_OUTLIER - Rejection.CODE_INVALID - Rejection.NO_RECEIVER_BIAS
+)
+"""A sample with any of these reasons has no content that a receiver bias can be estimated from."""
 
 _UNUSABLE = (
     Rejection.NO_SECOND_SIGNAL
@@ -82,19 +93,20 @@ _NOT_FOR_LEVELLING = _UNUSABLE | Rejection.CODE_INVALID
 
 @dataclass(frozen=True)
 class SlantTecSettings:
-    """Limits and assumed noise.
+    """Limits of the samples, and their assumed noise.
 
     Parameters
     ----------
     elevation_minimum : float
-        rad.
+        Elevation mask, rad.
     cn0_minimum_dbhz : float
-        Of the weaker signal.
+        Smallest C/N0 of the weaker signal, dB-Hz.
     pseudorange_sigma, carrier_phase_sigma : float
-        Noise of a single signal at the zenith, m; the scatter of the code replaces the first as
-        samples come in.
+        Noise of a single signal at the zenith, m. The observed scatter of the code replaces
+        `pseudorange_sigma` as samples come in.
     code_outlier_sigmas : float
-        Deviation of code minus phase from its mean above which a sample does not level.
+        A sample whose code minus phase deviates from the level by more than this many sigmas does
+        not level the arc.
     """
 
     elevation_minimum: float = math.radians(10.0)
@@ -111,18 +123,19 @@ class SlantTecRows:
     Parameters
     ----------
     pairs : PairRows
-        The observations.
+        The combinations of observations.
     elevation : ndarray
-        rad.
+        Elevation of the satellite, rad.
     stec_tecu, stec_sigma_tecu : ndarray
         Levelled phase content, satellite bias removed, and one sigma, TECU; NaN without phase or
         level. The bias of the receiver is removed where it was given.
     stec_code_tecu : ndarray
-        From the code of this sample alone, the same biases removed.
+        Content from the code of this sample alone, the same biases removed, TECU.
     stec_phase_tecu : ndarray
-        Phase content without level: differences within an arc are good to the phase noise.
+        Phase content without level, TECU: differences within an arc are good to the phase noise.
     satellite_bias_tecu, satellite_bias_sigma_tecu : ndarray
-        What was removed for the satellite, and its sigma; NaN where unknown (then nothing was).
+        Satellite bias that was removed, and its sigma, TECU; NaN where the bias is unknown (then
+        nothing was removed).
     arc, break_reason : ndarray of int64
         As in `vtff_iono.links.arcs.Arcs`.
     rejected : ndarray of uint16
@@ -146,19 +159,19 @@ class SlantTecRows:
         return len(self.arc)
 
     def part(self, start: int, end: int, first_observation: int) -> SlantTecRows:
-        """Return rows `start` to `end` (not included) as those of a block of its own.
+        """Return rows `start` to `end` (not included) as the rows of a separate block.
 
         Parameters
         ----------
         start, end : int
         first_observation : int
-            The observation that the block begins with.
+            Number of the observation that the block begins with.
         """
         pairs = self.pairs.part(start, end)
         second = np.where(pairs.row_second < 0, -1, pairs.row_second - first_observation)
         pairs = replace(pairs, row_first=pairs.row_first - first_observation, row_second=second)
-        others = (field.name for field in fields(self) if field.name != "pairs")
-        return SlantTecRows(pairs, **{name: getattr(self, name)[start:end] for name in others})
+        columns = (field.name for field in fields(self) if field.name != "pairs")
+        return SlantTecRows(pairs, **{name: getattr(self, name)[start:end] for name in columns})
 
 
 def no_bias(link: Link, time: GpsTime) -> tuple[float, float]:
@@ -172,11 +185,13 @@ class SlantTecProcessor:
     Parameters
     ----------
     satellite_bias, receiver_bias : BiasFunction
-        What to remove. An unknown satellite bias rejects the sample. An unknown receiver bias
-        rejects it too, and nothing is removed.
+        Biases that are removed. An unknown bias is not removed, and the sample is rejected.
     settings : SlantTecSettings
+        Limits of the samples, and their assumed noise.
     arc_settings : ArcSettings
+        Limits of the tests for cycle slips.
     pairs : sequence of SignalPair
+        Pairs of signals that form links.
     """
 
     def __init__(
@@ -192,12 +207,14 @@ class SlantTecProcessor:
         self._settings = settings
         self._satellite_bias = satellite_bias
         self._receiver_bias = receiver_bias
-        self._levels = np.zeros((0, _STATE))
-        self._known_biases: dict[int, FloatArray] = {}
+        self._states = np.zeros((0, _STATE_COLUMNS))
+        # The biases of the links that are known, and the hour that they hold for.
+        self._bias_of_link: dict[int, tuple[float, ...]] = {}
+        self._bias_hour = -1
 
     @property
     def links(self) -> list[Link]:
-        """Links seen so far; their numbers are indices of this list."""
+        """Links seen so far; the number of a link is its index in this list."""
         return self._selector.links
 
     def update(
@@ -220,9 +237,10 @@ class SlantTecProcessor:
         arcs = self._arcs.update(rows)
         rejected = self._rejections(rows, elevation)
         biases = self._biases(rows)
-        return self._levelled(rows, arcs, elevation, rejected, biases)
+        return self._level_rows(rows, arcs, elevation, rejected, biases)
 
     def _rejections(self, rows: PairRows, elevation: FloatArray) -> npt.NDArray[np.uint16]:
+        """Return the reasons that need neither biases nor levels."""
         settings = self._settings
         reasons = (
             (Rejection.NO_SECOND_SIGNAL, rows.link < 0),
@@ -241,26 +259,34 @@ class SlantTecProcessor:
     def _biases(self, rows: PairRows) -> FloatArray:
         """Return satellite bias and sigma, receiver bias and sigma, TECU, shape (4, n)."""
         hour = rows.time // _BIAS_INTERVAL_NANOSECONDS
-        keys, inverse = np.unique(hour << 16 | (rows.link & 0xFFFF), return_inverse=True)
+        # One integer for each hour and link; rows without a link have the number -1.
+        numbers = len(self.links) + 1
+        keys, inverse = np.unique(hour * numbers + rows.link + 1, return_inverse=True)
         table = np.full((len(keys), 4), np.nan)
         for index, key in enumerate(keys.tolist()):
-            number = key & 0xFFFF
-            if number == 0xFFFF:
-                continue
-            if key not in self._known_biases:
-                link = self.links[number]
-                time = GpsTime((key >> 16) * _BIAS_INTERVAL_NANOSECONDS)
-                scale = SPEED_OF_LIGHT * link.tecu_per_metre
-                both = (*self._satellite_bias(link, time), *self._receiver_bias(link, time))
-                table[index] = [scale * part for part in both]
-                # One that is unknown may come with the next ephemeris.
-                if np.isfinite(table[index, 0]):
-                    self._known_biases[key] = table[index].copy()
-            else:
-                table[index] = self._known_biases[key]
+            hour_of_key, number = divmod(key, numbers)
+            if number > 0:
+                table[index] = self._look_up_biases(number - 1, hour_of_key)
         return np.asarray(table[inverse].T)
 
-    def _levelled(
+    def _look_up_biases(self, number: int, hour: int) -> tuple[float, ...]:
+        """Return satellite bias and sigma, receiver bias and sigma of a link in an hour, TECU."""
+        if hour != self._bias_hour:
+            self._bias_hour = hour
+            self._bias_of_link = {}
+        if number in self._bias_of_link:
+            return self._bias_of_link[number]
+        link = self.links[number]
+        time = GpsTime(hour * _BIAS_INTERVAL_NANOSECONDS)
+        scale = SPEED_OF_LIGHT * link.tecu_per_metre
+        delays = (*self._satellite_bias(link, time), *self._receiver_bias(link, time))
+        biases = tuple(scale * delay for delay in delays)
+        # A satellite bias that is unknown now may come with the next ephemeris.
+        if math.isfinite(biases[0]):
+            self._bias_of_link[number] = biases
+        return biases
+
+    def _level_rows(
         self,
         rows: PairRows,
         arcs: Arcs,
@@ -268,39 +294,40 @@ class SlantTecProcessor:
         rejected: npt.NDArray[np.uint16],
         biases: FloatArray,
     ) -> SlantTecRows:
+        """Return rows with levelled contents, biases removed."""
         satellite, satellite_sigma, receiver, receiver_sigma = biases
-        known = np.isfinite(satellite)
+        has_satellite = np.isfinite(satellite)
         rejected = rejected | np.where(
-            known | (rows.link < 0), np.uint16(0), np.uint16(Rejection.NO_SATELLITE_BIAS)
+            has_satellite | (rows.link < 0), np.uint16(0), np.uint16(Rejection.NO_SATELLITE_BIAS)
         )
         factor = self._factor(rows)
-        if len(rows):
-            self._grow(int(rows.link.max()) + 1)
-        level, level_sigma, outlier = _level(
+        self._make_room()
+        level, level_sigma, outlier = _level_arcs(
             rows.time,
             rows.link,
             arcs.number,
-            # Without the bias, so that levels stay right when it becomes known within an arc.
+            # The satellite bias is not in it, so that the level stays right when the bias becomes
+            # known within an arc.
             rows.stec_code_tecu - rows.stec_phase_tecu,
             np.sin(elevation),
             (rejected & np.uint16(_NOT_FOR_LEVELLING)) == 0,
             math.sqrt(2.0) * self._settings.pseudorange_sigma * factor,
             self._settings.code_outlier_sigmas,
-            self._levels,
+            self._states,
         )
         rejected |= np.where(outlier, np.uint16(Rejection.CODE_OUTLIER), np.uint16(0))
         unlevelled = np.isnan(level) & (arcs.number > 0)
         rejected |= np.where(unlevelled, np.uint16(Rejection.NOT_LEVELLED), np.uint16(0))
         has_receiver = np.isfinite(receiver)
-        unknown = ~has_receiver & (rows.link >= 0)
-        rejected |= np.where(unknown, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0))
+        lacks_receiver = ~has_receiver & (rows.link >= 0)
+        rejected |= np.where(lacks_receiver, np.uint16(Rejection.NO_RECEIVER_BIAS), np.uint16(0))
         # P_second - P_first = STEC / K - c DSB: biases are added to the observed difference.
-        removed = np.where(known, satellite, 0.0) + np.where(has_receiver, receiver, 0.0)
+        removed = np.where(has_satellite, satellite, 0.0) + np.where(has_receiver, receiver, 0.0)
         phase_sigma = math.sqrt(2.0) * self._settings.carrier_phase_sigma * factor
         variance = (
             phase_sigma**2
             + level_sigma**2
-            + np.where(known, satellite_sigma, 0.0) ** 2
+            + np.where(has_satellite, satellite_sigma, 0.0) ** 2
             + np.where(has_receiver, receiver_sigma, 0.0) ** 2
         )
         return SlantTecRows(
@@ -324,52 +351,60 @@ class SlantTecProcessor:
             table[number] = self.links[number].tecu_per_metre
         return table[rows.link]
 
-    def _grow(self, links: int) -> None:
-        missing = links - len(self._levels)
+    def _make_room(self) -> None:
+        """Append states for the links that appear for the first time."""
+        missing = len(self.links) - len(self._states)
         if missing > 0:
-            self._levels = np.concatenate((self._levels, np.zeros((missing, _STATE))))
+            self._states = np.concatenate((self._states, np.zeros((missing, _STATE_COLUMNS))))
 
 
 class ArcLevels:
-    """Levels of whole arcs, for work after the fact.
+    """Contents with the levels at the end of the arcs, for offline processing.
 
     Parameters
     ----------
     rows : SlantTecRows
         All rows of a file.
+
+    Attributes
+    ----------
+    stec_tecu, stec_sigma_tecu : ndarray, shape (n,)
+        Content with the level that the last levelled sample of the arc has, and its sigma, TECU;
+        NaN outside arcs and in arcs without a level.
     """
 
     def __init__(self, rows: SlantTecRows) -> None:
-        usable = np.isfinite(rows.stec_tecu)
-        key = rows.pairs.link << 32 | rows.arc
-        order = np.flatnonzero(usable)
-        # The last row of each arc has the level of all its samples.
-        reverse = order[::-1]
-        keys, last = np.unique(key[reverse], return_index=True)
-        final = reverse[last]
-        place = np.minimum(np.searchsorted(keys, key), max(len(keys) - 1, 0))
         self.stec_tecu = np.full(len(rows), np.nan)
         self.stec_sigma_tecu = np.full(len(rows), np.nan)
-        if len(keys):
-            found = (keys[place] == key) & (rows.arc > 0)
-            level = rows.stec_tecu[final] - rows.stec_phase_tecu[final]
-            self.stec_tecu = np.where(found, rows.stec_phase_tecu + level[place], np.nan)
-            self.stec_sigma_tecu = np.where(found, rows.stec_sigma_tecu[final][place], np.nan)
+        keys_of_rows = arc_keys(rows.pairs.link, rows.arc)
+        levelled = np.flatnonzero(np.isfinite(rows.stec_tecu))
+        if not len(levelled):
+            return
+        # The first occurrence in reversed order is the last row of an arc.
+        backwards = levelled[::-1]
+        keys, occurrence = np.unique(keys_of_rows[backwards], return_index=True)
+        last_row = backwards[occurrence]
+        level = rows.stec_tecu[last_row] - rows.stec_phase_tecu[last_row]
+        index = np.minimum(np.searchsorted(keys, keys_of_rows), len(keys) - 1)
+        has_level = (keys[index] == keys_of_rows) & (rows.arc > 0)
+        self.stec_tecu = np.where(has_level, rows.stec_phase_tecu + level[index], np.nan)
+        self.stec_sigma_tecu = np.where(has_level, rows.stec_sigma_tecu[last_row][index], np.nan)
 
 
-# Columns of the state of a link: sums over the samples of its arc, with weight sin^2 of elevation.
+# Columns of the state of a link: sums over the samples of its arc, weighted with the squared sine
+# of elevation; then the means of whole minutes (blocks).
 _ARC, _WEIGHT, _MEAN, _SQUARES, _COUNT = range(5)
 _BLOCK, _BLOCK_WEIGHT, _BLOCK_MEAN, _BLOCKS, _BLOCK_SUM, _BLOCK_SQUARES = range(5, 11)
-# The first sample, which the sums are relative to so that squares keep their digits, and how many
-# outliers have come in a row.
+# The first sample of the arc, which is subtracted from all so that squares keep their digits; and
+# the number of outliers since the last good sample.
 _REFERENCE, _OUTLIERS = range(11, 13)
-_STATE = 13
+_STATE_COLUMNS = 13
 
 _BLOCK_NANOSECONDS = 60 * NANOSECONDS_PER_SECOND
 _FEWEST_BLOCKS = 4
 # The assumed noise counts as much as this many samples against the observed scatter.
 _PRIOR_SAMPLES = 20.0
-# So many outliers in a row: it was the level that was wrong.
+# After more outliers in a row than this, the level is taken to be wrong and begins anew.
 _MOST_OUTLIERS = 10.0
 
 
@@ -387,7 +422,7 @@ def _level_variance(state, sigma):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _take_in(state, difference, weight, block):  # type: ignore[no-untyped-def]
+def _add_sample(state, difference, weight, block):  # type: ignore[no-untyped-def]
     """Add a sample of code minus phase to the sums of its arc."""
     if block != state[_BLOCK]:
         if state[_BLOCK_WEIGHT] > 0.0:
@@ -418,8 +453,11 @@ def _is_outlier(state, difference, weight, sigma, outlier_sigmas):  # type: igno
 
 
 @compiled
-def _level(time, link, arc, difference, sine, usable, sigma, outlier_sigmas, states):  # type: ignore[no-untyped-def]
-    """Return level and sigma of the arcs, NaN where none, and which samples were outliers."""
+def _level_arcs(time, link, arc, difference, sine, usable, sigma, outlier_sigmas, states):  # type: ignore[no-untyped-def]
+    """Return level and sigma of the arc of each row, NaN without a level, and the outliers.
+
+    `difference` is code content minus phase content, TECU; `states` of the links are updated.
+    """
     count = len(time)
     level = np.full(count, np.nan)
     level_sigma = np.full(count, np.nan)
@@ -443,7 +481,7 @@ def _level(time, link, arc, difference, sine, usable, sigma, outlier_sigmas, sta
                 state[_REFERENCE] = difference[row]
             if not outlier[row]:
                 block = time[row] // _BLOCK_NANOSECONDS
-                _take_in(state, difference[row] - state[_REFERENCE], weight, block)
+                _add_sample(state, difference[row] - state[_REFERENCE], weight, block)
         if state[_COUNT] > 0.0:
             level[row] = state[_REFERENCE] + state[_MEAN]
             level_sigma[row] = np.sqrt(_level_variance(state, sigma[row]))

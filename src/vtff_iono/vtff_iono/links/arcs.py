@@ -35,7 +35,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_iono.links.signal_pairs import PairRows
 
-__all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs"]
+__all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs", "arc_keys"]
 
 
 class ArcBreak(enum.IntEnum):
@@ -118,6 +118,15 @@ class Arcs:
 
     number: npt.NDArray[np.int64]
     break_reason: npt.NDArray[np.int64]
+
+
+# More arcs than a link has.
+_ARCS_OF_LINK = 2**32
+
+
+def arc_keys(link: npt.NDArray[np.int64], arc: npt.NDArray[np.int64]) -> npt.NDArray[np.int64]:
+    """Return one integer for each arc of each link, from the numbers of link and arc."""
+    return link * _ARCS_OF_LINK + arc
 
 
 # Columns of the state of a link: its arc, the filter of the phase content, and what the receiver

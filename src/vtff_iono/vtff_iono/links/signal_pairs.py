@@ -1,7 +1,7 @@
-"""Pairs of signals of one satellite, chosen from the observations of one or of many epochs.
+"""Pairs of signals of one satellite, chosen from the observations of one epoch or of many.
 
-A link is what has its own ambiguities and biases: satellite, two bands and their tracking
-attributes. Links are numbered in the order in which they appear.
+A link is a satellite with two bands and their tracking attributes; it has its own ambiguities and
+biases. Links are numbered in the order in which they first appear.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
-from vtff_gnss.signals import carrier_frequency_hz
+from vtff_gnss.signals import carrier_frequency_hz, signal_number
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair"]
@@ -26,21 +26,23 @@ IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
 
 _SYSTEMS, _SATELLITES, _BANDS = 8, 256, 10
+# Rank of an attribute that no pair uses.
+_NO_RANK = 255
 
 
 @dataclass(frozen=True)
 class SignalPair:
-    """Two bands of a system and the tracking attributes that may serve, the best first.
+    """Two bands of a system and the tracking attributes that may be used, the best first.
 
     Parameters
     ----------
     system : int
         ``SYSTEM_*``.
     band_first, band_second : int
-        RINEX frequency digits; the first of the higher frequency, so that TEC is positive.
+        RINEX frequency digits; the first has the higher frequency, so that TEC is positive.
     attributes_first, attributes_second : str
-        RINEX attributes, e.g. ``"WPLXSC"``. Of each satellite and epoch the first available one
-        is used.
+        RINEX attributes, e.g. ``"WPLXSC"``. For each satellite and epoch the first attribute that
+        has an observation is used.
     """
 
     system: int
@@ -61,12 +63,12 @@ DEFAULT_PAIRS = (
     SignalPair(c.SYSTEM_QZSS, 1, 2, "CXL", "LXS"),
     SignalPair(c.SYSTEM_QZSS, 1, 5, "CXL", "QXI"),
 )
-"""Pairs that are used unless others are asked for."""
+"""Pairs that are formed unless a caller gives others."""
 
 
 @dataclass(frozen=True)
 class Link:
-    """What has its own ambiguities and biases.
+    """Two signals of a satellite, which have their own ambiguities and biases.
 
     Parameters
     ----------
@@ -77,7 +79,7 @@ class Link:
     attribute_first, attribute_second : str
         RINEX tracking attributes.
     frequency_first, frequency_second : float
-        Hz.
+        Carrier frequencies, Hz; NaN for an unknown FDMA channel.
     """
 
     system: int
@@ -101,7 +103,7 @@ class Link:
 
     @property
     def tecu_per_metre(self) -> float:
-        """TECU that delay the second signal by 1 m more; NaN for an unknown FDMA channel."""
+        """Content that delays the second code by 1 m more, TECU; NaN for an unknown channel."""
         if not math.isfinite(self.frequency_first + self.frequency_second):
             return math.nan
         return tecu_per_metre(self.frequency_first, self.frequency_second)
@@ -116,22 +118,26 @@ class PairRows:
     time : ndarray of int64
         GPS time of reception, ns since 1980-01-06.
     link, satellite : ndarray of int64
-        Number of the link in `PairSelector.links`, and of the satellite.
+        Index of the link in `PairSelector.links`, and number of the satellite; satellites are
+        numbered from 0 in the order in which they first appear.
     row_first, row_second : ndarray of int64
-        Rows of the observations that were given. A satellite that has an observation in the first
-        band of some pairs, but in no second one, has one row with `row_second` and `link` -1.
+        Rows of the two observations among those that were given. A satellite that has an
+        observation in the first band of some pairs, but in no second band, has one row with
+        `row_second` and `link` -1.
     stec_code_tecu, stec_phase_tecu : ndarray
         Slant TEC of code and phase, TECU, biases and ambiguities included; NaN where not observed.
     wide_lane_cycles : ndarray
         Melbourne-Wuebbena combination, cycles of the difference frequency.
     lock_time : ndarray
-        Time of continuous tracking, s; the shorter of the two.
+        Time of continuous tracking, s; the shorter time of the two signals.
     cn0_dbhz : ndarray
-        The lower of the two.
-    code_valid, phase_valid, parity_known, lock_lost : ndarray of bool
-        Of both signals (`lock_lost`: of any).
+        The lower C/N0 of the two signals.
+    code_valid, phase_valid, parity_known : ndarray of bool
+        True where it holds for both signals.
+    lock_lost : ndarray of bool
+        True where any of the two signals lost lock.
     half_cycle : ndarray of int64
-        Changes when a receiver has added or removed half a cycle.
+        Changes when the receiver has added half a cycle to a signal or removed it.
     """
 
     time: IntArray
@@ -156,7 +162,9 @@ class PairRows:
 
     def part(self, start: int, end: int) -> PairRows:
         """Return rows `start` to `end` (not included)."""
-        return PairRows(**{f.name: getattr(self, f.name)[start:end] for f in fields(self)})
+        return PairRows(
+            **{field.name: getattr(self, field.name)[start:end] for field in fields(self)}
+        )
 
 
 class PairSelector:
@@ -165,18 +173,23 @@ class PairSelector:
     Parameters
     ----------
     pairs : sequence of SignalPair
-        Their order is the order of the rows of a satellite.
+        The rows of a satellite follow each other in this order.
+
+    Attributes
+    ----------
+    links : list of Link
+        All links seen so far.
     """
 
     def __init__(self, pairs: Sequence[SignalPair] = DEFAULT_PAIRS) -> None:
         self.links: list[Link] = []
-        self._numbers: dict[tuple[int, ...], int] = {}
-        self._satellites: dict[tuple[int, int], int] = {}
+        self._link_of_key: dict[int, int] = {}
+        self._index_of_satellite: dict[tuple[int, int], int] = {}
         self._pairs = np.array(
             [(pair.system, pair.band_first, pair.band_second) for pair in pairs], dtype=np.int64
         ).reshape(-1, 3)
-        # Rank of an attribute; a signal of two pairs has the same order in both.
-        self._rank = np.full((_SYSTEMS, _BANDS, 256), 255, dtype=np.uint8)
+        # Rank of an attribute; a band that occurs in two pairs has the same order in both.
+        self._rank = np.full((_SYSTEMS, _BANDS, 256), _NO_RANK, dtype=np.uint8)
         for pair in pairs:
             for band, attributes in (
                 (pair.band_first, pair.attributes_first),
@@ -199,7 +212,7 @@ class PairSelector:
         """
         system = columns["system"]
         epoch = np.broadcast_to(np.asarray(time, dtype=np.int64), system.shape)
-        first, second = _paired_rows(
+        first, second = _pair_rows(
             epoch,
             system,
             columns["prn"],
@@ -209,32 +222,37 @@ class PairSelector:
             self._rank,
             self._best,
         )
-        return self._joined(epoch, columns, first, second)
+        return self._combine(epoch, columns, first, second)
 
-    def _joined(
+    def _combine(
         self,
         time: IntArray,
         columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
         first: IntArray,
         second: IntArray,
     ) -> PairRows:
-        link, satellite = self._link_numbers(columns, first, second)
-        both = second >= 0
+        """Return the combinations of pairs of observations, given by their row numbers."""
+        has_second = second >= 0
         # Where there is no second signal, the first stands in, and its results are blanked.
-        other = np.where(both, second, first)
-        factor, wave_first, wave_second, narrow, wide = self._factors(link, both)
+        second_or_first = np.where(has_second, second, first)
+        link, satellite = self._link_numbers(columns, first, second_or_first, has_second)
+        factor, wavelength_first, wavelength_second, code_weight, wide_wavelength = self._factors(
+            link, has_second
+        )
 
-        def pair(name: str) -> tuple[npt.NDArray, npt.NDArray]:  # type: ignore[type-arg]
-            return columns[name][first], columns[name][other]
+        def of_both(name: str) -> tuple[npt.NDArray, npt.NDArray]:  # type: ignore[type-arg]
+            return columns[name][first], columns[name][second_or_first]
 
-        range_first, range_second = pair("pseudorange")
-        phase_first, phase_second = pair("carrier_phase_cycles")
-        flags_first, flags_second = (part.astype(np.int64) for part in pair("flags"))
+        range_first, range_second = of_both("pseudorange")
+        phase_first, phase_second = of_both("carrier_phase_cycles")
+        flags_first, flags_second = (flags.astype(np.int64) for flags in of_both("flags"))
         flags_all, flags_any = flags_first & flags_second, flags_first | flags_second
         # NaN stands for a missing value, whatever the flags say.
-        stec_code = np.where(both, (range_second - range_first) * factor, np.nan)
-        stec_phase = (phase_first * wave_first - phase_second * wave_second) * factor
-        code = narrow * range_first + (1.0 - narrow) * range_second
+        stec_code = np.where(has_second, (range_second - range_first) * factor, np.nan)
+        stec_phase = (phase_first * wavelength_first - phase_second * wavelength_second) * factor
+        narrow_lane_range = code_weight * range_first + (1.0 - code_weight) * range_second
+        is_code = has_second & ((flags_all & c.FLAG_CODE_VALID) != 0)
+        is_phase = has_second & ((flags_all & c.FLAG_PHASE_VALID) != 0)
         half = c.FLAG_HALF_CYCLE_ADDED
         return PairRows(
             time=time[first],
@@ -243,118 +261,152 @@ class PairSelector:
             row_first=first,
             row_second=second,
             stec_code_tecu=stec_code,
-            stec_phase_tecu=np.where(both, stec_phase, np.nan),
-            wide_lane_cycles=phase_first - phase_second - code / wide,
-            lock_time=np.minimum(*pair("lock_time")).astype(float),
-            cn0_dbhz=np.minimum(*pair("cn0_dbhz")).astype(float),
-            code_valid=both & ((flags_all & c.FLAG_CODE_VALID) != 0) & np.isfinite(stec_code),
-            phase_valid=both & ((flags_all & c.FLAG_PHASE_VALID) != 0) & np.isfinite(stec_phase),
+            stec_phase_tecu=np.where(has_second, stec_phase, np.nan),
+            wide_lane_cycles=phase_first - phase_second - narrow_lane_range / wide_wavelength,
+            lock_time=np.minimum(*of_both("lock_time")).astype(float),
+            cn0_dbhz=np.minimum(*of_both("cn0_dbhz")).astype(float),
+            code_valid=is_code & np.isfinite(stec_code),
+            phase_valid=is_phase & np.isfinite(stec_phase),
             parity_known=(flags_all & c.FLAG_PARITY_KNOWN) != 0,
             lock_lost=(flags_any & c.FLAG_LOCK_LOST) != 0,
             half_cycle=(flags_first & half) + 2 * (flags_second & half),
         )
 
-    def _factors(self, link: IntArray, both: BoolArray) -> tuple[FloatArray, ...]:
-        """Return TECU per metre, the wavelengths, the code weight and the wide-lane wavelength."""
+    def _factors(self, number: IntArray, is_link: BoolArray) -> tuple[FloatArray, ...]:
+        """Return five factors of each row; NaN where there is no link.
+
+        They are the TECU per metre, the wavelengths of the two signals, m, the weight of the first
+        code in the narrow-lane range, and the wide-lane wavelength, m.
+        """
         table = np.full((len(self.links) + 1, 5), np.nan)
-        for number in np.unique(link[both]).tolist():
-            known = self.links[number]
-            one, other = known.frequency_first, known.frequency_second
-            table[number] = (
-                known.tecu_per_metre,
-                SPEED_OF_LIGHT / one,
-                SPEED_OF_LIGHT / other,
-                one / (one + other),
-                SPEED_OF_LIGHT / (one - other),
+        for index in np.unique(number[is_link]).tolist():
+            link = self.links[index]
+            frequency_first, frequency_second = link.frequency_first, link.frequency_second
+            table[index] = (
+                link.tecu_per_metre,
+                SPEED_OF_LIGHT / frequency_first,
+                SPEED_OF_LIGHT / frequency_second,
+                frequency_first / (frequency_first + frequency_second),
+                SPEED_OF_LIGHT / (frequency_first - frequency_second),
             )
-        return tuple(table[link].T)
+        return tuple(table[number].T)
 
     def _link_numbers(
         self,
         columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
         first: IntArray,
         second: IntArray,
+        has_second: BoolArray,
     ) -> tuple[IntArray, IntArray]:
         """Return the numbers of the links (-1 without a second signal) and of the satellites."""
-        other = np.where(second >= 0, second, first)
-        names = ("system", "prn", "band", "attribute", "glonass_channel")
-        parts = [columns[name][first].astype(np.int64) for name in names]
-        parts += [columns[name][other].astype(np.int64) for name in ("band", "attribute")]
-        key = np.zeros(len(first), dtype=np.int64)
-        for part in parts:
-            key = key << 8 | (part & 0xFF)
-        unique, where, inverse = np.unique(key, return_index=True, return_inverse=True)
-        link = np.full(len(unique), -1, dtype=np.int64)
-        satellite = np.empty(len(unique), dtype=np.int64)
+        keys, appearance, inverse = np.unique(
+            _link_keys(columns, first, second), return_index=True, return_inverse=True
+        )
+        link = np.full(len(keys), -1, dtype=np.int64)
+        satellite = np.empty(len(keys), dtype=np.int64)
         # In the order of appearance, so that numbers do not depend on how a file is cut.
-        for index in np.argsort(where, kind="stable").tolist():
-            entry = tuple(int(part[where[index]]) for part in parts)
-            name = entry[0], entry[1]
-            satellite[index] = self._satellites.setdefault(name, len(self._satellites))
-            if second[where[index]] >= 0:
-                link[index] = self._number(entry)
+        for index in np.argsort(appearance, kind="stable").tolist():
+            row = int(appearance[index])
+            observation = int(first[row])
+            identity = int(columns["system"][observation]), int(columns["prn"][observation])
+            satellite[index] = self._index_of_satellite.setdefault(
+                identity, len(self._index_of_satellite)
+            )
+            if has_second[row]:
+                key = int(keys[index])
+                if key not in self._link_of_key:
+                    self._link_of_key[key] = len(self.links)
+                    self.links.append(_make_link(columns, observation, int(second[row])))
+                link[index] = self._link_of_key[key]
         return link[inverse], satellite[inverse]
 
-    def _number(self, entry: tuple[int, ...]) -> int:
-        number = self._numbers.get(entry)
-        if number is None:
-            system, prn, band_first, attribute_first, channel, band_second, attribute_second = entry
-            frequencies = carrier_frequency_hz([system] * 2, [band_first, band_second], channel)
-            self.links.append(
-                Link(
-                    system,
-                    prn,
-                    band_first,
-                    band_second,
-                    chr(attribute_first),
-                    chr(attribute_second),
-                    float(frequencies[0]),
-                    float(frequencies[1]),
-                )
-            )
-            number = self._numbers[entry] = len(self.links) - 1
-        return number
+
+def _link_keys(
+    columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
+    first: IntArray,
+    second: IntArray,
+) -> IntArray:
+    """Return one integer for each combination of two signals and a GLONASS channel.
+
+    `first` and `second` are rows of observations of the same satellite.
+    """
+    key = signal_number(
+        columns["system"][first],
+        columns["prn"][first],
+        columns["band"][first],
+        columns["attribute"][first],
+    )
+    # The channels of GLONASS are negative too; a byte holds them in two's complement.
+    channel = columns["glonass_channel"][first].astype(np.int8).view(np.uint8)
+    for field in (channel, columns["band"][second], columns["attribute"][second]):
+        key = key * 256 + field
+    return key
+
+
+def _make_link(
+    columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
+    first: int,
+    second: int,
+) -> Link:
+    """Return the link of two observations of a satellite, given by their row numbers."""
+    system = int(columns["system"][first])
+    band_first, band_second = int(columns["band"][first]), int(columns["band"][second])
+    frequency_first, frequency_second = carrier_frequency_hz(
+        [system] * 2, [band_first, band_second], int(columns["glonass_channel"][first])
+    )
+    return Link(
+        system=system,
+        prn=int(columns["prn"][first]),
+        band_first=band_first,
+        band_second=band_second,
+        attribute_first=chr(columns["attribute"][first]),
+        attribute_second=chr(columns["attribute"][second]),
+        frequency_first=float(frequency_first),
+        frequency_second=float(frequency_second),
+    )
 
 
 @compiled
-def _paired_rows(time, system, prn, band, attribute, pairs, rank, best):  # type: ignore[no-untyped-def]
+def _pair_rows(time, system, prn, band, attribute, pairs, rank, best):  # type: ignore[no-untyped-def]
     """Return the rows of first and second signals; one row with -1 where there is no second one.
 
-    `best` is scratch, filled with -1 before and after.
+    `best` is scratch, filled with -1 before and after: for each satellite and band the row whose
+    attribute has the lowest rank.
     """
     count = len(time)
     most = count * max(1, len(pairs))
     first = np.empty(most, dtype=np.int64)
     second = np.empty(most, dtype=np.int64)
-    found = 0
+    filled = 0
     start = 0
     while start < count:
         end = start
         while end < count and time[end] == time[start]:
             s, p, b = system[end], prn[end], band[end]
-            own = rank[s, b, attribute[end]]
-            if own < 255:
-                known = best[s, p, b]
-                if known < 0 or own < rank[s, b, attribute[known]]:
+            row_rank = rank[s, b, attribute[end]]
+            if row_rank < _NO_RANK:
+                best_row = best[s, p, b]
+                if best_row < 0 or row_rank < rank[s, b, attribute[best_row]]:
                     best[s, p, b] = end
             end += 1
         for row in range(start, end):
             s, p, b = system[row], prn[row], band[row]
             if best[s, p, b] != row:
                 continue
-            asked = found_before = found
+            has_pair = False
+            filled_before = filled
             for pair in range(len(pairs)):
                 if pairs[pair, 0] == s and pairs[pair, 1] == b:
-                    asked += 1
+                    has_pair = True
                     if best[s, p, pairs[pair, 2]] >= 0:
-                        first[found] = row
-                        second[found] = best[s, p, pairs[pair, 2]]
-                        found += 1
-            if asked > found_before and found == found_before:
-                first[found] = row
-                second[found] = -1
-                found += 1
+                        first[filled] = row
+                        second[filled] = best[s, p, pairs[pair, 2]]
+                        filled += 1
+            if has_pair and filled == filled_before:
+                first[filled] = row
+                second[filled] = -1
+                filled += 1
         for row in range(start, end):
             best[system[row], prn[row], band[row]] = -1
         start = end
-    return first[:found].copy(), second[:found].copy()
+    return first[:filled].copy(), second[:filled].copy()

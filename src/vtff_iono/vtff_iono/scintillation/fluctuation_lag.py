@@ -1,4 +1,4 @@
-"""The lag at which a second spacecraft sees the fluctuations that a first one has seen."""
+"""The lag between the fluctuations of a signal that two spacecraft observe."""
 
 from __future__ import annotations
 
@@ -15,14 +15,15 @@ __all__ = ["FluctuationLag", "fluctuation_lag", "series_lag"]
 
 @dataclass(frozen=True)
 class FluctuationLag:
-    """Lag of the fluctuations that one spacecraft sees behind those of another.
+    """Lag of the fluctuations at a second spacecraft behind those at a first.
 
     Parameters
     ----------
     lag, sigma : float
-        s; positive if the second one sees them later. NaN without fluctuations.
+        Lag and its sigma, s; positive if the second spacecraft observes the fluctuations later.
+        NaN without fluctuations.
     correlation : float
-        Correlation at this lag, -1 to 1.
+        Correlation at this lag, -1 to 1; NaN without fluctuations.
     """
 
     lag: float
@@ -42,11 +43,12 @@ def fluctuation_lag(
     Parameters
     ----------
     power_first, power_second : array_like, shape (m, n)
-        Intensities or linear C/N0 of m rays at n even instants, those of one satellite in the
-        same row. All rays are used together.
+        Intensities or linear C/N0 of m rays at n evenly spaced times; a row holds the same
+        satellite in both. All rays are used together.
     sample_rate_hz : float
+        Rate of the samples.
     largest_lag : float
-        s, to either side.
+        Largest lag that is searched to either side, s.
     trend : float
         Length of the running mean that is divided out, s.
     """
@@ -63,7 +65,7 @@ def series_lag(
     Parameters
     ----------
     first, second : array_like, shape (m, n)
-        Of m rays at n even instants, those of one satellite in the same row.
+        Series of m rays at n evenly spaced times; a row holds the same satellite in both.
     sample_rate_hz, largest_lag : float
         As in `fluctuation_lag`.
     """
@@ -83,8 +85,8 @@ def series_lag(
     low, peak, high = values[best - 1 : best + 2]
     curvature = low - 2.0 * peak + high
     offset = 0.5 * (low - high) / curvature if curvature < 0.0 else 0.0
-    # Noise of the correlation over its curvature at the peak; samples of a fade are not
-    # independent, so that as many count as there are widths of the peak.
+    # The sigma is the noise of the correlation over its curvature at the peak. Samples of a fade
+    # are not independent: their number is divided by the width of the peak.
     samples_per_width = math.sqrt(max(peak, 1e-12) / max(-curvature, 1e-12))
     independent = max(1.0, first.size / max(1.0, samples_per_width))
     noise = math.sqrt(max(0.0, 1.0 - float(peak) ** 2) / independent)
@@ -97,7 +99,7 @@ def series_lag(
 
 
 def _fluctuation(power: npt.ArrayLike, sample_rate_hz: float, trend: float) -> FloatArray:
-    """Return intensities over their running mean, less 1; of rays without fluctuation 0."""
+    """Return intensities divided by their running mean, minus 1; 0 where the mean is zero."""
     power = np.atleast_2d(np.asarray(power, dtype=float))
     length = max(1, min(power.shape[-1], round(trend * sample_rate_hz)))
     total = np.cumsum(np.pad(power, ((0, 0), (1, 0))), axis=-1)

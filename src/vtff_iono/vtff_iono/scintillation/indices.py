@@ -1,17 +1,17 @@
 """Scintillation indices of every signal, one set for each window (a minute, as a rule).
 
 S4 is the standard deviation over the mean of the intensity. Receivers of the OEM6 kind do not log
-intensity; their C/N0, turned from dB-Hz to a linear ratio, stands in for it when it is logged at
-the full rate without smoothing. (In dB-Hz the ratio of deviation and mean would be a tenth of S4.)
+intensity; their C/N0, converted from dB-Hz to a linear ratio, replaces it when it is logged at the
+full rate without smoothing. (In dB-Hz the ratio of deviation and mean would be a tenth of S4.)
 
 - `s4_pseudo`: standard deviation over mean of linear C/N0, as in paper 000;
-- `s4`: the same after division by a straight line, so that a change of antenna gain does not count;
-- `s4_corrected`: S4 less the part that thermal noise of samples of this length makes.
+- `s4`: S4 after division by a straight line, so that a change of antenna gain does not count;
+- `s4_corrected`: S4 without the part that thermal noise makes in samples of this length.
 
-Sigma-phi is the standard deviation of the carrier phase above a cut-off frequency. Motion, and
-slow changes of the clocks, are removed by a polynomial and a high-pass filter, fast ones of the
-receiver clock by the median of all signals. On the ground the cut-off is 0.1 Hz by custom; at
-7.5 km/s that is 75 km, so that a higher one is right in orbit. It is part of the result.
+Sigma-phi is the standard deviation of the carrier phase above a cut-off frequency. Motion and slow
+changes of the clocks are removed by a polynomial and a high-pass filter, fast changes of the
+receiver clock by the median of all signals. The cut-off is part of the result; its default depends
+on the motion of the receiver, see `default_phase_cutoff_hz`.
 """
 
 from __future__ import annotations
@@ -26,13 +26,17 @@ from scipy import signal
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import FLAG_LOCK_LOST, FLAG_PHASE_VALID
-from vtff_gnss.signals import carrier_wavelength
+from vtff_gnss.signals import carrier_wavelength, signal_number
+from vtff_iono.geometry.mapping import LOWEST_ORBIT
 from vtff_iono.links.windows import Columns, WindowBuffer
 
 __all__ = [
+    "GROUND_PHASE_CUTOFF_HZ",
+    "ORBIT_PHASE_CUTOFF_HZ",
     "ScintillationMonitor",
     "ScintillationSettings",
     "ScintillationWindow",
+    "default_phase_cutoff_hz",
     "linear_power",
     "noise_s4",
     "phase_deviation",
@@ -40,15 +44,44 @@ __all__ = [
     "s4_index",
 ]
 
+GROUND_PHASE_CUTOFF_HZ = 0.1
+"""Hz; cut-off of sigma-phi on the ground, as scintillation receivers have it (Van Dierendonck,
+Klobuchar and Hua 1993). Irregularities drift at about 100 m/s there: the cut-off is 1 km."""
+
+ORBIT_PHASE_CUTOFF_HZ = 1.0
+"""Hz; cut-off of sigma-phi in low orbit. A receiver at 7.5 km/s crosses 7.5 km in its period; the
+cut-off of the ground would be 75 km, which contains the layer itself besides irregularities."""
+
 _COLUMNS = (
-    *("system", "prn", "band", "attribute", "glonass_channel"),
-    *("cn0_dbhz", "carrier_phase_cycles", "flags"),
+    "system",
+    "prn",
+    "band",
+    "attribute",
+    "glonass_channel",
+    "cn0_dbhz",
+    "carrier_phase_cycles",
+    "flags",
 )
 # Forward and backward filtering doubles the order: sixth order, as ground receivers have it.
 _HALF_ORDER = 3
 _POLYNOMIAL_DEGREE = 5
+# The median of fewer signals than this would contain too much of the scintillation itself.
 _FEWEST_FOR_MEDIAN = 4
+# Smallest ratio of sample rate and cut-off.
 _LOWEST_OVERSAMPLING = 4.0
+# Epochs are evenly spaced if the longest step is less than this many times the shortest.
+_LARGEST_STEP_RATIO = 1.5
+# The line that is divided out of the intensity is never below this fraction of its mean.
+_LOWEST_TREND = 0.1
+
+
+def default_phase_cutoff_hz(altitude: float) -> float:
+    """Return the cut-off of sigma-phi for a receiver at an altitude (m), Hz.
+
+    The node, whose receivers are in orbit, and `vtff tec`, whose receivers may be stations, both
+    follow this rule.
+    """
+    return GROUND_PHASE_CUTOFF_HZ if altitude < LOWEST_ORBIT else ORBIT_PHASE_CUTOFF_HZ
 
 
 @dataclass(frozen=True)
@@ -60,13 +93,13 @@ class ScintillationSettings:
     window : float
         Length of the windows, s.
     phase_cutoff_hz : float
-        Cut-off of sigma-phi, Hz (-3 dB).
+        Cut-off of sigma-phi (-3 dB), Hz; see `default_phase_cutoff_hz`.
     coverage_minimum : float
-        Part of the samples of a window that a signal must have.
+        Fraction of the samples of a window that a signal must have.
     """
 
     window: float = 60.0
-    phase_cutoff_hz: float = 0.1
+    phase_cutoff_hz: float = ORBIT_PHASE_CUTOFF_HZ
     coverage_minimum: float = 0.8
 
 
@@ -79,20 +112,22 @@ class ScintillationWindow:
     time : int
         End of the window, GPS time in ns since 1980-01-06.
     sample_rate_hz : float
-        Of the observations used.
+        Rate of the observations used.
     phase_cutoff_hz : float
-        Of sigma-phi.
+        Cut-off of sigma-phi.
     system, prn, band, attribute : ndarray of uint8
-        Signals, ordered.
+        Signals, in this order.
     s4, s4_corrected, s4_pseudo : ndarray
-        NaN where the signal was not there for long enough.
+        S4 indices; NaN where the signal was not observed for long enough.
     sigma_phi : ndarray
-        rad; NaN where the phase was not continuous or the rate is too low for the cut-off.
+        Sigma-phi, rad; NaN where the phase was not continuous or the rate is too low for the
+        cut-off.
     cn0_dbhz : ndarray
-        Of the mean power.
+        C/N0 of the mean power.
     elevation, azimuth : ndarray
-        rad, at the middle sample of the signal.
+        Direction of the satellite at the middle sample of the signal, rad.
     samples : ndarray of int64
+        Number of samples of the signal.
     """
 
     time: int
@@ -124,25 +159,25 @@ def pseudo_s4(power: npt.ArrayLike, axis: int = -1) -> FloatArray:
 
 
 def s4_index(power: npt.ArrayLike) -> FloatArray:
-    """Return S4 of intensities (..., n) at even intervals, in any unit, a straight line removed."""
+    """Return S4 of intensities (..., n) at even intervals, in any unit, without a linear trend."""
     power = np.asarray(power, dtype=float)
     count = power.shape[-1]
-    place = np.linspace(-1.0, 1.0, count)
-    slope = (power * place).sum(axis=-1, keepdims=True) / (place**2).sum()
-    trend = power.mean(axis=-1, keepdims=True) + slope * place
+    abscissa = np.linspace(-1.0, 1.0, count)
+    slope = (power * abscissa).sum(axis=-1, keepdims=True) / (abscissa**2).sum()
+    mean = power.mean(axis=-1, keepdims=True)
     # A deep and long fade at one end could take the line below zero.
-    trend = np.maximum(trend, 0.1 * power.mean(axis=-1, keepdims=True))
+    trend = np.maximum(mean + slope * abscissa, _LOWEST_TREND * mean)
     return pseudo_s4(power / trend)
 
 
 def noise_s4(cn0_dbhz: npt.ArrayLike, sample_length: float) -> FloatArray:
-    """Return the S4 that thermal noise makes in samples of a length (s).
+    """Return the S4 that thermal noise makes in samples of a length (s), at a C/N0 in dB-Hz.
 
     References
     ----------
     Van Dierendonck, Klobuchar and Hua (1993), ION GPS-93, eq. for 50 Hz,
-    S4_N^2 = 100/(C/N0) (1 + 500/(19 C/N0)), with its two numbers written for any sample length T:
-    2/(T C/N0) and 10/(19 T C/N0).
+    S4_N^2 = 100/(C/N0) (1 + 500/(19 C/N0)). For any sample length T its two terms are 2/(T C/N0)
+    and 10/(19 T C/N0).
     """
     ratio = 1.0 / (sample_length * linear_power(cn0_dbhz))
     return np.asarray(np.sqrt(2.0 * ratio * (1.0 + 10.0 / 19.0 * ratio)))
@@ -151,8 +186,8 @@ def noise_s4(cn0_dbhz: npt.ArrayLike, sample_length: float) -> FloatArray:
 def phase_deviation(phase: npt.ArrayLike, sample_rate_hz: float, cutoff_hz: float) -> FloatArray:
     """Return phases (..., n) above a cut-off frequency, in the unit of the input.
 
-    A polynomial of degree 5 takes out the motion; the sixth-order high-pass filter runs forward
-    and backward, so that nothing has to settle.
+    A polynomial of degree 5 removes the motion; the sixth-order high-pass filter runs forward and
+    backward, so that it adds no delay.
     """
     phase = np.asarray(phase, dtype=float)
     # The cut-off is 3 dB after both passes: each is 1.5 dB down there.
@@ -160,9 +195,9 @@ def phase_deviation(phase: npt.ArrayLike, sample_rate_hz: float, cutoff_hz: floa
     sections = signal.butter(
         _HALF_ORDER, cutoff_hz * ratio, "highpass", fs=sample_rate_hz, output="sos"
     )
-    place = np.linspace(-1.0, 1.0, phase.shape[-1])
-    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(place, _POLYNOMIAL_DEGREE))
-    # First the first sample: a phase of 1e8 cycles would cost digits.
+    abscissa = np.linspace(-1.0, 1.0, phase.shape[-1])
+    basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(abscissa, _POLYNOMIAL_DEGREE))
+    # The first sample is subtracted first: a phase of 1e8 cycles would cost digits.
     phase = phase - phase[..., :1]
     phase = phase - (phase @ basis) @ basis.T
     return np.asarray(signal.sosfiltfilt(sections, phase, axis=-1))
@@ -174,6 +209,7 @@ class ScintillationMonitor:
     Parameters
     ----------
     settings : ScintillationSettings
+        How indices are computed.
     """
 
     def __init__(self, settings: ScintillationSettings = ScintillationSettings()) -> None:  # noqa: B008 - frozen
@@ -187,7 +223,7 @@ class ScintillationMonitor:
         elevation: npt.ArrayLike,
         azimuth: npt.ArrayLike,
     ) -> Iterator[ScintillationWindow]:
-        """Take observations in and yield the windows that they end.
+        """Add observations and yield the windows that they end.
 
         Parameters
         ----------
@@ -196,7 +232,7 @@ class ScintillationMonitor:
         columns : mapping of str to ndarray, shape (n,)
             Columns of `vtff_gnss.observations.OBSERVATION_COLUMNS`.
         elevation, azimuth : array_like, shape (n,)
-            rad; NaN where unknown.
+            Direction of the satellite of every observation, rad; NaN where unknown.
         """
         kept = {name: columns[name] for name in _COLUMNS}
         kept["elevation"] = np.asarray(elevation, dtype=float)
@@ -210,33 +246,24 @@ class ScintillationMonitor:
             yield self._indices(end, window)
 
     def _indices(self, end: int, window: Columns) -> ScintillationWindow:
-        time = window["time"]
-        epochs = np.unique(time)
+        """Return the indices of the signals in a window that ends at a time, ns."""
+        epochs = np.unique(window["time"])
         interval = float(np.median(np.diff(epochs))) if len(epochs) > 1 else np.inf
         rate = NANOSECONDS_PER_SECOND / interval
-        key = (
-            window["system"].astype(np.int64) << 24
-            | window["prn"].astype(np.int64) << 16
-            | window["band"].astype(np.int64) << 8
-            | window["attribute"]
-        )
-        order = np.argsort(key, kind="stable")
-        starts = np.flatnonzero(np.diff(key[order], prepend=-1))
-        groups = np.split(order, starts[1:])
-        expected = self._settings.window * rate
+        signals = _rows_by_signal(window)
+        fewest_samples = max(2.0, self._settings.coverage_minimum * self._settings.window * rate)
         power = linear_power(window["cn0_dbhz"])
-        table = np.full((6, len(groups)), np.nan)
-        for number, rows in enumerate(groups):
-            own = power[rows]
-            table[3, number] = 10.0 * np.log10(own.mean())
-            middle = rows[len(rows) // 2]
-            table[4:, number] = window["elevation"][middle], window["azimuth"][middle]
-            if len(rows) >= max(2.0, self._settings.coverage_minimum * expected):
-                table[0, number] = s4_index(own)
-                table[2, number] = pseudo_s4(own)
-        noise = noise_s4(table[3], 1.0 / rate) if np.isfinite(interval) else table[3]
-        table[1] = np.sqrt(np.maximum(table[0] ** 2 - noise**2, 0.0))
-        first = np.array([rows[0] for rows in groups], dtype=np.intp)
+        s4, s4_pseudo = np.full(len(signals), np.nan), np.full(len(signals), np.nan)
+        for number, rows in enumerate(signals):
+            if len(rows) >= fewest_samples:
+                s4[number] = s4_index(power[rows])
+                s4_pseudo[number] = pseudo_s4(power[rows])
+        cn0_dbhz = np.array([10.0 * np.log10(power[rows].mean()) for rows in signals])
+        noise = (
+            noise_s4(cn0_dbhz, 1.0 / rate) if np.isfinite(interval) else np.full_like(s4, np.nan)
+        )
+        first = np.array([rows[0] for rows in signals], dtype=np.intp)
+        middle = np.array([rows[len(rows) // 2] for rows in signals], dtype=np.intp)
         return ScintillationWindow(
             time=end,
             sample_rate_hz=rate,
@@ -245,49 +272,60 @@ class ScintillationMonitor:
             prn=window["prn"][first],
             band=window["band"][first],
             attribute=window["attribute"][first],
-            s4=table[0],
-            s4_corrected=table[1],
-            s4_pseudo=table[2],
-            sigma_phi=self._sigma_phi(window, groups, epochs, rate),
-            cn0_dbhz=table[3],
-            elevation=table[4],
-            azimuth=table[5],
-            samples=np.array([len(rows) for rows in groups], dtype=np.int64),
+            s4=s4,
+            s4_corrected=np.sqrt(np.maximum(s4**2 - noise**2, 0.0)),
+            s4_pseudo=s4_pseudo,
+            sigma_phi=self._sigma_phi(window, signals, epochs, rate),
+            cn0_dbhz=cn0_dbhz,
+            elevation=window["elevation"][middle],
+            azimuth=window["azimuth"][middle],
+            samples=np.array([len(rows) for rows in signals], dtype=np.int64),
         )
 
     def _sigma_phi(
         self,
         window: Columns,
-        groups: list[npt.NDArray[np.intp]],
+        signals: list[npt.NDArray[np.intp]],
         epochs: npt.NDArray[np.int64],
         rate: float,
     ) -> FloatArray:
-        """Return sigma-phi of the signals whose phase is there at all epochs; NaN of others."""
-        result = np.full(len(groups), np.nan)
+        """Return sigma-phi of the signals that have a phase at all epochs; NaN for the others.
+
+        `signals` are the rows of each signal.
+        """
+        sigma_phi = np.full(len(signals), np.nan)
         cutoff = self._settings.phase_cutoff_hz
         steps = np.diff(epochs)
-        even = len(steps) > 0 and steps.max() < 1.5 * steps.min()
-        enough = len(epochs) >= self._settings.coverage_minimum * self._settings.window * rate
-        if not (even and enough and rate >= _LOWEST_OVERSAMPLING * cutoff):
-            return result
+        is_even = len(steps) > 0 and steps.max() < _LARGEST_STEP_RATIO * steps.min()
+        is_covered = len(epochs) >= self._settings.coverage_minimum * self._settings.window * rate
+        if not (is_even and is_covered and rate >= _LOWEST_OVERSAMPLING * cutoff):
+            return sigma_phi
         flags = window["flags"].astype(np.int64)
-        usable = (flags & FLAG_PHASE_VALID) != 0
-        slipped = (flags & FLAG_LOCK_LOST) != 0
-        whole = [
+        has_phase = (flags & FLAG_PHASE_VALID) != 0
+        lost_lock = (flags & FLAG_LOCK_LOST) != 0
+        continuous = [
             number
-            for number, rows in enumerate(groups)
-            if len(rows) == len(epochs) and usable[rows].all() and not slipped[rows[1:]].any()
+            for number, rows in enumerate(signals)
+            if len(rows) == len(epochs) and has_phase[rows].all() and not lost_lock[rows[1:]].any()
         ]
-        if not whole:
-            return result
-        rows = np.array([groups[number] for number in whole])
-        one = rows[:, 0]
+        if not continuous:
+            return sigma_phi
+        rows = np.array([signals[number] for number in continuous])
+        first = rows[:, 0]
         wavelength = carrier_wavelength(
-            window["system"][one], window["band"][one], window["glonass_channel"][one]
+            window["system"][first], window["band"][first], window["glonass_channel"][first]
         )[:, np.newaxis]
         ranges = window["carrier_phase_cycles"][rows] * wavelength
         deviation = phase_deviation(ranges, rate, cutoff)
-        if len(whole) >= _FEWEST_FOR_MEDIAN:
+        if len(continuous) >= _FEWEST_FOR_MEDIAN:
             deviation = deviation - np.nanmedian(deviation, axis=0)
-        result[whole] = (deviation * (2.0 * np.pi / wavelength)).std(axis=-1)
-        return result
+        sigma_phi[continuous] = (deviation * (2.0 * np.pi / wavelength)).std(axis=-1)
+        return sigma_phi
+
+
+def _rows_by_signal(window: Columns) -> list[npt.NDArray[np.intp]]:
+    """Return the rows of each signal in order of time; signals are ordered."""
+    number = signal_number(window["system"], window["prn"], window["band"], window["attribute"])
+    order = np.argsort(number, kind="stable")
+    starts = np.flatnonzero(np.diff(number[order], prepend=-1))
+    return np.split(order, starts[1:])
