@@ -10,6 +10,11 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+# As many test processes run as there are processors, and the matrices are small: threads of the
+# numerical libraries would only wait for each other. Set before numpy and numba are imported.
+for _threads in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "NUMBA_NUM_THREADS"):
+    os.environ.setdefault(_threads, "1")
+
 # Helper modules of the tests stand in the test folders; pytest's importlib mode adds no path.
 _ROOT = pathlib.Path(__file__).resolve().parent
 sys.path[:0] = [str(_ROOT / "test"), *(str(path) for path in sorted(_ROOT.glob("src/*/test")))]

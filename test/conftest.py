@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 
 import pytest
@@ -14,8 +15,10 @@ from shared_data import require_shared  # noqa: E402
 
 @pytest.fixture(scope="session")
 def runs(tmp_path_factory: pytest.TempPathFactory) -> Runs:
-    """Runs of this test session."""
-    return Runs(tmp_path_factory.mktemp("runs"))
+    """Runs of this test session, shared by its worker processes."""
+    folder = tmp_path_factory.getbasetemp()
+    # pytest-xdist gives each worker a folder of its own in that of the session.
+    return Runs((folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "runs")
 
 
 @pytest.fixture(scope="session")

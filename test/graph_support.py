@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import json
 import os
 import pathlib
 import struct
@@ -30,22 +32,35 @@ def run_vtff(*arguments: object, timeout: float = 240.0) -> subprocess.Completed
 
 
 class Runs:
-    """Makes runs on demand and remembers them."""
+    """Makes runs on demand and remembers them, for all processes of one test session.
+
+    Parameters
+    ----------
+    folder
+        Folder that the processes of this session share; each run gets a folder in it.
+
+    """
 
     def __init__(self, folder: pathlib.Path) -> None:
         self._folder = folder
-        self._made: dict[str, tuple[pathlib.Path, subprocess.CompletedProcess[str]]] = {}
+        folder.mkdir(exist_ok=True)
 
     def make(
         self, name: str, system: str, *arguments: object
     ) -> tuple[pathlib.Path, subprocess.CompletedProcess[str]]:
         """Return folder and result of a run; the same name gives the same run."""
-        if name not in self._made:
-            folder = self._folder / name
-            result = run_vtff("run", SYSTEMS / system, *arguments, "--out", folder)
-            assert result.returncode == 0, result.stdout + result.stderr
-            self._made[name] = (folder, result)
-        return self._made[name]
+        folder, made = self._folder / name, self._folder / f"{name}.made"
+        command = ["run", str(SYSTEMS / system), *map(str, arguments)]
+        # Another process that wants the same run waits here until it is made.
+        with (self._folder / f"{name}.lock").open("w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not made.exists():
+                result = run_vtff(*command, "--out", folder)
+                assert result.returncode == 0, result.stdout + result.stderr
+                made.write_text(json.dumps([command, result.stdout, result.stderr]))
+        first_command, output, errors = json.loads(made.read_text())
+        assert command == first_command, f"two different runs have the name {name}"
+        return folder, subprocess.CompletedProcess(command, 0, output, errors)
 
 
 #: Topics that tell of wall time or of the machine.

@@ -32,6 +32,9 @@ export PIP_USER=0
 # CI and cron may lack HOME; pip and colcon want one, and neither keeps anything of ours there.
 export HOME="${HOME:-$root/log}"
 export PIP_DISABLE_PIP_VERSION_CHECK=1
+# Modules are compiled when they are first used, into .venv (see tools/write_environment.py).
+unset PYTHONDONTWRITEBYTECODE
+export PYTHONPYCACHEPREFIX="$venv/bytecode"
 
 # Works for any interpreter, also Python 2: silent, or says why not.
 python_check='
@@ -175,7 +178,7 @@ install_packages() {
   python=$(choose_python)
   rm -rf "$venv" build install
   step "making .venv with $("$python" --version)" "$python" -m venv "$venv"
-  # Python compiles the modules that are used when they are first used: a tenth of them.
+  # --no-compile: a tenth of the modules is ever used; Python compiles those.
   step "installing ROS 2 Jazzy and the libraries (one to three minutes)" \
     "$venv/bin/python" -m pip install --no-compile -c requirements/lock.txt \
     -r requirements/runtime.txt -r requirements/build.txt

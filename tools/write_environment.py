@@ -49,6 +49,9 @@ def main() -> None:
     lines += [f"export {name}={shlex.quote(environment[name])}" for name in VARIABLES]
     lines += [
         "export _ROS_WHEELS_BOOTSTRAP_COMPLETE=1",
+        # pip has compiled no module: the first process that imports one does, for all later ones.
+        "unset PYTHONDONTWRITEBYTECODE",
+        f"export PYTHONPYCACHEPREFIX={shlex.quote(str(prefix / 'bytecode'))}",
         f'export PATH={shlex.quote(str(prefix / "bin"))}:"$PATH"',
         f"export FASTRTPS_DEFAULT_PROFILES_FILE={shlex.quote(str(profiles))}",
         # A run must not meet the graphs of other users of the same network.
