@@ -1,4 +1,4 @@
-"""bag_recorder: every topic of the graph into an MCAP bag that `ros2 bag` opens."""
+"""Node `bag_recorder`: records every topic of the graph into an MCAP bag that `ros2 bag` opens."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from vtff_bag.file.errors import BagWriteError
 from vtff_bag.file.writer import COMPRESSIONS, DEFAULT_CHUNK_SIZE, BagWriter
-from vtff_bag.recorder.recorder import SEARCH_INTERVAL, Acknowledger, Recorder, TopicSelection
+from vtff_bag.recorder.recorder import SEARCH_INTERVAL, Recorder
+from vtff_bag.recorder.recording_rules import Acknowledger, TopicSelection
 from vtff_bag.run.description import describe_run_folder
 from vtff_bag.run.environment import describe_environment
 from vtff_node import diagnostics
 from vtff_node.main import run_node
-from vtff_node.node import RUN_DIRECTORY_VARIABLE, VtffNode
+from vtff_node.node import EXIT_FAILURE, RUN_DIRECTORY_VARIABLE, VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_stamp
 
-DRAIN_QUIET = 0.2  # s of wall time without a message that end the draining
+DRAIN_QUIET = 0.2  # s of wall time without a message, after which draining ends
 DRAIN_LIMIT = 5.0  # s of wall time after which draining ends in any case
 
 
 @dataclass(frozen=True)
 class BagRecorderParameters:
-    """Parameters of the node."""
+    """Parameters of `bag_recorder`."""
 
     output: str = parameter(REQUIRED, "directory of the bag, made by the recorder")
     compression: str = parameter("zstd", "compression of the chunks", choices=tuple(COMPRESSIONS))
@@ -39,7 +40,7 @@ class BagRecorderParameters:
         minimum=1024,
         maximum=64 * 1024 * 1024,
     )
-    include: str = parameter("", "regular expression: record only topics that it is found in")
+    include: str = parameter("", "regular expression: record only topics that match somewhere")
     exclude_topics: list[str] = parameter([], "full names of topics that are not recorded")
     include_hidden: bool = parameter(False, "record hidden topics and /parameter_events as well")
     acknowledge_every: int = parameter(
@@ -56,7 +57,7 @@ class BagRecorderParameters:
         self.custom_metadata()
 
     def selection(self) -> TopicSelection:
-        """Return which topics are recorded."""
+        """Return the topics that are recorded."""
         return TopicSelection(self.include, tuple(self.exclude_topics), self.include_hidden)
 
     def custom_metadata(self) -> dict[str, str]:
@@ -103,17 +104,17 @@ class BagRecorderNode(VtffNode):
             table.selection(),
             self._acknowledger,
             table.wait_for_nodes,
-            self._fail,
+            self._end_recording,
         )
         self.create_timer(SEARCH_INTERVAL, self._recorder.tick, clock=self.steady_clock)
 
     def _acknowledge(self, stamp_nanoseconds: int) -> None:
         self.acknowledge_step(to_stamp(stamp_nanoseconds), time.perf_counter())
 
-    def _fail(self, error: BagWriteError) -> None:
+    def _end_recording(self, error: BagWriteError) -> None:
         self._failure = error
         self.get_logger().fatal(f"recording ends: {error}")
-        self.finish(1)
+        self.finish(EXIT_FAILURE)
 
     def health(self) -> list[DiagnosticStatus]:
         """Report the number of topics and messages, or why recording has ended."""
@@ -136,7 +137,7 @@ class BagRecorderNode(VtffNode):
         return [diagnostics.status(name, diagnostics.OK, "recording", values)]
 
     def on_stop(self) -> None:
-        """Stop acknowledging, take in what is still on its way, and close the bag."""
+        """Stop acknowledging, record the messages that are on their way, and close the bag."""
         if self._acknowledger is not None:
             self._acknowledger.stopped = True
         if self._failure is None:
@@ -164,15 +165,15 @@ class BagRecorderNode(VtffNode):
     def _close_bag(self) -> None:
         try:
             self._recorder.finish()
-            # Again: by now every node has left its parameters.
+            # The texts are read again: by now every node has written its parameters.
             self._writer.add_custom_metadata(_run_texts())
             self._writer.close()
         except BagWriteError as error:
-            self._fail(error)
+            self._end_recording(error)
 
 
 def _run_texts() -> dict[str, str]:
-    """Return how the run came about, as texts for the metadata; empty outside `vtff run`."""
+    """Return the description of the run as texts for the metadata; empty outside `vtff run`."""
     directory = os.environ.get(RUN_DIRECTORY_VARIABLE)
     if not directory:
         return {}

@@ -1,4 +1,4 @@
-"""A run as it is published: a node that listens to the graph, and a scene that grows."""
+"""A run while it is published: a node that listens to the graph, and a scene that grows."""
 
 from __future__ import annotations
 
@@ -16,7 +16,9 @@ from vtff_analysis.view.scene import Scene
 from vtff_analysis.view.scene_builder import SceneBuilder
 from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import first_field_type, message_class
-from vtff_bag.recorder.recorder import CLOCK_TYPE, leading_stamp, strongest_common
+from vtff_bag.file.stamps import CLOCK_TYPE, leading_stamp
+from vtff_bag.recorder.offered_qos import strongest_common
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_msgs.srv import Seek, SetRate
 from vtff_node.qos import HISTORY_DEPTH
 
@@ -24,11 +26,10 @@ SEARCH_INTERVAL = 0.5  # s of wall time between looks for new topics
 ANSWER_TIMEOUT = 2.0  # s of wall time for an answer of the replay
 PLAYER = "/bag_player"
 
-#: A stamp that goes back by more than this, s, is of another run, or the replay was set back.
+#: s; a stamp that goes back by more belongs to another run, or to a replay that was set back.
 LARGEST_STEP_BACK = 5.0
 
-_GENERATION = ""  # key of the counts that tells the scene they are of
-_NANOSECONDS = 1_000_000_000
+_GENERATION = ""  # key among the counts under which the number of the scene stands
 
 Forward = Callable[[str, str, bytes, int], None]
 
@@ -39,7 +40,7 @@ class LiveScene:
     Parameters
     ----------
     name
-        Shown as the name of the run.
+        Name of the run that the page shows.
     """
 
     def __init__(self, name: str) -> None:
@@ -55,41 +56,42 @@ class LiveScene:
         self._generation += 1
 
     def shows(self, topic: str) -> bool:
-        """Tell whether the scene has use for a topic."""
+        """Return whether the scene shows a topic."""
         return self._builder.handler(topic) is not None
 
     def take(self, topic: str, stamp: int, decode: Callable[[], Any]) -> None:
-        """Take a message in; one that is not needed is not decoded.
+        """Add a message; one that the scene does not need is not decoded.
 
         Parameters
         ----------
         topic
-            Its topic.
+            Topic of the message.
         stamp
-            ns since 1970.
+            Time of the message, ns since 1970.
         decode
-            Returns the message.
+            Function that returns the message.
         """
         with self._lock:
-            # Topic by topic: what publishers have kept of one may arrive before that of another.
-            if self._newest.get(topic, stamp) - stamp > LARGEST_STEP_BACK * _NANOSECONDS:
+            # Each topic by itself: latched messages of one topic may arrive before older messages
+            # of another.
+            if self._newest.get(topic, stamp) - stamp > LARGEST_STEP_BACK * NANOSECONDS_PER_SECOND:
                 self._begin()
             self._newest[topic] = stamp
-            if self._builder.wanted(topic, stamp):
-                self._builder.put(topic, stamp, decode())
+            if self._builder.claim_slot(topic, stamp):
+                self._builder.add(topic, stamp, decode())
 
     def as_json(self) -> dict[str, Any]:
-        """Return the scene so far without its series: the first news bring them."""
+        """Return the scene so far without its series; the first news contain them."""
         with self._lock:
             return {**self.scene.as_json(self.scene.counts())}
 
     def news(self, sent: Mapping[str, int]) -> tuple[dict[str, Any], dict[str, int]]:
-        """Return what a page does not have yet, and the counts to ask with next.
+        """Return the samples that a page does not have yet, and the counts after them.
 
         Parameters
         ----------
         sent
-            Of the call before; empty at first.
+            Counts that the call before returned; empty at the first call.
         """
         with self._lock:
             self._builder.finish()
@@ -102,17 +104,18 @@ class LiveScene:
 class ViewerNode(Node):
     """Listens to every topic that the scene shows, whoever publishes it.
 
-    It publishes nothing, not even diagnostics or logs: a run that is being recorded counts what
-    its nodes publish.
+    It publishes nothing, not even diagnostics or logs, so that a run that is being recorded holds
+    only messages of its own nodes.
 
     Parameters
     ----------
     live
-        Takes the messages.
+        Scene that gets the messages.
     forward
-        Also gets every message of every topic: name, type, CDR bytes, stamp in ns since 1970.
+        Function that also gets every message of every topic: name, type, CDR bytes, stamp in ns
+        since 1970.
     node_arguments
-        As for ``rclpy.node.Node``.
+        Arguments of ``rclpy.node.Node``.
     """
 
     def __init__(
@@ -123,7 +126,7 @@ class ViewerNode(Node):
         )
         self._live = live
         self._forward = forward
-        self._known: set[str] = set()
+        self._subscribed: set[str] = set()
         self._newest = 0
         self.received = 0
         self._commands = {
@@ -136,23 +139,23 @@ class ViewerNode(Node):
         self.create_timer(SEARCH_INTERVAL, self.search, clock=steady)
 
     def search(self) -> None:
-        """Subscribe to topics that have appeared."""
+        """Subscribe to topics that have appeared since the last search."""
         for topic, types in self.get_topic_names_and_types():
-            if topic in self._known or len(types) != 1:
+            if topic in self._subscribed or len(types) != 1:
                 continue
             if self._forward is None and not self._live.shows(topic):
                 continue
             endpoints = self.get_publishers_info_by_topic(topic)
             if not endpoints:
                 continue
-            self._known.add(topic)
+            self._subscribed.add(topic)
             try:
-                kind = message_class(types[0])
-                self._listen(topic, types[0], kind, endpoints)
+                message_type = message_class(types[0])
+                self._listen(topic, types[0], message_type, endpoints)
             except UnknownTypeError as error:
                 self._live.scene.notes.append(f"topic '{topic}' is left out: {error}")
 
-    def _listen(self, topic: str, type_name: str, kind: Any, endpoints: Any) -> None:
+    def _listen(self, topic: str, type_name: str, message_type: Any, endpoints: Any) -> None:
         reliable, latched = strongest_common(endpoint.qos_profile for endpoint in endpoints)
         profile = QoSProfile(
             history=HistoryPolicy.KEEP_LAST,
@@ -168,26 +171,26 @@ class ViewerNode(Node):
             stamp = (leading_stamp(serialized) if stamped else 0) or self._newest
             self._newest = stamp
             if shown and stamp:
-                self._live.take(topic, stamp, lambda: deserialize_message(serialized, kind))
+                self._live.take(topic, stamp, lambda: deserialize_message(serialized, message_type))
             if self._forward is not None:
                 self._forward(topic, type_name, serialized, stamp)
 
-        self.create_subscription(kind, topic, take, profile, raw=True)
+        self.create_subscription(message_type, topic, take, profile, raw=True)
 
     def command(self, name: str, value: float) -> str:
-        """Ask a running `vtff replay`; called from a thread that does not spin this node.
+        """Send a command to a running `vtff replay`, from a thread that does not spin this node.
 
         Parameters
         ----------
         name
             ``pause``, ``resume``, ``seek`` (value: s after the first message) or ``rate``.
         value
-            Where it needs one.
+            Argument of ``seek`` and ``rate``.
 
         Returns
         -------
         str
-            The answer, or why there is none.
+            The answer, or the reason why there is none.
 
         Raises
         ------

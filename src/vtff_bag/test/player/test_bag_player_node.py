@@ -13,6 +13,7 @@ import pytest
 
 from vtff_bag.file.metadata import offered_qos
 from vtff_bag.file.reader import BagReader
+from vtff_bag.file.stamps import leading_stamp
 from vtff_bag.file.writer import BagWriter
 
 pytest.importorskip("rclpy")
@@ -31,7 +32,6 @@ from std_srvs.srv import Trigger
 
 from vtff_bag.bag_player_node import BagPlayerNode
 from vtff_bag.player.replay_qos import publisher_profile
-from vtff_bag.recorder.recorder import leading_stamp
 from vtff_msgs.srv import Seek, SetRate
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_stamp

@@ -16,15 +16,11 @@ import pytest
 from vtff_bag.file.errors import BagWriteError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.file.recover import recover
+from vtff_bag.file.stamps import leading_stamp
 from vtff_bag.file.writer import BagWriter
-from vtff_bag.recorder.recorder import (
-    Acknowledger,
-    Recorder,
-    ScenarioTime,
-    TopicSelection,
-    leading_stamp,
-    strongest_common,
-)
+from vtff_bag.recorder.offered_qos import strongest_common
+from vtff_bag.recorder.recorder import Recorder
+from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
 
 SECOND = 10**9
 
@@ -41,11 +37,11 @@ def test_leading_stamp_of_negative_or_short_message_is_unset():
 
 def test_clock_outranks_stamps():
     scenario = ScenarioTime()
-    scenario.stamp(3)
-    scenario.stamp(2)
+    scenario.take_stamp(3)
+    scenario.take_stamp(2)
     assert scenario.nanoseconds == 3
-    scenario.clock(1)
-    scenario.stamp(9)
+    scenario.take_clock(1)
+    scenario.take_stamp(9)
     assert scenario.nanoseconds == 1
 
 
@@ -79,27 +75,27 @@ class TestAcknowledger:
         self.acknowledger = Acknowledger(self.sent.append, acknowledge_every=10)
 
     def test_first_step_waits_for_a_stable_topic_set(self):
-        self.acknowledger.clock(100)
+        self.acknowledger.take_clock(100)
         assert self.sent == []
-        self.acknowledger.topics_stable()
+        self.acknowledger.allow_first()
         assert self.sent == [100]
 
     def test_first_step_is_acknowledged_at_once_when_topics_are_stable_before(self):
-        self.acknowledger.topics_stable()
+        self.acknowledger.allow_first()
         assert self.sent == []
-        self.acknowledger.clock(100)
+        self.acknowledger.take_clock(100)
         assert self.sent == [100]
 
     def test_every_tenth_step_by_its_own_stamp(self):
-        self.acknowledger.topics_stable()
+        self.acknowledger.allow_first()
         for step in range(35):
-            self.acknowledger.clock(step)
+            self.acknowledger.take_clock(step)
         assert self.sent == [0, 10, 20, 30]
 
     def test_nothing_after_the_stop(self):
-        self.acknowledger.topics_stable()
+        self.acknowledger.allow_first()
         self.acknowledger.stopped = True
-        self.acknowledger.clock(0)
+        self.acknowledger.take_clock(0)
         assert self.sent == []
 
 
@@ -276,7 +272,7 @@ def test_topic_set_is_not_stable_before_expected_nodes_are_seen(tmp_path, monkey
     for _ in range(10):
         now[0] += 0.1
         recorder.tick()
-    assert recorder.stable and acknowledger.ready
+    assert recorder.stable and acknowledger.is_allowed
 
 
 def test_write_error_is_reported_once_and_recording_goes_quiet(recording, monkeypatch):

@@ -1,7 +1,7 @@
 """Many messages of one type as columns, without a Python object for each message.
 
-Messages of observations come at 20 Hz and hold columns themselves. Where their sequences are
-equally long, their bytes have the same layout, and a column of all of them is one slice.
+Messages of observations come at 20 Hz and hold columns themselves. Messages whose sequences are
+equally long have the same byte layout, so that a column of all these messages is one slice.
 
 References
 ----------
@@ -55,16 +55,16 @@ class MessageColumns:
     Parameters
     ----------
     source : str
-        For errors.
+        File and topic, for errors.
     count : int
-        Messages, m.
+        Number of messages, m.
     numbers : dict of str to ndarray, shape (m,) or (m, k)
-        Fields that hold one number or an array of fixed length; nested ones by their path
-        (``header.stamp.sec``). Texts are left out.
+        Fields that hold one number or an array of fixed length. The name of a nested field is its
+        path (``header.stamp.sec``). Texts are left out.
     sequences : dict of str to ndarray, shape (n,)
-        Elements of all messages, one message after the other.
+        By field, the elements of all messages, one message after the other.
     lengths : dict of str to ndarray of int, shape (m,)
-        Elements of each message.
+        By field, the number of elements in each message.
     """
 
     source: str
@@ -75,21 +75,22 @@ class MessageColumns:
 
 
 class ColumnCollector:
-    """Collects serialized messages of one type.
+    """Collects serialised messages of one type and returns them as columns.
 
     Parameters
     ----------
     type_name : str
-        ``package/msg/Type``: numbers, texts, messages of such, and sequences of numbers.
+        ``package/msg/Type``. Its fields may be numbers, texts, sequences of numbers, and messages
+        of such fields.
     source : str
-        For errors: file and topic.
+        File and topic, for errors.
 
     Raises
     ------
     UnknownTypeError
         If the type is not installed.
     TypeError
-        If it has another kind of field.
+        If the type has another kind of field.
     """
 
     def __init__(self, type_name: str, source: str) -> None:
@@ -97,38 +98,39 @@ class ColumnCollector:
         self._source = source
         self._fields = tuple(_fields(message_class(type_name)))
         self._waiting: list[bytes] = []
-        self._done: list[MessageColumns] = []
+        self._decoded: list[MessageColumns] = []
 
     def add(self, serialized: bytes) -> None:
-        """Take the next message in.
+        """Add the next message.
 
         Raises
         ------
         BagReadError
-            If it, or one before it, is no message of the type.
+            If this message, or one added before it, is not a message of the type.
         """
         self._waiting.append(serialized)
         if len(self._waiting) == _BATCH:
             self._decode()
 
     def columns(self) -> MessageColumns:
-        """Return all messages so far; raises as `add`."""
+        """Return all messages added so far; raises as `add`."""
         self._decode()
-        kinds = {kind: [f for f in self._fields if f.kind == kind] for kind in ("number", "list")}
+        number_fields = [field for field in self._fields if field.kind == "number"]
+        list_fields = [field for field in self._fields if field.kind == "list"]
 
-        def joined(part: str, field: _Field, shape: tuple[int, ...]) -> npt.NDArray[Any]:
-            dtype = field.dtype if part != "lengths" else np.dtype(np.int64)
-            columns = [getattr(done, part)[field.name] for done in self._done]
+        def join(attribute: str, field: _Field, shape: tuple[int, ...]) -> npt.NDArray[Any]:
+            dtype = field.dtype if attribute != "lengths" else np.dtype(np.int64)
+            columns = [getattr(batch, attribute)[field.name] for batch in self._decoded]
             return np.concatenate([np.empty(shape, dtype.newbyteorder("=")), *columns])
 
         result = MessageColumns(
             source=self._source,
-            count=sum(done.count for done in self._done),
-            numbers={f.name: joined("numbers", f, (0, *f.shape)) for f in kinds["number"]},
-            sequences={f.name: joined("sequences", f, (0,)) for f in kinds["list"]},
-            lengths={f.name: joined("lengths", f, (0,)) for f in kinds["list"]},
+            count=sum(batch.count for batch in self._decoded),
+            numbers={f.name: join("numbers", f, (0, *f.shape)) for f in number_fields},
+            sequences={f.name: join("sequences", f, (0,)) for f in list_fields},
+            lengths={f.name: join("lengths", f, (0,)) for f in list_fields},
         )
-        self._done = [result]
+        self._decoded = [result]
         return result
 
     def _decode(self) -> None:
@@ -136,42 +138,45 @@ class ColumnCollector:
             return
         waiting, self._waiting = self._waiting, []
         count = len(waiting)
-        groups = list(self._groups(waiting))
+        groups = list(self._group_by_layout(waiting))
         numbers, sequences, lengths = {}, {}, {}
-        for place, field in enumerate(self._fields):
+        for field_number, field in enumerate(self._fields):
             if field.kind == "number":
                 numbers[field.name] = column = np.empty((count, *field.shape), field.dtype)
                 for index, layout, stored in groups:
-                    values = _values(stored, layout[place], field.dtype)
+                    values = _values(stored, layout[field_number], field.dtype)
                     column[index] = values.reshape(len(index), *field.shape)
             elif field.kind == "list":
                 length = np.empty(count, dtype=np.int64)
                 for index, layout, _ in groups:
-                    length[index] = layout[place].count
+                    length[index] = layout[field_number].count
                 end = np.cumsum(length)
                 elements = np.empty(int(end[-1]), field.dtype)
                 for index, layout, stored in groups:
-                    here = (end - length)[index][:, np.newaxis] + np.arange(layout[place].count)
-                    elements[here] = _values(stored, layout[place], field.dtype)
+                    element_count = layout[field_number].count
+                    rows = (end - length)[index][:, np.newaxis] + np.arange(element_count)
+                    elements[rows] = _values(stored, layout[field_number], field.dtype)
                 sequences[field.name], lengths[field.name] = elements, length
-        self._done.append(MessageColumns(self._source, count, numbers, sequences, lengths))
+        self._decoded.append(MessageColumns(self._source, count, numbers, sequences, lengths))
 
-    def _groups(
+    def _group_by_layout(
         self, serialized: list[bytes]
-    ) -> Iterator[tuple[npt.NDArray[np.intp], list[_Place], npt.NDArray[np.uint8]]]:
-        """Yield messages of one layout: their indices, the layout, and bytes, one row each."""
+    ) -> Iterator[tuple[npt.NDArray[np.intp], list[_FieldLayout], npt.NDArray[np.uint8]]]:
+        """Yield the messages of each layout: their indices, the layout, and their bytes as rows."""
         sizes = np.array([len(message) for message in serialized])
         for size in np.unique(sizes).tolist():
             index = np.flatnonzero(sizes == size)
             joined = b"".join([serialized[i] for i in index.tolist()])
             stored = np.frombuffer(joined, dtype=np.uint8).reshape(-1, size)
             while len(index):
-                layout, is_equal = self._layout(stored)
+                layout, is_equal = self._first_layout(stored)
                 yield index[is_equal], layout, stored[is_equal]
                 index, stored = index[~is_equal], stored[~is_equal]
 
-    def _layout(self, stored: npt.NDArray[np.uint8]) -> tuple[list[_Place], npt.NDArray[np.bool_]]:
-        """Return where the fields of the first of some messages lie, and which are like it."""
+    def _first_layout(
+        self, stored: npt.NDArray[np.uint8]
+    ) -> tuple[list[_FieldLayout], npt.NDArray[np.bool_]]:
+        """Return the layout of the first message, and which messages have the same layout."""
         first = stored[0].tobytes()
         if len(first) < _HEADER_SIZE or first[1] != _LITTLE_ENDIAN:
             raise BagReadError(
@@ -183,14 +188,14 @@ class ColumnCollector:
         for field in self._fields:
             count = field.elements
             if field.kind != "number":
-                position = _aligned(position, _COUNT.itemsize)
+                position = _align(position, _COUNT.itemsize)
                 end = position + _COUNT.itemsize
                 count = int.from_bytes(first[position:end], "little")
                 is_equal &= (stored[:, position:end] == stored[0, position:end]).all(axis=1)
                 position = end
             if count:
-                position = _aligned(position, field.dtype.itemsize)
-            layout.append(_Place(position, count))
+                position = _align(position, field.dtype.itemsize)
+            layout.append(_FieldLayout(position, count))
             position += count * field.dtype.itemsize
             if position > len(first):
                 raise BagReadError(
@@ -213,15 +218,15 @@ class _Field:
 
 
 @dataclass(frozen=True)
-class _Place:
-    """Where the elements of a field begin, and how many there are."""
+class _FieldLayout:
+    """Position of the first element of a field in a message, bytes, and the number of elements."""
 
     position: int
     count: int
 
 
 def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
-    """Yield the fields of a type in their order, those of nested messages in their place."""
+    """Yield the fields of a type in order; a nested message is replaced by its own fields."""
     for name, declared in message_type.get_fields_and_field_types().items():
         path = f"{prefix}{name}"
         match = _DECLARED.match(declared)
@@ -241,13 +246,15 @@ def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
             raise TypeError(f"field '{path}' is {declared}: it cannot become a column")
 
 
-def _aligned(position: int, size: int) -> int:
-    """Return the next place at which a number of a size may begin."""
+def _align(position: int, size: int) -> int:
+    """Return the next position at which a number of this size may begin, bytes."""
     return position + (_HEADER_SIZE - position) % size
 
 
-def _values(stored: npt.NDArray[np.uint8], place: _Place, dtype: np.dtype[Any]) -> npt.NDArray[Any]:
-    """Return the elements of a field of all messages, one row each."""
-    end = place.position + place.count * dtype.itemsize
-    part = np.ascontiguousarray(stored[:, place.position : end])
-    return part.view(dtype).reshape(len(stored), place.count)
+def _values(
+    stored: npt.NDArray[np.uint8], layout: _FieldLayout, dtype: np.dtype[Any]
+) -> npt.NDArray[Any]:
+    """Return the elements of a field, one row for each message."""
+    end = layout.position + layout.count * dtype.itemsize
+    field_bytes = np.ascontiguousarray(stored[:, layout.position : end])
+    return field_bytes.view(dtype).reshape(len(stored), layout.count)

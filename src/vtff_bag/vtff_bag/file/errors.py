@@ -1,14 +1,14 @@
-"""Errors of the bag library; every text names the file or the type concerned."""
+"""Errors of the bag library; each text names the file or the message type."""
 
 from __future__ import annotations
 
 
 class BagError(Exception):
-    """Anything that is wrong with a bag."""
+    """An error of a bag: base class of the other errors."""
 
 
 class BagReadError(BagError):
-    """A bag cannot be opened or holds nothing readable."""
+    """A bag cannot be opened, or nothing in it is readable."""
 
 
 class BagWriteError(BagError):

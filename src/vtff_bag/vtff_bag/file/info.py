@@ -1,4 +1,4 @@
-"""Text about a bag, in the form of ``ros2 bag info`` and with the state of the bag."""
+"""Description of a bag in the form of ``ros2 bag info``, with the state of the bag."""
 
 from __future__ import annotations
 
@@ -7,25 +7,25 @@ import os
 
 from vtff_bag.file.metadata import STORAGE_IDENTIFIER
 from vtff_bag.file.reader import BagReader
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 _INDENT = 19
 _LONGEST_TEXT = 60
-_NANOSECONDS = 1_000_000_000
 
 
 def describe_bag(path: str | os.PathLike[str]) -> str:
-    """Return the table for a bag directory or MCAP file.
+    """Return the description of a bag directory or an MCAP file.
 
     Raises
     ------
     BagReadError
-        Naming the file, if there is no bag or nothing in it can be read.
+        If there is no bag or nothing in it can be read; the text names the file.
     """
     return format_information(BagReader(path))
 
 
 def format_information(reader: BagReader) -> str:
-    """Return the table for an open bag; times are UTC, where ros2 prints local time."""
+    """Return the description of an open bag; times are UTC, whereas ros2 prints local time."""
     distribution = reader.metadata.ros_distribution if reader.metadata is not None else "unknown"
     topics = [
         f"Topic: {topic.name} | Type: {topic.type} | Count: {topic.message_count} | "
@@ -51,7 +51,7 @@ def format_information(reader: BagReader) -> str:
 
 
 def _shortened(text: str) -> str:
-    """Return a text on one line that fits a terminal."""
+    """Return a text as one line that fits a terminal."""
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST_TEXT else f"{line[: _LONGEST_TEXT - 4]} ..."
 
@@ -70,16 +70,16 @@ def _state(reader: BagReader) -> str:
 
 
 def _seconds(nanoseconds: int) -> str:
-    return f"{nanoseconds // _NANOSECONDS}.{nanoseconds % _NANOSECONDS:09d}"
+    return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
 
 
 def _time(nanoseconds: int) -> str:
     epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
     try:
-        moment = epoch + datetime.timedelta(seconds=nanoseconds // _NANOSECONDS)
+        moment = epoch + datetime.timedelta(seconds=nanoseconds // NANOSECONDS_PER_SECOND)
     except OverflowError:
         return f"({_seconds(nanoseconds)})"
-    fraction = f"{nanoseconds % _NANOSECONDS:09d}"
+    fraction = f"{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
     return f"{moment:%b %d %Y %H:%M:%S}.{fraction} UTC ({_seconds(nanoseconds)})"
 
 

@@ -1,9 +1,8 @@
-"""Intact parts of an MCAP file, found by its summary or, if it is damaged, by scanning it.
+"""Intact parts of an MCAP file, found by its summary or, if that is damaged, by a scan of the file.
 
-The mcap package stops at the first damaged byte and reports nothing of what it read.
-Here a damaged file is scanned record by record, chunks are checked with their checksum,
-and after a damaged place the scan goes on at the next intact chunk. Record layout: MCAP
-specification, version 0.
+The mcap package stops at the first damaged byte and does not return the messages before it. This
+module scans a damaged file record by record, checks the checksum of each chunk, and continues
+after a damaged part at the next intact chunk. Record layout: MCAP specification, version 0.
 """
 
 from __future__ import annotations
@@ -32,14 +31,15 @@ from vtff_bag.file.errors import BagReadError
 MAGIC = b"\x89MCAP0\r\n"
 _RECORD = struct.Struct("<BQ")  # opcode, length of what follows
 _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_CHANNEL_ID = struct.Struct("<H")  # the begin of a message
+_CHANNEL_ID = struct.Struct("<H")  # beginning of a message
 _CHUNK = struct.Struct("<QQQII")  # start, end, uncompressed size, checksum, length of compression
 _FOOTER_LENGTH = 20
-_LARGEST_CHUNK = 1 << 30  # B uncompressed; a larger claim is a damaged length
+_LARGEST_CHUNK = 1 << 30  # B uncompressed; a record that states more has a damaged length
 BAG_METADATA_RECORD = "rosbag2"  # name of the record that repeats metadata.yaml inside the file
 _GROUP_SIZE = 128 * 1024  # B of messages outside chunks that make one block
 
-# After damage: a chunk (length below 2^40, known compression) or the 13 bytes of DataEnd.
+# After damage the scan continues at a chunk (length below 2^40, known compression) or at the 13
+# bytes of DataEnd.
 _RESYNCHRONISE = re.compile(
     rb"\x06.{5}\0\0\0.{28}(?:\x04\0\0\0zstd|\x03\0\0\0lz4|\0\0\0\0)|\x0f\x04\0\0\0\0\0\0\0",
     re.DOTALL,
@@ -59,7 +59,7 @@ _DAMAGE = (
 
 
 class StoredMessage(NamedTuple):
-    """A message as it lies in the file; times in ns since 1970."""
+    """A message as it is stored in the file; times in ns since 1970."""
 
     channel_id: int
     log_time: int
@@ -68,9 +68,10 @@ class StoredMessage(NamedTuple):
 
 
 class Block(NamedTuple):
-    """A chunk, or a run of messages outside chunks.
+    """A chunk, or consecutive messages outside chunks.
 
-    ``offset`` and ``length`` are bytes of the file, record headers included.
+    ``offset`` and ``length`` are bytes of the file, record headers included. Times are the first
+    and last log time, ns since 1970.
     """
 
     start_time: int
@@ -82,9 +83,9 @@ class Block(NamedTuple):
 
 @dataclasses.dataclass
 class FileContent:
-    """What an MCAP file holds that can be read.
+    """The readable content of an MCAP file.
 
-    ``bag_metadata`` is the text of metadata.yaml as the file repeats it; empty without one.
+    ``bag_metadata`` is the copy of metadata.yaml inside the file; empty if there is none.
     """
 
     path: pathlib.Path
@@ -106,12 +107,12 @@ class FileContent:
 
     @property
     def message_count(self) -> int:
-        """Messages of all channels."""
+        """Number of messages of all channels."""
         return sum(self.message_counts.values())
 
 
 def read_content(path: pathlib.Path) -> FileContent:
-    """Return the content of a file by its summary if that is intact, else by a scan.
+    """Return the content of a file from its summary if that is intact, else by a scan.
 
     Raises
     ------
@@ -120,19 +121,19 @@ def read_content(path: pathlib.Path) -> FileContent:
     """
     try:
         with open(path, "rb") as file:
-            content = _content_by_summary(path, file)
+            content = _content_from_summary(path, file)
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
     return content if content is not None else scan_content(path)
 
 
 def scan_content(path: pathlib.Path) -> FileContent:
-    """Return the content of a file by reading all of it, every chunk checked.
+    """Return the content of a file by reading all of it and checking every chunk.
 
     Raises
     ------
     BagReadError
-        If the file cannot be opened or holds nothing of an MCAP file.
+        If the file cannot be opened or no part of it is that of an MCAP file.
     """
     try:
         with open(path, "rb") as file:
@@ -155,14 +156,14 @@ def read_block(
     Parameters
     ----------
     content, block, file
-        Where it lies.
+        Content of the file, a block in it, and the open file.
     channel_ids
-        Only messages of these; all if not given.
+        Channels whose messages are returned; all if not given.
 
     Raises
     ------
     BagReadError
-        If the block is damaged; before its first message is returned.
+        If the block is damaged; raised before the first message is returned.
     """
     file.seek(block.offset)
     stored = file.read(block.length)
@@ -173,9 +174,13 @@ def read_block(
             (start, end) for opcode, start, end in _records(stored) if opcode == Opcode.MESSAGE
         ]
         if channel_ids is not None:
-            # Most of a bag is of other topics, and a message costs more than its number.
-            channel = _CHANNEL_ID.unpack_from
-            records = [place for place in records if channel(stored, place[0])[0] in channel_ids]
+            # Most messages are of other topics, and unpacking a message costs more than its number.
+            channel_id = _CHANNEL_ID.unpack_from
+            records = [
+                (start, end)
+                for start, end in records
+                if channel_id(stored, start)[0] in channel_ids
+            ]
         messages = [_message(stored, start, end) for start, end in records]
     except _DAMAGE as error:
         raise BagReadError(
@@ -191,7 +196,7 @@ def _message(stored: bytes, start: int, end: int) -> StoredMessage:
 
 
 def _records(stored: bytes) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and end of the content of each record; ValueError if one is cut off."""
+    """Yield opcode, start and end of each record; ValueError if a record is cut off."""
     position = 0
     while position < len(stored):
         opcode, length = _RECORD.unpack_from(stored, position)
@@ -208,8 +213,8 @@ def _chunk_records(stored: bytes) -> bytes:
     if chunk.uncompressed_size > _LARGEST_CHUNK:
         raise ValueError(f"a chunk claims {chunk.uncompressed_size} bytes")
     if chunk.compression == "zstd":
-        claimed = zstandard.frame_content_size(chunk.data)
-        if claimed not in (-1, chunk.uncompressed_size):
+        stated = zstandard.frame_content_size(chunk.data)
+        if stated not in (-1, chunk.uncompressed_size):
             raise ValueError("a chunk contradicts its size")
         records = zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
     elif chunk.compression == "lz4":
@@ -225,8 +230,8 @@ def _chunk_records(stored: bytes) -> bytes:
     return records
 
 
-def _content_by_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
-    """Content by an intact summary section, None where a scan is needed."""
+def _content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
+    """Return the content from an intact summary section; None where a scan is needed."""
     try:
         if not _summary_is_intact(file):
             return None
@@ -265,21 +270,21 @@ def _content_by_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | Non
         )
     for entry in summary.metadata_indexes:
         file.seek(entry.offset)
-        _take_metadata(content, file.read(entry.length)[_RECORD.size :])
+        _read_bag_metadata(content, file.read(entry.length)[_RECORD.size :])
     return content
 
 
-def _take_metadata(content: FileContent, stored: bytes) -> None:
+def _read_bag_metadata(content: FileContent, stored: bytes) -> None:
     try:
         record = Metadata.read(ReadDataStream(io.BytesIO(stored)))
     except _DAMAGE:
-        return  # a supplement: the messages do not depend on it
+        return  # the messages can be read without it
     if record.name == BAG_METADATA_RECORD:
         content.bag_metadata = record.metadata.get("serialized_metadata", "")
 
 
 def _summary_is_intact(file: BinaryIO) -> bool:
-    """Whether the file ends with a footer whose checksum covers the summary before it."""
+    """Return whether the file ends with a footer whose checksum covers the summary before it."""
     size = file.seek(0, os.SEEK_END)
     footer_start = size - len(MAGIC) - _FOOTER_LENGTH - _RECORD.size
     if footer_start < len(MAGIC):
@@ -287,6 +292,7 @@ def _summary_is_intact(file: BinaryIO) -> bool:
     file.seek(footer_start)
     ending = file.read()
     opcode, length = _RECORD.unpack_from(ending)
+    checksum: int
     summary_start, _, checksum = struct.unpack_from("<QQI", ending, _RECORD.size)
     if (opcode, length) != (Opcode.FOOTER, _FOOTER_LENGTH) or not ending.endswith(MAGIC):
         return False
@@ -298,7 +304,7 @@ def _summary_is_intact(file: BinaryIO) -> bool:
 
 
 class _Scan:
-    """Walk through a file record by record."""
+    """Reads a file record by record."""
 
     def __init__(self, path: pathlib.Path, mapped: mmap.mmap) -> None:
         self._content = FileContent(path)
@@ -313,22 +319,24 @@ class _Scan:
         if not has_magic:
             content.notes.append("the first bytes are damaged")
         while position < self._size and not content.closed:
-            following = self._record_at(position)
-            if following is None:
-                following = self._after_damage(position)
-                content.damaged_bytes += following - position
-                content.notes.append(f"bytes {position} to {following} are damaged or cut off")
-            position = following
+            end = self._read_record(position)
+            if end is None:
+                end = self._find_end_of_damage(position)
+                content.damaged_bytes += end - position
+                content.notes.append(f"bytes {position} to {end} are damaged or cut off")
+            position = end
         self._close_group()
         if not has_magic and not content.blocks and not content.channels:
             raise BagReadError(f"{content.path}: not an MCAP file, and nothing in it is readable")
-        self._conclude()
+        self._summarise()
         return content
 
-    def _conclude(self) -> None:
+    def _summarise(self) -> None:
         content = self._content
-        unknown = {id for id in content.message_counts if id not in content.channels}
-        lost = sum(content.message_counts.pop(id) for id in unknown)
+        unknown_ids = {
+            number for number in content.message_counts if number not in content.channels
+        }
+        lost = sum(content.message_counts.pop(number) for number in unknown_ids)
         if lost:
             content.notes.append(f"{lost} messages belong to topics whose description is lost")
         if not content.closed:
@@ -336,10 +344,11 @@ class _Scan:
         content.start_time = min((block.start_time for block in content.blocks), default=0)
         content.end_time = max((block.end_time for block in content.blocks), default=0)
 
-    def _record_at(self, position: int) -> int | None:
-        """Take in the record at a position; None if it is damaged."""
+    def _read_record(self, position: int) -> int | None:
+        """Read the record at a position and return its end; None if the record is damaged."""
         if position + _RECORD.size > self._size:
             return None
+        length: int
         opcode, length = _RECORD.unpack_from(self._file, position)
         end = position + _RECORD.size + length
         if end > self._size or not Opcode.HEADER <= opcode <= Opcode.DATA_END:
@@ -359,7 +368,7 @@ class _Scan:
         elif opcode == Opcode.CHANNEL or opcode == Opcode.SCHEMA:
             self._take_description(opcode, self._file[start:end])
         elif opcode == Opcode.METADATA:
-            _take_metadata(self._content, self._file[start:end])
+            _read_bag_metadata(self._content, self._file[start:end])
         elif opcode == Opcode.FOOTER:
             if self._file[end : end + len(MAGIC)] != MAGIC:
                 raise ValueError("the last bytes are damaged")
@@ -401,7 +410,7 @@ class _Scan:
 
     def _take_chunk(self, position: int, end: int) -> None:
         stored = _chunk_records(self._file[position:end])
-        records = list(_records(stored))  # all of them before any is believed
+        records = list(_records(stored))  # all records are checked before the first is used
         times = []
         counts = self._content.message_counts
         for opcode, start, record_end in records:
@@ -417,8 +426,8 @@ class _Scan:
                 Block(min(times), max(times), position, end - position, True)
             )
 
-    def _after_damage(self, position: int) -> int:
-        """Position of the next intact chunk, or of the end of the data, or of the file."""
+    def _find_end_of_damage(self, position: int) -> int:
+        """Return the position of the next intact chunk, of the end of the data, or of the file."""
         match = _RESYNCHRONISE.search(self._file, position + 1)
         while match is not None:
             candidate = match.start()

@@ -1,8 +1,8 @@
 """Message definitions as the ``ros2msg`` schema text that MCAP files carry.
 
-Form (rosbag2 ``local_message_definition_source.cpp``): the text of the root ``.msg``
-file, then for each type it needs, depth first and once, a newline, 80 equals signs, a
-newline, ``MSG: package/Type``, a newline and that type's text. Comments are kept.
+The form is that of rosbag2 (``local_message_definition_source.cpp``): the text of the root ``.msg``
+file, then for each type that it needs, depth first and once, a newline, 80 equals signs, a newline,
+``MSG: package/Type``, a newline and the text of that type. Comments are kept.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def message_definition(type_name: str) -> str:
 
 
 def search_prefixes() -> tuple[str, ...]:
-    """Folders that may hold ``share/<package>/msg``: AMENT_PREFIX_PATH, then this environment."""
+    """Return the folders that may hold ``share/<package>/msg``, in the order of the search."""
     overlays = [
         entry for entry in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep) if entry
     ]
@@ -53,8 +53,8 @@ def search_prefixes() -> tuple[str, ...]:
 
 
 def first_field_type(type_name: str) -> str:
-    """Return the type of a message's first field as ``package/Type`` or a primitive, or ''."""
-    package, name = _split(type_name)
+    """Return the type of the first field of a message: ``package/Type`` or a primitive, or ''."""
+    package, name = _split_name(type_name)
     fields = _field_types(_text(package, name, search_prefixes()), package)
     return fields[0] if fields else ""
 
@@ -67,7 +67,7 @@ def message_class(type_name: str) -> Any:
     UnknownTypeError
         If the package is not installed or has no such message.
     """
-    package, name = _split(type_name)
+    package, name = _split_name(type_name)
     try:
         return getattr(importlib.import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError) as error:
@@ -77,11 +77,11 @@ def message_class(type_name: str) -> Any:
 
 
 def installed_type_hash(type_name: str) -> str:
-    """Return the ``RIHS01_...`` hash of an installed message type, or '' where none is told.
+    """Return the ``RIHS01_...`` hash of an installed message type; '' if its package has none.
 
-    rosidl writes it into ``share/<package>/msg/<Type>.json`` (REP-2016).
+    rosidl writes the hash into ``share/<package>/msg/<Type>.json`` (REP-2016).
     """
-    package, name = _split(type_name)
+    package, name = _split_name(type_name)
     return _type_hash(package, name, search_prefixes())
 
 
@@ -96,7 +96,7 @@ def _type_hash(package: str, name: str, prefixes: tuple[str, ...]) -> str:
     return ""
 
 
-def _split(type_name: str) -> tuple[str, str]:
+def _split_name(type_name: str) -> tuple[str, str]:
     match = _TYPE_NAME.match(type_name)
     if match is None:
         raise UnknownTypeError(f"'{type_name}' is not a message type (package/msg/Type)")
@@ -105,7 +105,7 @@ def _split(type_name: str) -> tuple[str, str]:
 
 @functools.cache
 def _complete_text(type_name: str, prefixes: tuple[str, ...]) -> str:
-    package, name = _split(type_name)
+    package, name = _split_name(type_name)
     parts = [_text(package, name, prefixes)]
     seen = {f"{package}/{name}"}
 
@@ -114,7 +114,7 @@ def _complete_text(type_name: str, prefixes: tuple[str, ...]) -> str:
             if field_type in _PRIMITIVES or field_type in seen:
                 continue
             seen.add(field_type)
-            dependency_package, dependency_name = _split(field_type)
+            dependency_package, dependency_name = _split_name(field_type)
             try:
                 dependency = _text(dependency_package, dependency_name, prefixes)
             except UnknownTypeError as error:
@@ -139,7 +139,7 @@ def _text(package: str, name: str, prefixes: tuple[str, ...]) -> str:
 
 
 def _field_types(text: str, package: str) -> list[str]:
-    """Types of the fields in order, message types as ``package/Type``; constants left out."""
+    """Return the types of the fields in order, without constants; messages as ``package/Type``."""
     types = []
     for line in text.splitlines():
         code = line.split("#", 1)[0]
@@ -148,7 +148,7 @@ def _field_types(text: str, package: str) -> list[str]:
             continue
         name = match.group(1)
         if name not in _PRIMITIVES:
-            dependency_package, dependency_name = _split(
+            dependency_package, dependency_name = _split_name(
                 name if "/" in name else f"{package}/{name}"
             )
             name = f"{dependency_package}/{dependency_name}"

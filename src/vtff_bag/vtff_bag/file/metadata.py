@@ -18,14 +18,14 @@ STORAGE_IDENTIFIER = "mcap"
 ROS_DISTRIBUTION = "jazzy"
 ROOT_KEY = "rosbag2_bagfile_information"
 
-#: What rmw calls an infinite duration, split as rosbag2 writes it.
+#: The infinite duration of rmw, split as rosbag2 writes it.
 INFINITE_DURATION = {"sec": 9223372036, "nsec": 854775807}
 
 QosEntry = dict[str, Any]
 
 
 class _PlainDumper(yaml.SafeDumper):
-    """YAML without anchors: not every reader of metadata.yaml follows them."""
+    """Dumper without anchors: not every reader of metadata.yaml follows them."""
 
     def ignore_aliases(self, data: Any) -> bool:
         return True
@@ -48,7 +48,7 @@ def offered_qos(
     liveliness_lease_duration: Mapping[str, int] = INFINITE_DURATION,
     avoid_ros_namespace_conventions: bool = False,
 ) -> QosEntry:
-    """Return one entry of ``offered_qos_profiles``; words as in rosbag2's ``qos.cpp``."""
+    """Return one entry of ``offered_qos_profiles``; words as in ``qos.cpp`` of rosbag2."""
     return {
         "history": history,
         "depth": depth,
@@ -96,7 +96,7 @@ class BagMetadata:
 
     @property
     def message_count(self) -> int:
-        """Messages in all files."""
+        """Number of messages in all files."""
         return sum(file.message_count for file in self.files)
 
     def as_dictionary(self) -> dict[str, Any]:
@@ -166,7 +166,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
     Raises
     ------
     BagReadError
-        Naming the file, if it is not readable as bag metadata.
+        If the file is not readable as bag metadata; the text names it.
     """
     try:
         text = path.read_bytes()
@@ -184,7 +184,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
 
 
 def parse_stored_metadata(text: str) -> BagMetadata | None:
-    """Return the metadata that an MCAP file repeats (without root key); None if unreadable."""
+    """Return the metadata from the copy in an MCAP file (no root key); None if unreadable."""
     try:
         return _parse(yaml.safe_load(text))
     except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):

@@ -1,4 +1,11 @@
-"""Bag reader: a bag directory or a single MCAP file, complete or damaged."""
+"""Bag reader: a bag directory or a single MCAP file, complete or damaged.
+
+The reader does not use ``mcap.reader.make_reader``, not even for whole files, though that is about
+as fast. It reads one file, and it stops at the first damaged byte without a list of the messages
+that are intact. Here whole and damaged files take one path: their blocks come from the summary or
+from a scan (`mcap_blocks`). So both are read in the same order, the files of a bag are merged, and
+only blocks that overlap in time are in memory.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +29,7 @@ RUN_SUBDIRECTORY = "bag"
 
 
 class RawMessage(NamedTuple):
-    """A message as recorded: topic, type, log time in ns since 1970, CDR bytes."""
+    """A recorded message: topic, type, log time in ns since 1970, CDR bytes."""
 
     topic: str
     type: str
@@ -31,7 +38,7 @@ class RawMessage(NamedTuple):
 
 
 class DecodedMessage(NamedTuple):
-    """Log time in ns since 1970 and the message object."""
+    """A deserialised message with its log time in ns since 1970."""
 
     log_time: int
     message: Any
@@ -46,12 +53,14 @@ class TimeRange:
 
 
 class BagReader:
-    """Read a bag.
+    """Reads a bag.
 
     Parameters
     ----------
     path
         The bag directory, a run folder with a bag in ``bag/``, or one ``.mcap`` file.
+    scan
+        Read every file to its end and check every chunk, even if the summary is intact.
 
     Attributes
     ----------
@@ -62,12 +71,12 @@ class BagReader:
     start_time, end_time
         Log time of the first and the last message, ns since 1970; 0 in an empty bag.
     notes
-        One line for each thing that is wrong; empty for a complete bag.
+        One line for each defect of the bag; empty for a complete bag.
 
     Raises
     ------
     BagReadError
-        Naming the file, if there is no bag or nothing in it can be read.
+        If there is no bag or nothing in it can be read; the text names the file.
     """
 
     def __init__(self, path: str | os.PathLike[str], *, scan: bool = False) -> None:
@@ -87,17 +96,17 @@ class BagReader:
 
     @property
     def complete(self) -> bool:
-        """Whether every file was closed properly and nothing is damaged."""
+        """Whether every file was closed properly and no part is damaged."""
         return all(content.complete for content in self.contents) and not self.notes
 
     @property
     def message_count(self) -> int:
-        """Messages of all topics."""
+        """Number of messages of all topics."""
         return sum(topic.message_count for topic in self.topics.values())
 
     @property
     def custom_data(self) -> dict[str, str]:
-        """Texts stored by the recorder, for example configuration hashes."""
+        """Texts that the recorder stored, for example the description of the run."""
         return dict(self.metadata.custom_data) if self.metadata is not None else {}
 
     def raw_messages(
@@ -108,14 +117,14 @@ class BagReader:
     ) -> Iterator[RawMessage]:
         """Iterate over messages by log time, then in file order.
 
-        A damaged part is left out and noted in `notes`.
+        Damaged parts are left out and described in `notes`.
 
         Parameters
         ----------
         topics
-            Only these; all if not given.
+            Topics whose messages are returned; all if not given.
         start, end
-            Log times from ``start`` on and before ``end``, ns since 1970.
+            Limits of the log time, ns since 1970: messages from ``start`` on and before ``end``.
 
         Raises
         ------
@@ -124,7 +133,7 @@ class BagReader:
         """
         for name in topics or ():
             self._check_topic(name)
-        return self._ordered(set(self.topics if topics is None else topics), start, end)
+        return self._merge_blocks(set(self.topics if topics is None else topics), start, end)
 
     def messages(self, topic: str) -> Iterator[DecodedMessage]:
         """Iterate over the deserialised messages of a topic by log time; needs rclpy.
@@ -141,7 +150,7 @@ class BagReader:
 
     def decoded(self, raw: RawMessage) -> DecodedMessage:
         """Return a deserialised message; needs rclpy, raises as `messages`."""
-        # Only here, so that a bag can be inspected on a machine without ROS.
+        # Imported here, so that a bag can be inspected on a machine without ROS.
         from rclpy.serialization import deserialize_message
 
         class_of_topic = message_class(raw.type)
@@ -155,7 +164,7 @@ class BagReader:
         return DecodedMessage(raw.log_time, message)
 
     def time_range(self, topic: str) -> TimeRange | None:
-        """Log times of the first and last message of a topic; None if it has none."""
+        """Return the log times of the first and last message of a topic; None without a message."""
         first = last = None
         for raw in self.raw_messages([topic]):
             first = raw.log_time if first is None else first
@@ -164,8 +173,8 @@ class BagReader:
 
     def _check_topic(self, name: str) -> None:
         if name not in self.topics:
-            known = ", ".join(self.topics) or "none"
-            raise BagReadError(f"{self.path}: no topic '{name}' in the bag; topics: {known}")
+            present = ", ".join(self.topics) or "none"
+            raise BagReadError(f"{self.path}: no topic '{name}' in the bag; topics: {present}")
 
     def _find_files(self) -> list[pathlib.Path]:
         if not self.path.exists():
@@ -200,7 +209,7 @@ class BagReader:
                 f"{metadata_path}: storage '{self.metadata.storage_identifier}' is not supported, "
                 f"only {bag_metadata.STORAGE_IDENTIFIER}"
             )
-        # Only the name counts: old versions stored a path that began with the bag's folder.
+        # Only the name is used: old versions stored a path that began with the folder of the bag.
         listed = [self.path / pathlib.PurePath(file.path).name for file in self.metadata.files]
         missing = [file for file in listed if not file.is_file()]
         if missing and not present:
@@ -212,31 +221,31 @@ class BagReader:
 
     def _read_metadata_beside(self, file: pathlib.Path) -> None:
         metadata_path = file.parent / bag_metadata.METADATA_FILE
-        # Metadata is a supplement of a single file, whatever is wrong with it.
+        # A single file can be read without metadata, so that errors of the metadata do not matter.
         with contextlib.suppress(BagError):
-            found = bag_metadata.read_metadata(metadata_path)
-            if any(pathlib.PurePath(entry.path).name == file.name for entry in found.files):
-                self.metadata = found
+            metadata = bag_metadata.read_metadata(metadata_path)
+            if any(pathlib.PurePath(entry.path).name == file.name for entry in metadata.files):
+                self.metadata = metadata
 
     def _check_metadata(self) -> None:
-        """Replace metadata.yaml by what the file itself repeats where it is missing or foreign."""
+        """Use the metadata in the file if metadata.yaml is missing or of another bag."""
         stored = next(
             (content.bag_metadata for content in self.contents if content.bag_metadata), ""
         )
-        own = bag_metadata.parse_stored_metadata(stored) if stored else None
+        stored_metadata = bag_metadata.parse_stored_metadata(stored) if stored else None
         if self.metadata is None:
-            self.metadata = own
+            self.metadata = stored_metadata
             return
         reason = self._contradiction(self.metadata)
         if reason:
             self.notes.append(f"{bag_metadata.METADATA_FILE} is of another bag: {reason}")
-            self.metadata = own
+            self.metadata = stored_metadata
 
     def _contradiction(self, metadata: BagMetadata) -> str:
-        """Return how metadata contradict the files; empty if they may belong to them."""
+        """Return how the metadata contradict the files; empty if they may be of the same bag."""
         listed = {topic.name for topic in metadata.topics}
         unlisted = sorted(set(self.topics) - listed)
-        # A recorder that was killed has left the metadata of its start, without topics.
+        # The metadata of a recorder that was killed are those of its start, without topics.
         if listed and unlisted:
             return f"it does not list topic '{unlisted[0]}'"
         present = {file.name for file in self.files}
@@ -269,10 +278,10 @@ class BagReader:
                 topic.message_count += content.message_counts.get(channel_id, 0)
         return topics
 
-    def _ordered(
+    def _merge_blocks(
         self, wanted: set[str], start: int | None, end: int | None
     ) -> Iterator[RawMessage]:
-        """Merge the blocks of all files; only those that overlap in time are in memory."""
+        """Merge the blocks of all files; only blocks that overlap in time are in memory."""
         blocks = sorted(
             (block.start_time, number, block.offset, block)
             for number, content in enumerate(self.contents)
@@ -280,19 +289,21 @@ class BagReader:
             if (start is None or block.end_time >= start)
             and (end is None or block.start_time < end)
         )
-        pending: list[Any] = []  # (log time, file, offset of the block, place in it, message)
+        pending: list[Any] = []  # (log time, file, offset of the block, index in it, message)
         with contextlib.ExitStack() as stack:
             opened = [stack.enter_context(open(file, "rb")) for file in self.files]
             for start_time, number, _, block in blocks:
-                # Strictly before: at equal times an earlier place in the file goes first.
+                # Strictly before: of equal times, the message earlier in the file goes first.
                 ready = bisect.bisect_left(pending, (start_time,))
                 yield from (item[-1] for item in pending[:ready])
                 del pending[:ready]
-                pending.extend(self._select(number, block, opened[number], wanted, start, end))
+                pending.extend(
+                    self._read_selected(number, block, opened[number], wanted, start, end)
+                )
                 pending.sort()
             yield from (item[-1] for item in pending)
 
-    def _select(
+    def _read_selected(
         self,
         number: int,
         block: Block,

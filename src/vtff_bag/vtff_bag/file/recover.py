@@ -1,4 +1,4 @@
-"""Recovery of a bag that was not closed: what is intact goes into a new, complete bag."""
+"""Recovery of a bag that was not closed: its intact messages are copied into a new bag."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vtff_bag.file.writer import BagWriter
 
 @dataclasses.dataclass(frozen=True)
 class RecoveryReport:
-    """What a recovery has found and written."""
+    """Result of a recovery; times in ns since 1970."""
 
     source: pathlib.Path
     output: pathlib.Path
@@ -28,7 +28,7 @@ class RecoveryReport:
 
     @property
     def message_count(self) -> int:
-        """Messages recovered."""
+        """Number of messages recovered."""
         return sum(self.message_counts.values())
 
     def __str__(self) -> str:
@@ -55,14 +55,14 @@ def recover(
     path
         Bag directory or ``.mcap`` file, damaged, cut off or complete.
     output
-        Directory to make; ``<name>_recovered`` beside the original if not given.
+        Directory of the new bag; ``<name>_recovered`` beside the original if not given.
 
     Raises
     ------
     BagReadError
-        Naming the file, if nothing in it is readable.
+        If nothing in the bag is readable; the text names the file.
     BagWriteError
-        Naming the path, if the output exists or cannot be written.
+        If the output exists or cannot be written; the text names its path.
     """
     reader = BagReader(path, scan=True)
     directory = pathlib.Path(output) if output is not None else default_output(reader.path)
@@ -72,8 +72,8 @@ def recover(
     custom = {**reader.custom_data, "recovered_from": reader.path.absolute().name}
     with BagWriter(directory, custom) as writer:
         for content in reader.contents:
-            notes.extend(_copy(content, reader, writer))
-        # Inside the with block the counts are final; closing only adds the summary.
+            notes.extend(_copy_messages(content, reader, writer))
+        # The counts are final before the bag is closed: closing only adds the summary.
         counts = writer.message_counts
     return RecoveryReport(
         source=reader.path,
@@ -94,17 +94,17 @@ def default_output(path: pathlib.Path) -> pathlib.Path:
     return absolute.with_name(f"{name}_recovered")
 
 
-def _copy(content: FileContent, reader: BagReader, writer: BagWriter) -> list[str]:
-    """Copy the messages of one file in file order; return notes on what could not be."""
+def _copy_messages(content: FileContent, reader: BagReader, writer: BagWriter) -> list[str]:
+    """Copy the messages of one file in file order; return notes on messages that are lost."""
     notes = []
-    numbers = {}
+    topic_numbers = {}
     for channel_id, channel in sorted(content.channels.items()):
         schema = content.schemas.get(channel.schema_id)
         if schema is None:
             notes.append(f"{content.path.name}: the type of topic '{channel.topic}' is lost")
             continue
         information = reader.topics[channel.topic]
-        numbers[channel_id] = writer.topic_number(channel.topic) or writer.add_topic(
+        topic_numbers[channel_id] = writer.topic_number(channel.topic) or writer.add_topic(
             channel.topic,
             schema.name,
             information.offered_qos_profiles,
@@ -119,7 +119,7 @@ def _copy(content: FileContent, reader: BagReader, writer: BagWriter) -> list[st
                 notes.append(str(error))
                 continue
             for message in messages:
-                number = numbers.get(message.channel_id)
+                number = topic_numbers.get(message.channel_id)
                 if number is not None:
                     writer.write(number, message.serialized, message.log_time, message.publish_time)
     return notes

@@ -1,6 +1,6 @@
 """Bag writer: one MCAP file and its ``metadata.yaml``, safe against sudden death.
 
-Every second of wall time the chunk in progress is finished and handed to the operating
+Every second of wall time the writer finishes the current chunk and hands it to the operating
 system, so that a killed process loses at most its last second.
 """
 
@@ -42,11 +42,10 @@ COMPRESSIONS = {
 
 
 class _RecordFile:
-    """The MCAP file as the writer sees it: unbuffered, whole records or nothing.
+    """An MCAP file without a buffer, which always ends after a whole record.
 
-    The MCAP writer hands over whole records in a few large blocks, so that a buffer would
-    gain nothing. After a failed write the part that did reach the disk is cut off again:
-    the file then still ends after a whole record.
+    The MCAP writer hands over whole records in a few large blocks, so that a buffer would gain
+    nothing. After a failed write, the part of the record that reached the disk is cut off again.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -72,14 +71,14 @@ class _RecordFile:
         try:
             self._file.truncate(self._length)
         except OSError:
-            # A partial record at the end is what a killed process leaves too: readable.
+            # The file stays readable: a killed process leaves a partial record at its end too.
             return
 
     def tell(self) -> int:
         return self._length
 
     def flush(self) -> None:
-        """Nothing waits here: every write has reached the operating system."""
+        """Do nothing: every write has already reached the operating system."""
 
     def close(self) -> None:
         try:
@@ -89,12 +88,12 @@ class _RecordFile:
 
 
 class BagWriter:
-    """Write a bag directory ``<directory>/<name>_0.mcap`` with ``metadata.yaml``.
+    """Writes a bag: the MCAP file ``<directory>/<name>_0.mcap`` and ``metadata.yaml``.
 
     Parameters
     ----------
     directory
-        The bag; made if absent, must not hold a bag yet.
+        Directory of the bag; it is made if it does not exist, and must not hold a bag yet.
     custom_metadata
         Texts for ``custom_data`` of the metadata, for example configuration hashes.
     chunk_size
@@ -102,12 +101,12 @@ class BagWriter:
     compression
         ``zstd``, ``lz4`` or ``none``.
     steady_clock
-        Source of wall time in s for the flush each second.
+        Function that returns wall time in s, for the flush each second.
 
     Raises
     ------
     BagWriteError
-        Naming the path, here and in every method, if the bag cannot be written.
+        If the bag cannot be written, here and in every method; the text names the path.
     """
 
     def __init__(
@@ -132,7 +131,7 @@ class BagWriter:
         self._custom_metadata = {str(k): str(v) for k, v in (custom_metadata or {}).items()}
         self._steady_clock = steady_clock
         self._next_flush = steady_clock() + FLUSH_INTERVAL
-        self._unflushed = False
+        self._has_unflushed = False
         self._closed = False
         self._failed = False
         self._file = _RecordFile(self.path)
@@ -168,25 +167,25 @@ class BagWriter:
 
     @property
     def message_counts(self) -> dict[str, int]:
-        """Messages written so far by topic."""
+        """Number of messages written so far, by topic."""
         return {topic.name: topic.message_count for topic in self._topics.values()}
 
     def topic_number(self, name: str) -> int | None:
-        """Return the number of a topic added before, else None."""
+        """Return the number of a topic; None if the topic was not added."""
         return next((number for number, topic in self._topics.items() if topic.name == name), None)
 
     def add_custom_metadata(self, custom_metadata: Mapping[str, str]) -> None:
-        """Add texts to ``custom_data``; they are written when the bag is closed."""
+        """Add texts to ``custom_data``; `close` writes them."""
         self._custom_metadata.update({str(k): str(v) for k, v in custom_metadata.items()})
 
     @property
     def message_count(self) -> int:
-        """Messages written so far."""
+        """Number of messages written so far."""
         return self._file_information.message_count
 
     @property
     def failed(self) -> bool:
-        """Whether a write error has ended this bag."""
+        """Whether a write error has ended the recording."""
         return self._failed
 
     def add_topic(
@@ -197,20 +196,20 @@ class BagWriter:
         type_hash: str = "",
         definition: str | None = None,
     ) -> int:
-        """Add a topic and return the number that `write` wants.
+        """Add a topic and return its number, which `write` needs.
 
         Parameters
         ----------
         name
-            Topic with its leading slash.
+            Name of the topic with its leading slash.
         type_name
             ``package/msg/Type``.
         offered_qos_profiles
             Profiles of the publishers, see `vtff_bag.file.metadata.offered_qos`.
         type_hash
-            ``RIHS01_...``; empty where unknown.
+            ``RIHS01_...``; empty if it is unknown.
         definition
-            Schema text; looked up among the installed messages if not given.
+            Schema text; if not given, that of the installed message type.
 
         Raises
         ------
@@ -256,11 +255,11 @@ class BagWriter:
         Parameters
         ----------
         topic_id
-            From `add_topic`.
+            Number of the topic, from `add_topic`.
         serialized
-            CDR with its four bytes of encapsulation.
+            CDR of the message with the four bytes of encapsulation.
         log_time, publish_time
-            ns since 1970, not negative; ``publish_time`` equals ``log_time`` if not given.
+            Times in ns since 1970, not negative; ``publish_time`` is ``log_time`` if not given.
         """
         self._check_open()
         topic = self._topics[topic_id]
@@ -280,25 +279,25 @@ class BagWriter:
         elif log_time > information.end_time:
             information.end_time = log_time
         information.message_count += 1
-        self._unflushed = True
+        self._has_unflushed = True
         if self._steady_clock() >= self._next_flush:
             self.flush()
 
     def flush(self) -> None:
-        """Finish the chunk in progress and hand everything to the operating system."""
+        """Finish the current chunk and hand it to the operating system."""
         self._check_open()
         self._next_flush = self._steady_clock() + FLUSH_INTERVAL
-        if not self._unflushed:
+        if not self._has_unflushed:
             return
         try:
             self._writer.flush()
         except BagWriteError:
             self._abandon()
             raise
-        self._unflushed = False
+        self._has_unflushed = False
 
     def flush_if_due(self) -> None:
-        """Flush if the last flush is a second ago; for a caller whose messages have ceased."""
+        """Flush if the last flush was a second ago; needed while no message is written."""
         if self._steady_clock() >= self._next_flush:
             self.flush()
 
@@ -335,7 +334,7 @@ class BagWriter:
             raise BagWriteError(f"{self.path}: the bag is closed")
 
     def _abandon(self) -> None:
-        """End after a failure: what was flushed stays readable by stream and by `recover`."""
+        """Close the file after a failure; flushed chunks stay readable and recoverable."""
         self._failed = True
         self._file.close()
 

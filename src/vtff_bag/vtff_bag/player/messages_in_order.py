@@ -1,4 +1,4 @@
-"""Replay of a bag without ROS: which topics, in what order, and when each message is due."""
+"""Replay of a bag without ROS: its topics, and the order and time of its messages."""
 
 from __future__ import annotations
 
@@ -14,21 +14,20 @@ from vtff_bag.file.message_definitions import (
 )
 from vtff_bag.file.metadata import TopicInformation
 from vtff_bag.file.reader import BagReader, RawMessage
+from vtff_bag.file.stamps import CLOCK_TYPE, leading_stamp
 from vtff_bag.player.replay_clock import ReplayClock
-from vtff_bag.recorder.recorder import CLOCK_TYPE, leading_stamp
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 CLOCK_TOPIC = "/clock"
 SERIALIZATION_FORMAT = "cdr"
 
-#: A message is due when the replay has come this near, so that rounding delays none.
+#: A message is due when the replay is this near to its time, so that rounding delays no message.
 _TOLERANCE_NANOSECONDS = 1_000
-
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclasses.dataclass(frozen=True)
 class ReplaySelection:
-    """What of a bag can and shall be replayed.
+    """The topics of a bag that are replayed.
 
     Attributes
     ----------
@@ -68,14 +67,14 @@ def select_topics(
     """
     for name in wanted:
         if name not in reader.topics:
-            known = ", ".join(sorted(reader.topics)) or "none"
-            raise BagReadError(f"{reader.path}: no topic '{name}' in the bag; topics: {known}")
+            present = ", ".join(sorted(reader.topics)) or "none"
+            raise BagReadError(f"{reader.path}: no topic '{name}' in the bag; topics: {present}")
     topics: dict[str, TopicInformation] = {}
     skipped = []
     for name, topic in sorted(reader.topics.items()):
         if name in excluded or (wanted and name not in wanted):
             continue
-        reason = _why_not(topic)
+        reason = _reason_to_skip(topic)
         if reason:
             skipped.append(f"{name} is skipped ({topic.message_count} messages): {reason}")
         else:
@@ -83,8 +82,8 @@ def select_topics(
     return ReplaySelection(topics, tuple(skipped))
 
 
-def _why_not(topic: TopicInformation) -> str:
-    """Return why a topic cannot be published again; empty if it can."""
+def _reason_to_skip(topic: TopicInformation) -> str:
+    """Return why a topic cannot be replayed; empty if it can."""
     if topic.serialization_format != SERIALIZATION_FORMAT:
         return f"its messages are '{topic.serialization_format}', not {SERIALIZATION_FORMAT}"
     try:
@@ -98,7 +97,7 @@ def _why_not(topic: TopicInformation) -> str:
 
 
 class Replay:
-    """The messages of a bag, each due at its time, once and in order.
+    """Publishes the messages of a bag at their times, each once and in order.
 
     Parameters
     ----------
@@ -107,9 +106,9 @@ class Replay:
     topics
         Names of the topics to replay.
     publish
-        Takes each message when it is due.
+        Function that publishes a message; called when the message is due.
     start_offset
-        Where to begin, s after the first message of the bag.
+        Start of the replay, s after the first message of the bag.
     rate
         Recorded seconds per second of wall time.
     loop
@@ -152,13 +151,13 @@ class Replay:
     @property
     def duration(self) -> float:
         """Recorded time between first and last message of the bag, s."""
-        return (self._reader.end_time - self._reader.start_time) / _NANOSECONDS
+        return (self._reader.end_time - self._reader.start_time) / NANOSECONDS_PER_SECOND
 
     @property
     def position(self) -> float:
-        """Where the replay is, s after the first message of the bag."""
+        """Current time of the replay, s after the first message of the bag."""
         now = min(max(self._clock.now(), self._reader.start_time), self._reader.end_time)
-        return (now - self._reader.start_time) / _NANOSECONDS
+        return (now - self._reader.start_time) / NANOSECONDS_PER_SECOND
 
     @property
     def rate(self) -> float:
@@ -176,14 +175,14 @@ class Replay:
         return self._next is None
 
     def advance(self, budget: float = 0.05) -> None:
-        """Publish what is due, for at most about `budget` s of wall time.
+        """Publish the messages that are due, for about `budget` s of wall time at most.
 
-        What is left then stays due: the caller attends to other things in between.
+        Messages that are left then stay due, so that the caller can do other work in between.
         """
         if self.paused:
             return
         deadline = self._steady_clock() + budget
-        # The time is asked for anew for each message: a loop sets it back.
+        # The clock is read again for each message, because a loop sets it back.
         while (
             self._next is not None
             and self._next.log_time <= self._clock.now() + _TOLERANCE_NANOSECONDS
@@ -193,20 +192,20 @@ class Replay:
                 return
 
     def pause(self) -> None:
-        """Stand still."""
+        """Stop the replay until `resume`."""
         self._clock.pause()
 
     def resume(self) -> None:
-        """Go on."""
+        """Continue the replay."""
         self._clock.resume()
 
     def step(self) -> RawMessage | None:
-        """Publish the next message, whenever it is due, and pause there.
+        """Publish the next message, even before it is due, and pause at its time.
 
         Returns
         -------
         RawMessage or None
-            The message; None at the end.
+            The published message; None at the end of the bag.
         """
         message = self._next
         if not self.paused:
@@ -223,22 +222,22 @@ class Replay:
         Raises
         ------
         ValueError
-            If it is outside its range.
+            If the rate is outside its range.
         """
         self._clock.set_rate(rate)
 
     def seek(self, offset: float) -> None:
-        """Go to a time; the next message is the first one at or after it.
+        """Go to a time; the next message is the first message at or after it.
 
         Parameters
         ----------
         offset
-            s after the first message of the bag.
+            The time, s after the first message of the bag.
 
         Raises
         ------
         ValueError
-            If it lies outside the bag.
+            If the time lies outside the bag.
         """
         target = self._time_of(offset)
         self._clock.jump(target)
@@ -249,7 +248,7 @@ class Replay:
             raise ValueError(
                 f"offset {offset:g} s lies outside the bag, which lasts {self.duration:.3f} s"
             )
-        return self._reader.start_time + round(offset * _NANOSECONDS)
+        return self._reader.start_time + round(offset * NANOSECONDS_PER_SECOND)
 
     def _open(self, start: int) -> None:
         self._messages = self._reader.raw_messages(self._topics, start=start)
@@ -262,21 +261,21 @@ class Replay:
         self.published += 1
         self._next = next(self._messages, None)
         if self._next is None and self._loop:
-            # The clock goes back too, but a pause stays a pause.
+            # The clock goes back as well, but a paused replay stays paused.
             self._clock.jump(self._start)
             self._open(self._start)
 
 
 @dataclasses.dataclass(frozen=True)
 class ReplayStep:
-    """Messages that go out together in lockstep.
+    """Messages that are published in one step of lockstep.
 
     Attributes
     ----------
     stamp
-        Stamp that participants acknowledge, ns since 1970.
+        Stamp of the step, which the participants acknowledge, ns since 1970.
     messages
-        In order of log time; without /clock.
+        Messages of the step in order of log time; without /clock.
     """
 
     stamp: int
@@ -288,17 +287,17 @@ def replay_steps(
 ) -> Iterator[ReplayStep]:
     """Divide a recording into the steps of lockstep.
 
-    Each stamp on `step_topic` is one step. It holds what was logged after the stamp before and
-    up to its own: samples within a second travel in the step that ends it, as they do in a
-    run. What comes after the last stamp makes no step and is left out, as nobody would
-    acknowledge it.
+    Each stamp on `step_topic` is one step. The step holds the messages that were logged after the
+    stamp before and up to its own stamp: as in a run, the samples within a second travel in the
+    step that ends this second. Messages after the last stamp belong to no step and are left out,
+    because no node would acknowledge them.
 
     Parameters
     ----------
     reader
         The bag.
     topics
-        Names of the topics to replay; those of steps and /clock may be among them.
+        Names of the topics to replay; the topic of the steps and /clock may be among them.
     step_topic
         Topic whose messages begin with a stamp.
 
@@ -311,11 +310,11 @@ def replay_steps(
     messages = reader.raw_messages([name for name in topics if name != CLOCK_TOPIC])
     following = next(messages, None)
     for stamp in stamps:
-        taken = []
+        messages_of_step = []
         while following is not None and following.log_time <= stamp:
-            taken.append(following)
+            messages_of_step.append(following)
             following = next(messages, None)
-        yield ReplayStep(stamp, tuple(taken))
+        yield ReplayStep(stamp, tuple(messages_of_step))
 
 
 def step_stamps(reader: BagReader, step_topic: str) -> list[int]:
@@ -331,6 +330,7 @@ def step_stamps(reader: BagReader, step_topic: str) -> list[int]:
         raise BagReadError(f"{reader.path}: no messages on '{step_topic}', which paces the steps")
     if topic.type != CLOCK_TYPE and first_field_type(topic.type) != "std_msgs/Header":
         raise BagReadError(
-            f"{reader.path}: '{step_topic}' ({topic.type}) cannot pace steps: no stamp in it"
+            f"{reader.path}: '{step_topic}' ({topic.type}) cannot pace steps: "
+            "its messages begin with no stamp"
         )
     return sorted({leading_stamp(raw.serialized) for raw in reader.raw_messages([step_topic])})

@@ -1,14 +1,14 @@
-"""Time of a replay: recorded time that runs on with the wall clock, at a rate, with pauses."""
+"""Time of a replay: recorded time that follows the wall clock at a rate, with pauses."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+
 SMALLEST_RATE = 1e-3
 LARGEST_RATE = 1e6
-
-_NANOSECONDS = 1_000_000_000
 
 
 class ReplayClock:
@@ -17,13 +17,13 @@ class ReplayClock:
     Parameters
     ----------
     start
-        Recorded time at which it begins, ns since 1970.
+        Recorded time at which the clock begins, ns since 1970.
     rate
         Recorded seconds per second of wall time.
     paused
-        Whether it stands still until `resume`.
+        Whether the clock stands still until `resume`.
     steady_clock
-        Wall time in s.
+        Function that returns wall time in s.
 
     Raises
     ------
@@ -47,12 +47,12 @@ class ReplayClock:
 
     @property
     def rate(self) -> float:
-        """Recorded seconds per second of wall time while it runs."""
+        """Recorded seconds per second of wall time while the clock runs."""
         return self._rate
 
     @property
     def paused(self) -> bool:
-        """Whether it stands still."""
+        """Whether the clock stands still."""
         return self._paused
 
     def now(self) -> int:
@@ -60,20 +60,20 @@ class ReplayClock:
         if self._paused:
             return self._reference
         elapsed = self._steady_clock() - self._reference_wall
-        return self._reference + round(elapsed * self._rate * _NANOSECONDS)
+        return self._reference + round(elapsed * self._rate * NANOSECONDS_PER_SECOND)
 
     def pause(self) -> None:
-        """Stand still from now on."""
+        """Stop the clock at its current time."""
         self.jump(self.now())
         self._paused = True
 
     def resume(self) -> None:
-        """Run on from where it stands."""
+        """Let the clock run again from its current time."""
         self.jump(self.now())
         self._paused = False
 
     def set_rate(self, rate: float) -> None:
-        """Change the rate; the time itself does not jump.
+        """Change the rate without a jump of the time.
 
         Raises
         ------
@@ -85,7 +85,7 @@ class ReplayClock:
         self._rate = checked
 
     def jump(self, nanoseconds: int) -> None:
-        """Go to a recorded time, ns since 1970."""
+        """Set the clock to a recorded time, ns since 1970."""
         self._reference = nanoseconds
         self._reference_wall = self._steady_clock()
 
@@ -96,7 +96,7 @@ def checked_rate(rate: float) -> float:
     Raises
     ------
     ValueError
-        If it is not between `SMALLEST_RATE` and `LARGEST_RATE`.
+        If the rate is not between `SMALLEST_RATE` and `LARGEST_RATE`.
     """
     if not SMALLEST_RATE <= rate <= LARGEST_RATE:
         raise ValueError(f"rate {rate:g} is not between {SMALLEST_RATE:g} and {LARGEST_RATE:g}")

@@ -1,4 +1,4 @@
-"""Recorded offers of quality of service as the profile of a publisher that replays them."""
+"""Quality of service of a replay: the profile of a publisher from the recorded offers."""
 
 from __future__ import annotations
 
@@ -50,14 +50,14 @@ def publisher_profile(offers: Sequence[QosEntry]) -> QoSProfile:
     Parameters
     ----------
     offers
-        ``offered_qos_profiles`` of a topic. Where its publishers differed, the strongest of
-        each policy is offered; where none was recorded, reliable and volatile.
+        ``offered_qos_profiles`` of a topic. Where its publishers differed, the strongest value of
+        each policy is offered; where no offer was recorded, reliable and volatile.
 
     Returns
     -------
     QoSProfile
-        With room for at least `vtff_node.qos.HISTORY_DEPTH` messages: DDS does not tell a
-        recorder the depth of a publisher.
+        Its depth is at least `vtff_node.qos.HISTORY_DEPTH` messages, because a recorder cannot
+        discover the depth of a publisher.
     """
     reliable = [_policy(offer, "reliability") is ReliabilityPolicy.RELIABLE for offer in offers]
     latched = [_policy(offer, "durability") is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers]
@@ -75,17 +75,17 @@ def publisher_profile(offers: Sequence[QosEntry]) -> QoSProfile:
         durability=(
             DurabilityPolicy.TRANSIENT_LOCAL if any(latched) else DurabilityPolicy.VOLATILE
         ),
-        deadline=_shortest(offers, "deadline"),
-        lifespan=_longest(offers, "lifespan"),
+        deadline=_shortest_duration(offers, "deadline"),
+        lifespan=_longest_duration(offers, "lifespan"),
         liveliness=(
             LivelinessPolicy.MANUAL_BY_TOPIC if any(manual) else LivelinessPolicy.AUTOMATIC
         ),
-        liveliness_lease_duration=_shortest(offers, "liveliness_lease_duration"),
+        liveliness_lease_duration=_shortest_duration(offers, "liveliness_lease_duration"),
     )
 
 
 def _policy(offer: QosEntry, name: str) -> Any:
-    """Return a policy by its word or number; None where neither is known."""
+    """Return a policy from its recorded word or number; None for an unknown value."""
     enumeration, words = _POLICIES[name]
     value = offer.get(name)
     if isinstance(value, str):
@@ -100,16 +100,24 @@ def _is_count(value: Any) -> bool:
     return isinstance(value, int) and 0 <= value < 1_000_000
 
 
-def _shortest(offers: Sequence[QosEntry], name: str) -> Any:
-    return min((_duration(offer.get(name)) for offer in offers), key=_length, default=Infinite)
+def _shortest_duration(offers: Sequence[QosEntry], name: str) -> Any:
+    return min(
+        (_duration_or_infinite(offer.get(name)) for offer in offers),
+        key=_nanoseconds,
+        default=Infinite,
+    )
 
 
-def _longest(offers: Sequence[QosEntry], name: str) -> Any:
-    return max((_duration(offer.get(name)) for offer in offers), key=_length, default=Infinite)
+def _longest_duration(offers: Sequence[QosEntry], name: str) -> Any:
+    return max(
+        (_duration_or_infinite(offer.get(name)) for offer in offers),
+        key=_nanoseconds,
+        default=Infinite,
+    )
 
 
-def _duration(value: Any) -> Any:
-    """Return a duration; infinite where it is unset, infinite or damaged."""
+def _duration_or_infinite(value: Any) -> Any:
+    """Return a recorded duration; infinite where it is unset, infinite or damaged."""
     if not isinstance(value, Mapping):
         return Infinite
     seconds, nanoseconds = value.get("sec"), value.get("nsec")
@@ -120,5 +128,5 @@ def _duration(value: Any) -> Any:
     return Duration(seconds=seconds, nanoseconds=nanoseconds)
 
 
-def _length(duration: Any) -> int:
+def _nanoseconds(duration: Any) -> int:
     return int(duration.nanoseconds)

@@ -1,1 +1,1 @@
-"""The folder of a run: its layout, its description and the environment it was made in."""
+"""The folder of a run: its making, the description of the run and its environment."""

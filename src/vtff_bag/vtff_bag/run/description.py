@@ -1,8 +1,8 @@
-"""What a run was: system, arguments, versions, parameters, scenario; in its folder and its bag.
+"""Description of a run: system, arguments, versions, parameters and scenario.
 
-`vtff run` leaves ``run.json`` and ``parameters/`` in the run folder. The recorder copies both,
-with the scenario file and the versions, into the custom data of the bag, so that a bag alone
-still tells how it came about.
+`vtff run` writes ``run.json`` and ``parameters/`` into the run folder. The recorder copies both,
+with the scenario file and the versions, into the custom data of the bag, so that a bag without its
+run folder still has the description.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ SCENARIO_PARAMETER = "scenario_file"
 
 @dataclasses.dataclass(frozen=True)
 class RunDescription:
-    """What is known of a run.
+    """System, arguments, environment, parameters and scenario of a run.
 
     Attributes
     ----------
     arguments
-        Name of the system under ``system``, and the arguments it was run with.
+        The arguments of the run, with the name of the system under ``system``.
     environment
-        Versions and machine, keys as in docs/summary.md; empty where unknown.
+        Versions and machine, with the keys of docs/summary.md; empty if they are unknown.
     parameter_texts
         ROS parameter files as YAML texts, by the name of the node.
     scenario_text
-        The scenario file as YAML text; empty where there was none.
+        The scenario file as YAML text; empty if the run had none.
     """
 
     arguments: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -49,13 +49,13 @@ class RunDescription:
     scenario_text: str = ""
 
     def as_custom_data(self, run_directory: str = "", current_folder: str = "") -> dict[str, str]:
-        """Return the texts that the recorder puts into the metadata of the bag.
+        """Return the texts that the recorder writes into the metadata of the bag.
 
         Parameters
         ----------
         run_directory, current_folder
-            Absolute paths that are written as ``${run_directory}`` and left out: a bag may be
-            read on another machine, and equal runs should tell the same.
+            Absolute paths; the first is written as ``${run_directory}``, the second is left out.
+            A bag may be read on another machine, and equal runs shall have equal texts.
         """
         texts = {
             f"{PARAMETERS_PREFIX}{name}": text
@@ -67,10 +67,12 @@ class RunDescription:
             texts[ENVIRONMENT_KEY] = json.dumps(self.environment, default=str)
         if self.scenario_text:
             texts[SCENARIO_KEY] = self.scenario_text
-        return {key: _portable(text, run_directory, current_folder) for key, text in texts.items()}
+        return {
+            key: _without_paths(text, run_directory, current_folder) for key, text in texts.items()
+        }
 
 
-def _portable(text: str, run_directory: str, current_folder: str) -> str:
+def _without_paths(text: str, run_directory: str, current_folder: str) -> str:
     """Return a text without the paths of this machine."""
     if run_directory.count("/") > 1:
         text = text.replace(run_directory, "${run_directory}")
@@ -80,7 +82,7 @@ def _portable(text: str, run_directory: str, current_folder: str) -> str:
 
 
 def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -> None:
-    """Leave system and arguments in the run folder.
+    """Write system and arguments into the run folder.
 
     Raises
     ------
@@ -93,24 +95,24 @@ def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -
 
 
 def describe_run_folder(run_directory: pathlib.Path) -> RunDescription:
-    """Return what the files of a run folder tell; unreadable ones are left out."""
+    """Return the description in the files of a run folder, without unreadable files."""
     parameters = {
         path.stem: text
         for path in sorted((run_directory / PARAMETER_FOLDER).glob("*.yaml"))
-        if (text := _text(path))
+        if (text := _read_text(path))
     }
     return RunDescription(
-        arguments=_mapping(_text(run_directory / RUN_FILE)),
+        arguments=_parse_mapping(_read_text(run_directory / RUN_FILE)),
         parameter_texts=parameters,
-        scenario_text=_scenario_text(parameters.values()),
+        scenario_text=_read_scenario(parameters.values()),
     )
 
 
 def describe_from_bag(custom_data: Mapping[str, str]) -> RunDescription:
-    """Return what the custom data of a bag tell."""
+    """Return the description in the custom data of a bag."""
     return RunDescription(
-        arguments=_mapping(custom_data.get(ARGUMENTS_KEY, "")),
-        environment=_mapping(custom_data.get(ENVIRONMENT_KEY, "")),
+        arguments=_parse_mapping(custom_data.get(ARGUMENTS_KEY, "")),
+        environment=_parse_mapping(custom_data.get(ENVIRONMENT_KEY, "")),
         parameter_texts={
             key.removeprefix(PARAMETERS_PREFIX): text
             for key, text in custom_data.items()
@@ -121,7 +123,10 @@ def describe_from_bag(custom_data: Mapping[str, str]) -> RunDescription:
 
 
 def describe_run(run_directory: pathlib.Path, custom_data: Mapping[str, str]) -> RunDescription:
-    """Return what folder and bag tell; the folder wins where both do."""
+    """Return the description of a run; texts that stand in both come from the folder.
+
+    Environment and scenario come from the bag first: the folder does not keep them.
+    """
     folder, bag = describe_run_folder(run_directory), describe_from_bag(custom_data)
     return RunDescription(
         arguments=folder.arguments or bag.arguments,
@@ -131,39 +136,39 @@ def describe_run(run_directory: pathlib.Path, custom_data: Mapping[str, str]) ->
     )
 
 
-def _scenario_text(parameter_texts: Any) -> str:
-    """Return the text of the scenario file that a node was given."""
+def _read_scenario(parameter_texts: Any) -> str:
+    """Return the text of the scenario file that a parameter of a node names; empty without one."""
     for text in parameter_texts:
         for values in node_parameters(text).values():
             if SCENARIO_PARAMETER in values:
-                return _text(pathlib.Path(str(values[SCENARIO_PARAMETER])))
+                return _read_text(pathlib.Path(str(values[SCENARIO_PARAMETER])))
     return ""
 
 
 def node_parameters(text: str) -> dict[str, Mapping[str, Any]]:
-    """Return the parameters by node of a ROS parameter file; empty if it is not one."""
+    """Return the parameters by node of a ROS parameter file; empty for any other text."""
     try:
         content = yaml.safe_load(text)
     except yaml.YAMLError:
         return {}
     if not isinstance(content, Mapping):
         return {}
-    found = {
+    sections = {
         str(node): section.get("ros__parameters")
         for node, section in content.items()
         if isinstance(section, Mapping)
     }
-    return {node: values for node, values in found.items() if isinstance(values, Mapping)}
+    return {node: values for node, values in sections.items() if isinstance(values, Mapping)}
 
 
-def _text(path: pathlib.Path) -> str:
+def _read_text(path: pathlib.Path) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError, ValueError):
         return ""
 
 
-def _mapping(text: str) -> dict[str, Any]:
+def _parse_mapping(text: str) -> dict[str, Any]:
     try:
         content = json.loads(text) if text else {}
     except ValueError:

@@ -1,4 +1,4 @@
-"""Where and with what a run was made: version, commit, machine."""
+"""Environment of a run: version of vtff, git commit, machine."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def describe_environment() -> dict[str, Any]:
     Returns
     -------
     dict
-        None for what cannot be told on this machine.
+        Value by key; None for a value that this machine does not provide.
     """
     commit, modified = _git_state()
     return {
@@ -50,20 +50,20 @@ def _cpu_model() -> str | None:
 
 
 def _git_state() -> tuple[str | None, bool | None]:
-    """Return commit and whether files differ from it; None outside a checkout of vtff."""
+    """Return the commit and whether files differ from it; None outside a checkout of vtff."""
     folder = pathlib.Path(__file__).resolve().parent
-    top = _git(folder, "rev-parse", "--show-toplevel")
+    top = _run_git(folder, "rev-parse", "--show-toplevel")
     # An installed package may lie inside some other project's repository.
     if top is None or not (pathlib.Path(top) / "src" / PACKAGE).is_dir():
         return None, None
-    commit = _git(folder, "rev-parse", "--verify", "HEAD")
+    commit = _run_git(folder, "rev-parse", "--verify", "HEAD")
     if commit is None:
         return None, None
-    changes = _git(pathlib.Path(top), "status", "--porcelain")
+    changes = _run_git(pathlib.Path(top), "status", "--porcelain")
     return commit, None if changes is None else bool(changes)
 
 
-def _git(folder: pathlib.Path, *arguments: str) -> str | None:
+def _run_git(folder: pathlib.Path, *arguments: str) -> str | None:
     try:
         answer = subprocess.run(
             ["git", *arguments],

@@ -1,4 +1,4 @@
-"""The folder that a run or a study writes into: made for it alone, before anything starts."""
+"""The folder that a run or a study writes into; it is made before the first process starts."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ import pathlib
 
 
 class RunFolderError(ValueError):
-    """A folder cannot be used; the text names it and says why."""
+    """A folder cannot be used; the text names the folder and the reason."""
 
 
 def dated_name(name: str) -> str:
-    """Return a name with the local date and time behind it."""
+    """Return a name with the local date and time appended."""
     return f"{name}_{datetime.datetime.now():%Y%m%d_%H%M%S}"
 
 
 def new_folder(folder: pathlib.Path) -> pathlib.Path:
-    """Make a folder that did not exist: this one, or with ``_2``, ``_3``, ... behind its name.
+    """Make a new folder; if it exists, append ``_2``, ``_3``, ... to its name.
 
     Raises
     ------
     RunFolderError
-        If it cannot be made.
+        If the folder cannot be made.
     """
     for number in itertools.count(1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}_{number}")
@@ -40,19 +40,19 @@ def new_folder(folder: pathlib.Path) -> pathlib.Path:
 
 
 def chosen_folder(folder: pathlib.Path, *, empty: bool) -> pathlib.Path:
-    """Return the folder that a user asked for, made if it did not exist.
+    """Return the folder that a user asked for; make it if it does not exist.
 
     Parameters
     ----------
     folder
-        As given.
+        The folder, as the user gave it.
     empty
-        Whether it must not hold anything.
+        Whether the folder must be empty.
 
     Raises
     ------
     RunFolderError
-        If it cannot be made or written, is a file, or is not empty.
+        If the folder cannot be made or written, is a file, or is not empty.
     """
     try:
         folder = folder.resolve()
@@ -75,16 +75,16 @@ def chosen_folder(folder: pathlib.Path, *, empty: bool) -> pathlib.Path:
 def output_folder(
     out: pathlib.Path | None, name: str, *, parent: str = ".", empty: bool = False
 ) -> pathlib.Path:
-    """Return the folder that a command writes into: the one asked for, or a new dated one.
+    """Return the folder that a command writes into: the given folder, or a new dated folder.
 
     Parameters
     ----------
     out
-        As given on the command line; None for a new folder.
+        The folder given on the command line; None for a new folder.
     name, parent
-        Of the new folder, see `dated_name`.
+        Name of the new folder, see `dated_name`, and the folder in which it is made.
     empty
-        Whether a folder that was asked for must not hold anything.
+        Whether a given folder must be empty.
 
     Raises
     ------
@@ -97,6 +97,6 @@ def output_folder(
 
 
 def remove_if_empty(folder: pathlib.Path) -> None:
-    """Take away a folder that was made for a run that did not start."""
+    """Remove the folder of a run that did not start, if it is empty."""
     if not any(folder.iterdir()):
         folder.rmdir()
