@@ -24,13 +24,16 @@ from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 
 # Before numpy is imported, which reads it; as the vtff command does.
 os.environ.update({**ONE_BLAS_THREAD, **os.environ})
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+# The input of the processor is read back by a module of the tests.
+sys.path.insert(0, str(ROOT / "test"))
 
-from vtff_analysis.recordings.formation_recording import formation_seconds  # noqa: E402
+from formation_recording import formation_seconds  # noqa: E402
+
 from vtff_bag.file.reader import BagReader  # noqa: E402
 from vtff_bringup.run.runner import NODE_RECORDS  # noqa: E402
 from vtff_iono.formation_ionosphere import FormationIonosphere  # noqa: E402
 
-ROOT = pathlib.Path(__file__).resolve().parents[1]
 VTFF = (sys.executable, "-m", "vtff_bringup.cli")
 
 
@@ -65,14 +68,8 @@ def yardstick() -> float:
     return measured(add).processor
 
 
-def recorded(bag: str) -> None:
-    """Read a bag and compute everything that ionosphere_processor tells."""
-    for _ in FormationIonosphere().process_recording(formation_seconds(BagReader(bag))):
-        pass
-
-
-def one_by_one(bag: str) -> float:
-    """Return the processor time that the algorithms take online, second by second, s."""
+def process_seconds(bag: str) -> float:
+    """Read a bag, process its seconds and return the processor time of the algorithms, s."""
     ionosphere, total = FormationIonosphere(), 0.0
     for ephemerides, second in formation_seconds(BagReader(bag)):
         started = time.process_time()
@@ -86,14 +83,14 @@ def one_by_one(bag: str) -> float:
 def report(bag: str, folder: str) -> None:
     """Measure and print."""
     # Compiled loops are loaded, and compiled if need be, outside of the measurement.
-    first = next(iter(formation_seconds(BagReader(bag))))
-    list(FormationIonosphere().process_recording([first]))
+    _, first = next(iter(formation_seconds(BagReader(bag))))
+    FormationIonosphere().process(first)
     times = [second.time for _, second in formation_seconds(BagReader(bag))]
     duration = 1e-9 * (times[-1] - times[0])
     command = [*VTFF, "tec", bag, "--format", "parquet", "--out", f"{folder}/tec"]
     works: tuple[tuple[str, Callable[[], object]], ...] = (
         ("reading the bag", lambda: list(formation_seconds(BagReader(bag)))),
-        ("reading and the whole chain", lambda: recorded(bag)),
+        ("reading and the whole chain", lambda: process_seconds(bag)),
         ("vtff tec, two processes, start and plots included", lambda: subprocess.run(
             command, check=True, capture_output=True, cwd=ROOT)),
     )  # fmt: skip
@@ -108,7 +105,7 @@ def report(bag: str, folder: str) -> None:
         processor = "" if name.startswith("vtff tec") else f"{cost.processor:.1f}"
         print(f"| {name} | {cost.wall:.1f} | {processor} | {factor:.0f} | {mark:.2f} |")
     mark = yardstick()
-    share = 100.0 * one_by_one(bag) / duration
+    share = 100.0 * process_seconds(bag) / duration
     print(f"algorithms, second by second: {share:.1f} % of a core (yardstick {mark:.2f} s)")
     record = pathlib.Path(bag) / NODE_RECORDS / "ionosphere_processor.json"
     if record.is_file():

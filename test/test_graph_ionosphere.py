@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 import pytest
+from formation_recording import formation_seconds
 from graph_support import ROOT
 from rclpy.serialization import serialize_message
 
-from vtff_analysis.recordings.formation_recording import formation_seconds
 from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.sources import from_bag
 from vtff_bag.file.reader import BagReader

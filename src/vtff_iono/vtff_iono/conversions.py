@@ -1,34 +1,30 @@
-"""Between the ionosphere algorithms and the messages of vtff_msgs."""
+"""Conversions between the ionosphere algorithms and the messages of vtff_msgs."""
 
 from __future__ import annotations
 
 import array
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from vtff_dynamics.frames.frames import (
-    deputy_state_gcrf,
-    geodetic_from_itrf,
-    mean_solar_local_time_hours,
-    state_gcrf_to_itrf,
-)
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.frames.rtn import deputy_state_gcrf
+from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import OBSERVATION_COLUMNS
+from vtff_gnss.signals import SignalKey
 from vtff_iono.density.formation_density import DensityResult
-from vtff_iono.edges.formation_boundaries import Boundary
+from vtff_iono.edges.boundary import Boundary
 from vtff_iono.scintillation.indices import ScintillationWindow
-from vtff_iono.spacecraft.formation_second import FormationSecond, Group
+from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
 from vtff_msgs.msg import (
     AmbiguityStatus,
     ElectronDensity,
-    GnssEphemeris,
     GnssFix,
     GnssObservations,
     IrregularityBoundary,
@@ -36,6 +32,7 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
+from vtff_node.conversions.gnss import observations_from_message
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 __all__ = [
@@ -43,7 +40,6 @@ __all__ = [
     "block_from_messages",
     "boundary_to_message",
     "density_to_message",
-    "ephemeris_from_message",
     "scintillation_to_message",
     "second_from_messages",
     "slant_tec_to_message",
@@ -53,36 +49,29 @@ EARTH_FRAME = "earth"
 COMBINED_SYSTEM = 255
 """System of the row that combines all satellites."""
 
-# Beyond any error of a receiver's own solution, m; that of a relative state is far smaller.
+# m; larger than any error of a receiver's own solution or of relative navigation that works.
 _LARGEST_CONTRADICTION = 50.0
-
-_EPHEMERIS_FIELDS = tuple(
-    field.name for field in dataclasses.fields(BroadcastEphemeris) if field.name != "time"
-)
 
 
 def block_from_messages(messages: Sequence[GnssObservations]) -> ObservationBlock:
-    """Return the observations of epochs, in the order of the messages."""
-    counts = [len(message.prn) for message in messages]
-    times = [
-        GpsTime.from_week_tow(message.gps_week, message.gps_time_of_week).nanoseconds
-        for message in messages
-    ]
+    """Return the observations of epochs, in the order of the messages.
+
+    Raises
+    ------
+    ValueError
+        If the arrays of a message are not all of one length.
+    """
+    epochs = [observations_from_message(message) for message in messages]
+    times = np.array([epoch.time.nanoseconds for epoch in epochs], dtype=np.int64)
+    counts = [len(epoch.prn) for epoch in epochs]
+    columns_of_epochs = [epoch.columns() for epoch in epochs]
     columns = {
         name: np.concatenate(
-            [np.zeros(0, dtype=kind), *(np.asarray(getattr(m, name), dtype=kind) for m in messages)]
+            [np.zeros(0, dtype=kind), *(columns[name] for columns in columns_of_epochs)]
         )
         for name, kind in OBSERVATION_COLUMNS.items()
     }
-    return ObservationBlock(np.repeat(np.array(times, dtype=np.int64), counts), columns)
-
-
-def ephemeris_from_message(message: GnssEphemeris) -> BroadcastEphemeris:
-    """Return the ephemeris of a message."""
-    return BroadcastEphemeris(
-        time=GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp)),
-        **{name: getattr(message, name) for name in _EPHEMERIS_FIELDS},
-    )
+    return ObservationBlock(np.repeat(times, counts), columns)
 
 
 def second_from_messages(
@@ -92,41 +81,43 @@ def second_from_messages(
     ambiguities: AmbiguityStatus | None,
     fixes: Sequence[GnssFix | None],
 ) -> FormationSecond:
-    """Return what is known of a second.
+    """Return the measurements of a second.
 
-    Relative navigation tells positions and integers. Where it has lost its way, which the
-    receivers' own solutions show, those take its place and its integers are left out: those found
-    before hold on.
+    Relative navigation gives the states and the integers. Where it contradicts the receivers' own
+    solutions, it is wrong: then those solutions are the states, and its integers are left out, so
+    that the integers found before hold on.
 
     Parameters
     ----------
     time : GpsTime
         End of the second.
     observations : tuple of ObservationBlock
-        Of chief and deputy.
-    relative, ambiguities : RelativeState, AmbiguityStatus or None
-        At `time`, as far as they have come.
+        Observations of chief and deputy.
+    relative : RelativeState or None
+        Relative state at `time`, if it has come.
+    ambiguities : AmbiguityStatus or None
+        Integers at `time`, if they have come.
     fixes : sequence of GnssFix or None
-        The same of chief and deputy.
+        Solutions of the receivers of chief and deputy at `time`, as far as they have come.
     """
-    own = [None if fix is None else _state_from_fix(fix) for fix in fixes]
-    told = None if relative is None else _states_from_relative_state(relative)
-    is_lost = told is not None and any(
+    fix_states = [None if fix is None else _state_from_fix(fix) for fix in fixes]
+    relative_states = None if relative is None else _states_from_relative_state(relative)
+    is_lost = relative_states is not None and any(
         fix is not None and np.linalg.norm(fix[:3] - state[:3]) > _LARGEST_CONTRADICTION
-        for fix, state in zip(own, told, strict=True)
+        for fix, state in zip(fix_states, relative_states, strict=True)
     )
-    states = own if told is None or is_lost else told
-    known = {} if ambiguities is None or is_lost else _integers_from_message(ambiguities)
-    return FormationSecond(time.nanoseconds, observations, (states[0], states[1]), known)
+    states = fix_states if relative_states is None or is_lost else relative_states
+    integers = {} if ambiguities is None or is_lost else _integers_from_message(ambiguities)
+    return FormationSecond(time.nanoseconds, observations, (states[0], states[1]), integers)
 
 
-def _integers_from_message(message: AmbiguityStatus) -> dict[tuple[Group, int], float]:
-    """Return the integers of a message, cycles relative to the reference of their group."""
-    names = ("system", "band", "attribute", "prn", "ambiguity_cycles", "state")
+def _integers_from_message(message: AmbiguityStatus) -> dict[SignalKey, float]:
+    """Return the fixed integers of a message, cycles relative to the reference of their group."""
+    names = ("system", "prn", "band", "attribute", "ambiguity_cycles", "state")
     rows = zip(*(getattr(message, name).tolist() for name in names), strict=True)
     return {
-        ((system, band, attribute), prn): cycles
-        for system, band, attribute, prn, cycles, state in rows
+        SignalKey(system, prn, band, attribute): cycles
+        for system, prn, band, attribute, cycles, state in rows
         if state != AmbiguityStatus.STATE_FLOAT
     }
 
@@ -182,7 +173,18 @@ def scintillation_to_message(
     roti_interval: float,
     frame_id: str,
 ) -> Scintillation:
-    """Return the message of the indices of one window; lengths in s."""
+    """Return the message of the indices of one window.
+
+    Parameters
+    ----------
+    window : ScintillationWindow
+    roti_tecu_per_minute : ndarray, shape (m,)
+        ROTI of the signals of the window.
+    window_length, roti_interval : float
+        Length of the window, and interval of the rates of TEC, s.
+    frame_id : str
+        Frame of the antenna.
+    """
     message = Scintillation(
         window=window_length,
         sample_rate_hz=window.sample_rate_hz,
@@ -204,7 +206,7 @@ def scintillation_to_message(
 
 
 def density_to_message(result: DensityResult) -> ElectronDensity:
-    """Return the message of the density of one second: a row a satellite, the last one of all."""
+    """Return the message of one second: a row for each satellite, the last row for all together."""
     epoch = result.epoch
     used = np.isfinite(epoch.density_satellite)
     message = ElectronDensity(
@@ -226,7 +228,7 @@ def density_to_message(result: DensityResult) -> ElectronDensity:
 
 
 def boundary_to_message(boundary: Boundary, spacecraft: str) -> IrregularityBoundary:
-    """Return the message of an edge; `spacecraft` is the name of the one that tells it."""
+    """Return the message of an edge that the named spacecraft has crossed or seen."""
     latitude, longitude, altitude = geodetic_from_itrf(boundary.position_itrf)
     time = GpsTime(boundary.time)
     message = IrregularityBoundary(

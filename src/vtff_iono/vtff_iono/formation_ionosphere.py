@@ -1,28 +1,25 @@
-"""The ionosphere that two spacecraft see together, second by second, online or from a recording.
+"""The ionosphere that two spacecraft observe together, second by second.
 
-Each second brings the observations of both receivers since the last one, their positions, and the
-integers that relative navigation has fixed. From it come the contents and the scintillation of each
-spacecraft (`vtff_iono.spacecraft.spacecraft_ionosphere`), and the electron density between the two.
+Each second brings the observations of both receivers since the second before, their positions, and
+the integers that relative navigation has fixed. The results are the contents and the scintillation
+of each spacecraft (`vtff_iono.spacecraft.spacecraft_ionosphere`), the electron density between the
+two (`vtff_iono.density.formation_density`), and the edges of irregularities that they cross
+(`vtff_iono.edges`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges.formation_boundaries import (
-    Boundary,
-    BoundarySettings,
-    DensitySample,
-    FormationBoundaries,
-)
+from vtff_iono.edges.boundary import Boundary
+from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
+from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import (
-    PreparedBlock,
     SpacecraftIonosphere,
     SpacecraftResult,
     SpacecraftSettings,
@@ -30,45 +27,43 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import (
 
 __all__ = ["FormationIonosphere", "FormationResult", "FormationSettings"]
 
-# Of a recording; bounds the memory.
-_SECONDS_AT_ONCE = 100
-
 
 @dataclass(frozen=True)
 class FormationSettings:
-    """How a formation is processed.
+    """Settings of the processing of a formation.
 
     Parameters
     ----------
     spacecraft : SpacecraftSettings
-        Of both.
+        Settings of the processing of each spacecraft.
     density : DensitySettings
-    boundaries : BoundarySettings
+    ray_edges : RayEdgeSettings
     density_bands : tuple of int
-        RINEX frequency digits of the GPS signals that the density is made of.
+        RINEX frequency digits of the GPS signals that the density is computed from.
     carrier_phase_sigma : float
         Noise of one carrier phase of one receiver at the full rate, m.
     """
 
     spacecraft: SpacecraftSettings = SpacecraftSettings()
     density: DensitySettings = DensitySettings()
-    boundaries: BoundarySettings = BoundarySettings()
+    ray_edges: RayEdgeSettings = RayEdgeSettings()
     density_bands: tuple[int, int] = (1, 2)
     carrier_phase_sigma: float = 0.001
 
 
 @dataclass(frozen=True, eq=False)
 class FormationResult:
-    """What a second has told.
+    """Results of one second.
 
     Parameters
     ----------
     spacecraft : tuple of SpacecraftResult
-        Chief and deputy.
+        Results of chief and deputy.
     density : tuple of DensityResult
-        Of the seconds that have ended: one, as a rule, whose samples reach up to one before `time`.
+        Densities of the seconds that have ended, as a rule one. A second ends with the first sample
+        of the next one.
     boundaries : tuple of Boundary
-        Edges that have been confirmed.
+        Edges that this second has confirmed.
     """
 
     spacecraft: tuple[SpacecraftResult, SpacecraftResult]
@@ -83,12 +78,12 @@ class FormationIonosphere:
     ----------
     settings : FormationSettings
     code_biases : CodeBiasTable, optional
-        Satellite biases; those of the ephemerides by default.
+        Satellite biases; by default those that the ephemerides contain.
 
     Attributes
     ----------
     spacecraft : tuple of SpacecraftIonosphere
-        Chief and deputy.
+        The processing of chief and deputy.
     """
 
     def __init__(
@@ -104,83 +99,37 @@ class FormationIonosphere:
         self._density = FormationDensity(
             settings.density, settings.density_bands, settings.carrier_phase_sigma
         )
-        self._boundaries = FormationBoundaries(settings.boundaries)
+        self._ray_edges = (
+            RayEdgeFinder(0, settings.ray_edges),
+            RayEdgeFinder(1, settings.ray_edges),
+        )
+        self._vertical_edges = VerticalEdgeFinder()
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Take a broadcast ephemeris that either receiver has decoded."""
+        """Add a broadcast ephemeris that either receiver has decoded."""
         for spacecraft in self.spacecraft:
             spacecraft.add_ephemeris(ephemeris)
 
     def process(self, second: FormationSecond) -> FormationResult:
-        """Take the next second in."""
-        return next(self._process_all([second]))
-
-    def process_recording(
-        self, recording: Iterable[tuple[Sequence[BroadcastEphemeris], FormationSecond]]
-    ) -> Iterator[FormationResult]:
-        """Take seconds in and yield what each has told.
-
-        The results have the same bytes as those of `add_ephemeris` and `process` for each second,
-        in half the time: what can be done for many seconds at once is.
-
-        Parameters
-        ----------
-        recording : iterable
-            New ephemerides and the second, in order of time.
-        """
-        waiting: list[FormationSecond] = []
-        for ephemerides, second in recording:
-            if ephemerides or len(waiting) == _SECONDS_AT_ONCE:
-                yield from self._process_all(waiting)
-                waiting = []
-            for ephemeris in ephemerides:
-                self.add_ephemeris(ephemeris)
-            waiting.append(second)
-        yield from self._process_all(waiting)
-
-    def _process_all(self, seconds: Sequence[FormationSecond]) -> Iterator[FormationResult]:
-        if not seconds:
-            return
-        tracks, prepared = [], []
+        """Process the next second and return its results."""
+        tracks, positions, results = [], [], []
         for craft, spacecraft in enumerate(self.spacecraft):
-            track, own = self._tracks[craft], []
-            for second in seconds:
-                track = track.followed_by(second.time, second.states_itrf[craft])
-                own.append(track)
-            blocks = [second.observations[craft] for second in seconds]
-            positions = [
-                track.positions(block.time) for track, block in zip(own, blocks, strict=True)
-            ]
-            tracks.append(own)
-            prepared.append(spacecraft.prepare(blocks, positions))
-        for place, second in enumerate(seconds):
-            self._tracks = (tracks[0][place], tracks[1][place])
-            yield self._processed(second, (prepared[0][place], prepared[1][place]))
-
-    def _processed(
-        self, second: FormationSecond, prepared: tuple[PreparedBlock, PreparedBlock]
-    ) -> FormationResult:
-        chief, deputy = (
-            spacecraft.process_prepared(part)
-            for spacecraft, part in zip(self.spacecraft, prepared, strict=True)
-        )
+            track = self._tracks[craft].followed_by(second.time, second.states_itrf[craft])
+            block = second.observations[craft]
+            position = track.positions(block.time)
+            tracks.append(track)
+            positions.append(position)
+            results.append(spacecraft.process(block, position))
+        self._tracks = (tracks[0], tracks[1])
+        both_results = (results[0], results[1])
         links = (self.spacecraft[0].links, self.spacecraft[1].links)
-        density = tuple(self._density.update(second, (chief, deputy), links, self._tracks))
-        samples = [
-            DensitySample(
-                one.time,
-                one.epoch.altitude,
-                one.epoch.separation,
-                one.epoch.density,
-                one.epoch.sigma,
-            )
-            for one in density
-        ]
-        boundaries = self._boundaries.update(
-            second.observations,
-            (prepared[0].position_itrf, prepared[1].position_itrf),
-            (chief, deputy),
-            links,
-            samples,
+        densities = self._density.update(second, both_results, links, self._tracks)
+        boundaries: list[Boundary] = []
+        for finder, block, position, result in zip(
+            self._ray_edges, second.observations, positions, results, strict=True
+        ):
+            boundaries += finder.update(block, position, result)
+        boundaries += self._vertical_edges.update(
+            (positions[0], positions[1]), both_results, links, densities
         )
-        return FormationResult((chief, deputy), density, tuple(boundaries))
+        return FormationResult(both_results, tuple(densities), tuple(boundaries))

@@ -19,19 +19,18 @@ from vtff_iono.conversions import (
     block_from_messages,
     boundary_to_message,
     density_to_message,
-    ephemeris_from_message,
     scintillation_to_message,
     second_from_messages,
     slant_tec_to_message,
 )
 from vtff_iono.density.electron_density import DensitySettings
-from vtff_iono.edges.formation_boundaries import BoundarySettings
+from vtff_iono.edges.ray_edges import RayEdgeSettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
     FormationSettings,
 )
-from vtff_iono.scintillation.indices import ScintillationSettings
+from vtff_iono.scintillation.indices import ORBIT_PHASE_CUTOFF_HZ, ScintillationSettings
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftSettings
 from vtff_msgs.msg import (
@@ -47,6 +46,7 @@ from vtff_msgs.msg import (
     StepDone,
 )
 from vtff_node import diagnostics
+from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.epoch_join import EpochJoin, JoinedEpoch
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
@@ -87,7 +87,10 @@ class IonosphereProcessorParameters:
     )
     window: float = parameter(60.0, "window of the scintillation indices", unit="s", minimum=1.0)
     phase_cutoff_hz: float = parameter(
-        1.0, "high-pass cut-off of sigma-phi; 1 Hz is 7.5 km in low orbit", unit="Hz", minimum=0.01
+        ORBIT_PHASE_CUTOFF_HZ,
+        "high-pass cut-off of sigma-phi; 1 Hz is 7.5 km in low orbit",
+        unit="Hz",
+        minimum=0.01,
     )
     roti_interval: float = parameter(
         1.0, "interval of the rates that ROTI is made of", unit="s", minimum=0.05
@@ -122,7 +125,7 @@ def formation_settings(given: IonosphereProcessorParameters) -> FormationSetting
             bias_delay=given.bias_delay,
         ),
         density=DensitySettings(elevation_minimum=mask),
-        boundaries=BoundarySettings(irregularity_altitude=given.irregularity_altitude),
+        ray_edges=RayEdgeSettings(irregularity_altitude=given.irregularity_altitude),
         carrier_phase_sigma=given.phase_sigma,
     )
 
@@ -291,11 +294,11 @@ class IonosphereProcessorNode(VtffNode):
 
     def _publish(self, result: FormationResult) -> None:
         given: IonosphereProcessorParameters = self.parameters
-        for number, (craft, part) in enumerate(zip(self._crafts, result.spacecraft, strict=True)):
+        for number, (craft, own) in enumerate(zip(self._crafts, result.spacecraft, strict=True)):
             frame = f"{craft}/gnss_antenna"
-            if part.epoch is not None:
-                self._tec_publishers[number].publish(slant_tec_to_message(part.epoch, frame))
-            for window, roti in part.scintillation:
+            if own.epoch is not None:
+                self._tec_publishers[number].publish(slant_tec_to_message(own.epoch, frame))
+            for window, roti in own.scintillation:
                 self._scintillation_publishers[number].publish(
                     scintillation_to_message(window, roti, given.window, given.roti_interval, frame)
                 )
@@ -309,31 +312,63 @@ class IonosphereProcessorNode(VtffNode):
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report whether there are contents and densities, and the receiver biases."""
+        return [self._ionosphere_status(), self._receiver_bias_status()]
+
+    def _ionosphere_status(self) -> diagnostics.DiagnosticStatus:
         level, text = diagnostics.OK, "contents and density"
         if self._result is None:
             level, text = diagnostics.WARN, "no observations yet"
         elif not self._result.density:
             level, text = diagnostics.WARN, "no density: no integers on two signals in common"
-        biases = {
-            f"receiver bias {craft} {key[1]}-{key[2]} (TECU)": round(bias.bias_tecu, 3)
-            for craft, part in zip(self._crafts, self._formation.spacecraft, strict=True)
-            for key, bias in part.receiver_biases.items()
+        return diagnostics.status(
+            f"{self.get_name()}: ionosphere",
+            level,
+            text,
+            {
+                **self._counts,
+                **{f"seconds without {k}": n for k, n in self._join.incomplete.items()},
+                "messages too late": self._join.late,
+                "compute time of the last second": self._compute_time,
+            },
+            hardware_id=self.parameters.deputy,
+        )
+
+    def _receiver_bias_status(self) -> diagnostics.DiagnosticStatus:
+        """Report the receiver biases, and why an estimate has failed."""
+        spacecraft = dict(zip(self._crafts, self._formation.spacecraft, strict=True))
+        errors = {
+            craft: ionosphere.bias_error
+            for craft, ionosphere in spacecraft.items()
+            if ionosphere.bias_error is not None
         }
-        return [
-            diagnostics.status(
-                f"{self.get_name()}: ionosphere",
-                level,
-                text,
-                {
-                    **self._counts,
-                    **{f"seconds without {k}": n for k, n in self._join.incomplete.items()},
-                    "messages too late": self._join.late,
-                    "compute time of the last second": self._compute_time,
-                    **biases,
-                },
-                hardware_id=self.parameters.deputy,
-            )
+        missing = [
+            craft for craft, ionosphere in spacecraft.items() if not ionosphere.receiver_biases
         ]
+        level, text = diagnostics.OK, "receiver biases estimated"
+        if errors:
+            level = diagnostics.WARN
+            text = "; ".join(
+                f"{craft}: {'no receiver bias' if craft in missing else 'receiver bias is old'}: "
+                f"{error}"
+                for craft, error in errors.items()
+            )
+        elif missing:
+            text = (
+                f"no receiver bias of {' and '.join(missing)} yet: the first estimate follows "
+                f"{self.parameters.bias_delay:g} s after the first observation (bias_delay)"
+            )
+        biases = {
+            f"receiver bias {craft} {first}-{second} (TECU)": round(bias.bias_tecu, 3)
+            for craft, ionosphere in spacecraft.items()
+            for (_, first, second), bias in ionosphere.receiver_biases.items()
+        }
+        return diagnostics.status(
+            f"{self.get_name()}: receiver bias",
+            level,
+            text,
+            biases,
+            hardware_id=self.parameters.deputy,
+        )
 
 
 def _fix(craft: str) -> str:

@@ -7,11 +7,11 @@ import pathlib
 import numpy as np
 import pytest
 from bag_samples import sample_messages, write_bag
+from formation_recording import formation_seconds
 from pyarrow import csv, parquet
 from shared_data import require_shared
 from typer.testing import CliRunner
 
-from vtff_analysis.recordings.formation_recording import formation_seconds
 from vtff_bag.file.message_definitions import installed_type_hash, message_definition
 from vtff_bag.file.metadata import offered_qos
 from vtff_bag.file.reader import BagReader
@@ -200,7 +200,10 @@ def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(tmp_path):
     }  # fmt: skip
     spacecraft = FormationIonosphere()
     compared = 0
-    for result in spacecraft.process_recording(formation_seconds(BagReader(bag))):
+    for ephemerides, second in formation_seconds(BagReader(bag)):
+        for ephemeris in ephemerides:
+            spacecraft.add_ephemeris(ephemeris)
+        result = spacecraft.process(second)
         epoch = result.spacecraft[1].epoch
         time = np.datetime64("1980-01-06", "ms") + np.timedelta64(epoch.time // 1_000_000, "ms")
         biases = spacecraft.spacecraft[1].receiver_biases

@@ -8,20 +8,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2
+from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, SYSTEM_GPS
+from vtff_gnss.signals import SignalKey
 from vtff_iono.density.integer_datum import IntegerDatum
 from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.links.geometry_free import tecu_per_metre
 
-GROUP = (0, 1, ord("C"))
+
+def signal(prn):
+    return SignalKey(SYSTEM_GPS, prn, 1, ord("C"))
 
 
 def relative_to(reference, integers):
-    return {(GROUP, prn): cycles - integers[reference] for prn, cycles in integers.items()}
+    return {signal(prn): cycles - integers[reference] for prn, cycles in integers.items()}
 
 
 def unbroken(integers, arc=1):
-    return {(GROUP, prn): arc for prn in integers}
+    return {signal(prn): arc for prn in integers}
 
 
 @given(
@@ -41,11 +44,11 @@ def test_integers_hold_while_the_filter_floats_and_end_with_their_arcs():
     integers = {1: 5.0, 2: 7.0, 3: -4.0}
     datum = IntegerDatum()
     first = datum.update(relative_to(1, integers), unbroken(integers))
-    continuity = unbroken(integers) | {(GROUP, 2): 2}
+    continuity = unbroken(integers) | {signal(2): 2}
     held = datum.update({}, continuity)
-    assert held == {key: value for key, value in first.items() if key[1] != 2}
-    datum.resolve(GROUP, 2, 99.0, 2)
-    assert datum.update({}, continuity)[GROUP, 2] == 99.0
+    assert held == {key: value for key, value in first.items() if key.prn != 2}
+    datum.resolve(signal(2), 99.0, 2)
+    assert datum.update({}, continuity)[signal(2)] == 99.0
 
 
 def test_without_a_connection_the_datum_is_another():
@@ -60,21 +63,21 @@ def test_the_majority_overrules_a_wrong_integer():
     integers = {1: 0.0, 2: 1.0, 3: 2.0, 4: 3.0}
     datum.update(relative_to(1, integers), unbroken(integers))
     corrected = integers | {4: 8.0}
-    assert datum.update(relative_to(1, corrected), unbroken(integers))[GROUP, 4] == 8.0
+    assert datum.update(relative_to(1, corrected), unbroken(integers))[signal(4)] == 8.0
 
 
 def test_nothing_overrules_an_integer_that_has_proved_right():
     datum = IntegerDatum()
     integers = {1: 0.0, 2: 1.0, 3: 2.0, 4: 3.0}
     first = datum.update(relative_to(1, integers), unbroken(integers))
-    datum.prove(GROUP, 4)
+    datum.prove(signal(4))
     wrong = relative_to(1, integers | {4: 8.0})
     assert datum.update(wrong, unbroken(integers)) == first
-    assert datum.is_proved(GROUP, 4) and not datum.is_proved(GROUP, 3)
+    assert datum.is_proved(signal(4)) and not datum.is_proved(signal(3))
     # A new arc has to prove itself again.
-    broken = unbroken([1, 2, 3]) | {(GROUP, 4): 2}
-    assert datum.update(wrong, broken)[GROUP, 4] == 8.0
-    assert not datum.is_proved(GROUP, 4)
+    broken = unbroken([1, 2, 3]) | {signal(4): 2}
+    assert datum.update(wrong, broken)[signal(4)] == 8.0
+    assert not datum.is_proved(signal(4))
 
 
 def test_a_refused_integer_does_not_come_back_with_the_same_arc():
@@ -82,9 +85,9 @@ def test_a_refused_integer_does_not_come_back_with_the_same_arc():
     integers = {1: 0.0, 2: 1.0, 3: 2.0}
     table = relative_to(1, integers)
     datum.update(table, unbroken(integers))
-    datum.forget(GROUP, 3)
-    assert (GROUP, 3) not in datum.update(table, unbroken(integers))
-    assert (GROUP, 3) in datum.update(table, unbroken([1, 2]) | {(GROUP, 3): 2})
+    datum.refuse(signal(3))
+    assert signal(3) not in datum.update(table, unbroken(integers))
+    assert signal(3) in datum.update(table, unbroken([1, 2]) | {signal(3): 2})
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -97,10 +100,10 @@ def test_integers_of_a_broken_arc_are_found_again(seed, pair):
     shift = scale * SPEED_OF_LIGHT * (pair[0] / FREQUENCY_L1 - pair[1] / FREQUENCY_L2)
     bias = 12.3
     for _ in range(100):
-        resolver.add_known(bias + generator.normal(0.0, 0.35 / np.sqrt(20)), 20)
+        resolver.add_resolved(bias + generator.normal(0.0, 0.35 / np.sqrt(20)), 20)
     for second in range(60):
         wide = pair[0] - pair[1] + bias + generator.normal(0.0, 0.35 / np.sqrt(20))
-        found = resolver.add_unknown("arc", wide, 20, shift + generator.normal(0.0, 0.08))
+        found = resolver.resolve("arc", wide, 20, shift + generator.normal(0.0, 0.08))
         if found is not None:
             assert found == pair
             assert second >= 3
@@ -112,6 +115,6 @@ def test_nothing_is_decided_between_two_integers():
     generator = np.random.default_rng(1)
     resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
     for _ in range(100):
-        resolver.add_known(generator.normal(0.0, 0.08), 20)
+        resolver.add_resolved(generator.normal(0.0, 0.08), 20)
         noise = generator.normal(0.0, 0.01, size=2)
-        assert resolver.add_unknown("arc", 0.5 + noise[0], 20, noise[1]) is None
+        assert resolver.resolve("arc", 0.5 + noise[0], 20, noise[1]) is None

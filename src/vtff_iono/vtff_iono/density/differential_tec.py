@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +13,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
 
-__all__ = ["SecondAverage", "differential_stec"]
+__all__ = ["SecondAverage", "SecondMeans", "differential_stec"]
 
 
 def differential_stec(
@@ -30,11 +31,11 @@ def differential_stec(
     phase_first_cycles, phase_second_cycles : array_like
         Carrier phases deputy minus chief at one receiver time, cycles, RINEX sign.
     ambiguity_first_cycles, ambiguity_second_cycles : array_like
-        Their integers, which are subtracted. Where they come from double differences, those of
-        the reference satellite are arbitrary: the result then has one constant in common for all
-        satellites, as it has from the difference of the receivers' inter-frequency biases.
+        Integers of these phases, which are subtracted. Integers of double differences leave those
+        of the reference satellite open: the result then contains one constant that is common to all
+        satellites, as the difference of the inter-frequency biases of the receivers is.
     frequency_first, frequency_second : float
-        Hz.
+        Carrier frequencies, Hz.
     """
     first = np.asarray(phase_first_cycles, dtype=float) - ambiguity_first_cycles
     second = np.asarray(phase_second_cycles, dtype=float) - ambiguity_second_cycles
@@ -44,16 +45,37 @@ def differential_stec(
     return np.asarray(ranges * tecu_per_metre(frequency_first, frequency_second))
 
 
+class SecondMeans(NamedTuple):
+    """Means of one second; arrays of shape (n,), one row for each number, in ascending order.
+
+    Attributes
+    ----------
+    time : float
+        Mean time of the epochs, GPS time, ns since 1980-01-06.
+    number : ndarray of int64
+        What the rows belong to.
+    columns : dict of str to ndarray
+        Means by name.
+    samples : ndarray of int64
+        Number of samples of each mean.
+    """
+
+    time: float
+    number: npt.NDArray[np.int64]
+    columns: dict[str, FloatArray]
+    samples: npt.NDArray[np.int64]
+
+
 class SecondAverage:
-    """Averages rows of satellites over whole seconds.
+    """Averages rows over whole seconds, those of each number apart.
 
     Geometry is averaged with the observations, so that their means belong together while both
-    change. 20 samples of white noise leave 0.22 of the noise of one.
+    change. A mean of 20 samples has 0.22 of the white noise of one sample.
 
     Parameters
     ----------
     coverage_minimum : int
-        Fewest samples of a satellite in a second; with fewer it has no row.
+        Fewest samples of a number in a second; with fewer it has no mean.
     """
 
     def __init__(self, coverage_minimum: int = 1) -> None:
@@ -63,47 +85,27 @@ class SecondAverage:
     def update(
         self,
         time: npt.NDArray[np.int64],
-        satellite: npt.NDArray[np.int64],
+        number: npt.NDArray[np.int64],
         columns: Mapping[str, FloatArray],
-    ) -> Iterator[
-        tuple[float, npt.NDArray[np.int64], dict[str, FloatArray], npt.NDArray[np.int64]]
-    ]:
-        """Take rows in and yield the means of the seconds that they end.
+    ) -> Iterator[SecondMeans]:
+        """Add rows and yield the means of the seconds that they end.
 
         Parameters
         ----------
         time : ndarray of int64, shape (n,)
             GPS time, ns since 1980-01-06, not decreasing.
-        satellite : ndarray of int64, shape (n,)
-            What is averaged apart; give another number when an ambiguity changes.
+        number : ndarray of int64, shape (n,)
+            What each row belongs to: a satellite, with another number after its ambiguity has
+            changed.
         columns : mapping of str to ndarray, shape (n,)
             Quantities; one that is NaN in a row makes the mean NaN.
-
-        Yields
-        ------
-        time : float
-            Mean time of the samples, ns since 1980-01-06.
-        satellite, means, samples
-            Satellites in ascending order, their means by name, and the number of samples.
         """
-        for _, window in self._buffer.update(time, {"satellite": satellite, **columns}):
+        for _, window in self._buffer.update(time, {"number": number, **columns}):
             yield self._means(window)
 
-    def flush(
-        self,
-    ) -> Iterator[
-        tuple[float, npt.NDArray[np.int64], dict[str, FloatArray], npt.NDArray[np.int64]]
-    ]:
-        """Yield the last second, which may be short."""
-        for _, window in self._buffer.flush():
-            yield self._means(window)
-
-    def _means(
-        self,
-        window: dict[str, npt.NDArray],  # type: ignore[type-arg]
-    ) -> tuple[float, npt.NDArray[np.int64], dict[str, FloatArray], npt.NDArray[np.int64]]:
-        satellite, inverse, samples = np.unique(
-            window["satellite"], return_inverse=True, return_counts=True
+    def _means(self, window: dict[str, npt.NDArray[Any]]) -> SecondMeans:
+        number, inverse, samples = np.unique(
+            window["number"], return_inverse=True, return_counts=True
         )
         kept = samples >= self._coverage_minimum
         epochs = np.unique(window["time"])
@@ -111,6 +113,6 @@ class SecondAverage:
         means = {
             name: (np.bincount(inverse, column) / samples)[kept]
             for name, column in window.items()
-            if name not in ("time", "satellite")
+            if name not in ("time", "number")
         }
-        return middle, satellite[kept], means, samples[kept]
+        return SecondMeans(middle, number[kept], means, samples[kept])

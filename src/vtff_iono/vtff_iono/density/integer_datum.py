@@ -1,110 +1,134 @@
 """Integers of single differences that outlive the filter that found them, in one datum.
 
-Relative navigation tells double differences with a reference satellite. Two things are done with
-them here, because the electron density rests on one constant that all satellites have in common:
+Relative navigation publishes integers of double differences with a reference satellite. Two things
+are done with them here, because the electron density rests on one constant that all satellites have
+in common:
 
-- that constant, the ambiguity of the reference, must not change with the reference satellite;
+- that constant, the ambiguity of the reference satellite, must not change when relative navigation
+  chooses another reference satellite;
 - an integer holds for as long as the phases of both receivers are continuous, also while the
-  filter, which sees scintillation as errors of millimetres, does not dare to use it.
+  filter, which sees scintillation as errors of millimetres, does not use it.
 
-An integer that has proved right, because its satellite agrees with others, is not overruled by what
-relative navigation tells later.
+An integer that has proved right, because the content of its satellite agrees with that of the
+others, is not overruled by a later integer of relative navigation.
 """
 
 from __future__ import annotations
 
 import collections
 from collections.abc import Hashable, Mapping
+from typing import NamedTuple
 
-from vtff_iono.spacecraft.formation_second import Group
+from vtff_gnss.signals import SignalKey
 
 __all__ = ["IntegerDatum"]
 
+SignalGroup = tuple[int, int, int]
+"""System, band and attribute: `SignalKey.group`."""
+
+
+class _HeldInteger(NamedTuple):
+    """An integer, cycles in the datum, and the continuity of the phases that it belongs to."""
+
+    cycles: float
+    continuity: Hashable
+
 
 class IntegerDatum:
-    """Integers in a datum of their own; see the module.
+    """The integers that hold, relative to a reference that does not change with the satellites.
 
     Attributes
     ----------
     number : int
-        Number of the datum; it changes when nothing connects a table with the one before.
+        Number of the datum. It grows when no satellite connects the integers of relative navigation
+        with those held before, so that their common constant is a new one.
     """
 
     def __init__(self) -> None:
         self.number = 0
-        self._known: dict[Group, dict[int, tuple[float, Hashable]]] = {}
-        self._refused: dict[Group, dict[int, tuple[float, Hashable]]] = {}
-        self._proved: dict[Group, set[int]] = {}
+        self._held: dict[SignalGroup, dict[SignalKey, _HeldInteger]] = {}
+        self._refused: dict[SignalKey, _HeldInteger] = {}
+        self._proved: dict[SignalGroup, set[SignalKey]] = {}
 
     def update(
         self,
-        table: Mapping[tuple[Group, int], float],
-        continuity: Mapping[tuple[Group, int], Hashable],
-    ) -> dict[tuple[Group, int], float]:
-        """Return the integers that hold now, by group and satellite, in the datum.
+        fixed: Mapping[SignalKey, float],
+        continuity: Mapping[SignalKey, Hashable],
+    ) -> dict[SignalKey, float]:
+        """Return the integers that hold now, cycles in the datum.
 
         Parameters
         ----------
-        table : mapping of (Group, prn) to float
-            Integers that relative navigation holds, cycles relative to a reference of each group.
-        continuity : mapping of (Group, prn) to hashable
-            For each signal with continuous phases in both receivers something that changes when
-            the continuity is broken; a signal that is not in it has no integer.
+        fixed : mapping of SignalKey to float
+            Integers that relative navigation has fixed, cycles relative to the reference satellite
+            of each group of signals.
+        continuity : mapping of SignalKey to hashable
+            For each signal with continuous phases in both receivers a value that changes when the
+            continuity is broken, such as the arcs. A signal without an entry has no integer.
         """
-        result: dict[tuple[Group, int], float] = {}
-        for group in sorted({group for group, _ in table} | set(self._known)):
-            held = {
-                prn: cycles
-                for prn, (cycles, unbroken) in self._known.get(group, {}).items()
-                if continuity.get((group, prn)) == unbroken
+        result: dict[SignalKey, float] = {}
+        for group in sorted({signal.group for signal in fixed} | set(self._held)):
+            usable = {
+                signal: cycles
+                for signal, cycles in fixed.items()
+                if signal.group == group and signal in continuity
             }
-            told = {
-                prn: cycles
-                for (other, prn), cycles in table.items()
-                if other == group and (group, prn) in continuity
-            }
-            refused = self._refused.get(group, {})
-            proved = self._proved.get(group, set()) & held.keys()
-            shifts = collections.Counter(
-                held[prn] - cycles for prn, cycles in told.items() if prn in held
-            )
-            if shifts:
-                # All agree, unless an integer has been found to be wrong: then the others rule.
-                shift = shifts.most_common(1)[0][0]
-                held |= {
-                    prn: cycles + shift
-                    for prn, cycles in told.items()
-                    if prn not in proved
-                    and refused.get(prn) != (cycles + shift, continuity[group, prn])
-                }
-            elif len(told) > len(held):
-                self.number += 1
-                held, proved = told, set()
-            self._proved[group] = proved
-            self._known[group] = {
-                prn: (cycles, continuity[group, prn]) for prn, cycles in held.items()
-            }
-            result |= {(group, prn): cycles for prn, cycles in held.items()}
+            result |= self._update_group(group, usable, continuity)
         return result
 
-    def resolve(self, group: Group, prn: int, cycles: float, unbroken: Hashable) -> None:
-        """Take an integer that was found otherwise, in the datum; it counts as proved."""
-        self._known.setdefault(group, {})[prn] = (cycles, unbroken)
-        self._refused.get(group, {}).pop(prn, None)
-        self.prove(group, prn)
+    def _update_group(
+        self,
+        group: SignalGroup,
+        fixed: dict[SignalKey, float],
+        continuity: Mapping[SignalKey, Hashable],
+    ) -> dict[SignalKey, float]:
+        """Return the integers of one group that hold now; arguments as in `update`."""
+        held = {
+            signal: integer.cycles
+            for signal, integer in self._held.get(group, {}).items()
+            if continuity.get(signal) == integer.continuity
+        }
+        proved = self._proved.get(group, set()) & held.keys()
+        shifts = collections.Counter(
+            held[signal] - cycles for signal, cycles in fixed.items() if signal in held
+        )
+        if shifts:
+            # All satellites show the same shift unless one of the integers is wrong: then the
+            # majority decides.
+            shift = shifts.most_common(1)[0][0]
+            held |= {
+                signal: cycles + shift
+                for signal, cycles in fixed.items()
+                if signal not in proved
+                and self._refused.get(signal) != (cycles + shift, continuity[signal])
+            }
+        elif len(fixed) > len(held):
+            self.number += 1
+            held, proved = fixed, set()
+        self._proved[group] = proved
+        self._held[group] = {
+            signal: _HeldInteger(cycles, continuity[signal]) for signal, cycles in held.items()
+        }
+        return held
 
-    def prove(self, group: Group, prn: int) -> None:
-        """Trust an integer for as long as its phases are continuous."""
-        if prn in self._known.get(group, {}):
-            self._proved.setdefault(group, set()).add(prn)
+    def resolve(self, signal: SignalKey, cycles: float, continuity: Hashable) -> None:
+        """Hold an integer, cycles in the datum, that was found here; it counts as proved."""
+        self._held.setdefault(signal.group, {})[signal] = _HeldInteger(cycles, continuity)
+        self._refused.pop(signal, None)
+        self.prove(signal)
 
-    def is_proved(self, group: Group, prn: int) -> bool:
-        """Return whether an integer is trusted."""
-        return prn in self._proved.get(group, set())
+    def prove(self, signal: SignalKey) -> None:
+        """Trust the integer of a signal for as long as its phases are continuous."""
+        if signal in self._held.get(signal.group, {}):
+            self._proved.setdefault(signal.group, set()).add(signal)
 
-    def forget(self, group: Group, prn: int) -> None:
-        """Give up an integer that has proved wrong, for as long as its phases are continuous."""
-        self._proved.get(group, set()).discard(prn)
-        known = self._known.get(group, {}).pop(prn, None)
-        if known is not None:
-            self._refused.setdefault(group, {})[prn] = known
+    def is_proved(self, signal: SignalKey) -> bool:
+        """Return whether the integer of a signal is trusted."""
+        return signal in self._proved.get(signal.group, set())
+
+    def refuse(self, signal: SignalKey) -> None:
+        """Give up an integer that is wrong, for as long as the phases are continuous."""
+        self._proved.get(signal.group, set()).discard(signal)
+        integer = self._held.get(signal.group, {}).pop(signal, None)
+        if integer is not None:
+            self._refused[signal] = integer

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_crossing import ContentSeries
 from vtff_iono.links.signal_pairs import Link
@@ -20,51 +20,56 @@ __all__ = ["ContentHistory"]
 
 
 @dataclass(frozen=True, eq=False)
-class _Second:
-    """Rows of one second."""
+class _SecondRows:
+    """Rows of one second; arrays of shape (n,) and (n, 3), names as in `SlantTecRows`."""
 
     time: npt.NDArray[np.int64]
     link: npt.NDArray[np.int64]
     arc: npt.NDArray[np.int64]
-    stec: FloatArray
+    stec_phase_tecu: FloatArray
     elevation: FloatArray
-    position: FloatArray
+    position_itrf: FloatArray
 
 
 class ContentHistory:
-    """What one spacecraft has seen and where it was.
+    """Contents that one spacecraft has observed, and its positions.
 
     Parameters
     ----------
     length : float
-        How much is kept, s.
+        Time for which they are kept, s.
+
+    Attributes
+    ----------
+    links : sequence of Link
+        All links of the spacecraft, by their numbers in the rows.
     """
 
     def __init__(self, length: float) -> None:
         self._length = length
-        self._seconds: deque[_Second] = deque()
+        self._seconds: deque[_SecondRows] = deque()
         self.links: Sequence[Link] = ()
 
     def add(
         self, position_itrf: FloatArray, result: SpacecraftResult, links: Sequence[Link]
     ) -> None:
-        """Take a second in.
+        """Add a second.
 
         Parameters
         ----------
         position_itrf : ndarray, shape (n, 3)
-            Of the antenna at each observation of the second, m.
+            Position of the antenna at each observation of the second, m.
         result : SpacecraftResult
-            What has been made of them.
+            Results of the spacecraft for these observations.
         links : sequence of Link
-            Those whose numbers its rows tell; it may grow later.
+            All links, by their numbers in the rows of `result`; the sequence may grow later.
         """
         rows = result.rows
         if not len(rows):
             return
         self.links = links
         self._seconds.append(
-            _Second(
+            _SecondRows(
                 rows.pairs.time,
                 rows.pairs.link,
                 rows.arc,
@@ -77,39 +82,39 @@ class ContentHistory:
         while self._seconds and self._seconds[0].time[-1] < oldest:
             self._seconds.popleft()
 
-    def way(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
-        """Return the times, ns, and positions (n, 3), m, at the ends of seconds, where known."""
-        ends = [(int(one.time[-1]), one.position[-1]) for one in self._seconds]
+    def trajectory(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
+        """Return the ends of seconds with known positions, ns, and these positions (n, 3), m."""
+        ends = [(int(rows.time[-1]), rows.position_itrf[-1]) for rows in self._seconds]
         ends = [end for end in ends if np.isfinite(end[1]).all()]
         return (
             np.array([time for time, _ in ends], dtype=np.int64),
-            np.array([place for _, place in ends]).reshape(-1, 3),
+            np.array([position for _, position in ends]).reshape(-1, 3),
         )
 
     def crossing(self, altitude: float) -> int | None:
-        """Return when the spacecraft last was at an altitude (m), ns.
+        """Return when the spacecraft was at an altitude (m), ns.
 
-        If it was not, this is the end of the history that is nearer to the altitude; None
-        without positions.
+        If it was not there within the history, this is the end of the history that is nearer to
+        the altitude; None with fewer than two positions.
         """
-        times, places = self.way()
+        times, positions = self.trajectory()
         if len(times) < 2:
             return None
-        heights = geodetic_from_itrf(places)[:, 2]
-        order = slice(None) if heights[-1] > heights[0] else slice(None, None, -1)
+        altitudes = geodetic_from_itrf(positions)[:, 2]
+        order = slice(None) if altitudes[-1] > altitudes[0] else slice(None, None, -1)
         seconds = (times - times[-1]) / NANOSECONDS_PER_SECOND
-        ago = float(np.interp(altitude, heights[order], seconds[order]))
-        return int(times[-1]) + round(ago * NANOSECONDS_PER_SECOND)
+        since_end = float(np.interp(altitude, altitudes[order], seconds[order]))
+        return int(times[-1]) + round(since_end * NANOSECONDS_PER_SECOND)
 
     def position_at(self, time: int) -> FloatArray:
-        """Return the position at a time (ns) of the history, shape (3,), m."""
-        times, places = self.way()
+        """Return the position at a time (ns) within the history, shape (3,), m."""
+        times, positions = self.trajectory()
         seconds = (times - time) / NANOSECONDS_PER_SECOND
-        return np.array([np.interp(0.0, seconds, column) for column in places.T])
+        return np.array([np.interp(0.0, seconds, column) for column in positions.T])
 
     def epochs(self, begin: int, end: int) -> npt.NDArray[np.int64]:
         """Return the times of samples from `begin` to `end`, ns, increasing."""
-        times = [np.unique(one.time) for one in self._between(begin, end)]
+        times = [np.unique(rows.time) for rows in self._seconds_between(begin, end)]
         epochs = np.concatenate([np.zeros(0, dtype=np.int64), *times])
         return epochs[(epochs >= begin) & (epochs <= end)]
 
@@ -119,21 +124,23 @@ class ContentHistory:
         altitude = np.full(len(epochs), np.nan)
         stec, elevation = np.full(shape, np.nan), np.full(shape, np.nan)
         arc = np.zeros(shape, dtype=np.int64)
-        row_of = {link: row for row, link in enumerate(links)}
-        rows = np.array([row_of.get(link, -1) for link in self.links] + [-1], dtype=np.int64)
-        for one in self._between(int(epochs[0]), int(epochs[-1])):
-            column = np.searchsorted(epochs, one.time)
+        row_of_link = {link: row for row, link in enumerate(links)}
+        # Row of the result by number of the link; -1 for other links and for rows without a link.
+        table = np.array([*(row_of_link.get(link, -1) for link in self.links), -1], dtype=np.int64)
+        for rows in self._seconds_between(int(epochs[0]), int(epochs[-1])):
+            column = np.searchsorted(epochs, rows.time)
             column[column == len(epochs)] = 0
-            known = epochs[column] == one.time
-            _, first = np.unique(column[known], return_index=True)
-            places = np.flatnonzero(known)[first]
-            altitude[column[places]] = geodetic_from_itrf(one.position[places])[:, 2]
-            row = rows[one.link]
-            chosen = known & (row >= 0) & (one.arc > 0)
-            stec[row[chosen], column[chosen]] = one.stec[chosen]
-            elevation[row[chosen], column[chosen]] = one.elevation[chosen]
-            arc[row[chosen], column[chosen]] = one.arc[chosen]
+            is_epoch = epochs[column] == rows.time
+            _, first = np.unique(column[is_epoch], return_index=True)
+            first_rows = np.flatnonzero(is_epoch)[first]
+            positions = rows.position_itrf[first_rows]
+            altitude[column[first_rows]] = geodetic_from_itrf(positions)[:, 2]
+            row = table[rows.link]
+            chosen = is_epoch & (row >= 0) & (rows.arc > 0)
+            stec[row[chosen], column[chosen]] = rows.stec_phase_tecu[chosen]
+            elevation[row[chosen], column[chosen]] = rows.elevation[chosen]
+            arc[row[chosen], column[chosen]] = rows.arc[chosen]
         return ContentSeries(altitude, stec, arc, elevation)
 
-    def _between(self, begin: int, end: int) -> list[_Second]:
-        return [one for one in self._seconds if one.time[-1] >= begin and one.time[0] <= end]
+    def _seconds_between(self, begin: int, end: int) -> list[_SecondRows]:
+        return [rows for rows in self._seconds if rows.time[-1] >= begin and rows.time[0] <= end]

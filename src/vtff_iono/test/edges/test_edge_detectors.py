@@ -1,23 +1,20 @@
-"""Edges of a bubble, horizontal edges of rays, scores and the lag between spacecraft."""
+"""Edges of a bubble, horizontal edges of rays, scores of minutes, the lag between spacecraft."""
 
 import math
 
 import numpy as np
 import pytest
 from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
-from hypothesis import given
-from hypothesis import strategies as st
-from iono_test_support import examples
 
-from vtff_dynamics.frames.frames import itrf_from_geodetic
+from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
-from vtff_iono.edges.boundaries import (
+from vtff_iono.edges.boundary_scores import score_minutes
+from vtff_iono.edges.edge_detectors import (
     DensityEdgeDetector,
     ExceedanceDetector,
     edge_position,
     intensity_variance,
 )
-from vtff_iono.edges.boundary_scores import score_boundaries, score_minutes
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
 BOTTOM, TOP = 290e3, 350e3
@@ -119,21 +116,7 @@ def test_an_event_ends_with_a_gap():
     assert detector.update(501.0, math.nan) == []
 
 
-@examples(40)
-@given(st.lists(st.floats(0.0, 1000.0), max_size=12), st.floats(0.1, 50.0))
-def test_scores_count_everything_once(places, tolerance):
-    score = score_boundaries(places, [100.0, 500.0, 900.0], tolerance)
-    assert score.matched_count + score.false_alarms == len(places)
-    assert 0.0 <= score.detection_rate <= 1.0
-    assert (np.abs(score.errors) <= tolerance).all()
-
-
-def test_scores():
-    score = score_boundaries([101.0, 480.0, 104.0], [100.0, 500.0], 10.0)
-    assert (score.detection_rate, score.false_alarms, score.errors.tolist()) == (0.5, 2, [1.0])
-    score = score_boundaries([100.0], [100.0], 10.0, [True], [False])
-    assert score.matched_count == 0
-    assert math.isnan(score_boundaries([], [], 1.0).detection_rate)
+def test_scores_of_minutes():
     minutes = score_minutes([True, False, True, False], [60.0, 40.0, 10.0, 0.0])
     assert (minutes.detection_rate, minutes.false_alarm_rate) == (0.5, 0.0)
     assert (minutes.crossing_count, minutes.other_count) == (2, 1)

@@ -1,4 +1,4 @@
-"""What the ionosphere processor was given in a run, read back from its bag second by second."""
+"""The input of the ionosphere processor in a run, read back from its bag second by second."""
 
 from __future__ import annotations
 
@@ -17,13 +17,10 @@ from vtff_bag.file.reader import BagReader, DecodedMessage, RawMessage
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_iono.conversions import (
-    block_from_messages,
-    ephemeris_from_message,
-    second_from_messages,
-)
+from vtff_iono.conversions import block_from_messages, second_from_messages
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
+from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
 
 __all__ = ["formation_seconds"]
@@ -50,7 +47,7 @@ def formation_seconds(
         If a topic is missing or the bag cannot be read.
     """
     crafts = (chief, deputy)
-    recorded = _Recorded(reader, crafts)
+    recorded = _FormationBag(reader, crafts)
     observed = [recorded.observations(f"/{craft}/gnss/high_rate") for craft in crafts]
     fixes = [recorded.by_second(f"/{craft}/gnss/fix") for craft in crafts]
     integers = recorded.by_second(AMBIGUITIES_TOPIC)
@@ -82,8 +79,8 @@ def formation_seconds(
         )
 
 
-class _Recorded:
-    """What a bag holds of a formation, read in one pass over it."""
+class _FormationBag:
+    """Messages of a formation in a bag, read in one pass over it."""
 
     def __init__(self, reader: BagReader, crafts: tuple[str, str]) -> None:
         self._reader = reader

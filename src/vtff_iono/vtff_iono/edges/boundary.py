@@ -1,0 +1,65 @@
+"""An edge of an irregularity, with the spacecraft that has crossed or seen it."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["NO_SYSTEM", "Boundary", "BoundaryKind", "BoundarySource"]
+
+NO_SYSTEM = 255
+"""System of an edge that was found without a single satellite."""
+
+
+class BoundaryKind(enum.IntEnum):
+    """What an edge bounds; the numbers of ``vtff_msgs/IrregularityBoundary``."""
+
+    VERTICAL = 0
+    HORIZONTAL = 1
+
+
+class BoundarySource(enum.IntEnum):
+    """Quantity that shows an edge; the numbers of ``vtff_msgs/IrregularityBoundary``."""
+
+    DENSITY = 0
+    S4 = 1
+    ROTI = 2
+    TEC_GRADIENT = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Boundary:
+    """An edge; see ``vtff_msgs/IrregularityBoundary``.
+
+    Parameters
+    ----------
+    kind : BoundaryKind
+    source : BoundarySource
+    spacecraft : int
+        0 chief, 1 deputy.
+    system, prn : int
+        Satellite of the ray; `NO_SYSTEM` and 0 for a vertical edge.
+    time : int
+        GPS time, ns since 1980-01-06.
+    time_sigma : float
+        s.
+    is_entry : bool
+        Whether the spacecraft or the ray enters the irregularity.
+    position_itrf : ndarray, shape (3,)
+        Position of the spacecraft (vertical edge) or of the pierce point of the ray, m.
+    confidence : float
+        0 to 1.
+    """
+
+    kind: BoundaryKind
+    source: BoundarySource
+    spacecraft: int
+    system: int
+    prn: int
+    time: int
+    time_sigma: float
+    is_entry: bool
+    position_itrf: FloatArray
+    confidence: float

@@ -1,0 +1,176 @@
+"""Vertical edges of irregularities, found while both spacecraft cross them.
+
+An edge is found in the density between the spacecraft. The moment at which each spacecraft crosses
+it follows later from the slant contents, whose slopes change there.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+
+import numpy as np
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.vectors import FloatArray
+from vtff_iono.density.formation_density import DensityResult
+from vtff_iono.edges.boundary import NO_SYSTEM, Boundary, BoundaryKind, BoundarySource
+from vtff_iono.edges.content_history import ContentHistory
+from vtff_iono.edges.edge_crossing import EdgeCrossing, fit_edge_crossings
+from vtff_iono.edges.edge_detectors import DensityEdgeDetector, Edge
+from vtff_iono.links.signal_pairs import Link
+from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
+
+__all__ = ["VerticalEdgeFinder"]
+
+# Contents are fitted for this time before and after the crossing of an edge, s: the usual and the
+# shortest time. A long window helps in scintillation, but no other edge may lie in it.
+_CROSSING_WINDOW = 40.0
+_SHORTEST_WINDOW = 10.0
+# The window reaches over this part of the time to the next edge.
+_WINDOW_TO_NEXT_EDGE = 0.8
+# s; largest lag of the deputy behind the chief, by which more contents are needed than the window.
+_LARGEST_LAG = 5.0
+# Scintillation is correlated from second to second, so that sigmas of means are too small.
+_LEAST_CHANGE_SIGMAS = 6.0
+# s; contents that are kept.
+_HISTORY = 150.0
+# Number of edges whose times are kept.
+_EDGES_KEPT = 8
+
+
+class VerticalEdgeFinder:
+    """Finds the vertical edges that chief and deputy cross, and when each of them does."""
+
+    def __init__(self) -> None:
+        self._detector = DensityEdgeDetector(sigmas=_LEAST_CHANGE_SIGMAS)
+        self._histories = (ContentHistory(_HISTORY), ContentHistory(_HISTORY))
+        # Edges whose crossings cannot be fitted yet, because later contents are missing.
+        self._waiting: list[Edge] = []
+        self._edge_times: deque[float] = deque(maxlen=_EDGES_KEPT)
+
+    def update(
+        self,
+        positions_itrf: tuple[FloatArray, FloatArray],
+        results: tuple[SpacecraftResult, SpacecraftResult],
+        links: tuple[Sequence[Link], Sequence[Link]],
+        densities: Sequence[DensityResult],
+    ) -> list[Boundary]:
+        """Process the next second and return the crossings that it completes.
+
+        Parameters
+        ----------
+        positions_itrf : tuple of ndarray, shape (n, 3)
+            Positions of the antennas of chief and deputy at each observation, m.
+        results : tuple of SpacecraftResult
+            Results of chief and deputy for the second.
+        links : tuple of sequence of Link
+            All links of chief and deputy, by the numbers in `results`.
+        densities : sequence of DensityResult
+            Densities between the spacecraft that this second has brought.
+        """
+        for history, position, result, links_of_craft in zip(
+            self._histories, positions_itrf, results, links, strict=True
+        ):
+            history.add(position, result, links_of_craft)
+        for density in densities:
+            edges = self._detector.update(
+                density.time / NANOSECONDS_PER_SECOND,
+                density.epoch.altitude,
+                density.epoch.separation,
+                density.epoch.density,
+                density.epoch.sigma,
+            )
+            self._waiting += edges
+            self._edge_times.extend(edge.time for edge in edges)
+        boundaries: list[Boundary] = []
+        waiting, self._waiting = self._waiting, []
+        for edge in waiting:
+            guesses = [history.crossing(edge.altitude) for history in self._histories]
+            if all(self._has_contents_after(guess) for guess in guesses):
+                boundaries += self._boundaries_of(edge, guesses)
+            else:
+                self._waiting.append(edge)
+        return boundaries
+
+    def _has_contents_after(self, guess: int | None) -> bool:
+        """Return whether the contents reach far enough beyond a crossing (ns) to fit it."""
+        last_times = [
+            times[-1]
+            for times, _ in (history.trajectory() for history in self._histories)
+            if len(times)
+        ]
+        return guess is None or (
+            min(last_times) - guess >= _CROSSING_WINDOW * NANOSECONDS_PER_SECOND
+        )
+
+    def _boundaries_of(self, edge: Edge, guesses: list[int | None]) -> list[Boundary]:
+        """Return the crossings of an edge by chief and deputy.
+
+        `guesses` are the times, ns, at which each was at the altitude of the edge; None for a
+        spacecraft without positions, which has no crossing.
+        """
+        crossing = None
+        times = [guess for guess in guesses if guess is not None]
+        if len(times) == len(guesses):
+            crossing = self._fit_crossing(edge, sum(times) // len(times))
+        boundaries = []
+        for craft, (history, guess) in enumerate(zip(self._histories, guesses, strict=True)):
+            if guess is None:
+                continue
+            time, sigma = guess, edge.time_sigma
+            if crossing is not None:
+                origin, fit = crossing
+                time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
+                sigma = float(fit.time_sigma[craft])
+            boundaries.append(
+                Boundary(
+                    kind=BoundaryKind.VERTICAL,
+                    source=BoundarySource.DENSITY,
+                    spacecraft=craft,
+                    system=NO_SYSTEM,
+                    prn=0,
+                    time=time,
+                    time_sigma=sigma,
+                    is_entry=edge.is_entry,
+                    position_itrf=history.position_at(time),
+                    confidence=edge.confidence,
+                )
+            )
+        return boundaries
+
+    def _fit_crossing(self, edge: Edge, origin: int) -> tuple[int, EdgeCrossing] | None:
+        """Return the fit of an edge near a time, ns, and that time as the origin of its times."""
+        chief, deputy = self._histories
+        reach = round((_CROSSING_WINDOW + _LARGEST_LAG) * NANOSECONDS_PER_SECOND)
+        epochs = chief.epochs(origin - reach, origin + reach)
+        if len(epochs) < 3:
+            return None
+        # Even epochs: an epoch that the receiver has left out stays without contents.
+        step = int(np.median(np.diff(epochs)))
+        epochs = np.arange(epochs[0], epochs[-1] + step, step)
+        links_of_deputy = set(deputy.links)
+        links = [link for link in chief.links if link in links_of_deputy]
+        to_other_edges = [abs(time - edge.time) for time in self._edge_times if time != edge.time]
+        half_window = float(
+            np.clip(
+                _WINDOW_TO_NEXT_EDGE * min(to_other_edges, default=math.inf),
+                _SHORTEST_WINDOW,
+                _CROSSING_WINDOW,
+            )
+        )
+        altitudes = geodetic_from_itrf(
+            np.array([chief.position_at(origin + shift) for shift in (-reach // 4, reach // 4)])
+        )[:, 2]
+        is_rising = bool(altitudes[1] > altitudes[0])
+        fit = fit_edge_crossings(
+            (epochs - origin) / NANOSECONDS_PER_SECOND,
+            chief.series(epochs, links),
+            deputy.series(epochs, links),
+            edge.altitude,
+            is_dense_above=is_rising != edge.is_entry,
+            half_window=half_window,
+        )
+        return None if fit is None else (origin, fit)

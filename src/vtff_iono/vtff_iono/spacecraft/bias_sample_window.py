@@ -1,0 +1,175 @@
+"""Samples of the last hours that the receiver biases of a spacecraft are estimated from."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.vectors import FloatArray
+from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
+from vtff_iono.content.slant_tec import Rejection, SlantTecRows
+from vtff_iono.links.signal_pairs import Link
+
+__all__ = ["BIAS_SAMPLE_INTERVAL", "BiasGroup", "BiasSampleWindow", "bias_group"]
+
+BiasGroup = tuple[int, str, str]
+"""System and observation codes of two pseudoranges, whose links share one receiver bias."""
+
+BIAS_SAMPLE_INTERVAL = 20 * NANOSECONDS_PER_SECOND
+"""ns; epochs at multiples of it are sampled."""
+
+# A content that was rejected for another reason than these shows nothing of the receiver bias.
+_USABLE = np.uint16(Rejection.CODE_OUTLIER | Rejection.CODE_INVALID | Rejection.NO_RECEIVER_BIAS)
+
+
+class _ArcLevel(NamedTuple):
+    """Level of an arc and its sigma, and the sigma of the satellite bias in it, TECU."""
+
+    level: float
+    sigma: float
+    satellite_sigma: float
+
+
+class _SampleEpoch(NamedTuple):
+    """Samples of one epoch; arrays of shape (n,) and (n, 3)."""
+
+    time: int
+    link: npt.NDArray[np.int64]
+    arc: npt.NDArray[np.int64]
+    stec_phase_tecu: FloatArray
+    elevation: FloatArray
+    direction_itrf: FloatArray
+    position_itrf: FloatArray
+
+
+def bias_group(link: Link) -> BiasGroup:
+    """Return the group of links that share their receiver bias with a link."""
+    return link.system, link.code_first, link.code_second
+
+
+class BiasSampleWindow:
+    """Samples of the contents of one receiver over the last hours.
+
+    A sample holds the content of the phase; the level of its arc is added when the samples are
+    collected, so that all samples of an arc have its latest level. Samples that are older than the
+    window are forgotten, and so are the levels of arcs without samples: memory and the cost of an
+    estimate do not grow after that. The window must be long enough for the bias, which changes with
+    the temperature of the receiver at most.
+
+    Parameters
+    ----------
+    length : float
+        Length of the window, s.
+    """
+
+    def __init__(self, length: float) -> None:
+        self._length = round(length * NANOSECONDS_PER_SECOND)
+        self._epochs: deque[_SampleEpoch] = deque()
+        self._levels: dict[tuple[int, int], _ArcLevel] = {}
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return sum(len(epoch.link) for epoch in self._epochs)
+
+    @property
+    def arcs(self) -> int:
+        """Number of arcs whose levels are remembered."""
+        return len(self._levels)
+
+    def add_epoch(
+        self, rows: SlantTecRows, direction_itrf: FloatArray, position_itrf: FloatArray
+    ) -> None:
+        """Add the last epoch of a block: the levels of its arcs, and samples if it is their time.
+
+        Parameters
+        ----------
+        rows : SlantTecRows
+            Contents of the block, at least one.
+        direction_itrf, position_itrf : ndarray, shape (n, 3)
+            Unit vectors to the satellites, and positions of the antenna (m), of all observations
+            of the block.
+        """
+        time = int(rows.pairs.time[-1])
+        good = (rows.pairs.time == time) & ((rows.rejected & ~_USABLE) == 0)
+        chosen = np.flatnonzero(good & np.isfinite(rows.stec_tecu))
+        for row in chosen.tolist():
+            self._levels[int(rows.pairs.link[row]), int(rows.arc[row])] = _ArcLevel(
+                float(rows.stec_tecu[row] - rows.stec_phase_tecu[row]),
+                float(rows.stec_sigma_tecu[row]),
+                float(rows.satellite_bias_sigma_tecu[row]),
+            )
+        if time % BIAS_SAMPLE_INTERVAL == 0:
+            if len(chosen):
+                observation = rows.pairs.row_first[chosen]
+                self._epochs.append(
+                    _SampleEpoch(
+                        time,
+                        rows.pairs.link[chosen],
+                        rows.arc[chosen],
+                        rows.stec_phase_tecu[chosen],
+                        rows.elevation[chosen],
+                        direction_itrf[observation],
+                        position_itrf[observation],
+                    )
+                )
+            self._forget_older_than(time - self._length)
+
+    def _forget_older_than(self, time: int) -> None:
+        """Forget the samples before a time (ns) and the levels of arcs that have no sample left."""
+        if not self._epochs or self._epochs[0].time >= time:
+            return
+        while self._epochs and self._epochs[0].time < time:
+            self._epochs.popleft()
+        sampled = {
+            arc
+            for epoch in self._epochs
+            for arc in zip(epoch.link.tolist(), epoch.arc.tolist(), strict=True)
+        }
+        self._levels = {arc: level for arc, level in self._levels.items() if arc in sampled}
+
+    def collect(self, links: Sequence[Link]) -> tuple[list[BiasGroup], BiasSamples]:
+        """Return the groups of links that have samples, and all samples.
+
+        Parameters
+        ----------
+        links : sequence of Link
+            All links of the receiver, by their numbers.
+
+        Raises
+        ------
+        ReceiverBiasError
+            If there are no samples.
+        """
+        if not self._epochs:
+            raise ReceiverBiasError(
+                "receiver bias: no samples; contents at known positions with satellite biases are "
+                f"needed at multiples of {BIAS_SAMPLE_INTERVAL // NANOSECONDS_PER_SECOND} s"
+            )
+        link = np.concatenate([epoch.link for epoch in self._epochs])
+        arc = np.concatenate([epoch.arc for epoch in self._epochs])
+        arc_of_sample = list(zip(link.tolist(), arc.tolist(), strict=True))
+        levels = np.array([self._levels[key] for key in arc_of_sample])
+        groups = sorted({bias_group(links[number]) for number in np.unique(link).tolist()})
+        group_number = {group: number for number, group in enumerate(groups)}
+        group_of_link = np.array([group_number.get(bias_group(one), -1) for one in links])
+        arc_number = {key: number for number, key in enumerate(sorted(self._levels))}
+        counts = [len(epoch.link) for epoch in self._epochs]
+        samples = BiasSamples(
+            time=np.repeat([1e-9 * epoch.time for epoch in self._epochs], counts),
+            group=group_of_link[link],
+            stec_tecu=np.concatenate([epoch.stec_phase_tecu for epoch in self._epochs])
+            + levels[:, 0],
+            stec_sigma_tecu=levels[:, 1],
+            elevation=np.concatenate([epoch.elevation for epoch in self._epochs]),
+            direction_itrf=np.concatenate([epoch.direction_itrf for epoch in self._epochs]),
+            position_receiver_itrf=np.concatenate([epoch.position_itrf for epoch in self._epochs]),
+            arc=np.array([arc_number[key] for key in arc_of_sample], dtype=np.int64),
+            link=link,
+            satellite_sigma_tecu=levels[:, 2],
+        )
+        return groups, samples
