@@ -194,7 +194,7 @@ def test_a_log_through_a_pseudo_terminal_is_what_it_is_from_file(name, seed):
     sender.start()
     until(lambda: driver.session.bytes_received == len(content), driver.advance)
     sender.join()
-    driver.events += driver.session.resynchronise()
+    driver.events += driver.stream.close()
     driver.session.close()
     os.close(ours)
     os.close(theirs)

@@ -325,7 +325,7 @@ def read_by_session(content: bytes, chunks) -> list[ObservationEpoch]:
         bench.port.arriving += content[position : position + length]
         position += length
         bench.tick()
-    bench.events += bench.session.resynchronise()
+    bench.events += bench.stream.close()
     return [event for event in bench.events if isinstance(event, ObservationEpoch)]
 
 

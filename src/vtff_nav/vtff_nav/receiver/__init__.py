@@ -1,1 +1,1 @@
-"""Receivers on ports, sockets and in log files: sessions, commands and the feeds of the driver."""
+"""Receivers on ports, sockets and in log files: sessions, commands and feeds of the driver."""

@@ -1,7 +1,7 @@
 """Commands to a receiver and their answers, one at a time, without waiting.
 
-What takes several exchanges is a procedure: a generator that yields from `CommandDialogue.ask` and
-`CommandDialogue.pause`. `CommandDialogue.pass_time` and `answered` resume it.
+Work that takes several exchanges is a procedure: a generator that yields from `CommandDialogue.ask`
+and `CommandDialogue.pause`. `CommandDialogue.pass_time` and `take_answer` resume it.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from vtff_gnss.novatel import CommandResponse
 
 __all__ = ["CommandDialogue", "Procedure", "Wait"]
 
-#: Time for an answer that comes after it was given up, s.
+#: Wall time, s, in which an answer may still arrive after its command has timed out.
 LATE_ANSWER_TIME = 0.3
 
 ResultT = TypeVar("ResultT")
@@ -22,28 +22,29 @@ ResultT = TypeVar("ResultT")
 
 @dataclass(frozen=True)
 class Wait:
-    """What a procedure waits for: an answer or, without one, a wall time in s."""
+    """The end of a wait of a procedure: its deadline (wall time, s) or an answer before it."""
 
     deadline: float
     wants_answer: bool = True
 
 
 Procedure = Generator[Wait, CommandResponse | None, ResultT]
-"""Yields what it waits for; is sent the answer, or None when the time is over."""
+"""Generator that yields what it waits for; it is sent the answer, or None at the deadline."""
 
 
 class CommandDialogue:
     """Runs one procedure at a time and matches answers to commands.
 
-    Answers do not tell their command, and come between logs: so only one command is under way, and
-    after one without an answer the line is left alone until a late answer would have come.
+    An answer does not name its command and comes between logs. So only one command is under way
+    at a time, and after a command without an answer the next one waits until a late answer would
+    have come.
 
     Attributes
     ----------
     now : float
         Wall time, s.
     outgoing : bytearray
-        What is to be sent; the caller takes it from the front.
+        Bytes to send; the caller removes the bytes that it has sent from the front.
     """
 
     def __init__(self) -> None:
@@ -59,29 +60,29 @@ class CommandDialogue:
         return self._procedure is None
 
     def begin(self, procedure: Procedure[None]) -> None:
-        """Run a procedure in place of the one under way, as far as it comes without waiting."""
+        """Run a procedure in place of the current one, up to its first wait."""
         self._procedure = procedure
         self._resume(None)
 
     def stop(self) -> None:
-        """Give up the procedure under way and what was not sent."""
+        """Drop the current procedure and the bytes that were not sent."""
         self._procedure = self._wait = None
         self.outgoing.clear()
 
-    def answered(self, answer: CommandResponse) -> None:
-        """Take an answer of the receiver; one that nobody waits for is passed over."""
+    def take_answer(self, answer: CommandResponse) -> None:
+        """Give an answer to the procedure; ignore an answer that the procedure does not await."""
         if self._wait is not None and self._wait.wants_answer:
             self._has_unanswered = False
             self._resume(answer)
 
     def pass_time(self) -> None:
-        """Resume a procedure whose time is over."""
+        """Resume the procedure if its deadline has passed."""
         if self._wait is not None and self.now >= self._wait.deadline:
             self._has_unanswered |= self._wait.wants_answer
             self._resume(None)
 
     def ask(self, command: str, timeout: float) -> Procedure[CommandResponse | None]:
-        """Send a command and return its answer, None if none comes in time (s)."""
+        """Send a command and return its answer; None if no answer comes within the time-out, s."""
         if self._has_unanswered:
             yield from self.pause(LATE_ANSWER_TIME)
             self._has_unanswered = False
@@ -89,7 +90,7 @@ class CommandDialogue:
         return (yield Wait(self.now + timeout))
 
     def pause(self, duration: float) -> Procedure[None]:
-        """Wait, in s."""
+        """Wait for a duration, s."""
         yield Wait(self.now + duration, wants_answer=False)
 
     def _resume(self, answer: CommandResponse | None) -> None:

@@ -1,4 +1,4 @@
-"""Publishes what a receiver log stream yields on the topics of one receiver."""
+"""Publishes the decoded events of a receiver on its topics."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ __all__ = ["EventPublisher"]
 
 
 class EventPublisher:
-    """The publishers of one receiver.
+    """Publishes the events of one receiver.
 
-    The topics of a GPStation-6 appear with its first log.
+    The publishers for the logs of a GPStation-6 are made with the first such log.
 
     Parameters
     ----------
@@ -46,13 +46,13 @@ class EventPublisher:
     publishes_raw : bool
         Publish gnss/raw.
     holds_epoch : bool
-        Keep each gnss/epoch back until `release_epoch` or the next observations, so that it comes
+        Hold each gnss/epoch until `release_epoch` or the next observations, so that it is published
         after the fix of its second.
 
     Attributes
     ----------
     published, left_out : dict of str to int
-        What was published, and what was not.
+        Number of events that were published and that were not, by kind.
     """
 
     def __init__(
@@ -75,12 +75,12 @@ class EventPublisher:
         self._ism_scintillation: Publisher | None = None
 
     def publish(self, event: Event) -> None:
-        """Publish an event; those without a topic are passed over.
+        """Publish an event; an event without a topic is ignored.
 
         Raises
         ------
         ValueError
-            If its time does not fit a stamp.
+            If the time of the event does not fit a stamp.
         """
         if isinstance(event, ObservationEpoch):
             self._publish_observations(event)
@@ -102,12 +102,12 @@ class EventPublisher:
             self._publish_ism_scintillation(event)
 
     def release_epoch(self, newest_second: int | None = None) -> None:
-        """Publish the gnss/epoch that is held back, if any.
+        """Publish the gnss/epoch that is held, if there is one.
 
         Parameters
         ----------
         newest_second
-            Only if it is of this second, s since 1980-01-06 (GPS), or an earlier one.
+            Publish it only if it is of this or an earlier second, s since 1980-01-06 (GPS).
         """
         if self._held is None:
             return
@@ -119,8 +119,8 @@ class EventPublisher:
     def _publish_observations(self, epoch: ObservationEpoch) -> None:
         last = self._last_epoch
         if last is not None and epoch.time == last.time and len(last) > 0:
-            # The same epoch in a second format, e.g. RANGE and RANGECMP in one log. One without
-            # signals does not count: RANGECMP4 cannot be decoded without its reference.
+            # The same epoch came in a second format, e.g. RANGE and RANGECMP in one log. An epoch
+            # without signals does not count: RANGECMP4 cannot be decoded without its reference.
             self.left_out["epochs repeated"] += 1
             return
         self.release_epoch()

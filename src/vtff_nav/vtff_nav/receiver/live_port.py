@@ -1,4 +1,4 @@
-"""Live ports of a receiver: serial lines and TCP, read and written without ever waiting."""
+"""Live ports of a receiver: serial lines and TCP connections, whose calls never wait."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ __all__ = [
 
 READ_LENGTH = 1 << 16
 
-#: What pyserial lets through; `termios.error` is no OSError.
+#: Errors that pyserial does not convert; `termios.error` is no OSError.
 _LINE_ERRORS = (OSError, ValueError, termios.error)
 _GONE = (errno.ENOENT, errno.ENODEV, errno.ENXIO)
 
@@ -37,7 +37,7 @@ class PortError(OSError):
 
 @dataclass(frozen=True)
 class PortAddress:
-    """Where a live receiver is.
+    """Address of a live receiver.
 
     Parameters
     ----------
@@ -56,29 +56,29 @@ class PortAddress:
 
 
 class LivePort(Protocol):
-    """What all live ports do; none of it waits."""
+    """A live port of a receiver; no method waits."""
 
     baud: int | None
-    """Rate in bit/s, None where there is none to set."""
+    """Rate in bit/s; None if the port has no rate."""
 
     def fileno(self) -> int:
         """Return the descriptor, for a selector."""
 
     def read(self) -> bytes:
-        """Return what has arrived, maybe nothing; raise `PortError` if the port is lost."""
+        """Return the bytes that have arrived, maybe none; raise `PortError` if the port is lost."""
 
     def write(self, content: bytes | bytearray) -> int:
-        """Write what fits and return how much that is; raise `PortError` if the port is lost."""
+        """Write the bytes that fit, return their number; raise `PortError` if the port is lost."""
 
     def set_baud(self, baud: int) -> None:
-        """Change the rate; raise `PortError` if the line cannot."""
+        """Change the rate; raise `PortError` if the port cannot."""
 
     def close(self) -> None:
-        """Close the port; again is harmless."""
+        """Close the port; a second call does nothing."""
 
 
 def live_address(port: str) -> PortAddress | None:
-    """Return the address of a live port, None if the name is that of a file.
+    """Return the address of a live port; None if the name is that of a file.
 
     Parameters
     ----------
@@ -125,7 +125,7 @@ def open_port(address: PortAddress, baud: int) -> LivePort:
     Raises
     ------
     PortError
-        If that is not possible now.
+        If the port cannot be opened now.
     """
     return SerialPort(address.path, baud) if address.path else TcpPort(address)
 
@@ -136,7 +136,7 @@ class SerialPort:
     Raises
     ------
     PortError
-        If it cannot be opened, or another program has it open.
+        If the line cannot be opened, or another program has opened it.
     """
 
     def __init__(self, path: str, baud: int) -> None:
@@ -152,17 +152,17 @@ class SerialPort:
         """Return the descriptor."""
         return self._descriptor
 
-    # pyserial's own read and write go through select first; its descriptor does not block.
+    # The descriptor of pyserial does not block; its own read and write would call select first.
 
     def read(self) -> bytes:
-        """Return what has arrived."""
+        """Return the bytes that have arrived."""
         try:
             content = os.read(self._descriptor, READ_LENGTH)
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
             raise PortError(f"{self._path} was lost: {_reason(error)}") from error
-        # A device that was pulled out reads as ended; so does a line that has nothing to say.
+        # No bytes are read from a device that was unplugged, and from a line that is silent.
         if not content and self._has_hung_up():
             raise PortError(f"{self._path} was lost: the device has gone")
         return content
@@ -174,7 +174,7 @@ class SerialPort:
         return any(events & ended for _, events in poll.poll(0))
 
     def write(self, content: bytes | bytearray) -> int:
-        """Write what fits."""
+        """Write the bytes that fit."""
         try:
             return os.write(self._descriptor, content)
         except (BlockingIOError, InterruptedError):
@@ -191,7 +191,7 @@ class SerialPort:
         self.baud = baud
 
     def close(self) -> None:
-        """Close the line; what was not sent yet is thrown away, as closing would wait for it."""
+        """Close the line; unsent bytes are dropped, because closing would wait for them."""
         if self._line.is_open:
             with contextlib.suppress(*_LINE_ERRORS):
                 self._line.reset_output_buffer()
@@ -200,7 +200,7 @@ class SerialPort:
 
 
 class TcpPort:
-    """A TCP connection to a receiver or a terminal server; it is made in the background.
+    """A TCP connection to a receiver or a terminal server, made in the background.
 
     Raises
     ------
@@ -232,13 +232,13 @@ class TcpPort:
         return self._socket.fileno()
 
     def read(self) -> bytes:
-        """Return what has arrived."""
+        """Return the bytes that have arrived."""
         try:
             content = self._socket.recv(READ_LENGTH)
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
-            # Before the connection stands there is nothing to read.
+            # The connection is not established yet.
             if error.errno == errno.ENOTCONN:
                 return b""
             raise PortError(f"connection to {self._name}: {_reason(error)}") from error
@@ -247,7 +247,7 @@ class TcpPort:
         return content
 
     def write(self, content: bytes | bytearray) -> int:
-        """Write what fits; nothing before the connection stands."""
+        """Write the bytes that fit; none before the connection is established."""
         try:
             return self._socket.send(content)
         except (BlockingIOError, InterruptedError):
@@ -267,7 +267,7 @@ class TcpPort:
 
 
 def _reason(error: BaseException) -> str:
-    """Return why in a few words; pyserial hides the error number of the system."""
+    """Return the reason in a few words; pyserial hides the error number of the system."""
     number = getattr(error, "errno", None)
     inner = error.__context__ if number is None else None
     if number is None and isinstance(inner or error, (OSError, termios.error)):

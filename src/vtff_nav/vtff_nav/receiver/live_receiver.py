@@ -1,4 +1,4 @@
-"""A live receiver as the driver sees it: its events, the seconds of lockstep, its health."""
+"""A live receiver: its events, the end of each second of lockstep, and its health."""
 
 from __future__ import annotations
 
@@ -12,18 +12,18 @@ from vtff_nav.receiver.stream_statistics import StreamStatistics
 
 __all__ = ["LiveReceiver"]
 
-#: Wall time, s, for which a second of lockstep waits for a receiver that is looked for again.
-#: Its commands then arrive between the same two seconds in every run.
+#: Wall time, s, for which a second of lockstep waits for a receiver that was lost. The commands
+#: to the receiver then arrive between the same two seconds in every run.
 RECOVERY_HOLD = 2.0
-#: Wall time, s, without observations that is worth a warning.
+#: Wall time, s, without observations after which a warning is given.
 OBSERVATION_GAP = 3.0
-#: Seconds of scenario time without a byte after which the receiver is configured again; doubled
-#: each time that does not help, up to the second number.
+#: Seconds of scenario time without a byte after which the receiver is configured again. The first
+#: number is doubled as long as that does not help; its growth is limited to the second number.
 SILENT_SECONDS = (2, 32)
 
 
 class LiveReceiver:
-    """Joins a session with the watch over seconds and the statistics.
+    """Joins the session of a receiver with the watch over its seconds and its statistics.
 
     Parameters
     ----------
@@ -43,15 +43,15 @@ class LiveReceiver:
 
     @property
     def newest_end(self) -> int:
-        """Newest second, s since 1980-01-06 (GPS), that was read to its end."""
+        """Newest second that was read to its end, s since 1980-01-06 (GPS)."""
         return self._watch.newest_end
 
     def is_quiet(self, now: float) -> bool:
-        """Whether nothing more is expected to come soon."""
+        """Return whether the receiver has been silent so long that its second is over."""
         return self._watch.is_quiet(now)
 
     def advance(self, now: float) -> list[Event]:
-        """Do what can be done without waiting and return what was decoded; `now` in s."""
+        """Advance the session without waiting and return the decoded events; `now` in s."""
         bytes_before = self.session.bytes_received
         was_running = self.session.is_running
         events = self.session.advance(now)
@@ -66,7 +66,7 @@ class LiveReceiver:
         return events
 
     def shortage(self, now: float, *, is_lockstep: bool) -> str:
-        """Return what does not come though the receiver is configured; empty if all does."""
+        """Return what a configured receiver does not send; empty if it sends everything."""
         if is_lockstep:
             silent = self._watch.silent_seconds
             return f"nothing received for {silent} s of scenario time" if silent else ""
@@ -74,26 +74,26 @@ class LiveReceiver:
         return f"no observations for {silent_time:.0f} s" if silent_time > OBSERVATION_GAP else ""
 
     def begin_second(self, second: int, now: float) -> None:
-        """Begin to wait for the end of a second of lockstep, s since 1980-01-06 (GPS)."""
+        """Begin to wait for the end of a second of lockstep, in s since 1980-01-06 (GPS)."""
         self._watch.begin(second, now)
         self._is_waiting = True
         self._is_read = False
 
     def second_is_done(self, now: float) -> bool:
-        """Whether all that the receiver sends for the second has been read; true once."""
+        """Return whether all logs of the second have been read; True only once for each second."""
         if not self._is_waiting:
             return False
         if not self._is_read:
             if not self._watch.is_done(now):
                 return False
             self._is_read = True
-            self._look_after_silence()
+            self._configure_silent_receiver()
         if not self.session.is_running and now - self._ran_at < RECOVERY_HOLD:
             return False
         self._is_waiting = False
         return True
 
-    def _look_after_silence(self) -> None:
+    def _configure_silent_receiver(self) -> None:
         silent = self._watch.silent_seconds
         if silent == 0:
             self._silent_limit = SILENT_SECONDS[0]

@@ -1,4 +1,4 @@
-"""A receiver log as a sequence of events in whole seconds, and its pace by the wall clock."""
+"""A receiver log as events grouped into whole seconds, and its pace by the wall clock."""
 
 from __future__ import annotations
 
@@ -12,38 +12,38 @@ from vtff_gnss.novatel import CommandResponse, Event, ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.log_source import FileSource
 
-#: Logs of one receiver are out of order by less than this; further back, its time was reset or
-#: another log follows in the same file.
+#: Limit of disorder among the logs of one receiver, s. After a longer step back the time of the
+#: receiver was reset, or another recording follows in the same file.
 DISORDER_SECONDS = 30
-#: A longer gap in a log is not waited out.
+#: The pace by the wall clock does not wait during a longer gap of the log, s.
 LONGEST_GAP_SECONDS = 60
-#: Bytes searched for the first measurement.
+#: Number of bytes that are searched for the first measurement.
 READ_AHEAD_LENGTH = 1 << 20
 
 
 def whole_second(time: GpsTime) -> int:
-    """Return the whole second (GPS) at which a time has passed: its own or the next one."""
+    """Return a time rounded up to whole seconds, s since 1980-01-06 (GPS)."""
     return -(-time.nanoseconds // NANOSECONDS_PER_SECOND)
 
 
 class LogReplay:
     """Events of a receiver log in the order of the stream, grouped into whole seconds.
 
-    A second T holds what was measured after T - 1 s up to T. The time goes by observations and
-    the receiver's solutions. Ephemerides and logs as received belong to the second under way, or
-    to the first: a receiver stamps what it had stored, e.g. ephemerides, with the time at which
-    it got it, minutes ago. Only in a log whose first `READ_AHEAD_LENGTH` bytes hold no
-    measurement every time counts.
+    Second T holds the measurements after T - 1 s up to T. Only observations and the receiver's own
+    solutions are measurements. Ephemerides and raw logs belong to the current second, those before
+    the first measurement to the first second: a receiver stamps an ephemeris that it had stored
+    with the time at which it received it, minutes ago. In a log whose first `READ_AHEAD_LENGTH`
+    bytes hold no measurement, the times of all events count.
 
-    Measurements up to `DISORDER_SECONDS` back belong to the second under way as well; one
-    further back begins a second in the past.
+    A measurement up to `DISORDER_SECONDS` before the current second belongs to the current second;
+    an earlier measurement begins a second in the past.
 
     Parameters
     ----------
     source
-        Where the bytes come from.
+        The log file.
     stream
-        Decodes them.
+        Decoder of its bytes.
     """
 
     def __init__(self, source: FileSource, stream: ReceiverLogStream) -> None:
@@ -52,23 +52,23 @@ class LogReplay:
         self._events: deque[Event] = deque()
         self._first_second: int | None = None
         self._every_time_counts = False
-        #: Second under way, s since 1980-01-06 (GPS); None before the first.
+        #: Current second, s since 1980-01-06 (GPS); None before the first.
         self.second: int | None = None
-        #: All bytes have been read; `has_next` tells whether events are left.
+        #: Whether all bytes have been read; events may be left, see `has_next`.
         self.at_end = False
 
     @property
     def has_next(self) -> bool:
-        """Whether an event can be taken without reading on."""
+        """Whether an event can be taken without reading more bytes."""
         return bool(self._events) and self._first_second is not None
 
     @property
     def undated_count(self) -> int:
-        """Number of events that wait for a first time, at the end of a log in vain."""
+        """Number of events that were read before the first event with a time."""
         return 0 if self._first_second is not None else len(self._events)
 
     def read_more(self) -> None:
-        """Read one chunk.
+        """Read and decode one chunk.
 
         Raises
         ------
@@ -90,7 +90,7 @@ class LogReplay:
                 self._first_second = self._first_second_of(self._events)
 
     def next_second(self) -> int | None:
-        """Return the second that the next event begins; None if it belongs to that under way."""
+        """Return the second that the next event begins; None if it is of the current second."""
         if self.second is None:
             return self._first_second
         second = self._second_of(self._events[0])
@@ -99,7 +99,7 @@ class LogReplay:
         return second
 
     def take(self) -> Event:
-        """Take the next event, and with it enter the second that it begins."""
+        """Take the next event; the second that it begins becomes the current second."""
         second = self.next_second()
         if second is not None:
             self.second = second
@@ -117,12 +117,12 @@ class LogReplay:
 
 
 class WallClockPacer:
-    """Lets the seconds of a log begin as the wall clock goes.
+    """Decides, by the wall clock, when the seconds of a log may begin.
 
     Parameters
     ----------
     rate
-        Seconds of the log per second of wall time; 0 = without waiting.
+        Seconds of the log per second of wall time; 0 means without waiting.
     """
 
     def __init__(self, rate: float) -> None:
@@ -131,10 +131,10 @@ class WallClockPacer:
         self._last = 0
 
     def may_begin(self, second: int, now: float) -> bool:
-        """Whether a second of the log may begin at wall time `now`, in s.
+        """Return whether a second of the log may begin at wall time `now`, in s.
 
-        The time of the log may jump: backwards, or forwards by more than `LONGEST_GAP_SECONDS`,
-        the pace starts anew.
+        After a jump of the log, backwards or forwards by more than `LONGEST_GAP_SECONDS`, the pace
+        starts anew.
         """
         if self._rate == 0.0:
             return True

@@ -12,7 +12,7 @@ PORT_FORMS = "use /dev/tty..., serial://<device>, tcp://<host>:<port> or file://
 
 
 class SourceError(OSError):
-    """The bytes of a receiver cannot be had; the text names the port or file."""
+    """The log of a receiver cannot be opened or read; the text names the port or the file."""
 
 
 class FileSource:
@@ -26,7 +26,8 @@ class FileSource:
     Raises
     ------
     SourceError
-        If it cannot be opened or is no regular file: opening a pipe would wait for its writer.
+        If the file cannot be opened or is no regular file: opening a pipe would wait for its
+        writer.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -59,23 +60,23 @@ class FileSource:
         return chunk
 
     def close(self) -> None:
-        """Close the file; again is harmless."""
+        """Close the file; a second call does nothing."""
         self._file.close()
 
 
 def open_source(port: str) -> FileSource:
-    """Open a port by its name.
+    """Open the log file that a port name stands for.
 
     Parameters
     ----------
     port
-        ``file:///absolute/path``, ``file://relative/path`` or a path. What follows ``file://``
-        is taken as it stands if there is such a file, else with its percent signs decoded.
+        ``file:///absolute/path``, ``file://relative/path`` or a path. The name after ``file://`` is
+        used unchanged if such a file exists, else with its percent signs decoded.
 
     Raises
     ------
     SourceError
-        If the name is of another kind, or the file cannot be read.
+        If the name has another form, or the file cannot be read.
     """
     scheme, separator, rest = port.partition("://")
     if separator and scheme.lower() != "file":

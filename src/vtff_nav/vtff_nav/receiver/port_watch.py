@@ -1,4 +1,4 @@
-"""Wakes the owner of a live port when there is something to read."""
+"""Wakes the owner of a live port when bytes can be read."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ __all__ = ["PortWatch"]
 
 
 class PortWatch:
-    """A thread that waits for a descriptor to become readable, and does nothing else.
+    """Thread that waits until a descriptor is readable.
 
-    ROS executors cannot wait for a descriptor, and a timer that looks often enough costs more
-    than the reading. After each call of `on_readable` the watch rests until `arm`.
+    ROS executors cannot wait for a descriptor, and a timer with a sufficiently short period costs
+    more than the reading itself. After each call of `on_readable` the watch rests until `arm`.
 
     Parameters
     ----------
     on_readable : callable
-        Called in the thread of the watch; it must only wake somebody.
+        Called in the thread of the watch; it must only wake another thread.
     """
 
     def __init__(self, on_readable: Callable[[], None]) -> None:
@@ -33,7 +33,7 @@ class PortWatch:
         self._thread.start()
 
     def watch(self, descriptor: int | None) -> None:
-        """Watch another descriptor from now on, or none; call before the old one is closed."""
+        """Watch another descriptor, or none; call this before the watched descriptor is closed."""
         if self._descriptor is not None:
             with contextlib.suppress(OSError):
                 self._epoll.unregister(self._descriptor)
@@ -42,12 +42,12 @@ class PortWatch:
             self._epoll.register(descriptor, select.EPOLLIN | select.EPOLLONESHOT)
 
     def arm(self) -> None:
-        """Wait for the next time that the descriptor is readable."""
+        """Call `on_readable` when the descriptor is readable the next time."""
         if self._descriptor is not None:
             self._epoll.modify(self._descriptor, select.EPOLLIN | select.EPOLLONESHOT)
 
     def close(self) -> None:
-        """End the thread; again is harmless."""
+        """End the thread; a second call does nothing."""
         if not self._thread.is_alive():
             return
         os.write(self._end_sender, b"\0")

@@ -1,7 +1,7 @@
 """A session with a live receiver: connect, find the baud rate, configure, read, recover.
 
-Nothing here waits or knows ROS: the caller calls `ReceiverSession.advance` again and again, with
-the wall time. What takes several exchanges with the receiver is a procedure of a `CommandDialogue`.
+No call waits: the caller calls `ReceiverSession.advance` repeatedly with the wall time. Work that
+takes several exchanges with the receiver is a procedure of a `CommandDialogue`.
 """
 
 from __future__ import annotations
@@ -17,24 +17,25 @@ from vtff_nav.receiver.live_port import LivePort, PortError
 
 __all__ = ["CommandRequest", "ReceiverSession", "SessionSettings", "SessionState"]
 
-#: Rates of NovAtel ports (OEM7 manual, SERIALCONFIG), the likely ones first: 9600 is the factory
-#: setting.
+#: Rates of NovAtel ports (OEM7 manual, SERIALCONFIG), the most likely rates first: 9600 is the
+#: factory setting.
 STANDARD_BAUDS = (9600, 115200, 460800, 230400, 921600, 57600, 38400, 19200, 4800, 2400)
-#: Harmless, always answered, and what it brings names the receiver.
+#: A command without side effects that every receiver answers; its log names the receiver.
 PROBE_COMMAND = "LOG VERSIONB ONCE"
 #: Time that a receiver needs to change its rate, s.
 BAUD_CHANGE_TIME = 0.1
-#: Bytes without a log among them that mean another baud rate: at once, and after the time-out.
+#: Numbers of bytes without an intact log that indicate another baud rate: the first at any time,
+#: the second after the time-out.
 UNINTELLIGIBLE_BYTES = 32768
 UNINTELLIGIBLE_BYTES_LATER = 2048
-#: Most that the time-out for silence grows by while configuring does not help.
+#: Largest factor of the time-out for silence, which grows while configuring does not help.
 LONGEST_PATIENCE = 8.0
-#: Reads of one call, so that a flood of bytes leaves the caller to others.
+#: Largest number of reads in one call, so that a flood of bytes does not block the caller.
 READS_PER_CALL = 16
 
 
 class SessionState(enum.Enum):
-    """How far a session is."""
+    """State of a session, with its text for /diagnostics."""
 
     ABSENT = "no connection"
     SEARCHING = "looking for the receiver"
@@ -44,26 +45,26 @@ class SessionState(enum.Enum):
 
 @dataclass(frozen=True)
 class SessionSettings:
-    """What a session does and how patient it is; times are wall time in s.
+    """Commands, time-outs and attempts of a session; times are wall time in s.
 
     Parameters
     ----------
     commands : tuple of str
-        Sent one after another when the receiver answers. Without any, nothing is ever sent, and
-        the receiver is taken as it is.
+        Commands that are sent one after another when the receiver answers. Without commands the
+        session never sends anything and reads the receiver as it is.
     searches_baud : bool
-        Try other rates where nothing intelligible comes at that of the port, and then set the
-        receiver to it.
+        Try other rates if nothing intelligible comes at the rate of the port, and then set the
+        receiver to the rate of the port.
     receiver_timeout : float
-        Silence after which the receiver is looked for again; infinite: never.
+        Silence after which the session looks for the receiver again; infinite for never.
     command_timeout : float
         Longest wait for an answer.
     command_attempts : int
-        How often a command is sent that is not answered.
+        Number of attempts for a command that is not answered.
     refused_attempts : int
-        How often a command is sent that is answered by <ERROR.
+        Number of attempts for a command that is answered by <ERROR.
     shortest_pause, longest_pause : float
-        Back-off between attempts, doubled each time.
+        Limits of the pause between attempts, which is doubled each time.
     """
 
     commands: tuple[str, ...] = ()
@@ -78,7 +79,7 @@ class SessionSettings:
 
 @dataclass
 class CommandRequest:
-    """A command given from outside; `answer` is None until there is one, or none will come."""
+    """A command of a caller; `answer` stays None if no answer comes before the deadline."""
 
     command: str
     deadline: float
@@ -87,7 +88,7 @@ class CommandRequest:
 
 
 class _ReceiverSilentError(Exception):
-    """The receiver answers nothing, at no rate."""
+    """The receiver does not answer at any rate."""
 
 
 class ReceiverSession:
@@ -96,30 +97,30 @@ class ReceiverSession:
     Parameters
     ----------
     open_port : callable
-        Opens the port; raises `PortError` where that is not possible now.
+        Opens the port; raises `PortError` if the port cannot be opened now.
     stream : ReceiverLogStream
-        Decodes what comes.
+        Decoder of the received bytes.
     settings : SessionSettings
     report : callable, optional
-        ``report(is_problem, text)`` is told what an operator wants to know.
+        ``report(is_problem, text)`` is called with messages for the operator.
     on_port : callable, optional
-        Is given each port that was opened, and None before it is closed.
+        Called with each port that was opened, and with None before the port is closed.
 
     Attributes
     ----------
     state : SessionState
     problem : str
-        What is wrong now; empty if nothing.
+        The current problem; empty if there is none.
     last_problem : str
-        What was wrong last.
+        The most recent problem, which may be over.
     refused : dict of str to str
-        Commands of the list that the receiver refused or did not answer, and what it said.
+        Answer by command, for commands of the list that were refused or not answered.
     version : ReceiverVersion or None
-        What the receiver told about itself.
+        Model, serial number and firmware; None before the receiver has reported them.
     connections, configurations : int
-        How often the port was opened, and the command list sent to its end.
+        How often the port was opened, and how often the whole command list was sent.
     bytes_received : int
-        Bytes read so far.
+        Number of bytes read so far.
     """
 
     def __init__(
@@ -163,12 +164,12 @@ class ReceiverSession:
 
     @property
     def is_running(self) -> bool:
-        """Whether the receiver is configured, as far as is known, and its logs are read."""
+        """Whether the receiver is configured and its logs are read."""
         return self.state is SessionState.RUNNING and not self._wanted_again
 
     @property
     def baud(self) -> int | None:
-        """Rate of the open port; None where it has none."""
+        """Rate of the open port, bit/s; None without a port or without a rate."""
         return None if self._port is None else self._port.baud
 
     @property
@@ -177,12 +178,12 @@ class ReceiverSession:
         return max(0, self.connections - 1)
 
     def advance(self, now: float) -> list[Event]:
-        """Do what can be done without waiting and return what was decoded.
+        """Read and send without waiting, and return the decoded events.
 
         Parameters
         ----------
         now
-            Wall time, s, that never goes back.
+            Wall time, s; it must not decrease.
         """
         self._now = self._dialogue.now = now
         if self._port is None and not self._connect():
@@ -190,10 +191,10 @@ class ReceiverSession:
             return []
         events: list[Event] = []
         try:
-            self._flush()
+            self._send_outgoing()
             events = self._read()
-            self._go_on()
-            self._flush()
+            self._advance_procedures()
+            self._send_outgoing()
         except PortError as error:
             events += self._disconnect(str(error))
         except _ReceiverSilentError as error:
@@ -201,19 +202,15 @@ class ReceiverSession:
         return events
 
     def request(self, command: str, deadline: float) -> CommandRequest:
-        """Send a command when the receiver is free; `advance` puts its answer into the result."""
+        """Queue a command; `advance` sends it and puts its answer into the returned request."""
         request = CommandRequest(command, deadline)
         self._requests.append(request)
         return request
 
     def configure_again(self, reason: str) -> None:
-        """Look for the receiver and send the command list again, on the open port."""
+        """Look for the receiver on the open port and send the command list again."""
         if self._settings.commands:
             self._wanted_again = reason
-
-    def resynchronise(self) -> list[Event]:
-        """Take it that no byte is under way: return what hides behind a frame cut short."""
-        return self._stream.close()
 
     def close(self) -> None:
         """Close the port."""
@@ -240,9 +237,9 @@ class ReceiverSession:
         self._on_port(self._port)
         self._forget_silence()
         if self._settings.commands:
-            self._dialogue.begin(self._prepare())
+            self._dialogue.begin(self._find_and_configure())
         else:
-            self._run()
+            self._enter_running()
         return True
 
     def _disconnect(self, reason: str) -> list[Event]:
@@ -256,13 +253,13 @@ class ReceiverSession:
         self._open_next = self._now + self._pause
         self._pause = min(2.0 * self._pause, self._settings.longest_pause)
 
-    def _flush(self) -> None:
+    def _send_outgoing(self) -> None:
         outgoing = self._dialogue.outgoing
         if self._port is not None and outgoing:
             del outgoing[: self._port.write(outgoing)]
 
     def _read(self) -> list[Event]:
-        """Read and decode; answers are kept for whoever waits for them."""
+        """Read and decode; answers to commands go to the dialogue."""
         events: list[Event] = []
         for _ in range(READS_PER_CALL):
             chunk = b"" if self._port is None else self._port.read()
@@ -274,7 +271,7 @@ class ReceiverSession:
             self._bytes_since_understood += len(chunk)
             for event in self._stream.feed(chunk):
                 if isinstance(event, CommandResponse):
-                    self._dialogue.answered(event)
+                    self._dialogue.take_answer(event)
                     continue
                 if isinstance(event, ReceiverVersion):
                     self.version = event
@@ -290,17 +287,17 @@ class ReceiverSession:
 
     # ---- procedures --------------------------------------------------------------------------
 
-    def _go_on(self) -> None:
-        """Let time pass: give up waiting, look after the receiver, begin what was asked for."""
+    def _advance_procedures(self) -> None:
+        """Handle time-outs, check that the receiver is heard, and begin queued commands."""
         self._dialogue.pass_time()
         if self._dialogue.is_idle and self.state is SessionState.RUNNING:
-            self._look_after()
+            self._check_reception()
         self._expire_requests()
         if self._dialogue.is_idle and self.is_running and self._requests:
-            self._dialogue.begin(self._serve(self._requests.popleft()))
+            self._dialogue.begin(self._send_request(self._requests.popleft()))
 
-    def _look_after(self) -> None:
-        """Look for the receiver again if it has fallen silent or speaks at another rate."""
+    def _check_reception(self) -> None:
+        """Look for the receiver again if it is silent or sends at another rate."""
         if self._has_sent_since_configured:
             self._patience = self._settings.receiver_timeout
         patience = self._patience
@@ -313,18 +310,18 @@ class ReceiverSession:
             reason = f"{self._bytes_since_understood} bytes without a log: wrong baud rate?"
         if not reason:
             return
-        # One that answers but has nothing to send (yet) is not to be asked all the time.
+        # Back off: a receiver that answers may have no logs to send yet.
         self._patience = min(2.0 * patience, LONGEST_PATIENCE * self._settings.receiver_timeout)
         self._note_problem(reason)
         self._forget_silence()
         if self._settings.commands:
-            self._dialogue.begin(self._prepare())
+            self._dialogue.begin(self._find_and_configure())
 
     def _forget_silence(self) -> None:
         self._heard_at = self._understood_at = self._now
         self._bytes_since_understood = 0
 
-    def _prepare(self) -> Procedure[None]:
+    def _find_and_configure(self) -> Procedure[None]:
         """Find the receiver and send it the command list."""
         self.state = SessionState.SEARCHING
         yield from self._find_receiver()
@@ -334,9 +331,9 @@ class ReceiverSession:
             if not (yield from self._configure(command)):
                 break
         self.configurations += 1
-        self._run()
+        self._enter_running()
 
-    def _run(self) -> None:
+    def _enter_running(self) -> None:
         self.state = SessionState.RUNNING
         self._has_sent_since_configured = False
         self._pause = self._settings.shortest_pause
@@ -346,7 +343,7 @@ class ReceiverSession:
         self._report(False, f"receiver is running{rate}, configured {self.configurations} times")
 
     def _find_receiver(self) -> Procedure[None]:
-        """Find the receiver and its rate, and bring that to the rate of the port."""
+        """Find the receiver and its rate, and set it to the rate of the port."""
         nominal = self._nominal_baud
         others = STANDARD_BAUDS if self._settings.searches_baud and nominal is not None else ()
         for baud in (nominal, *(rate for rate in others if rate != nominal)):
@@ -372,9 +369,11 @@ class ReceiverSession:
             raise _ReceiverSilentError(f"the receiver was lost on changing to {nominal} baud")
 
     def _probe(self) -> Procedure[bool]:
-        """Whether the receiver is heard: it answers, or an intact log comes."""
+        """Return whether the receiver is heard: it answers, or an intact log comes."""
         good_before = self._stream.counters.frames_good
-        self._dialogue.outgoing += b"\r\n"  # ends what the receiver may have read at another rate
+        self._dialogue.outgoing += (
+            b"\r\n"  # ends a command that the receiver may have read in part at another rate
+        )
         is_nominal = self.baud == self._nominal_baud
         timeout = self._settings.command_timeout * (1.0 if is_nominal else 0.5)
         answer = yield from self._dialogue.ask(PROBE_COMMAND, timeout)
@@ -386,7 +385,7 @@ class ReceiverSession:
             self._port.set_baud(baud)
 
     def _configure(self, command: str) -> Procedure[bool]:
-        """Send a command of the list until it is taken; return whether to send the next one."""
+        """Send a command of the list until it is accepted; return whether to send the next."""
         good_before = self._stream.counters.frames_good
         pause = self._settings.shortest_pause / 2.0
         for attempt in range(1, self._settings.command_attempts + 1):
@@ -402,9 +401,9 @@ class ReceiverSession:
             pause = min(2.0 * pause, self._settings.command_timeout)
         if self._stream.counters.frames_good == good_before:
             raise _ReceiverSilentError(f"command '{command}' is not answered")
-        return False  # it sends logs and does not hear: take them as they are
+        return False  # the receiver sends logs but does not hear: read them as they are
 
-    def _serve(self, request: CommandRequest) -> Procedure[None]:
+    def _send_request(self, request: CommandRequest) -> Procedure[None]:
         self._request = request
         timeout = request.deadline - self._now
         request.answer = yield from self._dialogue.ask(request.command, timeout)

@@ -1,4 +1,4 @@
-"""When all that a receiver sends for a whole second has been read."""
+"""End of a second: when all logs of a receiver for a whole second have been read."""
 
 from __future__ import annotations
 
@@ -16,26 +16,26 @@ END_OF_SECOND_LOGS: dict[str, type[ReceiverTime] | type[Fix] | type[ObservationE
     "BESTXYZ": Fix,
     "RANGE": ObservationEpoch,
 }
-"""Logs that can mark the end of a second; RANGE stands for its compressed forms too."""
+"""Logs that can end a second, with their events; RANGE includes its compressed forms."""
 
-#: A receiver that was silent once is waited for this fraction of the time.
+#: Fraction of the silence time-out that applies while a receiver stays silent.
 SHORTER_WAIT = 0.2
 
 
 class SecondWatch:
-    """Tells when the bytes of a second have been read.
+    """Decides when the bytes of a second have been read.
 
-    A second ends with the last log of the command list. Where that log is missing, because it
-    was damaged or the receiver is silent or does not know the time yet, silence on the port ends
-    it.
+    A second ends with the last log of the command list. Where this log is missing, because it was
+    damaged, or the receiver is silent or does not know the time yet, silence on the port ends the
+    second.
 
     Parameters
     ----------
     end_log : str
         Name in `END_OF_SECOND_LOGS`.
     silence_timeout : float
-        Wall time, s, without a byte after which nothing more is expected. A fifth of it where not
-        a single byte has come, if the second before had ended by silence too.
+        Wall time, s, without a byte after which the second is over. A fifth of it if no byte has
+        come in this second and the second before was ended by silence too.
 
     Attributes
     ----------
@@ -59,7 +59,10 @@ class SecondWatch:
     def read(
         self, byte_count: int, events: Iterable[Event], now: float, *, is_dialogue: bool = False
     ) -> None:
-        """Note what was read at wall time `now`, in s; a dialogue about commands is no logs."""
+        """Note the bytes and events read at wall time `now`, in s.
+
+        Bytes of a dialogue about commands do not count as a sign that the receiver sends logs.
+        """
         if byte_count:
             self._quiet_since = now
             self._is_heard |= not is_dialogue
@@ -69,20 +72,20 @@ class SecondWatch:
                 self.newest_end = max(self.newest_end, second)
 
     def begin(self, second: int, now: float) -> None:
-        """Begin to wait for a second; its bytes may have come before."""
+        """Begin to wait for the end of a second; its bytes may already have come."""
         if second < self._last_second:  # the scenario began again
             self.newest_end = -1
         self._second = self._last_second = second
         self._quiet_since = now
 
     def is_quiet(self, now: float) -> bool:
-        """Whether nothing has come for long enough that nothing more is expected."""
+        """Return whether no byte has come for the time after which a second is over."""
         is_dead = self._ended_by_silence and not self._is_heard
         wait = self._silence_timeout * (SHORTER_WAIT if is_dead else 1.0)
         return now - self._quiet_since > wait
 
     def is_done(self, now: float) -> bool:
-        """Whether the second has been read; ask again until it is, then `begin` the next."""
+        """Return whether the second has been read; True once, then `begin` the next second."""
         if self._second is None:
             return False
         if self.newest_end >= self._second:

@@ -1,4 +1,4 @@
-"""What /diagnostics tells about the observations and the load of a receiver's line."""
+"""Statistics for /diagnostics: observations of a receiver, and rates and load of its line."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TIME_STATUS_NAMES = {
 
 
 class StreamStatistics:
-    """Rates by receiver time, which also holds faster than real time, and the newest epoch."""
+    """Newest epoch, and rates per second of receiver time, valid also faster than real time."""
 
     def __init__(self) -> None:
         self._bytes = 0
@@ -48,7 +48,7 @@ class StreamStatistics:
         return 0 if self._newest is None else self._newest.time.to_unix_nanoseconds()
 
     def add(self, byte_count: int, events: Iterable[Event]) -> None:
-        """Take what was read; many epochs may come at once, their bytes are shared out evenly."""
+        """Add the bytes and events of one read; its epochs share the bytes evenly."""
         epochs = []
         for event in events:
             if isinstance(event, ObservationEpoch):
@@ -63,14 +63,14 @@ class StreamStatistics:
         self._newest = epoch
         time = epoch.time.nanoseconds
         if self._epochs and not 0 <= time - self._epochs[-1][0] <= NANOSECONDS_PER_SECOND:
-            self._epochs.clear()  # after a gap rates are formed anew
+            self._epochs.clear()  # rates are computed within one sequence without a gap
         if not self._epochs or time > self._epochs[-1][0]:
             self._epochs.append((time, byte_count))
         while time - self._epochs[0][0] > WINDOW_SECONDS * NANOSECONDS_PER_SECOND:
             self._epochs.popleft()
 
     def rates(self) -> tuple[float, float]:
-        """Return epochs/s and bytes/s of receiver time; NaN before there are two epochs."""
+        """Return epochs/s and bytes/s of receiver time; NaN with fewer than two epochs."""
         if len(self._epochs) < 2:
             return math.nan, math.nan
         (first, bytes_first), (last, bytes_last) = self._epochs[0], self._epochs[-1]
@@ -78,7 +78,7 @@ class StreamStatistics:
         return (len(self._epochs) - 1) / span, (bytes_last - bytes_first) / span
 
     def line_values(self, baud: int | None) -> dict[str, str]:
-        """Return rates and load for /diagnostics; `baud` None where the link has none."""
+        """Return rates and load for /diagnostics; `baud` is None for a link without a rate."""
         epoch_rate, byte_rate = self.rates()
         if math.isnan(epoch_rate):
             return {}

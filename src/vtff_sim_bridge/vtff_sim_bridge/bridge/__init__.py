@@ -1,1 +1,1 @@
-"""The bridge to SimGEN: one run of it, and the thrust that acts in each step."""
+"""Parts of the bridge node: the link to a run of SimGEN, and the thrust that acts in each step."""

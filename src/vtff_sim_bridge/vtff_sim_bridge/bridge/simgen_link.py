@@ -1,4 +1,4 @@
-"""One run of SimGEN as the bridge sees it: start, a motion per step, end, and lost connections."""
+"""Link to one run of SimGEN: start, the motion of each step, end, and lost connections."""
 
 from __future__ import annotations
 
@@ -27,18 +27,17 @@ class SimGenLink:
     Parameters
     ----------
     client
-        Connection to SimGEN; not yet connected.
+        Client of SimREMOTE; not yet connected.
     spacecraft
-        Names in the order of SimGEN's vehicles: the first is ``v1_m1``.
+        Names in the order of the vehicles of SimGEN: the first is ``v1_m1``.
     reconnect_timeout
-        Seconds to wait for a lost connection to come back before that is an error (lockstep);
-        None never waits: a step without connection is skipped and the next one tries again
-        (realtime).
+        Lockstep: wall time, s, to wait for a lost connection before that is an error. Real time:
+        None; a step without a connection is skipped and the next step connects again.
 
     Attributes
     ----------
     problem
-        What is wrong with the connection now; empty if nothing.
+        The current problem of the connection; empty if there is none.
     """
 
     def __init__(
@@ -50,7 +49,7 @@ class SimGenLink:
         self._client = client
         self._vehicles = {name: f"v{number}_m1" for number, name in enumerate(spacecraft, start=1)}
         self._reconnect_timeout = reconnect_timeout
-        self._awaited = 0
+        self._awaited_replies = 0
         self._started = False
         self.problem = ""
 
@@ -81,7 +80,7 @@ class SimGenLink:
         Raises
         ------
         SimRemoteError
-            If SimGEN is not reached or refuses a command; the text names the command.
+            If SimGEN cannot be reached or refuses a command; the text names the command.
         """
         self._client.connect()
         initial = {self._vehicles[name]: motion_state(motion) for name, motion in motions.items()}
@@ -95,7 +94,7 @@ class SimGenLink:
         Raises
         ------
         SimRemoteError
-            If it does not answer with a number.
+            If SimGEN does not answer with a number.
         """
         reply = self._client.command("-,TIME")
         try:
@@ -109,7 +108,7 @@ class SimGenLink:
         Raises
         ------
         SimRemoteError
-            If the connection is lost and does not come back, or SimGEN no longer runs.
+            If the connection is lost and cannot be restored, or SimGEN no longer runs.
         """
         commands = [
             (self._vehicles[name], motion_state(motion)) for name, motion in motions.items()
@@ -118,29 +117,29 @@ class SimGenLink:
             try:
                 if not self._client.is_connected and not self._connect_again():
                     return
-                self._awaited = self._client.send_motion(time, commands)
+                self._awaited_replies = self._client.send_motion(time, commands)
                 return
             except SimRemoteConnectionError as error:
-                self._lost(error, final=attempt > 0)
+                self._note_lost_connection(error, final=attempt > 0)
 
     def receive(self) -> None:
-        """Take the replies to what was sent.
+        """Receive the replies to the commands that were sent.
 
         Raises
         ------
         SimRemoteError
-            If SimGEN reports an error, or the connection is lost and waiting is over.
+            If SimGEN reports an error, or the connection is lost and not restored in time.
         """
-        awaited, self._awaited = self._awaited, 0
+        awaited, self._awaited_replies = self._awaited_replies, 0
         if not awaited:
             return
         try:
             self._client.receive_replies(awaited)
         except SimRemoteConnectionError as error:
-            self._lost(error, final=False)
+            self._note_lost_connection(error, final=False)
 
     def stop(self) -> None:
-        """End the run and close the connection; does nothing if it was not started.
+        """End the run, if it was started, and close the connection.
 
         Raises
         ------
@@ -170,7 +169,7 @@ class SimGenLink:
         self.problem = ""
         return True
 
-    def _lost(self, error: SimRemoteConnectionError, *, final: bool) -> None:
+    def _note_lost_connection(self, error: SimRemoteConnectionError, *, final: bool) -> None:
         self.problem = str(error)
         LOGGER.warning("%s", error)
         if final and self._reconnect_timeout is not None:
