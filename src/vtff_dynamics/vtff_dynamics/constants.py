@@ -34,8 +34,6 @@ SECONDS_PER_WEEK = 604800
 NANOSECONDS_PER_SECOND = 1_000_000_000
 """Nanoseconds in a second."""
 
-TAI_MINUS_GPS = 19
-"""TAI - GPS, s (IS-GPS-200: GPS time equals UTC at 1980-01-06, when TAI - UTC was 19 s)."""
 
 TT_MINUS_GPS_NANOSECONDS = 51_184_000_000
 """TT - GPS, ns: 19 s (TAI - GPS) and 32.184 s (TT - TAI, IAU 1991)."""

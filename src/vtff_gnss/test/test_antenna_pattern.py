@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vtff_gnss.antenna_pattern import ParabolicPattern, TabulatedPattern
+from vtff_gnss.antenna_pattern import ParabolicPattern
 
 
 def test_half_power_is_half_the_beamwidth_off_boresight():
@@ -22,19 +22,11 @@ def test_default_is_a_hemispherical_patch():
     assert np.all(np.diff(ParabolicPattern().gain_db(np.linspace(0, np.pi, 50))) <= 0.0)
 
 
-def test_table_is_interpolated_and_ends_are_held():
-    pattern = TabulatedPattern((0.0, 10.0, 14.0), (12.0, 14.0, 11.0))
-    assert pattern.gain_db(np.radians([0.0, 5.0, 12.0, 60.0])) == pytest.approx([12, 13, 12.5, 11])
-
-
 @pytest.mark.parametrize(
     ("make", "text"),
     [
         (lambda: ParabolicPattern(half_power_beamwidth=0.0), "half_power_beamwidth 0.0"),
         (lambda: ParabolicPattern(front_to_back_db=-1.0), "front_to_back_db -1.0"),
-        (lambda: TabulatedPattern((0.0,), (1.0, 2.0)), "2 values for 1 angles"),
-        (lambda: TabulatedPattern((), ()), "0 values for 0 angles"),
-        (lambda: TabulatedPattern((1.0, 1.0), (1.0, 2.0)), "must ascend"),
     ],
 )
 def test_impossible_patterns_are_refused(make, text):

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ParabolicPattern", "TabulatedPattern"]
+__all__ = ["ParabolicPattern"]
 
 
 @dataclass(frozen=True)
@@ -53,38 +53,3 @@ class ParabolicPattern:
         ratio = np.asarray(off_boresight, dtype=float) / self.half_power_beamwidth
         attenuation = np.minimum(12.0 * ratio**2, self.front_to_back_db)
         return np.asarray(self.boresight_gain_db - attenuation)
-
-
-@dataclass(frozen=True)
-class TabulatedPattern:
-    """Axially symmetric pattern given by a table, linear in dB between its points.
-
-    Parameters
-    ----------
-    off_boresight_deg : tuple of float
-        Ascending.
-    gains_db : tuple of float
-        One for each angle. Outside the table the nearest end is used.
-
-    Raises
-    ------
-    ValueError
-        If the columns differ in length, are empty, or the angles do not ascend.
-    """
-
-    off_boresight_deg: tuple[float, ...]
-    gains_db: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        """Check the table."""
-        if len(self.off_boresight_deg) != len(self.gains_db) or not self.gains_db:
-            raise ValueError(
-                f"gains_db: {len(self.gains_db)} values for {len(self.off_boresight_deg)} angles"
-            )
-        if any(np.diff(self.off_boresight_deg) <= 0.0):
-            raise ValueError("off_boresight_deg: the angles must ascend")
-
-    def gain_db(self, off_boresight: npt.ArrayLike) -> FloatArray:
-        """Return the gain in dB at angles from boresight in rad, same shape."""
-        angles_deg = np.degrees(np.asarray(off_boresight, dtype=float))
-        return np.asarray(np.interp(angles_deg, self.off_boresight_deg, self.gains_db))

@@ -23,7 +23,6 @@ from vtff_gnss.orbits.line_of_sight import (
     elevation_azimuth,
     ellipsoid_normal,
     lines_of_sight,
-    off_nadir_angle,
 )
 from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
@@ -163,13 +162,6 @@ def test_zenith_direction_is_the_callers(table):
     assert np.allclose(np.sin(given.elevation), given.direction_itrf @ radial, atol=1e-14)
     tilt = np.arccos(radial @ ellipsoid_normal(LEO))
     assert np.abs(given.elevation - default.elevation).max() <= tilt + 1e-12
-
-
-def test_off_nadir_angle(table):
-    sight = lines_of_sight(table, START, 0.0, LEO, LEO_VELOCITY, LEO / np.linalg.norm(LEO))
-    radius = np.linalg.norm(sight.position_satellite_itrf, axis=-1)
-    sine = np.linalg.norm(LEO) * np.cos(sight.elevation) / radius
-    assert np.allclose(np.sin(off_nadir_angle(sight)), sine, atol=1e-9)
 
 
 @pytest.mark.parametrize("height", [-50e3, 0.0, 100e3])

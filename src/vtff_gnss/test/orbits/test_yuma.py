@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -11,10 +12,9 @@ from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable, ephemeris_with_reference
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.nominal_constellation import (
-    nominal_galileo_constellation,
     nominal_gps_constellation,
 )
-from vtff_gnss.orbits.yuma import AlmanacError, format_yuma, read_yuma
+from vtff_gnss.orbits.yuma import AlmanacError, read_yuma
 
 START = parse_epoch("2016-03-21T01:00:00 GPS")
 GPS = nominal_gps_constellation(START, START)
@@ -36,6 +36,43 @@ Af0(s):                    -0.9536743164E-005
 Af1(s/s):                  -0.3637978807E-011
 week:                        866
 """
+
+
+# Label of each line and the field of an ephemeris that it holds.
+FIELDS = {
+    "ID": "prn",
+    "Health": "health",
+    "Eccentricity": "eccentricity",
+    "Time of Applicability(s)": "toe",
+    "Orbital Inclination(rad)": "inclination",
+    "Rate of Right Ascen(r/s)": "right_ascension_rate",
+    "SQRT(A)  (m 1/2)": "semi_major_axis",
+    "Right Ascen at Week(rad)": "longitude_of_ascending_node",
+    "Argument of Perigee(rad)": "argument_of_perigee",
+    "Mean Anom(rad)": "mean_anomaly",
+    "Af0(s)": "af0",
+    "Af1(s/s)": "af1",
+    "week": "gps_week",
+}
+
+
+def format_yuma(ephemerides):
+    """Return a YUMA file of GPS ephemerides; harmonic terms and clock acceleration are lost."""
+    blocks = []
+    for e in ephemerides:
+        values = {
+            "ID": f"{e.prn:02d}",
+            "Health": f"{e.health:03d}",
+            "Time of Applicability(s)": f"{e.toe:.4f}",
+            "SQRT(A)  (m 1/2)": f"{math.sqrt(e.semi_major_axis):.9f}",
+            "week": str(e.gps_week),
+        }
+        lines = [f"******** Week {e.gps_week} almanac for PRN-{e.prn:02d} ********"]
+        for label, name in FIELDS.items():
+            value = values.get(label, f"{getattr(e, name): .12E}")
+            lines.append(f"{label + ':':<27}{value}")
+        blocks.append("\n".join(lines) + "\n")
+    return "\n".join(blocks)
 
 
 def test_round_trip(tmp_path):
@@ -121,8 +158,3 @@ def test_empty_file(tmp_path):
     path.write_text("\n")
     with pytest.raises(AlmanacError, match="no almanac entry"):
         read_yuma(path)
-
-
-def test_only_gps_is_written():
-    with pytest.raises(ValueError, match="satellite 1 of system 3"):
-        format_yuma(nominal_galileo_constellation(START, START))

@@ -16,7 +16,8 @@ from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
 )
-from vtff_gnss.rinex.navigation import RinexError, read_rinex_navigation
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.navigation import read_rinex_navigation
 
 RTKLIB_SYSTEMS = {1: c.SYSTEM_GPS, 8: c.SYSTEM_GALILEO}
 RTKLIB_NAMES = {

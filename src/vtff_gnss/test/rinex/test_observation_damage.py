@@ -12,7 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rinex_test_support import epoch_3, header_2, header_3, header_line, types_3, value
 
-from vtff_gnss.rinex.observation import RinexError, parse_rinex_observation
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.observation import parse_rinex_observation
 
 
 @functools.cache

@@ -20,7 +20,8 @@ from rinex_test_support import (
 
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss import constants as c
-from vtff_gnss.rinex.observation import RinexError, read_rinex_observation
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.observation import read_rinex_observation
 
 TYPES = types_3("G", "C1C", "L1C", "D1C", "S1C")
 VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID | c.FLAG_PARITY_KNOWN

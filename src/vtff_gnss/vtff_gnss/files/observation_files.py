@@ -17,8 +17,8 @@ from vtff_gnss.novatel.events import Event
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex.compressed_file import decompress, is_hatanaka, is_rinex
+from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation import parse_rinex_navigation
-from vtff_gnss.rinex.navigation_records import RinexError
 from vtff_gnss.rinex.observation import parse_rinex_observation
 
 __all__ = [

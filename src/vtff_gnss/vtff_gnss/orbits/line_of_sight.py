@@ -25,7 +25,6 @@ __all__ = [
     "elevation_azimuth",
     "ellipsoid_normal",
     "lines_of_sight",
-    "off_nadir_angle",
 ]
 
 # Satellite states are evaluated once, this long before reception, and carried to the time of
@@ -248,14 +247,6 @@ def earth_obstructs(
         (fraction > 0.0) & (fraction < 1.0) & (closest_squared < 1.0)
     )
     return obstructed
-
-
-def off_nadir_angle(line_of_sight: LineOfSight) -> FloatArray:
-    """Return the angle at the satellite from the Earth's centre to the receiver, rad, (..., n)."""
-    position = np.moveaxis(line_of_sight.position_satellite_itrf, -1, 0)
-    radius = np.sqrt(_dot(position, position))
-    cosine = _dot(position, np.moveaxis(line_of_sight.direction_itrf, -1, 0)) / radius
-    return np.asarray(np.arccos(np.clip(cosine, -1.0, 1.0)))
 
 
 def _motion_in_axes_of_reception(

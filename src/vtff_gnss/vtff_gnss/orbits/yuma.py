@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 import pathlib
 import re
-from collections.abc import Iterable
 
 from vtff_dynamics.constants import SECONDS_PER_WEEK
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import EPHEMERIS_SOURCE_LNAV, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 
-__all__ = ["AlmanacError", "format_yuma", "read_yuma"]
+__all__ = ["AlmanacError", "read_yuma"]
 
 DEFAULT_ALMANAC_INTERVAL = 14 * 86400.0
 """s; validity given to an almanac: one week before and after its time of applicability."""
@@ -81,33 +80,6 @@ def read_yuma(
     if not blocks:
         raise AlmanacError(f"{path}: no almanac entry")
     return tuple(_ephemeris(f"{path}:{n}", block, near, fit_interval) for n, block in blocks)
-
-
-def format_yuma(ephemerides: Iterable[BroadcastEphemeris]) -> str:
-    """Return a YUMA file of GPS ephemerides; harmonic terms and clock acceleration are lost.
-
-    Raises
-    ------
-    ValueError
-        If a satellite is not a GPS satellite.
-    """
-    blocks = []
-    for e in ephemerides:
-        if e.system != SYSTEM_GPS:
-            raise ValueError(f"satellite {e.prn} of system {e.system}: YUMA files are for GPS")
-        values: dict[str, str] = {
-            "prn": f"{e.prn:02d}",
-            "health": f"{e.health:03d}",
-            "toe": f"{e.toe:.4f}",
-            "square_root_of_semi_major_axis": f"{math.sqrt(e.semi_major_axis):.9f}",
-            "gps_week": str(e.gps_week),
-        }
-        lines = [f"******** Week {e.gps_week} almanac for PRN-{e.prn:02d} ********"]
-        for label, _, name in _FIELDS:
-            value = values[name] if name in values else f"{getattr(e, name): .12E}"
-            lines.append(f"{label + ':':<27}{value}")
-        blocks.append("\n".join(lines) + "\n")
-    return "\n".join(blocks)
 
 
 def _field(place: str, text: str) -> tuple[str, float]:

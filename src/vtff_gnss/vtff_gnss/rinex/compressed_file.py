@@ -10,7 +10,7 @@ import warnings
 import zipfile
 import zlib
 
-from vtff_gnss.rinex.navigation_records import RinexError
+from vtff_gnss.rinex.errors import RinexError
 
 __all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
 

@@ -9,9 +9,10 @@ from dataclasses import dataclass
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ionosphere_parameters import KlobucharParameters, NeQuickParameters
 from vtff_gnss.rinex.compressed_file import decompress
-from vtff_gnss.rinex.navigation_records import Line, RinexError, read_ephemeris, read_number
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.navigation_records import Line, read_ephemeris, read_number
 
-__all__ = ["RinexError", "RinexNavigation", "parse_rinex_navigation", "read_rinex_navigation"]
+__all__ = ["RinexNavigation", "parse_rinex_navigation", "read_rinex_navigation"]
 
 _LABEL_COLUMN = 60
 # Message types of RINEX 4 that are read, by satellite system; the only ones of RINEX 2 and 3.

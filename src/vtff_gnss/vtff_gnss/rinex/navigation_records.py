@@ -20,8 +20,9 @@ from vtff_gnss.ephemeris import (
     lnav_fit_interval,
     nearest_time_of_week,
 )
+from vtff_gnss.rinex.errors import RinexError
 
-__all__ = ["Line", "RinexError", "read_ephemeris", "read_number"]
+__all__ = ["Line", "read_ephemeris", "read_number"]
 
 _GPS_EPOCH_ORDINAL = datetime.date(1980, 1, 6).toordinal()
 _FIELD_WIDTH = 19
@@ -50,10 +51,6 @@ _GALILEO_FIELDS: tuple[tuple[str | None, ...], ...] = (
     ("accuracy", "health", "group_delay", "group_delay_secondary"),
     ("transmission_time?", None, None, None),
 )
-
-
-class RinexError(ValueError):
-    """A RINEX file is malformed; the message names file, line and field."""
 
 
 class Line(NamedTuple):

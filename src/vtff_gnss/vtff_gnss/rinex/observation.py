@@ -11,14 +11,15 @@ import numpy as np
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex.compressed_file import decompress, decompress_hatanaka, is_hatanaka
-from vtff_gnss.rinex.navigation_records import Line, RinexError
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.navigation_records import Line
 from vtff_gnss.rinex.observation_continuity import set_lock_times
 from vtff_gnss.rinex.observation_epochs import EpochRecords, RinexEvent, walk_epochs
 from vtff_gnss.rinex.observation_header import LABEL_COLUMN, RinexObservationHeader, read_header
 from vtff_gnss.rinex.observation_records import RecordReader, SignalRows
 from vtff_gnss.rinex.observation_signals import RINEX2_ATTRIBUTES
 
-__all__ = ["RinexError", "RinexObservations", "parse_rinex_observation", "read_rinex_observation"]
+__all__ = ["RinexObservations", "parse_rinex_observation", "read_rinex_observation"]
 
 
 @dataclass(frozen=True)

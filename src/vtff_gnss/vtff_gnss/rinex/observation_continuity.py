@@ -10,7 +10,7 @@ import numpy.typing as npt
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss.constants import FLAG_LOCK_LOST, FLAG_PHASE_VALID
 from vtff_gnss.observation_table import signal_keys
-from vtff_gnss.rinex.navigation_records import RinexError
+from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.observation_records import SignalRows
 
 __all__ = ["set_lock_times"]

@@ -9,7 +9,8 @@ from dataclasses import dataclass, field
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.rinex.calendar_time import RinexClock
-from vtff_gnss.rinex.navigation_records import Line, RinexError
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.navigation_records import Line
 from vtff_gnss.rinex.observation_header import RinexObservationHeader, read_header_record
 
 __all__ = ["Batch", "EpochRecords", "RinexEvent", "walk_epochs"]
@@ -20,7 +21,6 @@ _CYCLE_SLIPS = b"6"
 _POWER_FAILURE = b"1"
 _SATELLITES_PER_LINE_2 = 12
 _TYPES_PER_LINE_2 = 5
-_LINE_LENGTH_2 = 80
 
 
 @dataclass(frozen=True)

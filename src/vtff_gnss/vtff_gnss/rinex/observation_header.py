@@ -11,7 +11,8 @@ from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.rinex.calendar_time import TIME_SYSTEM_OF_LETTER, RinexClock
-from vtff_gnss.rinex.navigation_records import Line, RinexError, read_number
+from vtff_gnss.rinex.errors import RinexError
+from vtff_gnss.rinex.navigation_records import Line, read_number
 
 __all__ = ["LABEL_COLUMN", "RinexObservationHeader", "read_header", "read_header_record"]
 

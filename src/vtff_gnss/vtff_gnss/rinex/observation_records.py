@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from vtff_gnss import constants as c
 from vtff_gnss.observations import OBSERVATION_COLUMNS
+from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.fixed_point import FIELD_WIDTH, digits_or_blank, parse_fixed_point
-from vtff_gnss.rinex.navigation_records import RinexError
 from vtff_gnss.rinex.observation_epochs import Batch
 from vtff_gnss.rinex.observation_header import RinexObservationHeader
 from vtff_gnss.rinex.observation_signals import SignalColumns, signal_columns

@@ -13,14 +13,14 @@ from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, FREQUENCY_L5
 from vtff_sim_bridge.atmosphere.scintillation import (
+    BUTTERWORTH_DECORRELATION,
     AlongTrackAxis,
-    ContinuousPhase,
     ScintillationField,
-    minimum_decorrelation_time,
     s4_at_frequency,
     scintillation_gain,
     tapered_s4,
 )
+from vtff_sim_bridge.gnss.propagation import RegionCrossing, ScintillatedLinks
 
 EPOCH_RATE = 20.0
 
@@ -159,6 +159,27 @@ def test_edge_of_a_region_is_smooth():
     assert 0.0 <= steps.min() and steps.max() < 1e-3
 
 
+def minimum_decorrelation_time(sample_rate: float, aliased_power: float = 0.01) -> float:
+    """Return the shortest decorrelation time (s) that samples at a rate (Hz) can show.
+
+    Parameters
+    ----------
+    sample_rate : float
+        Rate of the observations, Hz.
+    aliased_power : float
+        Part of the power of xi that may lie above half the sample rate (upper bound).
+
+    Notes
+    -----
+    0.087 s at 20 Hz. A spacecraft at 7.5 km/s meets Fresnel-scale structure in 0.01 to 0.03 s,
+    which 20 Hz observations cannot follow.
+    """
+    # Power above x corner frequencies: at most (1 / (3 x^3)) / (pi / (2 sqrt 2)).
+    corners = math.pow(2.0 * math.sqrt(2.0) / (3.0 * math.pi * aliased_power), 1.0 / 3.0)
+    corner_frequency = 0.5 * sample_rate / corners
+    return BUTTERWORTH_DECORRELATION / (math.sqrt(2.0) * math.pi * corner_frequency)
+
+
 def test_shortest_decorrelation_time():
     tau0 = minimum_decorrelation_time(20.0)
     assert tau0 == pytest.approx(0.0867, abs=1e-3)
@@ -211,23 +232,45 @@ def test_deputy_lags_by_the_time_of_flight():
     assert correlation[best] > 0.99
 
 
+def crossing_of(s4, fluctuation):
+    """Return a crossing of one ray for each column of the fluctuation, shape (epochs, rays)."""
+    return [RegionCrossing(np.full(fluctuation.shape, s4), fluctuation)]
+
+
 def test_phase_is_continuous_through_fades():
     field = ScintillationField(0.5, [2])
-    gain = scintillation_gain(field.fluctuation(1, np.arange(20000) / 200.0), 0.8)
-    tracker = ContinuousPhase()
-    phase = np.array([tracker.update(["link"], [value])[0] for value in gain])
+    fluctuation = field.fluctuation(1, np.arange(20000) / 200.0)
+    gain = scintillation_gain(fluctuation, 0.8)
+    links = ScintillatedLinks(np.array([FREQUENCY_L1]))
+    link = np.array([0])
+    seconds = [
+        links.second(crossing_of(0.8, block[:, None]), link, link, slice(0, 20))
+        for block in fluctuation.reshape(-1, 20)
+    ]
+    amplitude, phase = (np.concatenate(parts)[:, 0] for parts in zip(*seconds, strict=True))
+    assert amplitude == pytest.approx(np.abs(gain), rel=1e-12)
     assert np.exp(1j * phase) == pytest.approx(gain / np.abs(gain), abs=1e-9)
     assert phase == pytest.approx(np.unwrap(np.angle(gain)), abs=1e-9)
-    tracker.forget("link")
-    assert abs(tracker.update(["link"], [gain[-1]])[0]) <= math.pi
+    # Out of the region only the cycles that slipped in fades are left.
+    links.calm()
+    turns = links.settled_phase / (2.0 * math.pi)
+    assert turns == pytest.approx(np.round(phase[-1:] / (2.0 * math.pi)), abs=1e-12)
 
 
 def test_links_have_their_own_phase():
-    tracker = ContinuousPhase()
-    for turns in np.arange(0.0, 2.1, 0.1):
-        gain = [np.exp(2j * math.pi * turns), 1.0]
-        phase = tracker.update([("chief", 7), ("deputy", 7)], gain)
-    assert phase == pytest.approx([4.0 * math.pi, 0.0], abs=1e-9)
+    links = ScintillatedLinks(np.full(3, FREQUENCY_L1))
+    # The first ray runs around zero twice, the second stands still.
+    turns = np.linspace(0.0, 2.0, 40)
+    circle = 4.0 * np.exp(2j * math.pi * turns) - 1.0
+    fluctuation = np.stack((circle, np.zeros(40)), axis=1)
+    satellite, row = np.array([0, 1]), np.array([2, 0])
+    gain = scintillation_gain(fluctuation, 1.0)
+    _, phase = links.second(crossing_of(1.0, fluctuation), satellite, row, slice(0, 40))
+    expected = np.unwrap(np.angle(gain), axis=0)
+    assert phase == pytest.approx(expected, abs=1e-9)
+    assert abs(phase[-1, 0] - phase[0, 0]) == pytest.approx(4.0 * math.pi, abs=1e-9)
+    assert phase[-1, 1] == 0.0
+    assert links.settled_phase == pytest.approx([0.0, 0.0, phase[-1, 0]], abs=1e-12)
 
 
 def test_wrong_arguments_are_refused():

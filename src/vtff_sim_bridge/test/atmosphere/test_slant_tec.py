@@ -23,7 +23,6 @@ from vtff_sim_bridge.atmosphere.slant_tec import (
     ALTITUDE_MODELS,
     SlantTecIntegrator,
     group_delay,
-    phase_advance,
 )
 
 RADIUS = WGS84_SEMI_MAJOR_AXIS
@@ -204,12 +203,11 @@ def test_ellipsoidal_altitude_is_geodetic_height():
         assert error.max() < 750.0
 
 
-def test_delay_and_advance():
+def test_group_delay():
     delay = group_delay(10.0, [FREQUENCY_L1, FREQUENCY_L2])
     # 9.51775 TECU for a metre between L1 and L2; 0.1624 m per TECU on L1.
     assert 10.0 / (delay[1] - delay[0]) == pytest.approx(9.51775, rel=1e-5)
     assert delay[0] == pytest.approx(1.624, abs=1e-3)
-    assert phase_advance(10.0, FREQUENCY_L1) == pytest.approx(-delay[0], rel=1e-15)
 
 
 def test_wrong_arguments_are_refused():

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from simremote_test_support import datagram_of
 
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simgen.simgen_emulator import main, write_port_file
 from vtff_sim_bridge.simgen.simremote_server import MAXIMUM_LINE_BYTES, CommandSplitter
 from vtff_sim_bridge.simremote.language import Reply, SimGenStatus, parse_reply
 from vtff_sim_bridge.simremote.motion import MotionState
-from vtff_sim_bridge.simremote.udp_motion import MotionDatagram, format_datagram
+from vtff_sim_bridge.simremote.udp_motion import MotionDatagram
 
 if TYPE_CHECKING:
     from conftest import RunningEmulator
@@ -180,7 +181,7 @@ def test_udp_motion_and_text_share_the_port(start_emulator: Start) -> None:
         datagrams.send(b"junk")
         for vehicle in ("v1_m1", "v2_m1", "v3_m1"):
             motion = MotionState((7e6, 0.0, 0.0), (0.0, 7e3, 0.0))
-            datagrams.send(format_datagram(MotionDatagram(vehicle, motion, 0), vehicle == "v2_m1"))
+            datagrams.send(datagram_of(MotionDatagram(vehicle, motion, 0), vehicle == "v2_m1"))
         while emulator.server.datagram_count < 4:
             ask(connection, b"NULL")
         assert emulator.server.refused_datagram_count == 2

@@ -8,10 +8,11 @@ import math
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from simremote_test_support import NaturalLayout, datagram_of
 
 from vtff_sim_bridge.simremote.language import SimRemoteSyntaxError
 from vtff_sim_bridge.simremote.motion import GeodeticMotionState, MotionState
-from vtff_sim_bridge.simremote.udp_motion import MotionDatagram, format_datagram, parse_datagram
+from vtff_sim_bridge.simremote.udp_motion import MotionDatagram, parse_datagram
 
 finite = st.floats(allow_nan=False, allow_infinity=False)
 motions = st.lists(st.tuples(finite, finite, finite), min_size=8, max_size=8)
@@ -30,22 +31,9 @@ datagrams = st.builds(
 )
 
 
-class NaturalLayout(ctypes.LittleEndianStructure):
-    """The structure as a C compiler lays it out, the reference for size and offsets."""
-
-    _fields_ = [
-        ("type", ctypes.c_uint32),
-        ("time_action", ctypes.c_uint32),
-        ("time_of_validity_ms", ctypes.c_uint32),
-        ("vehicle_id", ctypes.c_uint32),
-        ("numbers", ctypes.c_double * 24),
-        ("latency_ms", ctypes.c_int32),
-    ]
-
-
 @given(datagrams, st.booleans())
 def test_datagram_round_trip(command: MotionDatagram, packed: bool) -> None:
-    datagram = format_datagram(command, packed)
+    datagram = datagram_of(command, packed)
     assert len(datagram) == (212 if packed else 216)
     assert parse_datagram(datagram) == command
 
@@ -82,8 +70,3 @@ def test_any_bytes_are_a_datagram_or_a_syntax_error(datagram: bytes) -> None:
         parse_datagram(datagram)
     except SimRemoteSyntaxError as error:
         assert len(datagram) in (212, 216) or str(error).startswith("datagram: ")
-
-
-def test_time_must_be_whole_milliseconds() -> None:
-    with pytest.raises(ValueError, match="^time_nanoseconds: "):
-        format_datagram(MotionDatagram("v1_m1", MotionState((0.0, 0.0, 0.0)), 1))

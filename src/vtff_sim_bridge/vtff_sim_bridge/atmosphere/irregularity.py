@@ -8,7 +8,6 @@ them are roots of linear and quadratic equations; between two roots the ray is i
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +18,7 @@ from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["IrregularityRegion", "crossing_intervals", "path_length_in_region"]
+__all__ = ["IrregularityRegion", "path_length_in_region"]
 
 BoolArray = npt.NDArray[np.bool_]
 
@@ -83,11 +82,6 @@ class IrregularityRegion:
         west = (self.local_time_start_hours - greenwich_hours) * math.pi / 12.0
         width_hours = (self.local_time_end_hours - self.local_time_start_hours) % 24.0
         return west, (width_hours or 24.0) * math.pi / 12.0
-
-    def contains(self, time: GpsTime, position_itrf: npt.ArrayLike) -> BoolArray:
-        """Return whether positions (..., 3) in ITRF (m) lie inside at a time, shape (...)."""
-        west, width = self.longitude_limits(time)
-        return self._contains(np.asarray(position_itrf, dtype=float), west, width)
 
     def _contains(self, position: FloatArray, west: float, width: float) -> BoolArray:
         x, y, z = position[..., 0], position[..., 1], position[..., 2]
@@ -187,66 +181,3 @@ def _quadric_fractions(
         # The sum without cancellation; the other root follows from the product of both.
         q = -(b + np.copysign(np.sqrt(np.maximum(b * b - a * c, 0.0)), b))
         return [q / a, c / q]
-
-
-def crossing_intervals(
-    crosses_at: Callable[[float], npt.ArrayLike],
-    times: Iterable[float],
-    tolerance: float = 1e-3,
-) -> list[list[tuple[float, float]]]:
-    """Return the intervals of time in which links cross a region, for the truth file.
-
-    Parameters
-    ----------
-    crosses_at : callable
-        Returns, for a time in s, an array (n,) that is greater than zero (or True) for each link
-        that crosses: for example `path_length_in_region` of interpolated positions.
-    times : iterable of float
-        Increasing times, s, at which is looked; crossings that begin and end between two of them
-        are missed.
-    tolerance : float
-        Width to which each beginning and end is bisected, s.
-
-    Returns
-    -------
-    list of list of (float, float)
-        For each link the beginnings and ends, s. An interval that is open at the first or the last
-        time ends there.
-    """
-    previous_time, previous = math.nan, np.zeros(0, dtype=bool)
-    intervals: list[list[tuple[float, float]]] = []
-    begins: list[float] = []
-    for time in times:
-        crossing = np.asarray(crosses_at(time)) > 0
-        if not intervals:
-            intervals = [[] for _ in crossing]
-            begins = [time if inside else math.nan for inside in crossing]
-        else:
-            for link in np.flatnonzero(crossing != previous).tolist():
-                change = _bisected(crosses_at, link, previous_time, time, tolerance)
-                if crossing[link]:
-                    begins[link] = change
-                else:
-                    intervals[link].append((begins[link], change))
-        previous_time, previous = time, crossing
-    for link in np.flatnonzero(previous).tolist():
-        intervals[link].append((begins[link], previous_time))
-    return intervals
-
-
-def _bisected(
-    crosses_at: Callable[[float], npt.ArrayLike],
-    link: int,
-    low: float,
-    high: float,
-    tolerance: float,
-) -> float:
-    """Return the time between `low` and `high` at which a link starts or stops to cross."""
-    crossing_high = bool(np.asarray(crosses_at(high))[link] > 0)
-    while high - low > tolerance:
-        middle = 0.5 * (low + high)
-        if bool(np.asarray(crosses_at(middle))[link] > 0) == crossing_high:
-            high = middle
-        else:
-            low = middle
-    return 0.5 * (low + high)

@@ -28,7 +28,7 @@ testing GPS receiver phase tracking loops, IEEE J. Sel. Topics Signal Process. 3
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -38,9 +38,7 @@ from vtff_gnss.constants import FREQUENCY_L1
 
 __all__ = [
     "AlongTrackAxis",
-    "ContinuousPhase",
     "ScintillationField",
-    "minimum_decorrelation_time",
     "s4_at_frequency",
     "scintillation_gain",
     "tapered_s4",
@@ -114,27 +112,6 @@ def tapered_s4(s4: float, path_length: npt.ArrayLike, taper_length: float = 5e3)
     return np.asarray(s4 * part * part * (3.0 - 2.0 * part))
 
 
-def minimum_decorrelation_time(sample_rate: float, aliased_power: float = 0.01) -> float:
-    """Return the shortest decorrelation time (s) that samples at a rate (Hz) can show.
-
-    Parameters
-    ----------
-    sample_rate : float
-        Rate of the observations, Hz.
-    aliased_power : float
-        Part of the power of xi that may lie above half the sample rate (upper bound).
-
-    Notes
-    -----
-    0.087 s at 20 Hz. A spacecraft at 7.5 km/s meets Fresnel-scale structure in 0.01 to 0.03 s,
-    which 20 Hz observations cannot follow.
-    """
-    # Power above x corner frequencies: at most (1 / (3 x^3)) / (pi / (2 sqrt 2)).
-    corners = math.pow(2.0 * math.sqrt(2.0) / (3.0 * math.pi * aliased_power), 1.0 / 3.0)
-    corner_frequency = 0.5 * sample_rate / corners
-    return BUTTERWORTH_DECORRELATION / (math.sqrt(2.0) * math.pi * corner_frequency)
-
-
 class AlongTrackAxis:
     """The coordinate u along a track, fixed to the Earth.
 
@@ -176,7 +153,8 @@ class ScintillationField:
     Parameters
     ----------
     decorrelation_time : float
-        Decorrelation time tau0 of the complex gain, s (see `minimum_decorrelation_time`).
+        Decorrelation time tau0 of the complex gain, s (from 0.087 s on at 20 Hz, else
+        more than 1 % of its power is aliased).
     seed : sequence of int
         Non-negative integers that tell this field from others, for example run and region.
 
@@ -301,35 +279,3 @@ def _butterworth_response() -> FloatArray:
     response = np.exp(-argument) * np.sin(argument)
     unit: FloatArray = response / math.sqrt(float(response @ response))
     return unit
-
-
-class ContinuousPhase:
-    """Scintillation phase of links without jumps of 2 pi between epochs.
-
-    A link whose gain has run around zero in a fade keeps whole turns: it has slipped cycles.
-    """
-
-    def __init__(self) -> None:
-        self._last: dict[Hashable, float] = {}
-
-    def update(self, links: Sequence[Hashable], gain: npt.ArrayLike) -> FloatArray:
-        """Return the continuous phase (rad) of links at their next epoch.
-
-        Parameters
-        ----------
-        links : sequence of hashable, length n
-            What tells the links apart: for example (receiver, satellite, frequency). The first
-            phase of a link lies within -pi and pi.
-        gain : array_like of complex, shape (n,)
-            Complex gains of the links at this epoch.
-        """
-        phase = np.angle(np.asarray(gain))
-        last = np.array([self._last.get(link, 0.0) for link in links], dtype=float)
-        turn = 2.0 * math.pi
-        continuous: FloatArray = phase + turn * np.round((last - phase) / turn)
-        self._last.update(zip(links, continuous.tolist(), strict=True))
-        return continuous
-
-    def forget(self, link: Hashable) -> None:
-        """Forget a link that was lost, so that it starts anew."""
-        self._last.pop(link, None)

@@ -30,7 +30,6 @@ __all__ = [
     "ALTITUDE_MODELS",
     "SlantTecIntegrator",
     "group_delay",
-    "phase_advance",
 ]
 
 ALTITUDE_MODELS = ("ellipsoidal", "spherical")
@@ -54,11 +53,6 @@ def group_delay(stec_tecu: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArra
     """
     per_tecu = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU
     return np.asarray(per_tecu * np.asarray(stec_tecu) / np.asarray(frequency) ** 2)
-
-
-def phase_advance(stec_tecu: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArray:
-    """Return the first-order term of a carrier range, m: the negative of `group_delay`."""
-    return -group_delay(stec_tecu, frequency)
 
 
 class SlantTecIntegrator:

@@ -146,13 +146,6 @@ def format_timestamp(time_nanoseconds: int | None) -> str:
     return f"{seconds}.{_decimals(fraction)}"
 
 
-def format_clock_timestamp(time_nanoseconds: int) -> str:
-    """Return a time stamp as ``d hh:mm:ss.sss`` (more decimals where needed)."""
-    seconds, fraction = divmod(time_nanoseconds, NANOSECONDS_PER_SECOND)
-    days, seconds = divmod(seconds, SECONDS_PER_DAY)
-    return f"{days} {format_duration(seconds)}.{_decimals(fraction)}"
-
-
 def _decimals(nanoseconds: int) -> str:
     """Return a fraction of a second as three to nine decimals."""
     return f"{nanoseconds:09d}".rstrip("0").ljust(3, "0")
@@ -248,14 +241,6 @@ def parse_command(line: str) -> Command:
     return Command(verb, tuple(fields[start:]), time_nanoseconds, has_timestamp)
 
 
-def format_command(command: Command) -> str:
-    """Return a command as one line without line ending (inverse of `parse_command`)."""
-    fields = [command.verb, *command.arguments]
-    if command.has_timestamp:
-        fields.insert(0, format_timestamp(command.time_nanoseconds))
-    return ",".join(fields)
-
-
 def parse_vehicle_id(text: str) -> str:
     """Return a vehicle id such as ``v1_m1`` in lower case; raise SimRemoteSyntaxError if none."""
     vehicle_id = text.lower()
@@ -282,25 +267,6 @@ def parse_number(field: str, text: str) -> float:
     if "_" in text or not text.isascii() or not math.isfinite(number):
         raise SimRemoteSyntaxError(f"{field}: a number expected, got {shown(text)}")
     return number
-
-
-def format_number(number: float) -> str:
-    """Return the shortest decimal that reads back as the same binary64 number, no exponent.
-
-    At most 17 significant digits; 25 characters at most for 1e-6 <= abs(number) < 1e23. Public
-    clients write plain decimals, so whether SimGEN reads exponents is not known.
-
-    Raises
-    ------
-    ValueError
-        If the number is not finite.
-    """
-    text = repr(float(number))
-    if "e" in text:
-        return _without_exponent(text)
-    if "n" in text:
-        raise ValueError(f"a finite number expected, got {text}")
-    return text
 
 
 def _without_exponent(text: str) -> str:
@@ -336,19 +302,29 @@ def parse_geodetic_motion(arguments: Sequence[str]) -> tuple[str, GeodeticMotion
 def format_motion(time_nanoseconds: int | None, vehicle_id: str, state: MotionState) -> str:
     """Return a MOT command with all 24 numbers, without line ending.
 
+    Each number is the shortest decimal that reads back as the same binary64 number, without
+    exponent: at most 17 significant digits, and 25 characters for 1e-6 <= abs(number) < 1e23.
+    Public clients write plain decimals, so whether SimGEN reads exponents is not known.
+
     Raises
     ------
     ValueError
         If a number is not finite or a vector has not three; the message names the field.
     """
-    return _format_vectors("MOT", MOT_FIELDS, time_nanoseconds, vehicle_id, state)
-
-
-def format_geodetic_motion(
-    time_nanoseconds: int | None, vehicle_id: str, state: GeodeticMotionState
-) -> str:
-    """Return a MOTB command with all 24 numbers, without line ending; errors as `format_motion`."""
-    return _format_vectors("MOTB", MOTB_FIELDS, time_nanoseconds, vehicle_id, state)
+    numbers = [float(number) for vector in state for number in vector]
+    if len(numbers) != len(MOT_FIELDS):
+        raise ValueError(f"MOT: {len(MOT_FIELDS)} numbers expected, got {len(numbers)}")
+    text = ",".join(map(repr, numbers))
+    if "n" in text:
+        name, number = next(
+            pair for pair in zip(MOT_FIELDS, numbers, strict=True) if not math.isfinite(pair[1])
+        )
+        raise ValueError(f"{name} of {vehicle_id}: finite number expected, got {number}")
+    if "e" in text:
+        text = ",".join(
+            _without_exponent(part) if "e" in part else part for part in text.split(",")
+        )
+    return f"{format_timestamp(time_nanoseconds)},MOT,{vehicle_id},{text}"
 
 
 def _parse_vectors(fields: tuple[str, ...], arguments: Sequence[str]) -> tuple[str, list[Vector]]:
@@ -372,30 +348,6 @@ def _parse_vectors(fields: tuple[str, ...], arguments: Sequence[str]) -> tuple[s
     numbers.extend([0.0] * (len(fields) - len(numbers)))
     values = iter(numbers)
     return vehicle_id, list(zip(values, values, values, strict=True))
-
-
-def _format_vectors(
-    verb: str,
-    fields: tuple[str, ...],
-    time_nanoseconds: int | None,
-    vehicle_id: str,
-    state: MotionState | GeodeticMotionState,
-) -> str:
-    """Return a motion command."""
-    numbers = [float(number) for vector in state for number in vector]
-    if len(numbers) != len(fields):
-        raise ValueError(f"{verb}: {len(fields)} numbers expected, got {len(numbers)}")
-    text = ",".join(map(repr, numbers))
-    if "n" in text:
-        name, number = next(
-            pair for pair in zip(fields, numbers, strict=True) if not math.isfinite(pair[1])
-        )
-        raise ValueError(f"{name} of {vehicle_id}: finite number expected, got {number}")
-    if "e" in text:
-        text = ",".join(
-            _without_exponent(part) if "e" in part else part for part in text.split(",")
-        )
-    return f"{format_timestamp(time_nanoseconds)},{verb},{vehicle_id},{text}"
 
 
 @functools.lru_cache(maxsize=64)

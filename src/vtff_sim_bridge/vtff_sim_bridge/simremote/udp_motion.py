@@ -73,28 +73,3 @@ def parse_datagram(datagram: bytes) -> MotionDatagram:
         milliseconds * _NANOSECONDS_PER_MILLISECOND if action == 1 else None,
         latency_ms,
     )
-
-
-def format_datagram(command: MotionDatagram, packed: bool = False) -> bytes:
-    """Return a motion command as a datagram of 216 bytes, or 212 when packed.
-
-    Raises
-    ------
-    ValueError
-        If the time is not whole milliseconds, or the vehicle id not of the form ``v<k>_m1``.
-    """
-    number, _, suffix = command.vehicle_id.removeprefix("v").partition("_")
-    if suffix != "m1" or not number.isdigit():
-        raise ValueError(f"vehicle_id: 'v<k>_m1' expected, got {command.vehicle_id!r}")
-    milliseconds, rest = divmod(command.time_nanoseconds or 0, _NANOSECONDS_PER_MILLISECOND)
-    if rest:
-        raise ValueError(f"time_nanoseconds: whole ms expected, got {command.time_nanoseconds}")
-    head = (
-        TYPE_MOT if isinstance(command.motion, MotionState) else TYPE_MOTB,
-        int(command.time_nanoseconds is not None),
-        milliseconds,
-        int(number),
-    )
-    numbers = [number for vector in command.motion for number in vector]
-    datagram = _LAYOUT.pack(*head, *numbers, command.latency_ms)
-    return datagram if packed else datagram + bytes(_PADDING)
