@@ -1,8 +1,8 @@
-"""Numbers that Peng and others print for the runs that this project repeats.
+"""Numbers that Peng and others print for the runs that vtff repeats.
 
 The paper is that of the Virginia Tech Formation Flying Testbed (VTFFTB) and its use for ionospheric
-remote sensing; table A1 also prints results of Park and others. Every number is as printed and
-stands under the key of the summary that it compares with (docs/summary.md).
+remote sensing; table A1 also prints results of Park and others. Every number is as printed, under
+the key of the summary that it is compared with (docs/summary.md).
 """
 
 from __future__ import annotations
@@ -20,11 +20,11 @@ class PaperColumn:
     title
         Heading of the column.
     source
-        Where in the paper.
+        Section, figure or table of the paper.
     hardware_in_the_loop
-        True: GNSS receivers and filter fed the controller. False: the truth did.
+        Whether GNSS receivers and filter fed the controller; otherwise the truth fed it.
     values
-        Printed number by key of the summary.
+        Printed numbers by the keys of the summary.
     """
 
     title: str
@@ -157,19 +157,19 @@ _COLUMNS = {
 }
 
 IONOSPHERE_PREFIX = "ionosphere_"
-"""Begin of the keys of the ionosphere."""
+"""Prefix of the keys of the ionosphere."""
 
 PAPER_DURATION = 3600.0
-"""Length of the paper's runs in s, to which its totals belong."""
+"""Length in s of the paper's runs, over which its totals are summed."""
 
 
 def paper_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
-    """Return the paper's results for a scenario by its name; empty for any other."""
+    """Return the paper's results for a scenario; empty for a scenario that the paper lacks."""
     return _COLUMNS.get(scenario or "", ())
 
 
 def formation_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
-    """Return those of the paper's results for a scenario that are of its formation flight."""
+    """Return the paper's results on the formation flight of a scenario."""
     return tuple(
         column
         for column in paper_columns(scenario)

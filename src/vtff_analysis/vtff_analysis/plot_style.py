@@ -26,7 +26,7 @@ STYLE: Any = {
     "lines.linewidth": 1.8,
 }
 
-# Okabe-Ito colours, told apart with any colour vision; line styles tell them apart without any.
+# Okabe-Ito colours, which differ with any colour vision; line styles differ without colours.
 AXIS_COLOURS = ("#0072B2", "#D55E00", "#009E73")
 AXIS_STYLES = ("-", "-", (0, (4, 2)))
 AXIS_NAMES = ("radial", "in-track", "cross-track")
@@ -41,8 +41,8 @@ _LONGEST_IN_SECONDS = 7200.0
 
 
 def make_figure(height: float) -> Figure:
-    """Return an empty figure 1600 pixels wide and so many inches high."""
-    # Room between the last time label of a panel and the first of the next.
+    """Return an empty figure, 1600 pixels wide, with a height in inches."""
+    # The padding separates the last time label of a panel from the first of the next.
     layout = ConstrainedLayoutEngine(w_pad=0.13)
     figure = Figure(figsize=(WIDTH, height), layout=layout)
     FigureCanvasAgg(figure)
@@ -57,7 +57,7 @@ def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
 
 
 def length_unit(largest: float) -> tuple[float, str]:
-    """Return the unit in m, and its name, that suits lengths up to this one."""
+    """Return size (m) and name of the unit that suits lengths up to the largest one (m)."""
     if largest == 0.0:
         return 1.0, "m"
     for threshold, scale, unit in _LENGTH_UNITS:
@@ -67,5 +67,5 @@ def length_unit(largest: float) -> tuple[float, str]:
 
 
 def time_unit_of(end: float) -> tuple[float, str]:
-    """Return factor and name of the unit for a time axis that ends here."""
+    """Return factor and name of the unit of a time axis that ends at `end` (s)."""
     return (1.0, "s") if end <= _LONGEST_IN_SECONDS else (1.0 / 3600.0, "h")

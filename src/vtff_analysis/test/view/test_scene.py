@@ -182,16 +182,16 @@ def test_long_runs_are_thinned_alike_on_every_topic(duration, interval, phase):
     assert sample_interval(duration) == interval
     builder = SceneBuilder(Scene("run", START), interval)
     stamps = [START + round((second + phase) * SECOND) for second in range(300)]
-    kept = [stamp for stamp in stamps if builder.wanted("/chief/gnss/epoch", stamp)]
+    kept = [stamp for stamp in stamps if builder.claim_slot("/chief/gnss/epoch", stamp)]
     # A topic that begins later keeps samples of the same times, but perhaps for its first.
-    others = [stamp for stamp in stamps[7:] if builder.wanted("/deputy/gnss/epoch", stamp)]
+    others = [stamp for stamp in stamps[7:] if builder.claim_slot("/deputy/gnss/epoch", stamp)]
     assert set(others[1:]) <= set(kept)
 
 
 def test_no_ephemeris_and_no_boundary_is_thinned():
     builder = SceneBuilder(Scene("run", START))
     for topic in ("/chief/gnss/ephemeris", "/formation/irregularity_boundaries"):
-        assert all(builder.wanted(topic, START) for _ in range(5))
+        assert all(builder.claim_slot(topic, START) for _ in range(5))
 
 
 def test_region_stands_still_relative_to_the_sun():

@@ -1,1 +1,1 @@
-"""Relative positions of two recorded receivers, offline, by the filters of `vtff_nav.relative`."""
+"""Relative positions of two recorded receivers, by the filters of `vtff_nav.relative`."""

@@ -26,19 +26,30 @@ from vtff_analysis.plot_style import (
 )
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_nav.relative.common.solution import SOLUTION_NAMES
+from vtff_nav.relative.common.solution import (
+    SOLUTION_CODE,
+    SOLUTION_FIXED,
+    SOLUTION_FLOAT,
+    SOLUTION_NAMES,
+    SOLUTION_PREDICTED,
+)
 
 __all__ = ["write_csv", "write_json", "write_plot"]
 
-# Okabe-Ito, from pale to strong as the solution gets better.
-_SOLUTION_COLOURS = {1: "#999999", 2: "#E69F00", 3: "#56B4E9", 4: "#0072B2"}
+# Okabe-Ito colours, the better the solution the stronger.
+_SOLUTION_COLOURS = {
+    SOLUTION_PREDICTED: "#999999",
+    SOLUTION_CODE: "#E69F00",
+    SOLUTION_FLOAT: "#56B4E9",
+    SOLUTION_FIXED: "#0072B2",
+}
 _ALLOWED_SIGMAS = 3.0
 _SMALL_EXCURSION = 1.0
 """m; a baseline that moves less is drawn as deviation from its mean."""
 
 
 def write_csv(run: BaselineRun, errors: FloatArray | None, path: pathlib.Path) -> pathlib.Path:
-    """Write one line per epoch; lengths in m, blank where there is no solution."""
+    """Write one line per epoch; lengths are in m, and blank where there is no solution."""
     axes = [name.replace("-", "_") for name in run.axes]
     header = ["time_gps", "time_gps_seconds", "solution"]
     header += [f"baseline_{axis}" for axis in "xyz"]
@@ -55,19 +66,19 @@ def write_csv(run: BaselineRun, errors: FloatArray | None, path: pathlib.Path) -
                 time.isoformat().removesuffix(" GPS"),
                 f"{time.nanoseconds / 1e9:.9f}".rstrip("0").rstrip("."),
                 SOLUTION_NAMES[int(run.solution[i])],
-                *(_cell(length) for length in lengths),
+                *(_format_length(length) for length in lengths),
                 str(run.satellites_used[i]),
                 str(run.ambiguities_fixed[i]),
                 f"{run.ratio[i]:.2f}",
                 f"{run.age[i]:.3f}",
             ]
-            row += [_cell(error) for error in errors[i]] if errors is not None else []
+            row += [_format_length(error) for error in errors[i]] if errors is not None else []
             writer.writerow(row)
     return path
 
 
 def write_json(summary: BaselineSummary, path: pathlib.Path) -> pathlib.Path:
-    """Write the numbers of the summary; lengths in m, times in s."""
+    """Write the numbers of the summary; lengths are in m, times in s."""
     content = dataclasses.asdict(summary) | {"fixed_fraction": summary.fixed_fraction}
     path.write_text(json.dumps(content, indent=2) + "\n", encoding="ascii")
     return path
@@ -78,8 +89,8 @@ def write_plot(
 ) -> pathlib.Path:
     """Draw each component with its 3-sigma band, the solution and the satellites.
 
-    With the truth the components are errors; else those of a baseline that moves less than 1 m
-    are deviations from their mean.
+    Where the truth is known, the components are errors. Otherwise the components of a baseline
+    that moves less than 1 m are deviations from their mean.
     """
     with mpl.rc_context(STYLE):
         figure = make_figure(10.5)
@@ -102,14 +113,14 @@ def _draw_component(
     values, what = run.baseline_local[:, axis], "component"
     if errors is not None:
         values, what = errors[:, axis], "error"
-    is_known = np.isfinite(values)
-    if not is_known.any():
+    is_finite = np.isfinite(values)
+    if not is_finite.any():
         panel.text(0.5, 0.5, "no solution", transform=panel.transAxes, ha="center", va="center")
         panel.set_ylabel(name)
         return
     band = _ALLOWED_SIGMAS * run.sigma_local[:, axis]
     note = ""
-    is_best = is_known & (run.solution == run.solution[is_known].max())
+    is_best = is_finite & (run.solution == run.solution[is_finite].max())
     centre = values
     if errors is None and np.ptp(values[is_best]) < _SMALL_EXCURSION:
         mean = float(values[is_best].mean())
@@ -118,7 +129,7 @@ def _draw_component(
     elif errors is not None:
         centre = np.zeros_like(values)
     if what == "component":
-        largest = float(np.abs(values[is_known]).max())
+        largest = float(np.abs(values[is_finite]).max())
     else:
         largest = float(max(np.abs(values[is_best]).max(), np.quantile(band[is_best], 0.9)))
     scale, unit = length_unit(largest)
@@ -139,7 +150,7 @@ def _draw_component(
 
 
 def _draw_quality(panel: Axes, run: BaselineRun, time: FloatArray) -> None:
-    """Satellites and integers as lines, the kind of solution as a strip below them."""
+    """Draw satellites and integers as lines, and the kind of solution as a strip below them."""
     panel.step(time, run.satellites_used, where="post", color=MARK_COLOUR, label="satellites")
     panel.step(
         time, run.ambiguities_fixed, where="post", color=AXIS_COLOURS[1],
@@ -160,5 +171,5 @@ def _draw_quality(panel: Axes, run: BaselineRun, time: FloatArray) -> None:
     panel.legend(loc="upper right", ncols=6)
 
 
-def _cell(length: float) -> str:
+def _format_length(length: float) -> str:
     return "" if math.isnan(length) else f"{length:.6f}"

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.baseline.sources import BaselineError, BaselineSources, Position
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -36,20 +37,21 @@ class BaselineOptions:
     Parameters
     ----------
     dynamics : str
-        ``static``, ``kinematic`` or ``orbital``: motion of the rover relative to the base.
+        Motion of the rover relative to the base: ``static``, ``kinematic`` or ``orbital``.
     estimator : str
         ``cdgps`` or ``paper``.
     bands : mapping of int to tuple of int
-        RINEX frequency digits used of each system.
+        RINEX frequency digits that are used, by system.
     elevation_mask_deg : float
+        Lowest elevation that is used.
     position_base_itrf : tuple of 3 float or None
-        Surveyed base, m; None: estimated.
+        Surveyed position of the base, m; None if it is estimated.
     noise : MeasurementNoise
-        Of each receiver.
+        Measurement noise of each receiver.
     troposphere : bool
-        Model the troposphere.
+        Whether the troposphere is modelled.
     start, end : GpsTime or None
-        First and last epoch.
+        First and last epoch that are used; None for all epochs.
     """
 
     dynamics: Dynamics = "kinematic"
@@ -80,15 +82,17 @@ class BaselineRun:
     sigma_local : ndarray, shape (n, 3)
         One sigma, m.
     rotation_to_local : ndarray, shape (n, 3, 3)
-        From ITRF.
+        Rotation from ITRF to the local axes.
     position_base_itrf : ndarray, shape (n, 3)
-        m, as known or estimated.
+        Position of the base, surveyed or estimated, m.
     satellites_used, ambiguities_fixed : ndarray of int, shape (n,)
+        Numbers of satellites and of fixed ambiguities.
     ratio, age : ndarray, shape (n,)
+        Ratio of the ambiguity test, and s since the last measurement update.
     degraded : dict of str to int
         Reasons of a degraded solution, with their number of epochs.
     unpaired : tuple of 2 int
-        Epochs of rover and base without partner.
+        Number of epochs that only the rover and only the base has.
     """
 
     axes: tuple[str, str, str]
@@ -112,8 +116,10 @@ class BaselineRun:
 
     @property
     def seconds(self) -> FloatArray:
-        """Seconds since the first epoch."""
-        return np.asarray((self.time_nanoseconds - self.time_nanoseconds[0]) / 1e9)
+        """Seconds since the first epoch, shape (n,)."""
+        return np.asarray(
+            (self.time_nanoseconds - self.time_nanoseconds[0]) / NANOSECONDS_PER_SECOND
+        )
 
 
 def process_baseline(
@@ -126,7 +132,9 @@ def process_baseline(
     Parameters
     ----------
     sources : BaselineSources
+        Observations of the two receivers.
     options : BaselineOptions
+        Settings of the filter.
     progress : callable, optional
         Called as ``progress(epochs_done, epochs)``.
 
@@ -136,7 +144,7 @@ def process_baseline(
         If there are no common epochs, or if the options contradict each other.
     """
     pairs = sources.common_epochs(options.start, options.end)
-    estimator = _estimator(options)
+    estimator = _make_estimator(options)
     for ephemeris in sources.ephemerides:
         estimator.add_ephemeris(ephemeris)
     solutions = []
@@ -153,10 +161,10 @@ def process_baseline(
     unpaired = len(sources.rover) - len(pairs), len(sources.base) - len(pairs)
     if options.start is not None or options.end is not None:
         unpaired = (0, 0)
-    return _columns(solutions, options, sources.position_base_itrf, unpaired)
+    return _make_run(solutions, options, sources.position_base_itrf, unpaired)
 
 
-def _estimator(options: BaselineOptions) -> RelativeEstimator:
+def _make_estimator(options: BaselineOptions) -> RelativeEstimator:
     if options.estimator == "paper":
         if options.dynamics != "orbital":
             raise BaselineError("estimator paper: for receivers in orbit only (--dynamics orbital)")
@@ -179,7 +187,7 @@ def _estimator(options: BaselineOptions) -> RelativeEstimator:
     )
 
 
-def _columns(
+def _make_run(
     solutions: list[RelativeSolution],
     options: BaselineOptions,
     position_base_itrf: Position | None,
@@ -194,7 +202,7 @@ def _columns(
         )
     else:
         axes = _ENU_NAMES
-        # One origin for all epochs: the axes must not move with the estimate of the base.
+        # All epochs share one origin: the axes must not move with the estimate of the base.
         origin = options.position_base_itrf or position_base_itrf
         if origin is None and np.isfinite(base).any():
             origin = np.nanmedian(base, axis=0)
@@ -226,4 +234,4 @@ def _rtn_from_itrf(solution: RelativeSolution, to_itrf: FloatArray) -> FloatArra
     if solution.solution == SOLUTION_NONE:
         return np.full((3, 3), np.nan)
     state = np.concatenate((solution.position_chief_gcrf, solution.velocity_chief_gcrf))
-    return rotation_gcrf_to_rtn(state) @ to_itrf.T
+    return np.asarray(rotation_gcrf_to_rtn(state) @ to_itrf.T)

@@ -1,4 +1,4 @@
-"""What a baseline is computed from: two observation files, or a bag."""
+"""Observations and ephemerides of a baseline, from two observation files or from a bag."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.recordings.topics import TRUTH_TOPIC
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY, TRUTH_TOPIC
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -29,16 +29,16 @@ __all__ = ["BaselineError", "BaselineSources", "Thrust", "TrueBaseline", "from_b
 Position = tuple[float, float, float]
 Progress = Callable[[str], None]
 
-_LOWEST_ORBIT = 100e3
+_LOWEST_ORBIT = 100e3  # m
 
 
 class BaselineError(ValueError):
-    """A baseline cannot be computed from what was given; the message says why."""
+    """A baseline cannot be computed from the files and options given; the message says why."""
 
 
 @dataclass(frozen=True, eq=False)
 class Thrust:
-    """Thrust acceleration of the rover, m/s2, in the base's RTN axes at `start`; duration in s."""
+    """Thrust of the rover: s of duration, and m/s2 in the base's RTN axes at `start`, (3,)."""
 
     start: GpsTime
     duration: float
@@ -47,7 +47,7 @@ class Thrust:
 
 @dataclass(frozen=True, eq=False)
 class TrueBaseline:
-    """True baselines: GPS time, ns, shape (n,), and rover less base, ITRF, m, shape (n, 3)."""
+    """True baselines: GPS times in ns, (n,), and rover less base in ITRF in m, (n, 3)."""
 
     time_nanoseconds: npt.NDArray[np.int64]
     baseline_itrf: npt.NDArray[np.float64]
@@ -60,19 +60,21 @@ class BaselineSources:
     Parameters
     ----------
     rover_name, base_name : str
-        For people: file or topic, and its format.
+        File or topic and its format, for messages and plots.
     rover, base : ObservationTable
+        Observations of the two receivers.
     ephemerides : tuple of BroadcastEphemeris
+        Ephemerides of the satellites.
     position_base_itrf : tuple of 3 float or None
-        As the base's file tells, m.
+        Position in the file of the base, m.
     is_position_stated : bool
-        Whether it is from a header; else it is a mean of fixes.
+        Whether the position is that of a header; otherwise it is a mean of fixes.
     remarks : tuple of str
-        What was odd.
+        Notes on what was unusual, one line each.
     thrust : tuple of Thrust
-        In the order of time; from a bag.
+        Thrust of the rover in a bag, in the order of time.
     truth : TrueBaseline or None
-        From a bag of a simulation.
+        True baseline in a bag of a simulation.
     """
 
     rover_name: str
@@ -88,7 +90,7 @@ class BaselineSources:
 
     @property
     def is_in_orbit(self) -> bool | None:
-        """Whether the base is higher than 100 km; None where it does not tell."""
+        """Whether the base is higher than 100 km; None where its position is not recorded."""
         if self.position_base_itrf is None:
             return None
         return bool(geodetic_from_itrf(self.position_base_itrf)[2] > _LOWEST_ORBIT)
@@ -96,28 +98,28 @@ class BaselineSources:
     def common_epochs(
         self, start: GpsTime | None = None, end: GpsTime | None = None
     ) -> list[tuple[int, int]]:
-        """Return rover's and base's numbers of the epochs with equal time tags, within limits.
+        """Return the indices in rover and base of the epochs with equal time tags, within limits.
 
         Raises
         ------
         BaselineError
-            If there is none.
+            If there is no common epoch.
         """
         times, rover, base = np.intersect1d(
             self.rover.time_nanoseconds, self.base.time_nanoseconds, return_indices=True
         )
-        is_chosen = np.ones(len(times), dtype=bool)
+        is_within = np.ones(len(times), dtype=bool)
         if start is not None:
-            is_chosen &= times >= start.nanoseconds
+            is_within &= times >= start.nanoseconds
         if end is not None:
-            is_chosen &= times <= end.nanoseconds
-        if not is_chosen.any():
-            asked = "" if is_chosen.size == 0 else " within --start and --end"
+            is_within &= times <= end.nanoseconds
+        if not is_within.any():
+            limits = "" if is_within.size == 0 else " within --start and --end"
             raise BaselineError(
-                f"no common epochs{asked}: rover {_span(self.rover)}, base {_span(self.base)}; "
-                "epochs are common if their time tags are equal"
+                f"no common epochs{limits}: rover {_span_text(self.rover)}, "
+                f"base {_span_text(self.base)}; epochs are common if their time tags are equal"
             )
-        return list(zip(rover[is_chosen].tolist(), base[is_chosen].tolist(), strict=True))
+        return list(zip(rover[is_within].tolist(), base[is_within].tolist(), strict=True))
 
 
 def from_files(
@@ -137,16 +139,16 @@ def from_files(
     navigation : sequence of pathlib.Path
         RINEX navigation files or NovAtel logs; ephemerides in the observation files are used too.
     systems : str, optional
-        Letters of the satellite systems needed.
+        Letters of the satellite systems that are used.
     partial : bool
-        Use a damaged RINEX file up to the damage.
+        Whether a damaged RINEX file is used up to the damage.
     progress : callable, optional
         Called with the name of each file before it is read.
 
     Raises
     ------
     vtff_gnss.files.observation_files.ObservationFileError
-        If a file is not what it should be.
+        If a file is not an observation file or is damaged.
     BaselineError
         If there are no ephemerides.
     OSError
@@ -184,8 +186,8 @@ def from_files(
     )
 
 
-def from_bag(bag: pathlib.Path, rover: str = "deputy", base: str = "chief") -> BaselineSources:
-    """Take the observations of two receivers from a bag.
+def from_bag(bag: pathlib.Path, rover: str = DEPUTY, base: str = CHIEF) -> BaselineSources:
+    """Read the observations of two receivers from a bag.
 
     Parameters
     ----------
@@ -201,7 +203,7 @@ def from_bag(bag: pathlib.Path, rover: str = "deputy", base: str = "chief") -> B
     BaselineError
         If there are no observations or ephemerides.
     """
-    # Imported here, because these need rclpy.
+    # Imported here, because these need rclpy, which files do not.
     from vtff_analysis.recordings.observation_recording import recorded_observations
     from vtff_bag.file.reader import BagReader
     from vtff_node.conversions.gnss import ephemeris_from_message
@@ -228,13 +230,13 @@ def from_bag(bag: pathlib.Path, rover: str = "deputy", base: str = "chief") -> B
         position_base_itrf=None,
         is_position_stated=False,
         remarks=tuple(reader.notes),
-        thrust=_thrust(reader, f"/{rover}/propulsion/thrust_applied"),
-        truth=_truth(reader, rover),
+        thrust=_read_thrust(reader, f"/{rover}/propulsion/thrust_applied"),
+        truth=_read_truth(reader, rover),
     )
 
 
-def _thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
-    """Return what the thruster has applied; each message counts until the next one."""
+def _read_thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
+    """Return the applied thrust; each message holds until the next one."""
     from vtff_node.stamps import to_nanoseconds
 
     if topic not in reader.topics:
@@ -253,7 +255,7 @@ def _thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
     )
 
 
-def _truth(reader: BagReader, rover: str) -> TrueBaseline | None:
+def _read_truth(reader: BagReader, rover: str) -> TrueBaseline | None:
     from vtff_node.stamps import to_nanoseconds
 
     if TRUTH_TOPIC not in reader.topics:
@@ -272,7 +274,7 @@ def _truth(reader: BagReader, rover: str) -> TrueBaseline | None:
     return TrueBaseline(np.array(times, dtype=np.int64), np.array(baselines))
 
 
-def _span(table: ObservationTable) -> str:
+def _span_text(table: ObservationTable) -> str:
     if not len(table):
         return "without epochs"
     return f"{table.time(0)} to {table.time(len(table) - 1)}"

@@ -18,11 +18,10 @@ from vtff_nav.relative.common.solution import (
 __all__ = ["BaselineSummary", "ErrorStatistics", "summarise"]
 
 CONVERGENCE_TIME = 600.0
-"""s after the first epoch, after which errors are also stated."""
-
+"""s after the first epoch, from which on errors are also stated."""
 
 LARGEST_SCATTER_AT_REST = 1.0
-"""m; above it the baseline moves."""
+"""m; a baseline with a larger scatter moves."""
 
 
 @dataclass(frozen=True)
@@ -32,8 +31,11 @@ class ErrorStatistics:
     Parameters
     ----------
     epochs : int
+        Number of epochs that the errors belong to.
     mean, rms : tuple of 3 float
+        By local axis.
     rms_3d, largest_3d : float
+        RMS and maximum of the length of the error.
     """
 
     epochs: int
@@ -45,30 +47,32 @@ class ErrorStatistics:
 
 @dataclass(frozen=True)
 class BaselineSummary:
-    """Numbers of a run; lengths in m, tuples by local axis.
+    """Numbers of a baseline; lengths in m, tuples by local axis.
 
     Parameters
     ----------
     epochs : int
+        Number of epochs.
     duration : float
-        s.
+        s from the first to the last epoch.
     counts : dict of str to int
         Epochs by solution, names as `SOLUTION_NAMES`.
     time_to_first_fix : float or None
-        s after the first epoch.
+        s from the first epoch to the first fix; None without a fix.
     mean, scatter, last : tuple of 3 float or None
-        Of the fixed epochs (of all with a solution if none is fixed); scatter is the standard
-        deviation. The last one is the best of a static baseline.
+        Mean, standard deviation and last value of the baseline over the fixed epochs, or over all
+        epochs with a solution if none is fixed. The last value is the best of a static baseline.
     shortest, longest : float or None
-        Lengths of the baseline.
+        Smallest and largest length of the baseline.
     sigma : tuple of 3 float or None
-        RMS of the filter's own sigmas of the same epochs.
+        RMS of the filter's own sigmas over the same epochs.
     ratio : tuple of 2 float or None
-        Least and median ratio of those that were tested.
+        Least and median ratio of the ambiguity tests.
     satellites : tuple of 2 float or None
-        Least and mean number.
+        Least and mean number of satellites.
     errors, errors_converged : ErrorStatistics or None
-        Against the truth: from the first fix on, and after `CONVERGENCE_TIME` of longer runs.
+        Errors against the truth from the first fix on, and, in longer runs, after
+        `CONVERGENCE_TIME`.
     """
 
     epochs: int
@@ -88,23 +92,23 @@ class BaselineSummary:
 
     @property
     def fixed_fraction(self) -> float:
-        """Fixed epochs of all."""
+        """Fixed epochs as a fraction of all epochs."""
         return self.counts["fixed"] / self.epochs
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether the baseline scatters so little that its mean says something."""
+        """Whether the baseline scatters so little that its mean is meaningful."""
         return self.scatter is not None and max(self.scatter) < LARGEST_SCATTER_AT_REST
 
 
 def summarise(run: BaselineRun, errors: FloatArray | None = None) -> BaselineSummary:
-    """Return the numbers of a run; `errors` (n, 3) are those against the truth."""
+    """Return the numbers of a run; `errors` are those against the truth, shape (n, 3), m."""
     is_fixed = run.solution == SOLUTION_FIXED
-    used = is_fixed if is_fixed.any() else run.solution > SOLUTION_PREDICTED
+    chosen = is_fixed if is_fixed.any() else run.solution > SOLUTION_PREDICTED
     first_fix = float(run.seconds[is_fixed][0]) if is_fixed.any() else None
-    local, has_any = run.baseline_local[used], bool(used.any())
+    local, has_any = run.baseline_local[chosen], bool(chosen.any())
     length = np.linalg.norm(local, axis=1)
-    tested = run.ratio[used & (run.ratio > 0.0)]
+    tested = run.ratio[chosen & (run.ratio > 0.0)]
     since = run.seconds
     return BaselineSummary(
         epochs=len(run),
@@ -119,9 +123,9 @@ def summarise(run: BaselineRun, errors: FloatArray | None = None) -> BaselineSum
         last=_numbers(local[-1]) if has_any else None,
         shortest=float(length.min()) if has_any else None,
         longest=float(length.max()) if has_any else None,
-        sigma=_numbers(np.sqrt(np.mean(run.sigma_local[used] ** 2, axis=0))) if has_any else None,
+        sigma=_numbers(np.sqrt(np.mean(run.sigma_local[chosen] ** 2, axis=0))) if has_any else None,
         ratio=_numbers([tested.min(), np.median(tested)]) if tested.size else None,
-        satellites=_numbers([run.satellites_used[used].min(), run.satellites_used[used].mean()])
+        satellites=_numbers([run.satellites_used[chosen].min(), run.satellites_used[chosen].mean()])
         if has_any
         else None,
         errors=_statistics(errors, since >= (first_fix or 0.0)),

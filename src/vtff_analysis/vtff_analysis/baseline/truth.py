@@ -1,4 +1,4 @@
-"""True baselines from files, to compare with."""
+"""Errors of a baseline against true positions in a file."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["errors_local"]
 
-# Epochs and truth belong together within this, s.
+# s; an epoch belongs to a true position whose time differs by less.
 _TOLERANCE = 1e-3
 _OWN_COLUMNS = ("time_gps_seconds", "baseline_x", "baseline_y", "baseline_z")
 _SIMGEN_COLUMNS = ("Time_ms", "Pos_X", "Pos_Y", "Pos_Z")
@@ -29,24 +29,27 @@ def errors_local(run: BaselineRun, truth: TrueBaseline | pathlib.Path) -> FloatA
     Parameters
     ----------
     run : BaselineRun
+        Estimated baselines.
     truth : TrueBaseline or pathlib.Path
-        A file is one of, compressed with gzip or not:
+        True baselines, or one of these files, compressed with gzip or not:
 
         - ``.npz`` with ``t`` (s of the GPS day or since 1980-01-06), ``A`` and ``B`` (n, 3), ITRF
           positions of base and rover, m;
-        - the CSV file of SimGEN's motion log: the rover; the base is the one of the run;
+        - the CSV file of SimGEN's motion log of the rover; the base is that of the run;
         - the CSV file that ``vtff baseline`` writes.
 
     Raises
     ------
     BaselineError
-        If the file is none of these or shares no epoch with the run.
+        If the file is none of these or has no epoch in common with the run.
     OSError
-        If it cannot be read.
+        If the file cannot be read.
     """
     seconds = run.time_nanoseconds / NANOSECONDS_PER_SECOND
     if isinstance(truth, TrueBaseline):
-        return _errors(run, truth.time_nanoseconds / NANOSECONDS_PER_SECOND, truth.baseline_itrf)
+        return _compute_errors(
+            run, truth.time_nanoseconds / NANOSECONDS_PER_SECOND, truth.baseline_itrf
+        )
     path = truth
     try:
         if path.suffix == ".npz":
@@ -59,17 +62,17 @@ def errors_local(run: BaselineRun, truth: TrueBaseline | pathlib.Path) -> FloatA
                 baseline = baseline - np.nanmedian(run.position_base_itrf, axis=0)
     except (KeyError, IndexError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise BaselineError(f"{path}: not a file of true positions: {error}") from None
-    errors = _errors(run, times, baseline)
+    errors = _compute_errors(run, times, baseline)
     if np.isnan(errors).all():
         raise BaselineError(f"{path}: no epoch in common with the solutions")
     return errors
 
 
-def _errors(run: BaselineRun, times: FloatArray, baseline: FloatArray) -> FloatArray:
+def _compute_errors(run: BaselineRun, times: FloatArray, baseline: FloatArray) -> FloatArray:
     seconds = run.time_nanoseconds / NANOSECONDS_PER_SECOND
-    place = np.clip(np.searchsorted(times, seconds - _TOLERANCE), 0, len(times) - 1)
-    is_known = np.abs(times[place] - seconds) < _TOLERANCE
-    error_itrf = np.where(is_known[:, None], run.baseline_itrf - baseline[place], np.nan)
+    nearest = np.clip(np.searchsorted(times, seconds - _TOLERANCE), 0, len(times) - 1)
+    has_truth = np.abs(times[nearest] - seconds) < _TOLERANCE
+    error_itrf = np.where(has_truth[:, None], run.baseline_itrf - baseline[nearest], np.nan)
     return np.asarray(np.einsum("nij,nj->ni", run.rotation_to_local, error_itrf))
 
 
@@ -80,7 +83,7 @@ def _read_npz(path: pathlib.Path) -> tuple[FloatArray, FloatArray]:
 
 
 def _read_csv(path: pathlib.Path) -> tuple[FloatArray, FloatArray, bool]:
-    """Return times, positions, and whether they are those of the rover, not the baseline."""
+    """Return times, positions, and whether these are positions of the rover, not baselines."""
     content = path.read_bytes()
     if content[:2] == b"\x1f\x8b":
         content = gzip.decompress(content)
@@ -89,9 +92,9 @@ def _read_csv(path: pathlib.Path) -> tuple[FloatArray, FloatArray, bool]:
         names = [name.strip() for name in row]
         for columns in (_OWN_COLUMNS, _SIMGEN_COLUMNS):
             if set(columns) <= set(names):
-                places = [names.index(column) for column in columns]
+                indices = [names.index(column) for column in columns]
                 values = np.array(
-                    [[float(r[i] or "nan") for i in places] for r in rows[number + 1 :] if r]
+                    [[float(r[i] or "nan") for i in indices] for r in rows[number + 1 :] if r]
                 )
                 if columns is _OWN_COLUMNS:
                     return values[:, 0], values[:, 1:], False

@@ -1,4 +1,4 @@
-"""Receivers of many files, as many at once as there are processors."""
+"""`vtff tec` on many receivers: as many at once as there are processors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from vtff_analysis.tec.output import summary, write_plots, write_tables
+from vtff_analysis.tec.output import summarise_result, write_plots, write_tables
 from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.sources import TecError, bag_receivers, from_bag, from_file, is_bag
 from vtff_bag.file.errors import BagError
@@ -25,16 +25,16 @@ __all__ = ["TecOptions", "TecOutcome", "TecTask", "find_tasks", "run_tasks"]
 
 @dataclass(frozen=True)
 class TecTask:
-    """One receiver that is to be processed.
+    """One receiver to be processed.
 
     Parameters
     ----------
     path : pathlib.Path
         File or bag.
     receiver : str or None
-        Namespace in a bag; None of a file.
+        Namespace in a bag; None for a file.
     name : str
-        Of the tables and plots, one for each task.
+        Unique name for the tables and plots of the task.
     """
 
     path: pathlib.Path
@@ -44,16 +44,18 @@ class TecTask:
 
 @dataclass(frozen=True, eq=False)
 class TecOptions:
-    """What is the same for all receivers; see `vtff_analysis.tec.processing.process`.
+    """Options of all receivers; see `vtff_analysis.tec.processing.process`.
 
     Parameters
     ----------
     folder : pathlib.Path
-        Of tables and plots.
+        Folder of tables and plots.
     form : str
-        csv or parquet.
+        Format of the tables: ``csv`` or ``parquet``.
     ephemerides : tuple of BroadcastEphemeris
+        Ephemerides in addition to those of the files.
     biases : str or CodeBiasTable
+        Satellite biases.
     partial : bool
         Whether a damaged file is used up to the damage.
     """
@@ -67,7 +69,7 @@ class TecOptions:
 
 @dataclass(frozen=True, eq=False)
 class TecOutcome:
-    """What became of a task: a summary, or an error for people."""
+    """Result of a task: a summary, or an error message."""
 
     task: TecTask
     summary: dict[str, Any] | None = None
@@ -76,28 +78,31 @@ class TecOutcome:
 
 def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
     """Return a task for each receiver of each path; an outcome for a bag that cannot be read."""
-    found: list[TecTask | TecOutcome] = []
+    tasks: list[TecTask | TecOutcome] = []
     names: collections.Counter[str] = collections.Counter()
 
-    def named(path: pathlib.Path, receiver: str | None, name: str) -> TecTask:
+    def make_task(path: pathlib.Path, receiver: str | None, name: str) -> TecTask:
         # Files of one name in two folders must not overwrite each other's tables.
         names[name] += 1
         return TecTask(path, receiver, name if names[name] == 1 else f"{name}_{names[name]}")
 
     for path in paths:
         if not is_bag(path):
-            found.append(named(path, None, path.name.split(".")[0]))
+            tasks.append(make_task(path, None, path.name.split(".")[0]))
             continue
         bag = TecTask(path, None, path.resolve().name)
         try:
             receivers = bag_receivers(path)
         except (BagError, TecError) as error:
-            found.append(TecOutcome(bag, error=str(error)))
+            tasks.append(TecOutcome(bag, error=str(error)))
         except OSError as error:
-            found.append(TecOutcome(bag, error=_told(error, path)))
+            tasks.append(TecOutcome(bag, error=_describe_error(error, path)))
         else:
-            found += [named(path, r, bag.name + r.replace("/", "_")) for r in receivers]
-    return found
+            tasks += [
+                make_task(path, receiver, bag.name + receiver.replace("/", "_"))
+                for receiver in receivers
+            ]
+    return tasks
 
 
 def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
@@ -114,25 +119,25 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
         prefix = "" if task.path.name in message else f"{task.path}: "
         return TecOutcome(task, error=prefix + message)
     except OSError as error:
-        return TecOutcome(task, error=_told(error, task.path))
-    return TecOutcome(task, summary=summary(result))
+        return TecOutcome(task, error=_describe_error(error, task.path))
+    return TecOutcome(task, summary=summarise_result(result))
 
 
-def _told(error: OSError, path: pathlib.Path) -> str:
+def _describe_error(error: OSError, path: pathlib.Path) -> str:
     return f"{error.filename or path}: {error.strerror or error}"
 
 
 @contextlib.contextmanager
 def run_tasks(tasks: Sequence[TecTask], options: TecOptions) -> Iterator[Iterator[TecOutcome]]:
-    """Process receivers; a context with an iterator over the outcomes, in the order of the tasks.
+    """Process receivers in a context, which yields the outcomes in the order of the tasks.
 
-    Leaving the context ends what is still at work.
+    Leaving the context ends the tasks that are still running.
     """
     workers = min(len(tasks), os.cpu_count() or 1)
     if workers < 2:
         yield (_run_task(task, options) for task in tasks)
         return
-    # Not forked from this process, whose libraries may have started threads.
+    # Workers are not forked from this process, whose libraries may have started threads.
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload([__name__])
     with context.Pool(workers, _begin_worker, (options,)) as pool:
@@ -145,7 +150,7 @@ _options_of_worker: TecOptions | None = None
 def _begin_worker(options: TecOptions) -> None:
     global _options_of_worker  # noqa: PLW0603 - sent once to each worker, not with each task
     _options_of_worker = options
-    # The parent is told of Ctrl-C too, and ends its workers.
+    # Ctrl-C also reaches the parent, which ends its workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 

@@ -19,15 +19,15 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import carrier_frequency_hz, satellite_name
 from vtff_iono.links.geometry_free import tecu_per_metre
 
-__all__ = ["content_table", "summary", "write_plots", "write_summary", "write_tables"]
+__all__ = ["content_table", "summarise_result", "write_plots", "write_summary", "write_tables"]
 
-# The axes are 1400 pixels wide.
+# Most epochs in a plot, whose axes are 1400 pixels wide.
 _EPOCHS_DRAWN = 3000
 _NANOSECONDS_PER_HOUR = 3600.0 * NANOSECONDS_PER_SECOND
 
 
 def content_table(result: TecResult) -> pa.Table:
-    """Return the contents, a row for each satellite, pair and epoch."""
+    """Return the contents with a row for each satellite, pair of signals and epoch."""
     content = result.content
     pairs = content.rows.pairs
     has_link = pairs.link >= 0
@@ -35,25 +35,25 @@ def content_table(result: TecResult) -> pa.Table:
     codes = [f"{link.code_first}-{link.code_second}" for link in content.links]
     link = pairs.link[has_link]
 
-    def chosen(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    def select(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         return values[has_link]
 
     return pa.table(
         {
-            "gps_time": _gps_time(chosen(pairs.time)),
+            "gps_time": _gps_time(select(pairs.time)),
             "satellite": np.array(names, dtype=str)[link],
             "pair": np.array(codes, dtype=str)[link],
-            "elevation_deg": np.degrees(chosen(content.rows.elevation)),
-            "azimuth_deg": np.degrees(chosen(content.azimuth)),
-            "pierce_latitude_deg": np.degrees(chosen(content.pierce_latitude)),
-            "pierce_longitude_deg": np.degrees(chosen(content.pierce_longitude)),
-            "stec_tecu": chosen(content.stec_tecu),
-            "stec_sigma_tecu": chosen(content.stec_sigma_tecu),
-            "stec_online_tecu": chosen(content.rows.stec_tecu),
-            "stec_code_tecu": chosen(content.rows.stec_code_tecu),
-            "vtec_tecu": chosen(content.vtec_tecu),
-            "arc": chosen(content.rows.arc).astype(np.uint32),
-            "rejected": chosen(content.rejected),
+            "elevation_deg": np.degrees(select(content.rows.elevation)),
+            "azimuth_deg": np.degrees(select(content.azimuth)),
+            "pierce_latitude_deg": np.degrees(select(content.pierce_latitude)),
+            "pierce_longitude_deg": np.degrees(select(content.pierce_longitude)),
+            "stec_tecu": select(content.stec_tecu),
+            "stec_sigma_tecu": select(content.stec_sigma_tecu),
+            "stec_online_tecu": select(content.rows.stec_tecu),
+            "stec_code_tecu": select(content.rows.stec_code_tecu),
+            "vtec_tecu": select(content.vtec_tecu),
+            "arc": select(content.rows.arc).astype(np.uint32),
+            "rejected": select(content.rejected),
         }
     )
 
@@ -67,9 +67,12 @@ def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> pa.Array:
 def write_tables(
     result: TecResult, folder: pathlib.Path, name: str, form: str
 ) -> list[pathlib.Path]:
-    """Write contents, ROTI and scintillation as CSV or Parquet; return the paths.
+    """Write contents, ROTI and scintillation as CSV or Parquet files whose names begin with `name`.
 
-    Their names begin with `name`.
+    Returns
+    -------
+    list of pathlib.Path
+        The files.
     """
     roti = dict(result.roti)
     times = roti.pop("time_nanoseconds")
@@ -93,19 +96,19 @@ def write_tables(
 def _scintillation_table(result: TecResult) -> pa.Table:
     windows = result.scintillation
 
-    def joined(name: str) -> npt.NDArray[Any]:
+    def join_column(name: str) -> npt.NDArray[Any]:
         return np.concatenate([getattr(window, name) for window in windows])
 
     times = np.concatenate([np.full(len(w.prn), w.time, dtype=np.int64) for w in windows])
-    signals = zip(*(joined(n).tolist() for n in ("band", "attribute")), strict=True)
-    satellites = zip(*(joined(n).tolist() for n in ("system", "prn")), strict=True)
+    signals = zip(*(join_column(n).tolist() for n in ("band", "attribute")), strict=True)
+    satellites = zip(*(join_column(n).tolist() for n in ("system", "prn")), strict=True)
     return pa.table(
         {
             "gps_time_end": _gps_time(times),
             "satellite": [satellite_name(*satellite) for satellite in satellites],
             "signal": [f"{band}{chr(attribute)}" for band, attribute in signals],
             **{
-                name: joined(name)
+                name: join_column(name)
                 for name in ("s4", "s4_corrected", "s4_pseudo", "sigma_phi", "cn0_dbhz", "samples")
             },
             "phase_cutoff_hz": np.concatenate(
@@ -115,8 +118,8 @@ def _scintillation_table(result: TecResult) -> pa.Table:
     )
 
 
-def summary(result: TecResult) -> dict[str, Any]:
-    """Return what matters of a result, for JSON and for the terminal."""
+def summarise_result(result: TecResult) -> dict[str, Any]:
+    """Return the numbers of a result for JSON and for the terminal."""
     content = result.content
     good = content.rejected == 0
     biases = []
@@ -158,12 +161,12 @@ def summary(result: TecResult) -> dict[str, Any]:
 
 
 def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[pathlib.Path]:
-    """Plot vertical and slant content and ROTI against time; return the path."""
+    """Plot vertical and slant content and ROTI against time; return the files."""
     content = result.content
     time = content.rows.pairs.time
     hours = (time - result.source.table.time_nanoseconds[0]) / _NANOSECONDS_PER_HOUR
     unit, factor = ("h", 1.0) if np.ptp(hours) > 2.0 else ("min", 60.0)
-    good = (content.rejected == 0) & np.isfinite(content.vtec_tecu) & _is_drawn(time)
+    good = (content.rejected == 0) & np.isfinite(content.vtec_tecu) & _select_drawn(time)
     with rc_context(STYLE):
         figure = make_figure(9.5)
         axes = figure.subplots(3, 1, sharex=True)
@@ -184,7 +187,7 @@ def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[path
             ".", color=AXIS_COLOURS[1], markersize=3.0,
         )  # fmt: skip
         axes[2].set_ylabel("ROTI, TECU/min")
-        # Quiet air is at 0.05, a bubble at 5.
+        # ROTI is about 0.05 in a quiet ionosphere and 5 in a plasma bubble.
         axes[2].set_yscale("log")
         start = GpsTime(int(result.source.table.time_nanoseconds[0]))
         axes[2].set_xlabel(f"{unit} since {str(start)[:19]} GPS")
@@ -196,8 +199,8 @@ def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[path
     return [path]
 
 
-def _is_drawn(time: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
-    """Return the rows of every n-th epoch: a picture has no room for more."""
+def _select_drawn(time: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Return which rows belong to every n-th epoch, so that at most about 3000 are drawn."""
     epochs, number = np.unique(time, return_inverse=True)
     return np.asarray(number % max(1, len(epochs) // _EPOCHS_DRAWN) == 0)
 

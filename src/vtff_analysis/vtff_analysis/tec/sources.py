@@ -17,6 +17,7 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.signals import satellite_number
 from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
 from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
 
@@ -30,17 +31,16 @@ __all__ = [
     "receiver_positions",
 ]
 
-# Kinds of topics with observations, the preferred one first.
+# Topics with observations, the preferred one first.
 _OBSERVATIONS = ("high_rate", "epoch")
 _BANDS = {SYSTEM_GPS: (1, 2), SYSTEM_GALILEO: (1, 5)}
-_POINT_INTERVAL = 30.0
-_LARGEST_JUMP = 1e3
-_MASK = math.radians(5.0)
+_POINT_INTERVAL = 30.0  # s between positions from code
+_ELEVATION_MASK = math.radians(5.0)
 _FEWEST_POINTS = 4
 
 
 class TecError(ValueError):
-    """A file cannot be processed; the message names it and says why."""
+    """A file cannot be processed; the message names it and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,13 +50,14 @@ class TecSource:
     Parameters
     ----------
     description : str
-        For people.
+        Name and format of the source for messages and plots.
     table : ObservationTable
     ephemerides : tuple of BroadcastEphemeris
-        Those that came with the observations.
+        Ephemerides that came with the observations.
     position_itrf : tuple of 3 float or None
-        Of a receiver at rest, m.
+        Position of a receiver at rest, m; None for a receiver that moves.
     remarks : tuple of str
+        Notes for the user, one line each.
     """
 
     description: str
@@ -76,14 +77,17 @@ def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
 
     Raises
     ------
-    vtff_gnss.files.observation_files.ObservationFileError, OSError
-        As there.
+    vtff_gnss.files.observation_files.ObservationFileError
+        If the file is not an observation file or is damaged.
+    OSError
+        If the file cannot be read.
     TecError
         If no satellite has a second frequency.
     """
     file = open_observations(path, partial=partial)
-    bands = np.unique(file.table.columns["system"].astype(int) * 10 + file.table.columns["band"])
-    if len(bands) == len(np.unique(bands // 10)):
+    columns = file.table.columns
+    bands = np.unique(np.stack((columns["system"], columns["band"])), axis=1)
+    if bands.shape[1] == len(np.unique(bands[0])):
         raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
     return TecSource(
         description=f"{path.name}, {file.format_name}",
@@ -104,7 +108,7 @@ def bag_receivers(path: pathlib.Path) -> list[str]:
     TecError
         If it holds no observations.
     """
-    # Imported here, because it needs rclpy.
+    # Imported here, because it needs rclpy, which files do not.
     from vtff_bag.file.reader import BagReader
 
     receivers = {
@@ -128,7 +132,7 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
     TecError
         If it holds no observations of this receiver.
     """
-    # Imported here, because these need rclpy.
+    # Imported here, because these need rclpy, which files do not.
     from vtff_analysis.recordings.observation_recording import recorded_observations
     from vtff_bag.file.reader import BagReader
     from vtff_node.conversions.gnss import ephemeris_from_message
@@ -139,11 +143,11 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
     if topic is None:
         raise TecError(f"{path}: neither {' nor '.join(topics)} in this bag")
     latched = f"{receiver}/gnss/ephemeris"
-    found = reader.messages(latched) if latched in reader.topics else []
+    messages = reader.messages(latched) if latched in reader.topics else []
     return TecSource(
         description=f"{topic} of {path.name}",
         table=recorded_observations(reader, topic),
-        ephemerides=tuple({ephemeris_from_message(d.message): None for d in found}),
+        ephemerides=tuple({ephemeris_from_message(decoded.message): None for decoded in messages}),
         position_itrf=None,
         remarks=tuple(reader.notes),
     )
@@ -154,8 +158,8 @@ def receiver_positions(
 ) -> npt.NDArray[np.float64]:
     """Return the positions of a moving receiver at all epochs, ITRF, m, shape (m, 3).
 
-    Positions from code each 30 s, joined by cubic splines: in orbit that leaves the noise of the
-    codes, some metres, which is nothing to an elevation.
+    Positions from code every 30 s are joined by cubic splines. In orbit the noise of the codes,
+    some metres, remains, which is negligible for elevations.
 
     Raises
     ------
@@ -171,12 +175,12 @@ def receiver_positions(
     for index in np.unique(np.append(chosen, len(table) - 1)).tolist():
         epoch = table.epoch(index)
         orbits = store.table(epoch.time)
-        known = orbits.system.astype(np.int64) << 8 | orbits.prn
-        signals = reader.read(epoch, satellite_mask(known))
+        with_orbit = satellite_number(orbits.system, orbits.prn)
+        signals = reader.read(epoch, satellite_mask(with_orbit))
         if len(signals) == 0:
             continue
         point = solve_single_point(
-            form_combinations(signals, orbits), orbits, epoch.time, _MASK, False
+            form_combinations(signals, orbits), orbits, epoch.time, _ELEVATION_MASK, False
         )
         if point is not None:
             times.append(seconds[index])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import pathlib
 import re
@@ -15,9 +16,9 @@ from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import describe_run
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 _FIX_TOPIC = re.compile(r"^/(?P<craft>.+)/gnss/fix$")
-_NANOSECONDS = 1_000_000_000
 
 Progress = Callable[[float], None]
 
@@ -30,12 +31,12 @@ def read_scene(path: str | os.PathLike[str], progress: Progress | None = None) -
     path
         Bag directory, run folder or ``.mcap`` file, in any state.
     progress
-        Called now and then with the part that is read, 0 to 1.
+        Called about a hundred times with the fraction that is read, 0 to 1.
 
     Returns
     -------
     Scene
-        With at most one sample a second, and about 4000 of each series.
+        Scene with at most one sample a second, and about 4000 samples of each series.
 
     Raises
     ------
@@ -43,21 +44,21 @@ def read_scene(path: str | os.PathLike[str], progress: Progress | None = None) -
         If there is no bag or nothing in it can be read.
     """
     reader = BagReader(path)
-    duration = (reader.end_time - reader.start_time) / _NANOSECONDS
+    duration = (reader.end_time - reader.start_time) / NANOSECONDS_PER_SECOND
     scene = Scene(name=_run_name(pathlib.Path(path)), start=reader.start_time, duration=duration)
     scene.notes.extend(reader.notes)
     builder = SceneBuilder(scene, sample_interval(duration))
-    decoders = _decoders(reader, builder, scene)
+    decoders = _make_decoders(reader, builder, scene)
     length = max(1, reader.end_time - reader.start_time)
     step = max(1, sum(reader.topics[name].message_count for name in decoders) // 100)
     for count, raw in enumerate(reader.raw_messages(list(decoders))):
         if progress is not None and count % step == 0:
             progress((raw.log_time - reader.start_time) / length)
         decode = decoders.get(raw.topic)
-        if decode is None or not builder.wanted(raw.topic, raw.log_time):
+        if decode is None or not builder.claim_slot(raw.topic, raw.log_time):
             continue
         try:
-            builder.put(raw.topic, raw.log_time, decode(raw.serialized))
+            builder.add(raw.topic, raw.log_time, decode(raw.serialized))
         except Exception as error:  # rclpy raises its own and C++ exceptions here
             del decoders[raw.topic]
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
@@ -72,10 +73,10 @@ def read_scene(path: str | os.PathLike[str], progress: Progress | None = None) -
     return scene
 
 
-def _decoders(
+def _make_decoders(
     reader: BagReader, builder: SceneBuilder, scene: Scene
 ) -> dict[str, Callable[[bytes], Any]]:
-    """Return what decodes each topic that is shown."""
+    """Return the decoder of each topic that the scene shows."""
     from rclpy.serialization import deserialize_message
 
     decoders: dict[str, Callable[[bytes], Any]] = {}
@@ -85,11 +86,11 @@ def _decoders(
         if builder.handler(topic.name) is None or (true_orbit and true_orbit.message_count):
             continue
         try:
-            kind = message_class(topic.type)
+            message_type = message_class(topic.type)
         except UnknownTypeError as error:
             scene.notes.append(f"topic '{topic.name}' is left out: {error}")
             continue
-        decoders[topic.name] = lambda serialized, kind=kind: deserialize_message(serialized, kind)
+        decoders[topic.name] = functools.partial(deserialize_message, message_type=message_type)
     return decoders
 
 

@@ -1,4 +1,4 @@
-"""A websocket with the Foxglove protocol: recorded or live topics for Foxglove and Lichtblick."""
+"""Websocket of the Foxglove protocol: recorded or live topics for Foxglove and Lichtblick."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ class FoxgloveMissingError(ImportError):
 
 
 class FoxgloveServer:
-    """Offers topics as they are, with their message definitions.
+    """Offers topics with unchanged messages and their message definitions.
 
     Parameters
     ----------
     port
-        0 for a free one.
+        Port of the websocket; 0 for a free one.
 
     Raises
     ------
@@ -34,7 +34,7 @@ class FoxgloveServer:
 
     def __init__(self, port: int = DEFAULT_PORT) -> None:
         try:
-            # By name: an optional package is none that package.xml must declare.
+            # Imported by name: package.xml does not declare an optional package.
             foxglove = importlib.import_module("foxglove")
         except ImportError as error:
             raise FoxgloveMissingError(
@@ -42,7 +42,7 @@ class FoxgloveServer:
                 "python -m pip install foxglove-sdk (in .venv)"
             ) from error
         self._foxglove = foxglove
-        # Its own context, so that nothing else in this process is offered.
+        # An own context: topics of other servers in this process are not offered.
         self._context = foxglove.Context()
         self._server = foxglove.start_server(
             name="vtff",
@@ -55,7 +55,7 @@ class FoxgloveServer:
 
     @property
     def address(self) -> str:
-        """What to connect to."""
+        """Address that Foxglove connects to."""
         return f"ws://{HOST}:{self._server.port}"
 
     def send(self, topic: str, type_name: str, serialized: bytes, stamp: int) -> None:
@@ -66,18 +66,18 @@ class FoxgloveServer:
         topic, type_name
             ``/name`` and ``package/msg/Type``.
         serialized
-            CDR.
+            Message in CDR.
         stamp
             ns since 1970.
         """
         if topic not in self._channels:
-            self._channels[topic] = self._channel(topic, type_name)
+            self._channels[topic] = self._make_channel(topic, type_name)
         channel = self._channels[topic]
         if channel is not None:
             channel.log(bytes(serialized), log_time=max(0, stamp))
             self._server.broadcast_time(max(0, stamp))
 
-    def _channel(self, topic: str, type_name: str) -> Any:
+    def _make_channel(self, topic: str, type_name: str) -> Any:
         try:
             definition = message_definition(type_name)
         except UnknownTypeError:

@@ -11,7 +11,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 
 GNSS_ARGUMENT = "gnss"
-_STEP = 60.0  # s over which the motion of the sides is taken
+_STEP = 60.0  # s; over this time the motion of the sides is computed
 
 
 def irregularity_regions(described: RunDescription, start: int) -> tuple[Region, ...]:
@@ -27,7 +27,7 @@ def irregularity_regions(described: RunDescription, start: int) -> tuple[Region,
     Returns
     -------
     tuple of Region
-        Empty where the run names no file, or it is not on this machine.
+        Empty where the run names no file, or the file is not on this machine.
 
     Raises
     ------

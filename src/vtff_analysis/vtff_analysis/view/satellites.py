@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 from vtff_analysis.view.scene import Scene
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import satellite_name
 
-#: s between positions: a straight line between them misses the orbit of GPS by 250 m.
-GRID = 60
-_NANOSECONDS = 1_000_000_000
+#: s between positions: a straight line between two positions misses the orbit of GPS by 250 m.
+GRID_INTERVAL = 60
+
+_GRID = GRID_INTERVAL * NANOSECONDS_PER_SECOND
 
 
 class SatellitePositions:
-    """Samples of satellites on whole minutes, from broadcast ephemerides.
+    """Adds positions of satellites on whole minutes to a scene, from broadcast ephemerides.
 
     Parameters
     ----------
     scene
-        Where the series ``satellite`` go.
+        Scene that gets the series ``satellite``.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -38,9 +40,8 @@ class SatellitePositions:
             self._store = None
 
     def need(self, system: int, prn: int, stamp: int) -> None:
-        """Ask for a satellite from a time (ns since 1970) on, a minute around it included."""
-        grid = GRID * _NANOSECONDS
-        self._next.setdefault((system, prn), (stamp // grid - 1) * grid)
+        """Ask for the positions of a satellite from a minute before a time (ns since 1970) on."""
+        self._next.setdefault((system, prn), (stamp // _GRID - 1) * _GRID)
 
     def extend(self) -> None:
         """Add the positions up to a minute after the end of the scene."""
@@ -48,18 +49,18 @@ class SatellitePositions:
             return
         if self._store is None:
             self._store = EphemerisStore(self._ephemerides.values(), healthy_only=False)
-        grid = GRID * _NANOSECONDS
-        end = self._scene.start + round(self._scene.duration * _NANOSECONDS) + 2 * grid
+        duration = round(self._scene.duration * NANOSECONDS_PER_SECOND)
+        end = self._scene.start + duration + 2 * _GRID
         pending = {satellite: first for satellite, first in self._next.items() if first < end}
-        for stamp in range(min(pending.values(), default=end), end, grid):
+        for stamp in range(min(pending.values(), default=end), end, _GRID):
             wanted = {satellite for satellite, first in pending.items() if first <= stamp}
-            self._place(wanted, stamp)
-            # An ephemeris may still be on its way: what has had none is asked for again.
+            self._add_positions(wanted, stamp)
+            # An ephemeris may still arrive: a satellite without one stays pending.
             for satellite in wanted & self._placed:
-                self._next[satellite] = stamp + grid
+                self._next[satellite] = stamp + _GRID
 
-    def _place(self, wanted: set[tuple[int, int]], stamp: int) -> None:
-        """Add the positions at one time."""
+    def _add_positions(self, wanted: set[tuple[int, int]], stamp: int) -> None:
+        """Add the positions of satellites at one time (ns since 1970)."""
         assert self._store is not None
         time = GpsTime.from_unix_nanoseconds(stamp)
         table = self._store.table(time)

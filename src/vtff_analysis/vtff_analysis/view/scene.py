@@ -1,7 +1,7 @@
-"""Scene of the viewer: what was recorded or is arriving, as named series that become JSON.
+"""Scene of the viewer: a recorded or live run as named series that become JSON.
 
 All positions are in ITRF, so that the page needs no Earth rotation; times are s after the start of
-the scene. A series only ever grows at its end: a live page gets what is new since it last asked.
+the scene. A series grows only at its end, so that a live page gets just the new samples.
 """
 
 from __future__ import annotations
@@ -11,6 +11,8 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
+
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 SCENE_VERSION = 1
 
@@ -27,7 +29,6 @@ COLUMNS: dict[str, dict[str, int]] = {
 }
 _TIME_DECIMALS = 3
 _TIME_TOLERANCE = 1e-6  # s
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclasses.dataclass
@@ -39,12 +40,12 @@ class Series:
     kind
         A key of `COLUMNS`.
     labels
-        What it is of: ``craft``, ``satellite``, ``source``, ``deputy``.
+        What the values belong to, by ``craft``, ``satellite``, ``source``, ``deputy``.
     time
         s after the start of the scene, increasing.
     values
-        One list for each column of the kind, as long as `time`; m, m/s, m/s2 and what the names
-        of the columns say. Relative positions and thrust are in the RTN axes of the chief.
+        One list for each column of the kind, as long as `time`; in m, m/s, m/s2 or the unit in the
+        name of the column. Relative positions and thrust are in the RTN axes of the chief.
     """
 
     kind: str
@@ -83,17 +84,17 @@ class Series:
         return {name: column[index] for name, column in columns}
 
     def as_json(self, first: int = 0) -> dict[str, Any]:
-        """Return the samples from `first` on; what is not finite becomes None."""
+        """Return the samples from `first` on; numbers that are not finite become None."""
         decimals = COLUMNS[self.kind].values()
         columns = {
-            name: [_rounded(value, places) for value in column[first:]]
+            name: [_round_finite(value, places) for value in column[first:]]
             for name, places, column in zip(COLUMNS[self.kind], decimals, self.values, strict=True)
         }
         time = [round(value, _TIME_DECIMALS) for value in self.time[first:]]
         return {"name": self.name, "kind": self.kind, **self.labels, "time": time, **columns}
 
 
-def _rounded(value: float, places: int) -> float | None:
+def _round_finite(value: float, places: int) -> float | None:
     return round(float(value), places) if math.isfinite(value) else None
 
 
@@ -104,17 +105,17 @@ class Region:
     Attributes
     ----------
     name
-        As in the simulator's configuration.
+        Name in the simulator's configuration.
     latitude_south_deg, latitude_north_deg
-        Geodetic, deg.
+        Geodetic latitudes of the sides, deg.
     longitude_west_deg, width_deg
         Western side at the start of the scene and extent to the east, deg.
     longitude_rate_deg
         Motion of its sides, deg/s; negative is westward.
     altitude_bottom, altitude_top
-        m above the ellipsoid.
+        Altitudes of the edges in m above the ellipsoid.
     s4
-        Of rays on GPS L1 that cross it.
+        Amplitude scintillation of rays on GPS L1 that cross the region.
     """
 
     name: str
@@ -130,18 +131,18 @@ class Region:
 
 @dataclasses.dataclass
 class Scene:
-    """A run as the page shows it.
+    """A run in the form that the page shows.
 
     Attributes
     ----------
     name
-        Of the run.
+        Name of the run.
     start
-        ns since 1970 of time 0, in the scale of the ROS stamps; 0 as long as it is unknown.
+        ns since 1970 of time 0, in the scale of the ROS stamps; 0 until the first message.
     duration
         s from the start to the newest sample, or to the end of a bag.
     live
-        Whether it still grows.
+        Whether the scene still grows.
     regions
         Irregularities of the simulated ionosphere.
     notes
@@ -157,7 +158,7 @@ class Scene:
     series: dict[str, Series] = dataclasses.field(default_factory=dict)
 
     def add(self, kind: str, stamp: int, row: Sequence[float], **labels: str) -> None:
-        """Append a sample to a series; one that is not after the newest is left out.
+        """Append a sample to a series; a sample that is not after the newest is left out.
 
         Parameters
         ----------
@@ -166,14 +167,14 @@ class Scene:
         stamp
             ns since 1970.
         row
-            One value a column.
+            One value for each column.
         labels
-            What the series is of.
+            Labels of the series.
 
         Raises
         ------
         ValueError
-            If the row has not one value a column.
+            If the row has another number of values than columns.
         """
         if len(row) != len(COLUMNS[kind]):
             raise ValueError(f"a sample of '{kind}' has {len(COLUMNS[kind])} values: {row}")
@@ -190,25 +191,25 @@ class Scene:
 
     def seconds(self, stamp: int) -> float:
         """Return the time of a stamp (ns since 1970) in s after the start."""
-        return (stamp - self.start) / _NANOSECONDS
+        return (stamp - self.start) / NANOSECONDS_PER_SECOND
 
     def of_kind(self, kind: str) -> list[Series]:
         """Return the series of a kind in the order of their names."""
         return [self.series[name] for name in sorted(self.series) if name.startswith(f"{kind}/")]
 
     def as_json(self, sent: Mapping[str, int] | None = None) -> dict[str, Any]:
-        """Return what the page loads.
+        """Return the scene with the samples that the page does not have yet.
 
         Parameters
         ----------
         sent
-            Samples of each series that the page already has; none if not given.
+            Number of samples of each series that the page has; none if it is not given.
         """
         counts = sent or {}
         return {
             "version": SCENE_VERSION,
             "name": self.name,
-            "start_unix": self.start / _NANOSECONDS,
+            "start_unix": self.start / NANOSECONDS_PER_SECOND,
             "duration": round(self.duration, _TIME_DECIMALS),
             "live": self.live,
             "regions": [dataclasses.asdict(region) for region in self.regions],
@@ -221,5 +222,5 @@ class Scene:
         }
 
     def counts(self) -> dict[str, int]:
-        """Return the number of samples by series: what `as_json` needs to send only new ones."""
+        """Return the number of samples by series, which `as_json` takes as `sent`."""
         return {name: len(series.time) for name, series in self.series.items()}

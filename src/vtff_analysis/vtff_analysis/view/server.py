@@ -1,6 +1,6 @@
-"""Web server of the viewer: the page, the scene as JSON, and for a live scene its news as events.
+"""Web server of the viewer: the page, the scene as JSON, and new samples of a live scene.
 
-It listens on this machine only, and the page asks nobody else: its policy forbids it.
+It listens on this machine only. The policy of the page forbids requests to other machines.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 WEB_FOLDER = pathlib.Path(__file__).resolve().parent / "web"
-#: Put there at set-up by tools/install_viewer.sh; the page does without if it is missing.
+#: tools/install_viewer.sh installs it at set-up; without it the page shows a map.
 CESIUM_FOLDER = WEB_FOLDER / "cesium"
 
 HOST = "127.0.0.1"
 NEWS_INTERVAL = 0.5  # s of wall time between news of a live scene
 LARGEST_COMMAND = 4096  # bytes
 
-#: Nothing from elsewhere. Cesium compiles expressions and starts workers from blobs.
+#: The page loads nothing from elsewhere. Cesium compiles expressions and starts workers from blobs.
 _POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-eval'; style-src 'self' 'unsafe-inline'; "
     "img-src 'self' data: blob:; worker-src 'self' blob:; connect-src 'self' data: blob:"
@@ -35,7 +35,7 @@ Command = Callable[[str, float], str]
 
 
 def cesium_is_installed() -> bool:
-    """Tell whether the globe can be drawn."""
+    """Return whether Cesium, which draws the globe, is installed."""
     return (CESIUM_FOLDER / "index.js").is_file()
 
 
@@ -45,15 +45,16 @@ class ViewerServer(http.server.ThreadingHTTPServer):
     Parameters
     ----------
     scene
-        Returns the scene as the page loads it.
+        Function that returns the scene as the page loads it.
     news
-        Of a live scene: takes the samples that a page has by series, and returns the scene with
-        the new ones and the counts after it. Each page remembers its own.
+        For a live scene: function that takes the number of samples that a page has by series, and
+        returns the scene with the new samples and the numbers after it. Each open page has its own
+        numbers.
     command
-        Of a live replay: takes ``pause``, ``resume``, ``seek`` or ``rate`` and a number, and
-        returns what became of it.
+        For a live replay: function that takes ``pause``, ``resume``, ``seek`` or ``rate`` and a
+        number, and returns the answer of the replay.
     port
-        0 for a free one.
+        Port of the page; 0 for a free one.
 
     Raises
     ------
@@ -62,7 +63,7 @@ class ViewerServer(http.server.ThreadingHTTPServer):
     """
 
     daemon_threads = True
-    # A port given by the user must not be shared with another server.
+    # A page that was just closed does not keep its port from the next server.
     allow_reuse_address = True
 
     def __init__(
@@ -80,7 +81,7 @@ class ViewerServer(http.server.ThreadingHTTPServer):
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """Address of the page."""
         return f"http://{HOST}:{self.server_address[1]}/"
 
     def start(self) -> None:
@@ -98,7 +99,7 @@ class ViewerServer(http.server.ThreadingHTTPServer):
 
 
 class _Handler(http.server.BaseHTTPRequestHandler):
-    """One request."""
+    """Answers one request."""
 
     server: ViewerServer
     protocol_version = "HTTP/1.1"
@@ -106,7 +107,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def do_GET(self) -> None:
         """Answer with the scene, its news, or a file of the page."""
         path = urllib.parse.unquote(urllib.parse.urlsplit(self.path).path)
-        if not self._asked_here():
+        if not self._is_for_this_server():
             self.send_error(http.HTTPStatus.FORBIDDEN)
         elif path == "/scene.json":
             self._send_json({**self.server.scene(), "cesium": cesium_is_installed()})
@@ -118,12 +119,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def do_POST(self) -> None:
         """Hand a command to the replay."""
         length = int(self.headers.get("Content-Length") or 0)
-        if not self._asked_here() or self.path != "/command" or self.server.command is None:
+        if not self._is_for_this_server() or self.path != "/command" or self.server.command is None:
             self.send_error(http.HTTPStatus.FORBIDDEN)
             return
         try:
-            asked = json.loads(self.rfile.read(min(length, LARGEST_COMMAND)))
-            answer = self.server.command(str(asked["command"]), float(asked.get("value", 0.0)))
+            request = json.loads(self.rfile.read(min(length, LARGEST_COMMAND)))
+            answer = self.server.command(str(request["command"]), float(request.get("value", 0.0)))
         except (KeyError, TypeError, ValueError) as error:
             self.send_error(http.HTTPStatus.BAD_REQUEST, str(error)[:200])
             return
@@ -132,10 +133,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
     def log_message(self, format: str, *arguments: Any) -> None:
         """Stay silent: the terminal is the user's."""
 
-    def _asked_here(self) -> bool:
-        """Refuse pages of other sites that resolve their name to this machine."""
-        own = self.server.address.removeprefix("http://").rstrip("/")
-        return self.headers.get("Host") in (own, own.replace(HOST, "localhost"))
+    def _is_for_this_server(self) -> bool:
+        """Return whether the request names this server: a site may resolve its name to it."""
+        host = self.server.address.removeprefix("http://").rstrip("/")
+        return self.headers.get("Host") in (host, host.replace(HOST, "localhost"))
 
     def _send_json(self, content: dict[str, Any]) -> None:
         body = json.dumps(content, allow_nan=False, separators=(",", ":")).encode()
@@ -148,11 +149,11 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if not file.is_relative_to(WEB_FOLDER) or not file.is_file():
             self.send_error(http.HTTPStatus.NOT_FOUND)
             return
-        guessed = _TYPES.get(file.suffix) or mimetypes.guess_type(file.name)[0]
+        content_type = _TYPES.get(file.suffix) or mimetypes.guess_type(file.name)[0]
         self.send_response(http.HTTPStatus.OK)
         self.send_header("Content-Security-Policy", _POLICY)
         self.send_header("Cache-Control", "no-cache")
-        self._send_body(guessed or "application/octet-stream", file.read_bytes())
+        self._send_body(content_type or "application/octet-stream", file.read_bytes())
 
     def _send_body(self, content_type: str, body: bytes) -> None:
         self.send_header("Content-Type", content_type)
