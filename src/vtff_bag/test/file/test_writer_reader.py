@@ -100,8 +100,8 @@ def test_own_reader_gives_messages_topics_and_times(bag):
         assert [(m.topic, m.serialized, m.log_time) for m in raw] == [
             (f"/topic_{topic}", serialized, time) for topic, serialized, time in messages
         ]
-    span = reader.time_range("/topic_1")
-    assert (span.start, span.end) == (messages[1][2], messages[-2][2])
+    times = [raw.log_time for raw in reader.raw_messages(["/topic_1"])]
+    assert (times[0], times[-1]) == (messages[1][2], messages[-2][2])
     assert reader.custom_data == {"configuration": "abc"}
 
 

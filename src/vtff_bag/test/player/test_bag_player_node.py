@@ -1,11 +1,5 @@
 """bag_player against real readers: bytes, order, quality of service, services, pacing, keys."""
 
-import os
-import pty
-import select
-import subprocess
-import sys
-import termios
 import time
 
 import bag_samples
@@ -281,48 +275,3 @@ def test_finite_durations_are_restored():
     profile = publisher_profile([offer])
     assert profile.deadline.nanoseconds == 2_000_000_005
     assert profile.lifespan.nanoseconds == 7
-
-
-def read_until(terminal, text, printed=b""):
-    """Return everything printed until a text stands in it."""
-    deadline = time.monotonic() + LIMIT
-    while text not in printed:
-        assert time.monotonic() < deadline, printed
-        if select.select([terminal], [], [], 0.1)[0]:
-            printed += os.read(terminal, 65536)
-    return printed
-
-
-@pytest.mark.parametrize("kind", ["xterm", "dumb"])
-def test_keys_in_a_terminal(recording, kind):
-    """A bar where it can be drawn, else a line for each change."""
-    terminal, side = pty.openpty()
-    before = termios.tcgetattr(side)
-    with domain_id() as free_domain:
-        player = subprocess.Popen(
-            [sys.executable, "-m", "vtff_bringup.cli", "replay", str(recording), "--delay", "0"],
-            stdin=side,
-            stdout=side,
-            stderr=side,
-            env={
-                **os.environ,
-                "ROS_DOMAIN_ID": str(free_domain),
-                "COLUMNS": "100",
-                "TERM": kind,
-            },
-        )
-        try:
-            read_until(terminal, b"playing x 1")
-            os.write(terminal, b" ")
-            read_until(terminal, b"paused x 1")
-            os.write(terminal, b"\x1b[A")
-            read_until(terminal, b"paused x 1.25")
-            os.write(terminal, b"q")
-            read_until(terminal, b"messages published")
-            assert player.wait(timeout=LIMIT) == 0
-            assert termios.tcgetattr(side) == before
-        finally:
-            player.kill()
-            player.wait()
-            os.close(terminal)
-            os.close(side)

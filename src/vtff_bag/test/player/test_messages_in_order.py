@@ -1,7 +1,5 @@
 """Replay without ROS: every message once and in order, whatever is done to its clock."""
 
-import types
-
 import bag_samples
 import pytest
 from hypothesis import HealthCheck, given, settings
@@ -11,7 +9,6 @@ from vtff_bag.file.errors import BagReadError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.player.messages_in_order import Replay, ReplaySelection, replay_steps, select_topics
 from vtff_bag.player.replay_clock import ReplayClock
-from vtff_bringup.commands.replay_terminal import KEYS, apply_action, split_keys
 
 TOPICS = 3
 COUNT = 300
@@ -201,22 +198,3 @@ def test_steps_hold_what_was_logged_up_to_their_stamp(tmp_path):
         next(replay_steps(reader, reader.topics, "/nothing"))
     with pytest.raises(BagReadError, match="cannot pace"):
         next(replay_steps(reader, reader.topics, "/topic_0"))
-
-
-def test_keys(reader):
-    replay, wall, published = make(reader, paused=True)
-    node = types.SimpleNamespace(
-        replay=replay, pause=replay.pause, resume=replay.resume, finish=lambda: done.append(1)
-    )
-    done = []
-    typed = b"x" + b"".join(KEYS) + b"\x1b["
-    assert list(split_keys(typed)) == list(KEYS.values())
-    for action in KEYS.values():
-        apply_action(action, node)
-    assert done == [1]
-    assert replay.position == 0.0 and replay.rate == 1.0
-    apply_action("forward", node)
-    assert replay.position == 10.0
-    for _ in range(200):
-        apply_action("slower", node)
-    assert replay.rate >= 1e-3

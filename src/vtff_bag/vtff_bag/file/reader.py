@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import bisect
 import contextlib
-import dataclasses
 import os
 import pathlib
 from collections.abc import Collection, Iterator
@@ -42,14 +41,6 @@ class DecodedMessage(NamedTuple):
 
     log_time: int
     message: Any
-
-
-@dataclasses.dataclass(frozen=True)
-class TimeRange:
-    """First and last log time, ns since 1970."""
-
-    start: int
-    end: int
 
 
 class BagReader:
@@ -162,14 +153,6 @@ class BagReader:
                 f"{raw.type}: {error}"
             ) from error
         return DecodedMessage(raw.log_time, message)
-
-    def time_range(self, topic: str) -> TimeRange | None:
-        """Return the log times of the first and last message of a topic; None without a message."""
-        first = last = None
-        for raw in self.raw_messages([topic]):
-            first = raw.log_time if first is None else first
-            last = raw.log_time
-        return None if first is None or last is None else TimeRange(first, last)
 
     def _check_topic(self, name: str) -> None:
         if name not in self.topics:
