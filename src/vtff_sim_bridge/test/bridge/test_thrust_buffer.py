@@ -53,6 +53,7 @@ def test_the_limit_itself_is_still_fresh(nanoseconds_after):
     limit = START + STALE_AFTER_STEPS * STEP_NANOSECONDS
     thrust = buffer.starting_at(limit + nanoseconds_after, exactly=False)
     assert (thrust is None) == bool(nanoseconds_after)
+    assert (buffer.received, buffer.late) == (1, 1)
 
 
 def test_real_time_takes_no_thrust_that_starts_later():
