@@ -1,14 +1,33 @@
-"""An ephemeris and observations that the tests of the encoders send."""
+"""Ephemerides, observations and whole logs that the tests of encoders and decoders send."""
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
-from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.ephemeris import BroadcastEphemeris, galileo_accuracy
+from vtff_gnss.fix import STATUS_SINGLE, Fix, ReceiverTime
+from vtff_gnss.novatel.encode.ephemeris import (
+    encode_galileo_ephemeris,
+    encode_gpsephem,
+    encode_rawephem,
+)
+from vtff_gnss.novatel.encode.frame import HeaderSettings
+from vtff_gnss.novatel.encode.range import encode_range, encode_rangecmp
+from vtff_gnss.novatel.encode.rangecmp4 import RangeCmp4Encoder
+from vtff_gnss.novatel.encode.solution import (
+    ComponentVersion,
+    IonosphereUtc,
+    encode_bestxyz,
+    encode_ionutc,
+    encode_receiver_time,
+    encode_version,
+)
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.signals import carrier_wavelength
 
@@ -79,3 +98,44 @@ def gps_observation_epoch(satellite_count: int = 12, **options: Any) -> Observat
         ],
         **options,
     )
+
+
+def fix_at(time: GpsTime, **changes: Any) -> Fix:
+    """Return a single-point fix in low orbit."""
+    values: dict[str, Any] = dict(
+        time=time, status=STATUS_SINGLE, receiver_solution_type=16,
+        position=(6.6e6, -1.2e6, 3.4e5), velocity=(10.5, 7400.25, -800.125),
+        position_sigma=(1.5, 2.25, 1.75), velocity_sigma=(0.125, 0.25, 0.5), velocity_latency=0.0,
+        satellites_tracked=12, satellites_used=11, clock_offset=math.nan,
+        clock_offset_sigma=math.nan)  # fmt: skip
+    return Fix(**values | changes)
+
+
+def receiver_log(seconds: int, satellite_count: int = 12) -> bytes:
+    """Return what a receiver sends in some seconds: every log of the encoders, with an answer.
+
+    The first second holds ephemerides of GPS and Galileo, ionosphere and version; each second the
+    three range logs, a fix and the time.
+    """
+    settings, rangecmp4 = HeaderSettings(), RangeCmp4Encoder()
+    gps = nominal_ephemeris()
+    galileo = replace(
+        gps, system=c.SYSTEM_GALILEO, source=c.EPHEMERIS_SOURCE_INAV, prn=11, toe=90000.0,
+        toc=90000.0, issue_of_data_clock=5, accuracy=galileo_accuracy(107),
+    )  # fmt: skip
+    content = b"\r\n<OK\r\n[COM1]" + b"".join(
+        (
+            encode_version([ComponentVersion()], TIME, settings),
+            encode_gpsephem(gps, settings),
+            encode_rawephem(replace(gps, prn=8), settings),
+            encode_galileo_ephemeris(galileo, settings),
+            encode_ionutc(IonosphereUtc.at(TIME), TIME, settings),
+        )
+    )
+    for second in range(seconds):
+        time = TIME + second
+        epoch = gps_observation_epoch(satellite_count, time=time, seed=second)
+        content += encode_range(epoch, settings) + encode_rangecmp(epoch, settings)
+        content += rangecmp4.encode(epoch, settings) + encode_bestxyz(fix_at(time), settings)
+        content += encode_receiver_time(ReceiverTime(time, True, 0.0, 1e-9, -17.0), settings)
+    return content

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import pathlib
 import struct
 import zlib
@@ -26,6 +27,12 @@ def examples(count: int) -> settings:
 def oem_file(name: str) -> pathlib.Path:
     """Return a real receiver log, or skip the test."""
     return require_shared(f"data/oem/{name}")
+
+
+def edie_range_vectors() -> bytes:
+    """Return ASCII logs of NovAtel's test vectors: compressed ranges, each before its RANGEA."""
+    vectors = pathlib.Path(__file__).parent / "novatel/range/vectors/edie_range.asc.gz"
+    return gzip.decompress(vectors.read_bytes())
 
 
 def crc32(content: bytes) -> int:

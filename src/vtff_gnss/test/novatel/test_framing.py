@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+from encoder_test_support import receiver_log
 from gnss_test_support import (
     binary_frame,
     crc32,
@@ -15,7 +16,9 @@ from gnss_test_support import (
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vtff_gnss.novatel import CommandResponse, ReceiverLogStream, read_log
+from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.fix import Fix
+from vtff_gnss.novatel import CommandResponse, RawLog, ReceiverLogStream, read_log
 from vtff_gnss.novatel.framing import crc32_novatel
 from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS, PayloadLayout
 from vtff_gnss.observations import ObservationEpoch
@@ -49,11 +52,21 @@ def test_events_do_not_depend_on_chunks(chunk_lengths):
 
 
 @pytest.mark.parametrize("length", [1, 7, 64, 1000, 4096])
-def test_real_file_does_not_depend_on_chunks(length):
+def test_log_of_every_kind_does_not_depend_on_chunks(length, tmp_path):
+    path = tmp_path / "made.gps"
+    path.write_bytes(receiver_log(12))
+    whole = list(read_log(path, raw_logs="all"))
+    assert len(whole) > 90
+    assert {type(event) for event in whole} >= {ObservationEpoch, BroadcastEphemeris, Fix, RawLog}
+    assert events_of(path.read_bytes(), [length], raw_logs="all") == whole
+
+
+def test_real_file_does_not_depend_on_chunks():
     path = oem_file("gavlab_OnceEachAgain.GPS")
     whole = list(read_log(path, raw_logs="all"))
     assert len(whole) > 90
-    assert events_of(path.read_bytes(), [length], raw_logs="all") == whole
+    for length in (1, 7, 64, 1000, 4096):
+        assert events_of(path.read_bytes(), [length], raw_logs="all") == whole
 
 
 @examples(150)

@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from encoder_test_support import TIME, nominal_ephemeris
+from encoder_test_support import TIME, fix_at, nominal_ephemeris
 from gnss_test_support import events_of, examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -259,29 +259,21 @@ def test_galileo_equals_novatel_encoder():
     assert encode_galileo_ephemeris(e, SETTINGS) == fnav.to_binary().message
 
 
-def fix_of(**changes) -> f.Fix:
-    values = dict(
-        time=TIME, status=f.STATUS_SINGLE, receiver_solution_type=16,
-        position=(6.6e6, -1.2e6, 3.4e5), velocity=(10.5, 7400.25, -800.125),
-        position_sigma=(1.5, 2.25, 1.75), velocity_sigma=(0.125, 0.25, 0.5), velocity_latency=0.0,
-        satellites_tracked=12, satellites_used=11, clock_offset=math.nan,
-        clock_offset_sigma=math.nan)  # fmt: skip
-    return f.Fix(**values | changes)
-
-
 def same_fix(ours: f.Fix, other: f.Fix) -> bool:
     """Compare by text, in which NaN equals NaN."""
     return repr(ours) == repr(other)
 
 
 def test_bestxyz():
-    (fix,) = events_of(encode_bestxyz(fix_of(), SETTINGS))
-    assert same_fix(fix, fix_of())
-    none = fix_of(status=f.STATUS_NONE, receiver_solution_type=0, position=NAN3, velocity=NAN3,
-                  position_sigma=NAN3, velocity_sigma=NAN3)  # fmt: skip
+    (fix,) = events_of(encode_bestxyz(fix_at(TIME), SETTINGS))
+    assert same_fix(fix, fix_at(TIME))
+    none = fix_at(
+        TIME, status=f.STATUS_NONE, receiver_solution_type=0, position=NAN3, velocity=NAN3,
+        position_sigma=NAN3, velocity_sigma=NAN3,
+    )  # fmt: skip
     (fix,) = events_of(encode_bestxyz(none, SETTINGS))
     assert same_fix(fix, none)
-    still = fix_of(velocity=NAN3, velocity_sigma=NAN3)
+    still = fix_at(TIME, velocity=NAN3, velocity_sigma=NAN3)
     (fix,) = events_of(encode_bestxyz(still, SETTINGS))
     assert same_fix(fix, still)
 
@@ -292,7 +284,7 @@ def test_bestxyz_equals_novatel_encoder():
         y_std_dev=2.25, z_std_dev=1.75, type=8, x_1=10.5, y_1=7400.25, z_1=-800.125,
         x_std_dev_1=0.125, y_std_dev_1=0.25, z_std_dev_1=0.5, base_id=list(b"AAAA"), num_svs=12,
         num_soln_svs=11, num_soln_L1_svs=11, gps_and_glo_mask=3)  # fmt: skip
-    frame = encode_bestxyz(fix_of(), SETTINGS)
+    frame = encode_bestxyz(fix_at(TIME), SETTINGS)
     assert frame == message.to_binary().message
     assert len(frame) == 144
 

@@ -8,7 +8,15 @@ import novatel_edie
 import numpy as np
 import pytest
 from encoder_test_support import ALL_VALID, TIME, gps_observation_epoch, observation_epoch
-from gnss_test_support import L1CA, L2C, L2P_CODELESS, events_of, examples, oem_file
+from gnss_test_support import (
+    L1CA,
+    L2C,
+    L2P_CODELESS,
+    edie_range_vectors,
+    events_of,
+    examples,
+    oem_file,
+)
 from hypothesis import given
 from hypothesis import strategies as st
 from novatel_edie import oem
@@ -126,7 +134,7 @@ def test_range_equals_novatel_encoder():
 def test_real_range_vectors_come_back():
     """Real observations of all systems: everything but state, channel and correlator is kept."""
     count = 0
-    for event in read_log(oem_file("edie_ascii_vectors.asc")):
+    for event in events_of(edie_range_vectors()):
         if isinstance(event, ObservationEpoch) and event.log_name == "RANGE":
             kept = replace(event, flags=event.flags & np.uint16(15))
             (decoded,) = events_of(encode_range(kept, SETTINGS))

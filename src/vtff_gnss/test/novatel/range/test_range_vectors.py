@@ -5,7 +5,7 @@ from __future__ import annotations
 import novatel_edie
 import numpy as np
 import pytest
-from gnss_test_support import events_of, oem_file
+from gnss_test_support import edie_range_vectors, events_of, oem_file
 from novatel_edie import oem
 
 from vtff_dynamics.time.timescales import GpsTime
@@ -39,8 +39,7 @@ def assert_equal_to_printing(ours: ObservationEpoch, twin: ObservationEpoch, **w
 
 
 def vector_lines() -> list[bytes]:
-    lines = oem_file("edie_ascii_vectors.asc").read_bytes().split(b"\r\n")
-    return [line for line in lines if line.startswith(b"#RANGE")][:30]
+    return edie_range_vectors().removesuffix(b"\r\n").split(b"\r\n")
 
 
 def printed_epoch(line: bytes) -> ObservationEpoch:
