@@ -96,7 +96,7 @@ class ThrusterHeartbeat:
     uptime: int
 
 
-def checksum(frame_identifier: int, payload: bytes) -> int:
+def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     """Return the checksum of a frame: CRC-8 SAE J1850 over identifier and payload.
 
     Parameters
@@ -281,7 +281,7 @@ def time_of_week_milliseconds(time: GpsTime) -> int:
 def _load(dbc_file: str | pathlib.Path) -> dict[str, Any]:
     """Return the messages by name, with all their signals checked to be there."""
     try:
-        database = cantools.database.load_file(str(dbc_file), database_format="dbc")
+        database: Any = cantools.database.load_file(str(dbc_file), database_format="dbc")
     except (OSError, UnicodeDecodeError, cantools.database.Error) as error:
         raise ValueError(f"{dbc_file}: cannot be read as a DBC file: {error}") from error
     messages = {message.name: message for message in database.messages}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import can
 import numpy.typing as npt
@@ -73,11 +74,10 @@ def open_bus(interface: str, channel: str, port: int = 0) -> can.BusABC:
     can.CanError or OSError
         If it cannot be opened; `can.CanInterfaceNotImplementedError` if it never can.
     """
+    options: dict[str, Any] = {}
     if interface == "udp_multicast":
         # Hop limit 0: the frames of a test bench on one machine stay on that machine.
         options = {"hop_limit": 0, "fd": False, **({"port": port} if port else {})}
-    else:
-        options = {}
     return can.Bus(channel, interface, **options)
 
 

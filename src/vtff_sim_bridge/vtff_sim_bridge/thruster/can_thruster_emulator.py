@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import can
 import cantools
@@ -98,8 +99,10 @@ class CanThruster:
         clock_mode: str = "lockstep",
     ) -> None:
         try:
-            database = cantools.database.load_file(str(dbc_file), database_format="dbc")
-            self._messages = {message.name: message for message in database.messages}
+            database: Any = cantools.database.load_file(str(dbc_file), database_format="dbc")
+            self._messages: dict[str, Any] = {
+                message.name: message for message in database.messages
+            }
             self._command_messages = {
                 self._messages[name].frame_id: self._messages[name]
                 for name in ("ThrustCommandRT", "ThrustCommandN")
@@ -178,7 +181,7 @@ class CanThruster:
         ):
             self.rejected_frames += 1
             return []
-        values = message.decode(payload, decode_choices=False, scaling=False)
+        values: dict[str, int] = message.decode(payload, decode_choices=False, scaling=False)
         if message.name == "ThrustCommandRT":
             self.rejected_frames += first is not None
             self._first_half = values
@@ -297,7 +300,7 @@ class CanThruster:
         return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
 
 
-def _checksum(frame_identifier: int, payload: bytes) -> int:
+def _checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     """Return the CRC-8 SAE J1850 of identifier (low byte first) and bytes 1 to 7."""
     remainder = 0xFF
     for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:
