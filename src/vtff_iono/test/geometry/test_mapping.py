@@ -16,7 +16,6 @@ from vtff_iono.geometry.mapping import (
     mapping_factor,
     pierce_point,
     profile_content,
-    profile_mapping,
     shell_height,
     thin_shell_mapping,
 )
@@ -49,6 +48,12 @@ def slant_by_quadrature(elevation, altitude, table_altitude, table_density):
     half = 0.5 * np.diff(edges)[:, None]
     places = edges[:-1, None] + half * (1.0 + nodes)
     return (density(places) * weights * half).sum() / 1e16
+
+
+def profile_mapping(elevation, radius, altitude, density):
+    """Return slant over vertical content of a spherical ionosphere."""
+    slant = profile_content(elevation, radius, altitude, density)
+    return slant / profile_content(0.5 * np.pi, radius, altitude, density)
 
 
 @pytest.mark.parametrize("altitude", [0.0, 236e3, 300e3, 480e3, 567e3])
@@ -112,4 +117,4 @@ def test_pierce_point_lies_on_the_ray_and_on_the_shell(latitude, longitude, heig
 def test_no_pierce_point_above_the_shell():
     receiver = itrf_from_geodetic([0.0, 0.0, 500e3])
     assert np.isnan(pierce_point(receiver, ellipsoid_normal(receiver), 320e3)).all()
-    assert np.isnan(profile_mapping(1.0, RADIUS + 2100e3, ALTITUDE, CHAPMAN))
+    assert profile_content(1.0, RADIUS + 2100e3, ALTITUDE, CHAPMAN) == 0.0

@@ -8,11 +8,13 @@ from iono_test_support import examples
 from link_simulation import START, observations, pieces
 from scipy import signal
 
+from vtff_gnss import constants as c
 from vtff_iono.content.rate_of_tec import RateOfTecMonitor
 from vtff_iono.content.slant_tec import SlantTecProcessor
 from vtff_iono.scintillation.indices import (
     ScintillationMonitor,
     ScintillationSettings,
+    default_phase_cutoff_hz,
     linear_power,
     noise_s4,
     phase_deviation,
@@ -22,6 +24,8 @@ from vtff_iono.scintillation.indices import (
 
 RATE = 20.0
 BETA = 1.2396464
+# Of the cut-off, where each of two passes of a third-order filter is 1.5 dB down.
+CORNER_RATIO = (np.sqrt(2.0) - 1.0) ** (1.0 / 6.0)
 
 
 def fading(s4, minutes, seed, decorrelation=0.5, sub_samples=8):
@@ -73,6 +77,16 @@ def test_s4_of_noise_alone_is_the_floor():
     assert noise_s4(45.0, 0.05) == pytest.approx(0.0356, abs=2e-4)
 
 
+@pytest.mark.parametrize("cn0_dbhz", [10.0, 15.0, 20.0, 25.0, 30.0, 45.0])
+def test_noise_s4_is_the_formula_of_the_literature(cn0_dbhz):
+    """Van Dierendonck et al. (1993) write it for 50 Hz; both terms scale with the sample length."""
+    ratio = 10.0 ** (cn0_dbhz / 10.0)
+    squared = 100.0 / ratio * (1.0 + 500.0 / (19.0 * ratio))
+    assert noise_s4(cn0_dbhz, 0.02) == pytest.approx(np.sqrt(squared), rel=1e-12)
+    longer = 40.0 / ratio * (1.0 + 200.0 / (19.0 * ratio))
+    assert noise_s4(cn0_dbhz, 0.05) == pytest.approx(np.sqrt(longer), rel=1e-12)
+
+
 def test_decibels_would_hide_scintillation():
     gain = fading(0.4, 50, seed=2)
     decibels = 45.0 + 20.0 * np.log10(np.abs(gain))
@@ -98,6 +112,171 @@ def test_phase_filter_passes_and_stops(cutoff):
         ratio = phase_deviation(motion + wave, RATE, cutoff).std() / wave.std()
         if factor * cutoff * 60.0 > 5.0:
             assert low <= ratio <= high
+
+
+def test_phase_filter_is_of_sixth_order():
+    """In the middle of a long series the power of a wave is that of the Butterworth filter.
+
+    Forward and backward filtering gives the response of one filter of third order twice.
+    """
+    seconds = np.arange(6000) / RATE
+    middle = slice(2000, 4000)
+    for frequency in (0.3, 0.5, 0.7, 1.0, 2.0):
+        wave = np.sin(2.0 * np.pi * frequency * seconds)
+        ratio = phase_deviation(wave, RATE, 0.7)[middle].std() / wave[middle].std()
+        # Bilinear transform: tangents of half the angles.
+        corner, angle = (np.tan(np.pi * f / RATE) for f in (0.7 * CORNER_RATIO, frequency))
+        assert ratio == pytest.approx(1.0 / (1.0 + (corner / angle) ** 6), abs=2e-3)
+        if frequency == 0.7:
+            assert ratio == pytest.approx(np.sqrt(0.5), abs=5e-3)
+
+
+def test_phase_filter_removes_a_polynomial_of_fifth_degree():
+    """The motion within a minute; a sixth degree would be left."""
+    abscissa = np.linspace(-1.0, 1.0, 1200)
+    for degree in range(1, 6):
+        assert np.abs(phase_deviation(1e8 + 1e6 * abscissa**degree, RATE, 0.1)).max() < 1e-4
+    assert np.abs(phase_deviation(1e6 * abscissa**6, RATE, 0.1)).max() > 1.0
+
+
+@pytest.mark.parametrize(("altitude", "cutoff"), [(0.0, 0.1), (149e3, 0.1), (151e3, 1.0)])
+def test_cut_off_follows_the_motion_of_the_receiver(altitude, cutoff):
+    assert default_phase_cutoff_hz(altitude) == cutoff
+    assert ScintillationSettings().phase_cutoff_hz == 1.0
+
+
+def test_a_long_fade_at_the_end_leaves_the_line_positive():
+    """The line is a tenth of the mean at least: without it S4 would have no bound."""
+    power = np.concatenate((np.full(600, 1.0), np.full(600, 1e-3)))
+    abscissa = np.linspace(-1.0, 1.0, 1200)
+    slope, mean = np.polyfit(abscissa, power, 1)
+    line = np.maximum(mean + slope * abscissa, 0.1 * power.mean())
+    assert line.min() == pytest.approx(0.1 * power.mean())
+    expected = (power / line).std() / (power / line).mean()
+    assert s4_index(power) == pytest.approx(expected, rel=1e-9)
+
+
+def one_window(columns, time, elevation=0.5, azimuth=1.0, **settings):
+    """Return the indices of a window of 60 s that begins with the first observation."""
+    monitor = ScintillationMonitor(ScintillationSettings(**settings))
+    count = len(time)
+    angles = np.broadcast_to(elevation, count), np.broadcast_to(azimuth, count)
+    (window,) = [*monitor.update(time, columns, *angles), *monitor.flush()]
+    return window
+
+
+def minute(satellites=2, seconds=60.0, **changes):
+    """Return observations at 20 Hz from the beginning of a window."""
+    count = round(seconds * RATE)
+    time, columns = observations(
+        np.arange(count) / RATE, np.full((count, satellites), 20.0), **changes
+    )
+    return time - START % 60_000_000_000, columns
+
+
+def test_noise_is_taken_off_by_the_mean_power():
+    """At 22 dB-Hz the second term of the noise is a sixth of it."""
+    time, columns = minute()
+    weak = (columns["prn"] == 1) & (columns["band"] == 1)
+    draws = np.random.default_rng(4).normal(1.0, 0.2, np.count_nonzero(weak))
+    power = linear_power(22.0) * np.abs(draws)
+    columns["cn0_dbhz"] = columns["cn0_dbhz"].astype(float)
+    columns["cn0_dbhz"][weak] = 10.0 * np.log10(power)
+    window = one_window(columns, time)
+    row = np.flatnonzero((window.prn == 1) & (window.band == 1))[0]
+    assert window.cn0_dbhz[row] == pytest.approx(10.0 * np.log10(power.mean()))
+    assert window.s4_pseudo[row] == pytest.approx(power.std() / power.mean())
+    ratio = power.mean()
+    noise = np.sqrt(40.0 / ratio * (1.0 + 200.0 / (19.0 * ratio)))
+    # S4 below the noise is none.
+    assert window.s4[row] < noise and window.s4_corrected[row] == 0.0
+    strong = 10.0 * np.log10(linear_power(22.0) * np.exp(1.5 * (draws - 1.0) / 0.2))
+    columns["cn0_dbhz"][weak] = strong
+    window = one_window(columns, time)
+    ratio = linear_power(strong).mean()
+    noise_squared = 40.0 / ratio * (1.0 + 200.0 / (19.0 * ratio))
+    expected = np.sqrt(window.s4[row] ** 2 - noise_squared)
+    assert window.s4_corrected[row] == pytest.approx(expected, rel=1e-9)
+
+
+def test_a_window_tells_signals_rate_and_directions():
+    time, columns = minute()
+    window = one_window(columns, time, elevation=1e-9 * (time - time[0]), azimuth=columns["prn"])
+    assert window.time == time[0] + 60_000_000_000
+    assert window.sample_rate_hz == pytest.approx(20.0)
+    names = [*zip(window.prn.tolist(), window.band.tolist(), strict=True)]
+    assert names == [(1, 1), (1, 2), (2, 1), (2, 2)]
+    assert window.attribute.tolist() == [ord(code) for code in "CWCW"]
+    assert window.samples.tolist() == [1200] * 4
+    assert window.elevation == pytest.approx(30.0)
+    assert window.azimuth.tolist() == window.prn.tolist()
+
+
+@pytest.mark.parametrize(("seconds", "is_enough"), [(48.0, True), (47.9, False)])
+def test_four_fifths_of_a_window_are_enough(seconds, is_enough):
+    time, columns = minute(seconds=seconds)
+    window = one_window(columns, time)
+    assert np.isfinite(window.s4).all() == np.isfinite(window.sigma_phi).all() == is_enough
+
+
+def test_sigma_phi_needs_a_continuous_phase():
+    """A lock that was lost before the window does not matter; within it, it does."""
+    time, columns = minute(satellites=5)
+    rows = [np.flatnonzero((columns["prn"] == prn) & (columns["band"] == 1)) for prn in range(1, 6)]
+    columns["flags"][rows[0][0]] |= c.FLAG_LOCK_LOST
+    columns["flags"][rows[1][1]] |= c.FLAG_LOCK_LOST
+    columns["flags"][rows[2][7]] &= ~np.uint16(c.FLAG_PHASE_VALID)
+    kept = np.ones(len(time), dtype=bool)
+    kept[rows[3][100]] = False
+    window = one_window({n: column[kept] for n, column in columns.items()}, time[kept])
+    assert np.isfinite(window.sigma_phi[window.band == 1]).tolist() == [
+        True,
+        False,
+        False,
+        False,
+        True,
+    ]
+    assert np.isfinite(window.sigma_phi[window.band == 2]).all()
+    assert np.isfinite(window.s4).all()
+
+
+@pytest.mark.parametrize(("cutoff", "is_enough"), [(5.0, True), (5.01, False)])
+def test_sigma_phi_needs_four_samples_per_period_of_the_cut_off(cutoff, is_enough):
+    time, columns = minute()
+    window = one_window(columns, time, phase_cutoff_hz=cutoff)
+    assert np.isfinite(window.sigma_phi).all() == is_enough
+
+
+@pytest.mark.parametrize(("satellites", "is_removed"), [(2, True), (1, False)])
+def test_the_median_of_four_signals_removes_the_clock(satellites, is_removed):
+    """Of two satellites with two signals; with fewer signals the median would be the signal."""
+    time, columns = minute(satellites=satellites, phase_sigma=0.0)
+    epoch = np.round(1e-9 * (time - time[0]) * RATE).astype(int)
+    clock = 0.1 * np.sin(2.0 * np.pi * 3.0 * epoch / RATE)
+    frequency = np.where(columns["band"] == 1, 1575.42e6, 1227.60e6)
+    columns["carrier_phase_cycles"] += clock * frequency / 299_792_458.0
+    sigma_phi = one_window(columns, time).sigma_phi
+    amplitude = 0.1 * 2.0 * np.pi * 1575.42e6 / 299_792_458.0
+    if is_removed:
+        assert sigma_phi.max() < 1e-3 * amplitude
+    else:
+        assert sigma_phi[0] == pytest.approx(amplitude / np.sqrt(2.0), rel=0.02)
+
+
+def test_steps_must_be_even():
+    """A gap of an epoch in the middle is a step twice as long."""
+    time, columns = minute()
+    kept = time != time[0] + 30_000_000_000
+    window = one_window({n: column[kept] for n, column in columns.items()}, time[kept])
+    assert np.isnan(window.sigma_phi).all() and np.isfinite(window.s4).all()
+
+
+def test_a_single_epoch_has_no_index():
+    time, columns = minute(seconds=0.05)
+    window = one_window(columns, time)
+    assert np.isnan(window.s4).all() and np.isnan(window.s4_corrected).all()
+    assert np.isnan(window.sigma_phi).all()
+    assert window.cn0_dbhz == pytest.approx(45.0)
 
 
 def test_monitor_gives_each_signal_its_index():

@@ -1,9 +1,10 @@
-"""Density in shells of altitude: paths of rays through them, and what is known beforehand.
+"""Density in shells of altitude: paths of rays through the shells, and the prior of the density.
 
-In and near the range of altitudes of an orbit the shells are thin and their densities free; far
-above they widen up to the orbits of the GNSS satellites, and the density is expected to fall with a
-power of altitude whose exponent varies slowly. Where O+ dominates (its scale height is some 100 km,
-at altitudes of 500 to 700 km) the exponent is 4 to 8; in the plasmasphere, which is H+, 2 to 4.
+In and near the range of altitudes of an orbit the shells are thin and their densities free. Far
+above, the shells widen up to the orbits of the GNSS satellites, and the density is expected to fall
+with a power of altitude whose exponent varies slowly. Where O+ dominates (its scale height is some
+100 km, at altitudes of 500 to 700 km) the exponent is 4 to 8; in the plasmasphere, which is H+, it
+is 2 to 4.
 """
 
 from __future__ import annotations
@@ -19,18 +20,22 @@ from vtff_iono.geometry.mapping import distance_to_altitude
 
 __all__ = ["TopsideModel", "log_density_prior", "shell_edges", "shell_middles", "shell_paths"]
 
+# Thickness of the thin shells, m.
 _STEP = 5e3
+# Altitude of the orbits of GPS, m: the shells end there.
 _HIGHEST = 20.2e6
-"""m; of the orbits of GPS."""
+# Ratio of the thicknesses of neighbouring wide shells, and their largest thickness as a fraction of
+# the altitude.
 _GROWTH = 1.15
 _LARGEST_STEP = 0.12
-# The peak of the layer is below: above, the density falls with altitude.
+# Highest altitude of the peak of the layer, m: above it the density falls with altitude.
 _HIGHEST_PEAK = 500e3
-# Natural logarithm of the ratio of densities of neighbouring thin shells, one sigma: bubbles have
-# edges. The level of all densities is free within many orders of magnitude.
+# One sigma of the natural logarithm of the ratio of densities of neighbouring thin shells: bubbles
+# have edges.
 _THIN_SHELL_SIGMA = 1.0
-_LEVEL_SIGMA = 100.0
+# Mean and sigma of the natural logarithm of all densities: free within many orders of magnitude.
 _LEVEL = math.log(1e11)
+_LEVEL_SIGMA = 100.0
 
 
 @dataclass(frozen=True)
@@ -40,9 +45,9 @@ class TopsideModel:
     Parameters
     ----------
     exponent, exponent_sigma : float
-        Mean and one sigma.
+        Mean and one sigma of the exponent.
     correlation_length : float
-        Of the exponent, in the natural logarithm of altitude.
+        Correlation length of the exponent, in the natural logarithm of altitude.
     """
 
     exponent: float = 4.0
@@ -51,7 +56,7 @@ class TopsideModel:
 
 
 def shell_edges(altitude_low: float, altitude_high: float) -> FloatArray:
-    """Return the edges of shells for an orbit between two altitudes (m), m, increasing."""
+    """Return the edges of shells for an orbit between two altitudes (m), in m, increasing."""
     top = max(altitude_high, _HIGHEST_PEAK)
     low = math.floor(altitude_low / _STEP) * _STEP
     edges = np.arange(low, top + _STEP, _STEP).tolist()
@@ -78,18 +83,18 @@ def shell_paths(
     Parameters
     ----------
     position_receiver_itrf, direction_itrf : ndarray, shape (n, 3)
-        Receivers, m, and unit vectors to satellites above the horizon.
+        Positions of the receivers, m, and unit vectors to satellites above the horizon.
     altitude : ndarray, shape (n,)
-        Of the receivers, m.
+        Altitudes of the receivers, m.
     edges : ndarray, shape (shells + 1,)
-        m.
+        Edges of the shells, m.
     """
     distance = distance_to_altitude(
         position_receiver_itrf[:, np.newaxis], direction_itrf[:, np.newaxis], edges
     )
-    below = edges <= altitude[:, np.newaxis]
-    # Within metres of the receiver the ellipsoid of its altitude may already be below it.
-    distance = np.where(below | np.isnan(distance), 0.0, distance)
+    is_below = edges <= altitude[:, np.newaxis]
+    # An edge within metres above the receiver may be an ellipsoid that passes below it.
+    distance = np.where(is_below | np.isnan(distance), 0.0, distance)
     return np.asarray(np.diff(distance, axis=1) / ELECTRONS_PER_TECU)
 
 
@@ -101,10 +106,11 @@ def log_density_prior(
     Parameters
     ----------
     edges : ndarray, shape (shells + 1,)
-        m.
+        Edges of the shells, m.
     altitude_high : float
         Highest altitude of the orbit, m.
     topside : TopsideModel
+        Expected decrease of density above the orbit and the peak.
     """
     middle = shell_middles(edges)
     count = len(middle)
@@ -114,9 +120,9 @@ def log_density_prior(
     mean = np.zeros(count - 1)
     mean[topmost] = -topside.exponent * rise[topmost]
     precision = np.eye(count - 1) / _THIN_SHELL_SIGMA**2
-    height = np.log(middle[1:][topmost])
-    apart = np.abs(height[:, np.newaxis] - height) / topside.correlation_length
-    covariance = topside.exponent_sigma**2 * np.exp(-apart)
+    log_altitude = np.log(middle[1:][topmost])
+    distance = np.abs(log_altitude[:, np.newaxis] - log_altitude) / topside.correlation_length
+    covariance = topside.exponent_sigma**2 * np.exp(-distance)
     covariance *= rise[topmost, np.newaxis] * rise[topmost]
     precision[np.ix_(topmost, topmost)] = np.linalg.inv(covariance)
     level = 1.0 / (count * _LEVEL_SIGMA**2)

@@ -4,7 +4,7 @@ References
 ----------
 Schaer (2018), SINEX_BIAS - Solution (Software/technique) INdependent EXchange Format for GNSS
 Biases, version 1.00. The DCB files of CODE (P1P2yymm.DCB, P1C1yymm.DCB, ...) have no standard;
-their header line tells pair and month.
+their title line contains the pair of signals and the month.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["read_code_biases"]
 
 _GPS_EPOCH = datetime.date(1980, 1, 6)
 _SECONDS_PER_NANOSECOND = 1e-9
-# Fields of the lines of BIAS/SOLUTION, as (first, last + 1) columns.
+# Fields of a line of BIAS/SOLUTION: first column and the column after the last.
 _SINEX_FIELDS = {
     "satellite": (11, 14),
     "station": (15, 24),
@@ -52,8 +52,8 @@ _DCB_SIGNALS = {
 def read_code_biases(path: str | pathlib.Path) -> CodeBiasTable:
     """Read a Bias-SINEX file (``.BIA``) or a DCB file of CODE, plain or with the ending ``.gz``.
 
-    Of Bias-SINEX the differential (DSB) and absolute (OSB) code biases in ns are read; phase
-    biases are left out.
+    From Bias-SINEX the differential (DSB) and absolute (OSB) code biases in ns are read; phase
+    biases are ignored.
 
     Raises
     ------
@@ -72,21 +72,21 @@ def read_code_biases(path: str | pathlib.Path) -> CodeBiasTable:
             raise BiasFileError(f"{path}: not a complete gzip file: {error}") from None
     lines = raw.decode("ascii", errors="replace").splitlines()
     if lines and lines[0].startswith("%=BIA"):
-        return CodeBiasTable(_bias_sinex(path, lines), str(path))
+        return CodeBiasTable(_read_bias_sinex(path, lines), str(path))
     if any(_DCB_TITLE.search(line) for line in lines[:8]):
-        return CodeBiasTable(_dcb_file(path, lines), str(path))
+        return CodeBiasTable(_read_dcb_file(path, lines), str(path))
     raise BiasFileError(
         f"{path}: neither a Bias-SINEX file (first line %=BIA) nor a DCB file of CODE "
         "(title DIFFERENTIAL (P1-P2) CODE BIASES)"
     )
 
 
-def _bias_sinex(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
+def _read_bias_sinex(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
     starts = [n for n, line in enumerate(lines) if line.startswith("+BIAS/SOLUTION")]
     ends = [n for n, line in enumerate(lines) if line.startswith("-BIAS/SOLUTION")]
     if not starts or not ends:
-        what = "is not closed: the file is cut off" if starts else "is missing"
-        raise BiasFileError(f"{path}: block BIAS/SOLUTION {what}")
+        fault = "is not closed: the file is cut off" if starts else "is missing"
+        raise BiasFileError(f"{path}: block BIAS/SOLUTION {fault}")
     biases = [
         _sinex_bias(f"{path}:{number + 1}", lines[number])
         for number in range(starts[0] + 1, ends[0])
@@ -95,46 +95,47 @@ def _bias_sinex(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
     return [bias for bias in biases if bias is not None]
 
 
-def _sinex_bias(place: str, line: str) -> CodeBias | None:
-    field = {name: line[a:b].strip() for name, (a, b) in _SINEX_FIELDS.items()}
+def _sinex_bias(line_name: str, line: str) -> CodeBias | None:
+    """Return the bias of a line of BIAS/SOLUTION; None for a phase bias or a bias in cycles."""
+    field = {name: line[first:end].strip() for name, (first, end) in _SINEX_FIELDS.items()}
     is_code = field["first"].startswith("C") and field["second"][:1] in ("C", "")
     if not is_code or field["unit"] != "ns":
         return None
     # A station's line has only the letter of the system in the column of the satellites.
     letter, prn = field["satellite"][:1], field["satellite"][1:].strip()
     if not letter or letter not in SYSTEM_LETTERS:
-        raise BiasFileError(f"{place}: satellite {field['satellite']!r}: unknown system")
+        raise BiasFileError(f"{line_name}: satellite {field['satellite']!r}: unknown system")
     if not prn and not field["station"]:
-        raise BiasFileError(f"{place}: names neither a satellite nor a station")
+        raise BiasFileError(f"{line_name}: names neither a satellite nor a station")
     return CodeBias(
         system=SYSTEM_LETTERS.index(letter),
-        prn=0 if field["station"] else int(_number(place, "satellite", prn)),
+        prn=0 if field["station"] else int(_number(line_name, "satellite", prn)),
         station=field["station"],
         first=field["first"],
         second=field["second"],
-        start=_sinex_time(place, "BIAS_START", field["start"], GpsTime(0)),
-        end=_sinex_time(place, "BIAS_END", field["end"], GpsTime.from_week_tow(100_000, 0.0)),
-        value=_number(place, "ESTIMATED_VALUE", field["value"]) * _SECONDS_PER_NANOSECOND,
-        sigma=_number(place, "STD_DEV", field["sigma"] or "0") * _SECONDS_PER_NANOSECOND,
+        start=_sinex_time(line_name, "BIAS_START", field["start"], GpsTime(0)),
+        end=_sinex_time(line_name, "BIAS_END", field["end"], GpsTime.from_week_tow(100_000, 0.0)),
+        value=_number(line_name, "ESTIMATED_VALUE", field["value"]) * _SECONDS_PER_NANOSECOND,
+        sigma=_number(line_name, "STD_DEV", field["sigma"] or "0") * _SECONDS_PER_NANOSECOND,
     )
 
 
-def _sinex_time(place: str, name: str, text: str, absent: GpsTime) -> GpsTime:
+def _sinex_time(line_name: str, name: str, text: str, absent: GpsTime) -> GpsTime:
     """Return the time written as year:day:second; zeros mean an open end."""
     match = re.fullmatch(r"(\d{4}):(\d{3}):(\d{5})", text)
     if match is None:
-        raise BiasFileError(f"{place}: {name} {text!r}: expected YYYY:DDD:SSSSS")
-    year, day, second = (int(part) for part in match.groups())
+        raise BiasFileError(f"{line_name}: {name} {text!r}: expected YYYY:DDD:SSSSS")
+    year, day, second = (int(digits) for digits in match.groups())
     if year == 0:
         return absent
     try:
         date = datetime.date(year, 1, 1) + datetime.timedelta(days=day - 1)
     except (ValueError, OverflowError) as error:
-        raise BiasFileError(f"{place}: {name} {text!r}: {error}") from None
+        raise BiasFileError(f"{line_name}: {name} {text!r}: {error}") from None
     return _midnight(date) + second
 
 
-def _dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
+def _read_dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
     title = next(match for match in map(_DCB_TITLE.search, lines) if match)
     start, end = _dcb_validity(path, lines)
     biases = []
@@ -142,7 +143,7 @@ def _dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
         letter = line[:1]
         if letter not in ("G", "R") or not re.match(r"[GR](\d\d| )", line):
             continue
-        place = f"{path}:{number}"
+        line_name = f"{path}:{number}"
         system = SYSTEM_LETTERS.index(letter)
         signals = _DCB_SIGNALS[system]
         prn, station = line[1:3].strip(), line[6:22].split()
@@ -159,8 +160,8 @@ def _dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
                 second=second,
                 start=start,
                 end=end,
-                value=_number(place, "VALUE", line[26:35]) * _SECONDS_PER_NANOSECOND,
-                sigma=_number(place, "RMS", line[38:47] or "0") * _SECONDS_PER_NANOSECOND,
+                value=_number(line_name, "VALUE", line[26:35]) * _SECONDS_PER_NANOSECOND,
+                sigma=_number(line_name, "RMS", line[38:47] or "0") * _SECONDS_PER_NANOSECOND,
             )
         )
     if not biases:
@@ -169,6 +170,7 @@ def _dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
 
 
 def _dcb_validity(path: pathlib.Path, lines: list[str]) -> tuple[GpsTime, GpsTime]:
+    """Return the first and last time for which the biases of a DCB file are valid."""
     text = "\n".join(lines[:8])
     month, day = _DCB_MONTH.search(text), _DCB_DAY.search(text)
     if month is not None:
@@ -184,7 +186,7 @@ def _dcb_validity(path: pathlib.Path, lines: list[str]) -> tuple[GpsTime, GpsTim
         days = _DCB_DAYS
         first = last - datetime.timedelta(days=days)
     else:
-        raise BiasFileError(f"{path}: title: tells neither YEAR-MONTH nor ENDING DAY")
+        raise BiasFileError(f"{path}: title: has neither YEAR-MONTH nor ENDING DAY")
     start = _midnight(first)
     return start, start + days * SECONDS_PER_DAY
 
@@ -193,11 +195,11 @@ def _midnight(date: datetime.date) -> GpsTime:
     return GpsTime.from_week_tow(0, 0) + (date - _GPS_EPOCH).days * SECONDS_PER_DAY
 
 
-def _number(place: str, name: str, text: str) -> float:
+def _number(line_name: str, name: str, text: str) -> float:
     try:
         number = float(text)
     except ValueError:
-        raise BiasFileError(f"{place}: {name} {text.strip()!r}: not a number") from None
+        raise BiasFileError(f"{line_name}: {name} {text.strip()!r}: not a number") from None
     if not math.isfinite(number):
-        raise BiasFileError(f"{place}: {name} {text.strip()!r}: not finite")
+        raise BiasFileError(f"{line_name}: {name} {text.strip()!r}: not finite")
     return number

@@ -1,4 +1,4 @@
-"""Levelled slant contents that a receiver bias is estimated from."""
+"""Levelled slant contents from which receiver biases are estimated."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["BiasSamples", "ReceiverBiasError"]
 
 
 class ReceiverBiasError(ValueError):
-    """The samples cannot tell a bias."""
+    """The samples do not determine a receiver bias."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,24 +23,25 @@ class BiasSamples:
     Parameters
     ----------
     time : ndarray
-        s; equal for satellites of one epoch.
+        Time, s; equal for all satellites of an epoch.
     group : ndarray of int
-        Which of the biases a sample has, 0 to m - 1: one for each pair of signals.
+        Number of the receiver bias that a sample contains, 0 to m - 1; each pair of signals has
+        its own bias.
     stec_tecu, stec_sigma_tecu : ndarray
-        Satellite biases removed, the receiver bias not.
+        Slant content and its sigma, TECU: satellite biases removed, the receiver bias included.
     elevation : ndarray
-        rad.
+        Elevation of the satellite, rad.
     direction_itrf : ndarray, shape (n, 3)
         Unit vectors to the satellites.
     position_receiver_itrf : ndarray, shape (n, 3)
-        m.
+        Positions of the receiver, m.
     arc : ndarray of int, optional
-        Samples of equal number share one level, whose error is `stec_sigma_tecu`; without it these
-        errors are taken as independent from epoch to epoch.
+        Number of the arc. Samples of an arc share one level, whose error is `stec_sigma_tecu`;
+        without arcs these errors are taken as independent from epoch to epoch.
     link : ndarray of int, optional
-        Samples of equal number share one satellite bias.
+        Number of the link. Samples of a link share one satellite bias.
     satellite_sigma_tecu : ndarray, optional
-        The part of `stec_sigma_tecu` that is the satellite bias; zero where not given.
+        Contribution of the satellite bias to `stec_sigma_tecu`, TECU; zero where not given.
     """
 
     time: FloatArray
@@ -54,7 +55,7 @@ class BiasSamples:
     link: npt.NDArray[np.int64] | None = None
     satellite_sigma_tecu: FloatArray | None = None
 
-    def part(self, chosen: npt.NDArray[np.bool_]) -> BiasSamples:
-        """Return the chosen samples."""
+    def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> BiasSamples:
+        """Return the samples of a mask or of indices, in their order."""
         columns = {name: column for name, column in vars(self).items() if column is not None}
-        return BiasSamples(**{name: column[chosen] for name, column in columns.items()})
+        return BiasSamples(**{name: column[rows] for name, column in columns.items()})

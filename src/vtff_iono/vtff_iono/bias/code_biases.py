@@ -6,8 +6,8 @@ electron content (differential signal biases, DSB): with ``P`` pseudoranges and 
 
     (P_second - P_first) = STEC / K - c (DSB_satellite + DSB_receiver),   DSB = first - second.
 
-Files give some pairs and not others. Every known bias is an edge of a graph whose nodes are
-signals; a wanted pair is the sum along the path with the smallest variance.
+Files contain the biases of some pairs of signals. Every bias is an edge of a graph whose nodes are
+signals; the bias of any other pair is the sum along the path with the smallest variance.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ from vtff_gnss.signals import carrier_frequency_hz
 __all__ = ["BiasFileError", "CodeBias", "CodeBiasTable", "broadcast_code_biases"]
 
 BROADCAST_SIGMA = 0.5e-9
-"""s; scatter of broadcast group delays about network solutions after their common mean is removed
-(0.4 ns for GPS against CAS on 2024-01-10), which a receiver bias absorbs."""
+"""s; scatter of broadcast group delays about network solutions (0.4 ns for GPS against CAS on
+2024-01-10). Their common mean, which a receiver bias absorbs, is not part of it."""
 
 _BROADCAST_PAIRS = {
     SYSTEM_GPS: (("C1W", "C2W", "group_delay"),),
@@ -38,17 +38,17 @@ _BROADCAST_PAIRS = {
     ),
 }
 
-# GPS broadcasts no delay of C/A against P(Y); 1.2 ns is the scatter of C1C-C1W over the satellites.
+# s; scatter of C1C-C1W over the satellites: GPS broadcasts no delay of C/A against P(Y).
 _COARSE_CODE_SIGMA = 1.2e-9
 
 
 class BiasFileError(ValueError):
-    """A bias file cannot be read or does not hold what is asked for; the message names the file."""
+    """A bias file cannot be read or has no bias for a time; the message names the file."""
 
 
 @dataclass(frozen=True)
 class CodeBias:
-    """A code bias with its validity.
+    """A code bias and the time for which it is valid.
 
     Parameters
     ----------
@@ -61,9 +61,10 @@ class CodeBias:
     first, second : str
         RINEX 3 observation codes of the pair; `second` is empty for an absolute bias (OSB).
     start, end : GpsTime
-        Validity.
+        First and last time for which the bias is valid.
     value, sigma : float
-        First less second, s, and its standard deviation as stated by the file.
+        Delay of the first signal minus that of the second, and its standard deviation as stated by
+        the file, s.
     """
 
     system: int
@@ -83,8 +84,9 @@ class CodeBiasTable:
     Parameters
     ----------
     biases : iterable of CodeBias
+        The biases.
     origin : str
-        Where they come from; named in messages.
+        Source of the biases, for example a file; error messages name it.
     """
 
     def __init__(self, biases: Iterable[CodeBias], origin: str = "code biases") -> None:
@@ -123,16 +125,16 @@ class CodeBiasTable:
         first, second : str
             RINEX 3 observation codes, e.g. ``"C1C"`` and ``"C2W"``.
         time : GpsTime
-            When it must be valid.
+            Time for which the bias must be valid.
         tolerance : float
-            s outside its validity for which a bias is still used.
+            Time before and after its validity during which a bias is still used, s.
 
         Returns
         -------
         value, sigma : float
-            NaN if no chain of known pairs connects the two signals.
+            NaN if no chain of pairs connects the two signals.
         """
-        return self._chained((system, prn, ""), first, second, time, tolerance)
+        return self._chain((system, prn, ""), first, second, time, tolerance)
 
     def receiver_bias(
         self,
@@ -144,29 +146,34 @@ class CodeBiasTable:
         tolerance: float = 0.0,
     ) -> tuple[float, float]:
         """Return the bias first - second of a receiver and its sigma, s; see `satellite_bias`."""
-        return self._chained((system, 0, station), first, second, time, tolerance)
+        return self._chain((system, 0, station), first, second, time, tolerance)
 
-    def _chained(
+    def _chain(
         self, owner: tuple[int, int, str], first: str, second: str, time: GpsTime, tolerance: float
     ) -> tuple[float, float]:
+        """Return bias and sigma along the chain of pairs with the smallest variance, s.
+
+        `owner` is the system, PRN and station that the biases belong to.
+        """
         edges: dict[str, list[tuple[str, float, float]]] = {}
         for bias in self._by_owner.get(owner, ()):
             if bias.start - tolerance <= time <= bias.end + tolerance:
                 variance = bias.sigma**2
                 edges.setdefault(bias.first, []).append((bias.second, bias.value, variance))
                 edges.setdefault(bias.second, []).append((bias.first, -bias.value, variance))
-        # Dijkstra over variances; the number of steps breaks ties between perfect biases.
+        # Dijkstra's algorithm over variances. Between biases without variance the chain with fewer
+        # steps is preferred.
         queue: list[tuple[float, int, str, float]] = [(0.0, 0, first, 0.0)]
-        done: set[str] = set()
+        visited: set[str] = set()
         while queue:
             variance, steps, signal, value = heapq.heappop(queue)
             if signal == second:
                 return value, math.sqrt(variance)
-            if signal in done:
+            if signal in visited:
                 continue
-            done.add(signal)
-            for following, step_value, step_variance in edges.get(signal, ()):
-                entry = (variance + step_variance, steps + 1, following, value + step_value)
+            visited.add(signal)
+            for neighbour, step_value, step_variance in edges.get(signal, ()):
+                entry = (variance + step_variance, steps + 1, neighbour, value + step_value)
                 heapq.heappush(queue, entry)
         return math.nan, math.nan
 
@@ -174,9 +181,10 @@ class CodeBiasTable:
 def broadcast_code_biases(ephemerides: Sequence[BroadcastEphemeris]) -> CodeBiasTable:
     """Return the satellite biases that the navigation messages imply.
 
-    GPS: ``C1W - C2W`` from TGD, and ``C1C - C1W`` as zero with 1.2 ns. Galileo: E1 - E5a and
-    E1 - E5b from the two BGD. Their datum is that of the system, not that of a network solution:
-    a receiver bias estimated with them differs by a constant from one estimated with a file.
+    GPS gives ``C1W - C2W`` from TGD; ``C1C - C1W`` is taken as zero with a sigma of 1.2 ns. Galileo
+    gives E1 - E5a and E1 - E5b from its two BGD. The datum of these biases is that of the system,
+    not that of a network solution: a receiver bias that is estimated with them differs by a
+    constant from a bias that is estimated with a file.
 
     References
     ----------
@@ -200,14 +208,14 @@ def broadcast_code_biases(ephemerides: Sequence[BroadcastEphemeris]) -> CodeBias
                     system=ephemeris.system,
                     prn=ephemeris.prn,
                     station="",
-                    first=one,
-                    second=other,
+                    first=signal_first,
+                    second=signal_second,
                     start=reference - half,
                     end=reference + half,
                     value=bias,
                     sigma=sigma,
                 )
-                for one, other, bias, sigma in pairs
+                for signal_first, signal_second, bias, sigma in pairs
             ]
     systems = sorted({SYSTEM_LETTERS[bias.system] for bias in biases})
     return CodeBiasTable(biases, f"broadcast group delays ({', '.join(systems) or 'none'})")

@@ -1,4 +1,4 @@
-"""Pairs of satellites of one epoch, which tell receiver biases with a given mapping.
+"""Pairs of satellites of one epoch, which determine receiver biases with a given mapping.
 
 See `vtff_iono.bias.receiver_bias` for the method.
 """
@@ -6,6 +6,7 @@ See `vtff_iono.bias.receiver_bias` for the method.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
@@ -19,21 +20,24 @@ __all__ = ["IntArray", "PairEquations", "satellite_pairs", "solve_pairs"]
 
 IntArray = npt.NDArray[np.intp]
 
+# Smallest vertical content that the gradients are relative to, TECU.
 _SMALLEST_CONTENT = 1.0
+# Residuals beyond this many sigmas are given less weight (Huber).
 _HUBER = 2.0
+# Largest number of iterations, and the change of the biases below which they end, TECU.
 _ITERATIONS = 15
 _CONVERGED = 0.01
-# The relative gradient per metre that the iteration starts from, its limits, and the error of a
-# vertical content that does not depend on distance, TECU.
+# Relative gradient of the content per metre: first value and limits.
 _START_GRADIENT = 3e-7
 _GRADIENT_LIMITS = (1e-9, 1e-5)
+# Error of a vertical content that does not depend on the distance, TECU.
 _NOISE = 0.3
+# Median of the square of a standard normal number.
 _MEDIAN_CHI_SQUARE = 0.4549
-"""Median of the square of a standard normal number."""
 
 
 def satellite_pairs(time: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of all pairs of samples of equal time; `time` does not decrease."""
+    """Return the indices of all pairs of samples of equal time; `time` must not decrease."""
     edges = np.append(np.flatnonzero(np.diff(time, prepend=-np.inf)), len(time))
     firsts, seconds = [np.zeros(0, dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
     for start, end in zip(edges[:-1], edges[1:], strict=True):
@@ -51,9 +55,9 @@ class PairEquations:
     samples : BiasSamples
         In the order of time.
     mapping, pierce_altitude : ndarray, shape (n,)
-        Slant over vertical content; altitude of the pierce points, m.
+        Slant over vertical content, and the altitude of the pierce points, m.
     first, second : ndarray of int
-        Of `satellite_pairs`.
+        Indices of the samples of each pair, see `satellite_pairs`.
     block : float
         Length of the blocks of time, s.
     """
@@ -88,17 +92,17 @@ class PairEquations:
         self.block = np.floor(samples.time[first] / block).astype(np.int64)
 
     def above(self, elevation: float) -> PairEquations:
-        """Return the equations of which both satellites are above an elevation, rad."""
-        chosen = self.elevation >= elevation
-        part = object.__new__(PairEquations)
-        for name, value in vars(self).items():
-            setattr(part, name, value[chosen])
-        return part
+        """Return the equations of the pairs whose satellites are both above an elevation, rad."""
+        is_above = self.elevation >= elevation
+        equations = object.__new__(PairEquations)
+        for name, column in vars(self).items():
+            setattr(equations, name, column[is_above])
+        return equations
 
     def level_sigma(self, weight: FloatArray, matrix: FloatArray) -> FloatArray:
-        """Return what the errors of the levels make of the biases, TECU, shape (groups,).
+        """Return the sigmas of the biases that the errors of the levels cause, TECU, (groups,).
 
-        `weight` (n,) is that of the equations, `matrix` their normal matrix.
+        `weight` (n,) holds the weights of the equations, `matrix` is their normal matrix.
         """
         arcs = self.level_shift[:, :2].astype(np.int64)
         if arcs.size == 0 or arcs.max() < 0:
@@ -106,27 +110,27 @@ class PairEquations:
         influence = self.design * weight[:, np.newaxis]
         shift = np.zeros((arcs.max() + 1, len(matrix)))
         for side in (0, 1):
-            moved = influence * self.level_shift[:, 2 + side, np.newaxis]
-            np.add.at(shift, arcs[:, side], moved if side == 0 else -moved)
+            change = influence * self.level_shift[:, 2 + side, np.newaxis]
+            np.add.at(shift, arcs[:, side], change if side == 0 else -change)
         return np.asarray(np.sqrt(((np.linalg.pinv(matrix) @ shift.T) ** 2).sum(axis=1)))
 
 
 def _level_shifts(
     samples: BiasSamples, inverse: FloatArray, first: IntArray, second: IntArray
 ) -> FloatArray:
-    """Return arcs of both samples and what one sigma of their levels does to them, (n, 4).
+    """Return the arcs of both samples, and the vertical contents of one sigma of their levels.
 
-    The arcs are -1 if they are not known.
+    The result has shape (n, 4). The arcs are -1 if the samples have none.
     """
     number = np.full(len(inverse), -1)
     if samples.arc is not None:
         number = np.unique(samples.arc, return_inverse=True)[1]
-    moved = samples.stec_sigma_tecu * inverse
-    return np.stack((number[first], number[second], moved[first], moved[second]), axis=-1)
+    sigma = samples.stec_sigma_tecu * inverse
+    return np.stack((number[first], number[second], sigma[first], sigma[second]), axis=-1)
 
 
 def _gradient_columns(point: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
-    """Return the separation of pierce points to the east and to the north, 1000 km, (n, 2)."""
+    """Return the separations of pierce points to the east and north in 1000 km, shape (n, 2)."""
     geodetic = geodetic_from_itrf(point)
     radius = np.linalg.norm(point, axis=-1)[first] * 1e-6
     latitude, longitude = geodetic[..., 0], geodetic[..., 1]
@@ -138,8 +142,17 @@ def _gradient_columns(point: FloatArray, first: IntArray, second: IntArray) -> F
 def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatArray, FloatArray]:
     """Return the biases of one model and their jackknife sigmas, TECU, shapes (groups,).
 
-    With gradients, one of the content to the east and one to the north is estimated in each block.
-    Raises ReceiverBiasError if the equations do not tell the biases.
+    Parameters
+    ----------
+    equations : PairEquations
+        Equations of all pairs.
+    with_gradients : bool
+        Estimate gradients of the content to the east and to the north in each block of time.
+
+    Raises
+    ------
+    ReceiverBiasError
+        If the equations do not determine the biases.
     """
     groups = equations.design.shape[1]
     starts = np.flatnonzero(np.diff(equations.block, prepend=equations.block[0] - 1))
@@ -153,50 +166,54 @@ def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatAr
         variance = equations.noise + (gradient * content * equations.separation) ** 2
         design = equations.design
         if with_gradients:
-            # Relative to the content, as the structure function is.
+            # Gradients are relative to the content, as the structure function is.
             design = np.hstack((design, equations.gradients * content[:, np.newaxis]))
         weighted = design * (huber / variance)[:, np.newaxis]
         matrices = np.add.reduceat(weighted[:, :, np.newaxis] * design[:, np.newaxis, :], starts)
         vectors = np.add.reduceat(weighted * equations.difference[:, np.newaxis], starts)
-        matrix, vector, local = _without_gradients(matrices, vectors, groups)
-        previous, biases = biases, _solution(matrix.sum(axis=0), vector.sum(axis=0))
+        matrix, vector, solve_gradients = _eliminate_gradients(matrices, vectors, groups)
+        previous, biases = biases, _solve(matrix.sum(axis=0), vector.sum(axis=0))
         residual = equations.difference - equations.design @ biases
         if with_gradients:
-            slopes = np.repeat(local(biases), lengths, axis=0)
-            residual -= (design[:, groups:] * slopes).sum(axis=1)
-        normed = residual**2 / variance
-        huber = np.minimum(1.0, _HUBER / np.sqrt(np.maximum(normed, 1e-12)))
-        # The gradient for which the residuals are as large as their variance says, robustly.
-        gradient *= math.sqrt(float(np.median(normed)) / _MEDIAN_CHI_SQUARE)
+            gradients = np.repeat(solve_gradients(biases), lengths, axis=0)
+            residual -= (design[:, groups:] * gradients).sum(axis=1)
+        chi_square = residual**2 / variance
+        huber = np.minimum(1.0, _HUBER / np.sqrt(np.maximum(chi_square, 1e-12)))
+        # The gradient follows from the median of the residuals, which outliers do not move.
+        gradient *= math.sqrt(float(np.median(chi_square)) / _MEDIAN_CHI_SQUARE)
         gradient = min(max(gradient, _GRADIENT_LIMITS[0]), _GRADIENT_LIMITS[1])
         if np.abs(biases - previous).max() < _CONVERGED:
             break
-    matrix, vector, _ = _without_gradients(matrices, vectors, groups)
+    matrix, vector, _ = _eliminate_gradients(matrices, vectors, groups)
     level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
     return biases, np.hypot(_jackknife(matrix, vector), level)
 
 
-def _without_gradients(matrices: FloatArray, vectors: FloatArray, groups: int):  # type: ignore[no-untyped-def]
-    """Eliminate the gradients of each block; return its equations of the biases.
+def _eliminate_gradients(
+    matrices: FloatArray, vectors: FloatArray, groups: int
+) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
+    """Return normal equations of the biases in each block, from those of biases and gradients.
 
-    The third result is a function that gives the gradients (blocks, 2) for given biases.
+    The third result is a function that returns the gradients (blocks, 2) for given biases.
     """
-    own, both, inner = matrices[:, :groups, :groups], matrices[:, :groups, groups:], None
+    bias_matrix = matrices[:, :groups, :groups]
     if matrices.shape[1] == groups:
-        return own, vectors, lambda biases: np.zeros((len(matrices), 0))
-    inner = np.linalg.pinv(matrices[:, groups:, groups:], hermitian=True)
-    carried = both @ inner
-    matrix = own - carried @ both.transpose(0, 2, 1)
-    vector = vectors[:, :groups] - (carried @ vectors[:, groups:, np.newaxis])[..., 0]
+        return bias_matrix, vectors, lambda biases: np.zeros((len(matrices), 0))
+    mixed = matrices[:, :groups, groups:]
+    inverse = np.linalg.pinv(matrices[:, groups:, groups:], hermitian=True)
+    gain = mixed @ inverse
+    matrix = bias_matrix - gain @ mixed.transpose(0, 2, 1)
+    vector = vectors[:, :groups] - (gain @ vectors[:, groups:, np.newaxis])[..., 0]
 
-    def local(biases: FloatArray) -> FloatArray:
-        right = vectors[:, groups:] - np.einsum("bgi,g->bi", both, biases)
-        return np.asarray((inner @ right[..., np.newaxis])[..., 0])
+    def solve_gradients(biases: FloatArray) -> FloatArray:
+        right = vectors[:, groups:] - np.einsum("bgi,g->bi", mixed, biases)
+        return np.asarray((inverse @ right[..., np.newaxis])[..., 0])
 
-    return matrix, vector, local
+    return matrix, vector, solve_gradients
 
 
-def _solution(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
+    """Return the solution of normal equations; raises ReceiverBiasError if they are singular."""
     try:
         return np.asarray(np.linalg.solve(matrix, vector))
     except np.linalg.LinAlgError:
@@ -206,16 +223,19 @@ def _solution(matrix: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def _jackknife(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return the sigmas of the solution, from leaving out one block after the other."""
+    """Return the sigmas of the solution, from solutions that each leave out one block.
+
+    `matrices` and `vectors` are the normal equations of the blocks.
+    """
     count = len(matrices)
     if count < 2:
         return np.full(vectors.shape[1], np.inf)
-    matrix, vector = matrices.sum(axis=0), vectors.sum(axis=0)
-    left_out = np.array(
+    matrix_sum, vector_sum = matrices.sum(axis=0), vectors.sum(axis=0)
+    solutions = np.array(
         [
-            np.linalg.lstsq(matrix - one, vector - other)[0]
-            for one, other in zip(matrices, vectors, strict=True)
+            np.linalg.lstsq(matrix_sum - matrix, vector_sum - vector)[0]
+            for matrix, vector in zip(matrices, vectors, strict=True)
         ]
     )
-    deviation = left_out - left_out.mean(axis=0)
+    deviation = solutions - solutions.mean(axis=0)
     return np.asarray(np.sqrt((count - 1) / count * (deviation**2).sum(axis=0)))

@@ -1,9 +1,10 @@
-"""The most probable densities and effects of contents that are linear in both.
+"""The most probable densities and effects, given contents that are linear in both.
 
-Contents are P n + E u + noise: the logarithms x of the densities n = exp(x) have a normal prior
-with a full precision matrix, the effects u independent ones of mean zero. u is eliminated from the
-normal equations, x found by Gauss-Newton steps, damped after Levenberg and Marquardt; the
-covariance is the inverse of the curvature at the maximum of the posterior density (Laplace).
+Contents are P n + E u + noise. The logarithms x of the densities n = exp(x) have a normal prior
+with a full precision matrix; the effects u have independent normal priors of mean zero. The effects
+are eliminated from the normal equations, and x is found by Gauss-Newton steps, damped after
+Levenberg and Marquardt. The covariance is the inverse of the curvature at the maximum of the
+posterior density (Laplace).
 
 References
 ----------
@@ -21,10 +22,13 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["NormalEquations", "ProfileSolution", "solve_profile"]
 
+# Largest number of steps; they end when the next step would gain less than this, in twice the
+# logarithm of the posterior density.
 _ITERATIONS = 60
-# Twice the logarithm of the posterior density that a step may still gain.
 _CONVERGED = 1e-2
+# Damping as a fraction of the diagonal of the curvature: first value and limits.
 _DAMPING_START, _DAMPING_LEAST, _DAMPING_MOST = 1e-3, 1e-9, 1e6
+# Largest change of the logarithm of a density in one step.
 _LARGEST_STEP = 3.0
 
 
@@ -71,26 +75,31 @@ def solve_profile(
     prior_precision, prior_vector : ndarray, shapes (n, n), (n,)
         Precision of the logarithms of densities, and precision times their mean.
     effect_precision : ndarray, shape (m,)
-        One over the variances of the effects; zero where nothing is known.
+        One over the prior variances of the effects; zero for an effect without prior.
     log_density : ndarray, shape (n,)
-        Where the search begins.
+        Logarithms of densities that the search begins with.
     """
     factor = linalg.cho_factor(normal.effects + np.diag(effect_precision), check_finite=False)
-    carried = linalg.cho_solve(factor, normal.mixed, check_finite=False)
-    alone = linalg.cho_solve(factor, normal.effects_vector, check_finite=False)
-    matrix = normal.density - normal.mixed.T @ carried
-    vector = normal.density_vector - normal.mixed.T @ alone
-    log_density, curvature = _maximum(matrix, vector, prior_precision, prior_vector, log_density)
-    density = np.exp(log_density)
-    inverse = linalg.cho_solve(factor, np.eye(len(alone)), check_finite=False)
-    spread = carried * density
-    variance = np.diag(inverse) + np.einsum(
-        "ij,ij->i", spread, linalg.cho_solve(curvature, spread.T, check_finite=False).T
+    # Effects are `effects_without_density` minus `effects_per_density` times the densities.
+    effects_per_density = linalg.cho_solve(factor, normal.mixed, check_finite=False)
+    effects_without_density = linalg.cho_solve(factor, normal.effects_vector, check_finite=False)
+    matrix = normal.density - normal.mixed.T @ effects_per_density
+    vector = normal.density_vector - normal.mixed.T @ effects_without_density
+    log_density, curvature = _find_maximum(
+        matrix, vector, prior_precision, prior_vector, log_density
     )
-    return ProfileSolution(log_density, alone - carried @ density, variance)
+    density = np.exp(log_density)
+    inverse = linalg.cho_solve(factor, np.eye(len(effect_precision)), check_finite=False)
+    # Derivatives of the effects with respect to the logarithms of the densities.
+    derivative = effects_per_density * density
+    variance = np.diag(inverse) + np.einsum(
+        "ij,ij->i", derivative, linalg.cho_solve(curvature, derivative.T, check_finite=False).T
+    )
+    effects = effects_without_density - effects_per_density @ density
+    return ProfileSolution(log_density, effects, variance)
 
 
-def _maximum(
+def _find_maximum(
     matrix: FloatArray,
     vector: FloatArray,
     prior_precision: FloatArray,
@@ -99,12 +108,12 @@ def _maximum(
 ) -> tuple[FloatArray, tuple[FloatArray, bool]]:
     """Return the logarithms at the maximum, and the Cholesky factor of the curvature there."""
 
-    def cost(logarithm: FloatArray) -> float:
+    def compute_cost(logarithm: FloatArray) -> float:
         density = np.exp(logarithm)
         misfit = density @ (0.5 * (matrix @ density) - vector)
         return float(misfit + logarithm @ (0.5 * (prior_precision @ logarithm) - prior_vector))
 
-    damping, now = _DAMPING_START, cost(log_density)
+    damping, cost = _DAMPING_START, compute_cost(log_density)
     for _ in range(_ITERATIONS):
         density = np.exp(log_density)
         slope = density * (vector - matrix @ density) + prior_vector - prior_precision @ log_density
@@ -115,10 +124,10 @@ def _maximum(
         while damping < _DAMPING_MOST:
             damped = curvature + damping * np.diag(np.diag(curvature))
             step = linalg.solve(damped, slope, assume_a="pos", check_finite=False)
-            there = log_density + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
-            then = cost(there)
-            if then < now:
-                log_density, now = there, then
+            trial = log_density + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
+            trial_cost = compute_cost(trial)
+            if trial_cost < cost:
+                log_density, cost = trial, trial_cost
                 damping = max(0.1 * damping, _DAMPING_LEAST)
                 break
             damping *= 10.0

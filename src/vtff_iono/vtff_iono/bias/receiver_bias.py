@@ -1,26 +1,27 @@
-"""Receiver biases from slant contents alone, with a sigma that contains the spread of the model.
+"""Receiver biases from slant contents alone, with a sigma that contains the spread of the models.
 
 With the bias b of the receiver (TECU, in the slant content) and the mapping factors M, two
-satellites of one epoch tell b as far as the ionosphere is the same above both:
+satellites of one epoch determine b if the ionosphere above both is the same:
 
     S_i / M_i - S_j / M_j = b_i / M_i - b_j / M_j + (V_i - V_j).
 
 The last term is the noise of the method. Its variance is a structure function, (g V s)^2: a
 relative gradient g times the vertical content V times the separation s of the pierce points. So
-pairs that are near to each other count more, and so do the hours before dawn, when little is there
-that could differ. g follows from the residuals themselves. Pairs that do not fit are given less
+pairs whose satellites are near each other count more, and so do the hours before dawn, when the
+content is small. The gradient g follows from the residuals. Pairs that do not fit are given less
 weight (Huber). Several kinds of signal pairs (GPS L1/L2, Galileo E1/E5a) have a bias each and share
-the ionosphere, which steadies all of them. The vertical content must not be negative, which bounds
-b from above.
+the ionosphere, so that each kind improves the biases of all. The vertical content must not be
+negative, which bounds b from above.
 
-Neither the height of the layer nor the lowest useful elevation is known well, and gradients may or
-may not be estimated along. The solution is repeated for the heights, elevations and bases that are
-in use; its value is the mean. Its sigma contains the scatter of these solutions, the scatter that a
-jackknife over blocks of time finds (residuals of neighbouring epochs are not independent, so that a
-formal sigma would be far too small), and the errors of the levels, each of which shifts an arc.
+Neither the height of the layer nor the lowest useful elevation is known well, and gradients may be
+estimated together with the biases or not. The solution is repeated for several heights, for several
+elevations, with and without gradients; its value is the mean. Its sigma contains the scatter of
+these solutions, the scatter of a jackknife over blocks of time (residuals of neighbouring epochs
+are not independent, so that a formal sigma would be far too small), and the errors of the levels,
+each of which shifts an arc.
 
-An eccentric orbit measures a density profile, which takes the place of shells and pairs if it makes
-that sigma smaller, see `vtff_iono.bias.profile_bias`.
+An eccentric orbit measures a density profile. That solution replaces the solutions with shells and
+pairs if its sigma is smaller, see `vtff_iono.bias.profile_bias`.
 
 References
 ----------
@@ -53,22 +54,29 @@ from vtff_iono.geometry.mapping import (
 
 __all__ = ["ReceiverBias", "content_sigma", "estimate_receiver_biases"]
 
+# Shell heights on the ground, m: from the shell of the Klobuchar model to that of the maps of CODE
+# (506.7 km).
 _GROUND_SHELLS = (350e3, 400e3, 450e3, 500e3)
-"""m; from the shell of the Klobuchar model to that of the maps of CODE (506.7 km)."""
+# Shell heights in orbit, as multiples of `shell_height`.
 _ORBIT_SHELL_FACTORS = (0.8, 0.93, 1.07, 1.25)
+# Limits of elevation.
 _ELEVATIONS_DEG = (20.0, 25.0, 30.0)
-# Interval of the epochs that are used, and of blocks: gradients, jackknife. s.
+# Interval of the epochs that are used, and length of the blocks of gradients and jackknife, s.
 _GROUND_INTERVALS = (900.0, 3600.0)
 _ORBIT_INTERVALS = (20.0, 1200.0)
 _SHORTEST_INTERVAL = 20.0
+# Short data use more of their epochs: at least this many intervals and this many blocks, so that
+# the jackknife can leave some out.
+_FEWEST_INTERVALS = 40.0
+_FEWEST_BLOCKS = 6.0
 _FEWEST_PAIRS = 50
-# Smallest range of altitudes that tells a profile, m.
+# Smallest range of altitudes that determines a profile, m.
 _SMALLEST_ALTITUDE_RANGE = 100e3
-# Decimals of the results, TECU: those beyond depend on the number of threads of linear algebra, and
-# a recording shall give the bytes that were published.
+# Number of decimals of the results, TECU. Further decimals depend on the number of threads of
+# linear algebra, and reprocessing a recording must give the bytes that were published.
 _DIGITS = 3
-# One in this many contents may be below zero for another reason than the bias.
-_NEGATIVE_PART = 0.01
+# Fraction of the contents that may be negative for another reason than the bias.
+_NEGATIVE_FRACTION = 0.01
 
 
 @dataclass(frozen=True)
@@ -78,18 +86,22 @@ class ReceiverBias:
     Parameters
     ----------
     bias_tecu, sigma_tecu : float
-        What the receiver adds to every slant content, and one sigma: sampling and spread, TECU.
-    sampling_sigma_tecu, spread_tecu : float
-        Jackknife and levels, or posterior density with a profile, of the median model; standard
-        deviation over the models.
+        Content that the receiver adds to every slant content, and its sigma from sampling and
+        spread, TECU.
+    sampling_sigma_tecu : float
+        Median over the models of the sigma from sampling: jackknife and levels, or the posterior
+        density of a profile, TECU.
+    spread_tecu : float
+        Standard deviation of the solutions of the models, TECU.
     model_tecu : tuple of float
-        Solutions of all models.
+        Solutions of all models, TECU.
     is_bounded : bool
-        The condition of a content that is not negative was active.
+        True if the bias was reduced so that contents are not negative.
     pairs : int
         Number of pairs of samples that the largest solution used.
     satellite_sigma_tecu : float
-        Sigma of the satellite biases, as the samples show it; NaN if they do not.
+        Sigma of the satellite biases, estimated from the samples, TECU; NaN if it was not
+        estimated.
     """
 
     bias_tecu: float
@@ -107,7 +119,7 @@ class ReceiverBias:
         Parameters
         ----------
         tecu_per_metre : float
-            Of the pair of signals, see `vtff_iono.links.geometry_free.tecu_per_metre`.
+            Factor of the pair of signals, see `vtff_iono.links.geometry_free.tecu_per_metre`.
         """
         scale = 1.0 / (tecu_per_metre * SPEED_OF_LIGHT)
         return -self.bias_tecu * scale, self.sigma_tecu * scale
@@ -124,20 +136,23 @@ def content_sigma(
     Parameters
     ----------
     stec_sigma_tecu, satellite_sigma_tecu : ndarray, shape (n,)
-        Of contents that contain the bias of the receiver, and the part that is stated of the
-        satellites. Where the samples of the bias show how large that is, it is replaced.
+        Sigmas of contents that still contain the bias of the receiver, and the contribution of the
+        satellite biases to them as stated by their source. Where a receiver bias comes with an
+        estimated sigma of the satellite biases, this replaces the contribution.
     biases : sequence of ReceiverBias or None
-        None adds nothing.
+        Receiver biases; None has no sigma.
     number : ndarray of int, shape (n,)
-        Which of `biases` each content has; -1 for none.
+        Index in `biases` of the bias of each content; -1 for none.
     """
-    table = [
-        (0.0, math.nan) if b is None else (b.sigma_tecu, b.satellite_sigma_tecu) for b in biases
+    no_sigmas = (0.0, math.nan)
+    sigmas = [
+        no_sigmas if bias is None else (bias.sigma_tecu, bias.satellite_sigma_tecu)
+        for bias in biases
     ]
-    receiver, shown = np.array([*table, (0.0, math.nan)])[number].T
-    stated = np.where(np.isnan(shown), 0.0, np.nan_to_num(satellite_sigma_tecu))
-    without = np.maximum(stec_sigma_tecu**2 - stated**2, 0.0)
-    return np.asarray(np.sqrt(without + np.nan_to_num(shown) ** 2 + receiver**2))
+    receiver, estimated = np.array([*sigmas, no_sigmas])[number].T
+    replaced = np.where(np.isnan(estimated), 0.0, np.nan_to_num(satellite_sigma_tecu))
+    remaining = np.maximum(stec_sigma_tecu**2 - replaced**2, 0.0)
+    return np.asarray(np.sqrt(remaining + np.nan_to_num(estimated) ** 2 + receiver**2))
 
 
 def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
@@ -146,7 +161,7 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     Parameters
     ----------
     samples : BiasSamples
-        A day on the ground, or some revolutions in orbit.
+        Contents of a day on the ground, or of some revolutions in orbit.
 
     Raises
     ------
@@ -157,28 +172,27 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     is_ground = bool(np.median(altitude) < LOWEST_ORBIT)
     interval, block = _GROUND_INTERVALS if is_ground else _ORBIT_INTERVALS
     duration = float(np.ptp(samples.time)) if len(samples.time) else 0.0
-    # Short data: more of the epochs, and six blocks, so that a jackknife can leave some out.
-    interval = min(interval, max(_SHORTEST_INTERVAL, duration / 40.0))
-    block = min(block, max(interval, duration / 6.0))
+    interval = min(interval, max(_SHORTEST_INTERVAL, duration / _FEWEST_INTERVALS))
+    block = min(block, max(interval, duration / _FEWEST_BLOCKS))
     usable = np.isfinite(samples.stec_tecu) & np.isfinite(samples.stec_sigma_tecu)
-    all_elevations = samples.part(usable & _first_of_interval(samples.time, usable, interval))
+    all_elevations = samples.select(usable & _first_of_interval(samples.time, usable, interval))
     usable &= samples.elevation >= math.radians(min(_ELEVATIONS_DEG))
     chosen = usable & _first_of_interval(samples.time, usable, interval)
-    samples, altitude = samples.part(chosen), altitude[chosen]
+    samples, altitude = samples.select(chosen), altitude[chosen]
     order = np.argsort(samples.time, kind="stable")
-    samples, altitude = samples.part(order), altitude[order]
+    samples, altitude = samples.select(order), altitude[order]
     first, second = satellite_pairs(samples.time)
     models = _models(samples, altitude, is_ground)
-    solutions, sigmas = _solutions(samples, models, first, second, block)
-    better = None if is_ground else _better(all_elevations, solutions, sigmas)
-    if better is None:
-        return _combined(samples, solutions, sigmas, len(first))
-    biases = _combined(samples, better.bias_tecu, better.sigma_tecu, len(first))
-    shown = round(better.satellite_sigma_tecu, _DIGITS)
-    return [replace(bias, satellite_sigma_tecu=shown) for bias in biases]
+    solutions, sigmas = _solve_models(samples, models, first, second, block)
+    profile = None if is_ground else _solve_profile(all_elevations, solutions, sigmas)
+    if profile is None:
+        return _combine_models(samples, solutions, sigmas, len(first))
+    biases = _combine_models(samples, profile.bias_tecu, profile.sigma_tecu, len(first))
+    satellite_sigma = round(profile.satellite_sigma_tecu, _DIGITS)
+    return [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]
 
 
-def _solutions(
+def _solve_models(
     samples: BiasSamples,
     models: list[tuple[FloatArray, FloatArray]],
     first: IntArray,
@@ -190,53 +204,55 @@ def _solutions(
     for mapping, pierce_altitude in models:
         equations = PairEquations(samples, mapping, pierce_altitude, first, second, block)
         for elevation_deg in _ELEVATIONS_DEG:
-            part = equations.above(math.radians(elevation_deg))
-            if len(part.difference) < _FEWEST_PAIRS or part.block[0] == part.block[-1]:
+            above = equations.above(math.radians(elevation_deg))
+            count = len(above.difference)
+            if count < _FEWEST_PAIRS or above.block[0] == above.block[-1]:
                 raise ReceiverBiasError(
-                    f"receiver bias: only {len(part.difference)} pairs of satellites above "
-                    f"{elevation_deg:g} deg, {_FEWEST_PAIRS} are needed at two times at least"
+                    f"receiver bias: only {count} pairs of satellites above {elevation_deg:g} deg; "
+                    f"at least {_FEWEST_PAIRS} are needed, in two blocks of {block:g} s"
                 )
             for with_gradients in (False, True):
-                biases, sigma = solve_pairs(part, with_gradients)
+                biases, sigma = solve_pairs(above, with_gradients)
                 solutions.append(biases)
                 sigmas.append(sigma)
     return np.array(solutions), np.array(sigmas)
 
 
-def _better(
+def _solve_profile(
     samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray
 ) -> ProfileBiases | None:
-    """Return solutions with a density profile if they have smaller sigmas than those with shells.
+    """Return the solutions with a density profile if their sigmas are smaller than those given.
 
-    None also if the altitude changes too little to tell a profile.
+    None also if the altitude changes too little to determine a profile.
     """
     altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
     if samples.arc is None or np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
         return None
-    found = profile_biases(samples, altitude)
-    sigma = _sigma(found.bias_tecu, found.sigma_tecu)
-    if sigma.sum() >= _sigma(solutions, sigmas).sum():
+    profile = profile_biases(samples, altitude)
+    profile_sigma = _total_sigma(profile.bias_tecu, profile.sigma_tecu)
+    if profile_sigma.sum() >= _total_sigma(solutions, sigmas).sum():
         return None
-    return found
+    return profile
 
 
-def _sigma(solutions: FloatArray, sigmas: FloatArray) -> FloatArray:
-    """Return sampling and spread together, (groups,), of the solutions of models."""
+def _total_sigma(solutions: FloatArray, sigmas: FloatArray) -> FloatArray:
+    """Return the sigmas of sampling and spread together, shape (groups,), from all models."""
     spread = np.std(solutions, axis=0, ddof=1)
     return np.asarray(np.hypot(np.median(sigmas, axis=0), spread))
 
 
-def _combined(
+def _combine_models(
     samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray, pairs: int
 ) -> list[ReceiverBias]:
     """Return the biases from the solutions of all models, shape (models, groups)."""
     results = []
     for group in range(solutions.shape[1]):
         values = solutions[:, group]
-        own = samples.group == group
-        largest = np.quantile(samples.stec_tecu[own] + samples.stec_sigma_tecu[own], _NEGATIVE_PART)
+        in_group = samples.group == group
+        upper = samples.stec_tecu[in_group] + samples.stec_sigma_tecu[in_group]
+        largest = float(np.quantile(upper, _NEGATIVE_FRACTION))
         mean = float(np.mean(values))
-        bias = min(mean, float(largest))
+        bias = min(mean, largest)
         sampling = float(np.median(sigmas[:, group]))
         spread = float(np.std(values, ddof=1))
         results.append(
@@ -256,7 +272,7 @@ def _combined(
 def _first_of_interval(
     time: FloatArray, usable: npt.NDArray[np.bool_], interval: float
 ) -> npt.NDArray[np.bool_]:
-    """Return which samples are of the first usable epoch of each interval."""
+    """Return which samples belong to the first usable epoch of each interval."""
     keys, inverse = np.unique(np.floor(time / interval), return_inverse=True)
     earliest = np.full(len(keys), np.inf)
     np.minimum.at(earliest, inverse[usable], time[usable])
@@ -266,7 +282,7 @@ def _first_of_interval(
 def _models(
     samples: BiasSamples, altitude: FloatArray, is_ground: bool
 ) -> list[tuple[FloatArray, FloatArray]]:
-    """Return mapping factors and altitudes of the pierce points for each shell height."""
+    """Return the mapping factors and the altitudes of the pierce points for each shell height."""
     radius = np.linalg.norm(samples.position_receiver_itrf, axis=-1)
     elevation = samples.elevation
     if is_ground:

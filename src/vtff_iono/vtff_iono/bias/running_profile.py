@@ -1,4 +1,4 @@
-"""The density profile that an orbit has measured so far, on top of a layer model."""
+"""The density profile that an orbit has measured so far, completed by a model of the layer."""
 
 from __future__ import annotations
 
@@ -11,32 +11,39 @@ from vtff_iono.geometry.mapping import profile_content
 
 __all__ = ["RunningProfile"]
 
-_STEP = 1e3
+# Altitudes of the table, m: fine steps up to the highest orbits, coarse steps above.
+_STEP, _TOP_STEP = 1e3, 20e3
 _LOWEST, _DENSE_TOP, _HIGHEST = 100e3, 800e3, 2000e3
-_TOP_STEP = 20e3
-# A pass counts as much as this many of its samples, so that the next one can correct it.
+# All samples so far together count as much as this many samples, so that the next pass can correct
+# the density.
 _MEMORY_SAMPLES = 10.0
+# Fraction of the difference by which the model follows the vertical content.
 _SCALE_GAIN = 0.05
+# The model keeps at least this fraction of the vertical content.
+_SMALLEST_FRACTION = 0.05
+# Vertical content of the model at first, TECU.
 _CONTENT_TECU = 20.0
+# Two altitudes that are closer than this, m, are the same.
+_SMALLEST_SEPARATION = 1.0
 
 
 class RunningProfile:
     """Electron density against altitude: measured where the orbit has been, modelled elsewhere.
 
     The model is a Chapman layer whose size follows the vertical content. It only serves to map
-    slant rays; where spacecraft have measured, the measurement takes its place.
+    slant rays; where spacecraft have measured the density, the measurement replaces it.
 
     Parameters
     ----------
     peak_altitude, scale_height_bottom, scale_height_top : float
-        Of the model, m.
+        Altitude of the peak of the model, and its scale heights below and above the peak, m.
 
     Attributes
     ----------
     altitude : ndarray, shape (n,)
-        m, increasing.
+        Altitudes of the table, m, increasing.
     density : ndarray, shape (n,)
-        Electrons per cubic metre.
+        Density at these altitudes, electrons per cubic metre.
     """
 
     def __init__(
@@ -71,37 +78,38 @@ class RunningProfile:
     def mean_density(self, altitude_first: float, altitude_second: float) -> float:
         """Return the mean density between two altitudes (m), electrons per cubic metre."""
         low, high = sorted((altitude_first, altitude_second))
-        if high - low < 1.0:
+        if high - low < _SMALLEST_SEPARATION:
             return float(np.interp(low, self.altitude, self.density))
         content = self.content_above(low) - self.content_above(high)
         return content * ELECTRONS_PER_TECU / (high - low)
 
     def scale_model(self, altitude: float, vtec_tecu: float) -> None:
-        """Scale what is not measured towards a vertical content above an altitude (m)."""
-        measured = self._weight > 0.0
-        kept = self.density
-        self.density = np.where(measured, kept, 0.0)
-        known = self.content_above(altitude)
-        self.density = np.where(measured, 0.0, kept)
-        modelled = self.content_above(altitude)
-        self.density = kept
-        if modelled <= 0.0:
+        """Scale the modelled densities towards a vertical content above an altitude (m)."""
+        is_measured = self._weight > 0.0
+        density = self.density
+        self.density = np.where(is_measured, density, 0.0)
+        measured_content = self.content_above(altitude)
+        self.density = np.where(is_measured, 0.0, density)
+        modelled_content = self.content_above(altitude)
+        self.density = density
+        if modelled_content <= 0.0:
             return
-        wanted = max(vtec_tecu - known, 0.05 * vtec_tecu) / modelled
-        gain = 1.0 if not measured.any() else _SCALE_GAIN
-        self.density = np.where(measured, kept, kept * (1.0 + gain * (wanted - 1.0)))
+        remaining = max(vtec_tecu - measured_content, _SMALLEST_FRACTION * vtec_tecu)
+        ratio = remaining / modelled_content
+        gain = _SCALE_GAIN if is_measured.any() else 1.0
+        self.density = np.where(is_measured, density, density * (1.0 + gain * (ratio - 1.0)))
 
     def absorb(
         self, altitude_first: float, altitude_second: float, density: float, sigma: float
     ) -> None:
-        """Take in a mean density between two altitudes (m) with its sigma."""
+        """Add a measured mean density between two altitudes (m), with its sigma, 1/m3."""
         low, high = sorted((altitude_first, altitude_second))
-        middle, half = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
-        chosen = np.abs(self.altitude - middle) <= half
-        new = 1.0 / sigma**2
-        weight = np.minimum(self._weight[chosen], _MEMORY_SAMPLES * new)
-        weight = weight + new
-        change = max(density, 0.0) - self.density[chosen]
+        middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
+        is_between = np.abs(self.altitude - middle) <= half_width
+        sample_weight = 1.0 / sigma**2
+        weight = np.minimum(self._weight[is_between], _MEMORY_SAMPLES * sample_weight)
+        weight = weight + sample_weight
+        change = max(density, 0.0) - self.density[is_between]
         self.density = self.density.copy()
-        self.density[chosen] += new / weight * change
-        self._weight[chosen] = weight
+        self.density[is_between] += sample_weight / weight * change
+        self._weight[is_between] = weight

@@ -15,7 +15,7 @@ from __future__ import annotations
 import enum
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -157,21 +157,6 @@ class SlantTecRows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.arc)
-
-    def part(self, start: int, end: int, first_observation: int) -> SlantTecRows:
-        """Return rows `start` to `end` (not included) as the rows of a separate block.
-
-        Parameters
-        ----------
-        start, end : int
-        first_observation : int
-            Number of the observation that the block begins with.
-        """
-        pairs = self.pairs.part(start, end)
-        second = np.where(pairs.row_second < 0, -1, pairs.row_second - first_observation)
-        pairs = replace(pairs, row_first=pairs.row_first - first_observation, row_second=second)
-        columns = (field.name for field in fields(self) if field.name != "pairs")
-        return SlantTecRows(pairs, **{name: getattr(self, name)[start:end] for name in columns})
 
 
 def no_bias(link: Link, time: GpsTime) -> tuple[float, float]:

@@ -1,12 +1,12 @@
 """Mapping of slant to vertical electron content, and where rays pierce a shell.
 
-The mapping factor M is slant over vertical content. Three ways to get it:
+The mapping factor M is slant over vertical content. There are three ways to get it:
 
 - `thin_shell_mapping` for a receiver below the ionosphere;
-- `foelsche_kirchengast_mapping` for one inside it: all electrons above the receiver are taken as a
-  slab of constant density and of a thickness of the order of the shell height. The best height
-  depends on how much of the layer is above, see `shell_height`;
-- `profile_mapping` from a density profile, exact for spherical symmetry.
+- `foelsche_kirchengast_mapping` for a receiver inside the ionosphere: all electrons above it are
+  taken as a slab of constant density, whose thickness is of the order of the shell height. The best
+  height depends on how much of the layer is above the receiver, see `shell_height`;
+- the ratio of two contents of `profile_content`, exact for spherical symmetry.
 """
 
 from __future__ import annotations
@@ -29,7 +29,6 @@ __all__ = [
     "mapping_factor",
     "pierce_point",
     "profile_content",
-    "profile_mapping",
     "shell_height",
     "thin_shell_mapping",
 ]
@@ -38,10 +37,12 @@ GROUND_SHELL_HEIGHT = 450e3
 """m; height of the thin shell of the global ionosphere maps (IONEX products of the IGS)."""
 
 LOWEST_ORBIT = 150e3
-"""m; a receiver below it is treated as one on the ground: the E and F layers are above."""
+"""m; below it a receiver is treated as a receiver on the ground: all of the E and F layers are
+above."""
 
-# Height above the orbit with the smallest error of the Foelsche-Kirchengast factor, integrated
-# through PyIRI profiles of Jicamarca, 2016-03-21, F10.7 = 90; then the error is below 1.5 %.
+# Shell height above the orbit for which the Foelsche-Kirchengast factor has the smallest error
+# against integrals through PyIRI profiles (Jicamarca, 2016-03-21, F10.7 = 90); the error is then
+# below 1.5 %.
 _ORBIT_ALTITUDE = np.array([200e3, 250e3, 300e3, 350e3, 400e3, 470e3, 550e3, 700e3])
 _SHELL_HEIGHT = np.array([550e3, 430e3, 340e3, 310e3, 360e3, 550e3, 850e3, 1420e3])
 
@@ -52,9 +53,9 @@ def shell_height(altitude: npt.ArrayLike) -> FloatArray:
     Parameters
     ----------
     altitude : array_like
-        Altitude of the receiver, m. It is the altitude relative to the peak of the layer (378 km
-        in the underlying profile) that counts; near the peak the height is smallest, far above it
-        the topside decays slowly. Outside 200 to 700 km the last value is kept.
+        Altitude of the receiver, m. What matters is the altitude relative to the peak of the layer
+        (378 km in the underlying profile): near the peak the height is smallest, far above it the
+        topside decays slowly. Outside 200 to 700 km the height is that of the nearest limit.
     """
     return np.asarray(np.interp(np.asarray(altitude, dtype=float), _ORBIT_ALTITUDE, _SHELL_HEIGHT))
 
@@ -67,7 +68,7 @@ def foelsche_kirchengast_mapping(
     Parameters
     ----------
     elevation : array_like
-        rad.
+        Elevation of the satellite, rad.
     radius : array_like
         Distance of the receiver from the centre of the Earth, m.
     height : array_like
@@ -109,7 +110,7 @@ def mapping_factor(
         Altitude of the receiver above the ellipsoid, m.
     """
     altitude = np.asarray(altitude, dtype=float)
-    # Both are computed for all; of a receiver in orbit the first one is not used.
+    # Both factors are computed for all receivers; the height keeps the unused one finite.
     above = np.where(altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT - altitude, GROUND_SHELL_HEIGHT)
     ground = thin_shell_mapping(elevation, radius, above)
     orbit = foelsche_kirchengast_mapping(elevation, radius, shell_height(altitude))
@@ -124,17 +125,18 @@ def profile_content(
     Parameters
     ----------
     elevation, radius : array_like, broadcast to shape (...)
-        Elevation, rad, above zero; distance of the receiver from the centre of symmetry, m.
+        Elevation of the ray, rad, positive; distance of the receiver from the centre of
+        symmetry, m.
     altitude : ndarray, shape (n,)
         Altitudes of the table above the sphere of radius `WGS84_SEMI_MAJOR_AXIS`, m, increasing.
     density : ndarray, shape (n,)
-        Electrons per cubic metre; linear in between, zero outside.
+        Electrons per cubic metre; linear between the altitudes of the table, zero outside it.
 
     Notes
     -----
-    With p = r cos E the path element is r' dr' / sqrt(r'^2 - p^2), whose integral over an interval
-    of constant density is the difference of sqrt(r'^2 - p^2); the density of an interval is the
-    mean of its two ends.
+    With p = r cos E the path element is r' dr' / sqrt(r'^2 - p^2). Its integral over an interval of
+    constant density is the difference of sqrt(r'^2 - p^2) at the two ends; the density of an
+    interval is the mean of the densities at its ends.
     """
     elevation, radius = np.broadcast_arrays(
         np.asarray(elevation, dtype=float), np.asarray(radius, dtype=float)
@@ -149,7 +151,11 @@ def profile_content(
 def _profile_contents(
     perigee: FloatArray, radius: FloatArray, altitude: FloatArray, density: FloatArray
 ) -> FloatArray:
-    """Return the contents, TECU, of rays by their perigees and starts, m, shape (n,) each."""
+    """Return the contents of rays, TECU, shape (n,).
+
+    `perigee` and `radius` are the smallest distance of each ray, extended backwards, from the
+    centre, and the distance of its receiver, m.
+    """
     contents = np.zeros(len(perigee))
     for ray in range(len(perigee)):
         start, square = radius[ray], perigee[ray] ** 2
@@ -159,9 +165,9 @@ def _profile_contents(
         # The interval in which the receiver lies begins at the receiver, with the density there.
         before, density_before = math.sqrt(max(start**2 - square, 0.0)), 0.0
         if first > 0:
-            part = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
-            part /= altitude[first] - altitude[first - 1]
-            density_before = density[first - 1] + part * (density[first] - density[first - 1])
+            fraction = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
+            fraction /= altitude[first] - altitude[first - 1]
+            density_before = density[first - 1] + fraction * (density[first] - density[first - 1])
         content = 0.0
         for edge in range(first, len(altitude)):
             distance = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
@@ -172,54 +178,48 @@ def _profile_contents(
     return contents
 
 
-def profile_mapping(
-    elevation: npt.ArrayLike, radius: npt.ArrayLike, altitude: FloatArray, density: FloatArray
-) -> FloatArray:
-    """Return slant over vertical content of `profile_content`; NaN without electrons above."""
-    slant = profile_content(elevation, radius, altitude, density)
-    vertical = profile_content(np.full_like(slant, 0.5 * np.pi), radius, altitude, density)
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray(slant / np.where(vertical > 0.0, vertical, np.nan))
-
-
 def distance_to_altitude(
     position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
 ) -> FloatArray:
-    """Return how far receivers are, along rays, from the ellipsoid `altitude` above WGS-84.
+    """Return the distances of receivers, along rays, from the ellipsoid `altitude` above WGS-84.
 
     Parameters
     ----------
     position_receiver_itrf, direction_itrf : array_like, shapes that broadcast to (..., 3)
-        Receivers, m, and unit vectors towards the satellites.
+        Positions of the receivers, m, and unit vectors towards the satellites.
     altitude : array_like, shape that broadcasts with (...)
-        m. The surface has half axes longer by it; it is that of constant geodetic height within
-        6 m at 500 km.
+        Height of the surface, m: both half axes of WGS-84 are longer by it. At 500 km the surface
+        is within 6 m of that of constant geodetic height.
 
     Returns
     -------
     ndarray, shape (...)
-        m; NaN where the ray does not pass the surface upwards, as for a receiver above it.
+        Distances, m; NaN where the ray does not pass the surface upwards, as for a receiver above
+        it.
     """
     altitude = np.asarray(altitude, dtype=float)
     equatorial = WGS84_SEMI_MAJOR_AXIS + altitude
     polar = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING) + altitude
-    stretch = np.stack((1.0 / equatorial, 1.0 / equatorial, 1.0 / polar), axis=-1)
-    start = np.asarray(position_receiver_itrf, dtype=float) * stretch
-    along = np.asarray(direction_itrf, dtype=float) * stretch
+    # In coordinates in which the ellipsoid is the unit sphere, the distance solves a quadratic
+    # equation: square d^2 + 2 mixed d + excess = 0.
+    scale = np.stack((1.0 / equatorial, 1.0 / equatorial, 1.0 / polar), axis=-1)
+    start = np.asarray(position_receiver_itrf, dtype=float) * scale
+    along = np.asarray(direction_itrf, dtype=float) * scale
     square = (along * along).sum(axis=-1)
-    middle = (start * along).sum(axis=-1)
-    inside = (start * start).sum(axis=-1) - 1.0
+    mixed = (start * along).sum(axis=-1)
+    excess = (start * start).sum(axis=-1) - 1.0
     with np.errstate(invalid="ignore"):
-        distance = (-middle + np.sqrt(middle**2 - square * inside)) / square
-    return np.where(inside <= 0.0, distance, np.nan)
+        distance = (-mixed + np.sqrt(mixed**2 - square * excess)) / square
+    return np.where(excess <= 0.0, distance, np.nan)
 
 
 def pierce_point(
     position_receiver_itrf: npt.ArrayLike, direction_itrf: npt.ArrayLike, altitude: npt.ArrayLike
 ) -> FloatArray:
-    """Return where rays leave the ellipsoid that lies `altitude` above WGS-84, ITRF, m.
+    """Return the points where rays leave the ellipsoid `altitude` above WGS-84, ITRF, m.
 
-    Arguments and shapes as in `distance_to_altitude`; shape (..., 3), NaN where that is NaN.
+    Arguments as in `distance_to_altitude`. The points have shape (..., 3); they are NaN where the
+    distance is NaN.
     """
     distance = distance_to_altitude(position_receiver_itrf, direction_itrf, altitude)
     receiver = np.asarray(position_receiver_itrf, dtype=float)

@@ -14,25 +14,30 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
+from vtff_gnss.signals import satellite_number
 
 __all__ = ["SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
 
-# Epochs that are computed together; bounds the memory.
+# Largest number of epochs that are computed together; it bounds the memory.
 _MOST_EPOCHS = 1000
-# From so many epochs on it pays to leave out the satellites that are below the horizon.
+# From this number of epochs on it pays to leave out the satellites that are not observed.
 _MANY_EPOCHS = 100
-# Reference times are multiples of this, ns: whoever computes an epoch counts from the same time.
+# Reference times are multiples of this interval, ns, so that an epoch has the same reference time
+# whichever epochs are computed together with it.
 _REFERENCE_INTERVAL = 1000 * NANOSECONDS_PER_SECOND
+# Stands in for an unknown position, so that no computation fails; its results are not used.
+_PLACEHOLDER_POSITION = (1e7, 0.0, 0.0)
 
 
 @dataclass(frozen=True, eq=False)
 class SatelliteGeometry:
-    """Where observed satellites are seen; NaN for one without ephemeris.
+    """Directions of observed satellites; NaN for a satellite without ephemeris.
 
     Parameters
     ----------
     elevation, azimuth : ndarray, shape (n,)
-        rad; above the plane normal to the ellipsoid normal; from north through east.
+        Elevation above the plane normal to the ellipsoid normal, and azimuth from north through
+        east, rad.
     direction_itrf : ndarray, shape (n, 3)
         Unit vectors towards the satellites, in the Earth-fixed axes of reception.
     """
@@ -40,12 +45,6 @@ class SatelliteGeometry:
     elevation: FloatArray
     azimuth: FloatArray
     direction_itrf: FloatArray
-
-    def part(self, start: int, end: int) -> SatelliteGeometry:
-        """Return observations `start` to `end` (not included)."""
-        return SatelliteGeometry(
-            self.elevation[start:end], self.azimuth[start:end], self.direction_itrf[start:end]
-        )
 
 
 def satellite_geometry(
@@ -55,17 +54,18 @@ def satellite_geometry(
     prn: npt.NDArray[np.uint8],
     position_receiver_itrf: npt.ArrayLike,
 ) -> SatelliteGeometry:
-    """Return where satellites are seen from a receiver at rest or in motion.
+    """Return the directions of satellites from a receiver at rest or in motion.
 
     Parameters
     ----------
     store : EphemerisStore
+        Ephemerides of the satellites.
     time : array_like of int, shape (n,) or scalar
         GPS time of every observation, ns since 1980-01-06, not decreasing.
     system, prn : ndarray of uint8, shape (n,)
-        Satellites.
+        Satellite of every observation.
     position_receiver_itrf : array_like, shape (3,) or (n, 3)
-        m. A row of a satellite without position (NaN) gives NaN.
+        Positions of the receiver, m; the result is NaN where the position is.
     """
     rows = len(system)
     time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
@@ -76,16 +76,16 @@ def satellite_geometry(
     starts = np.flatnonzero(np.diff(time, prepend=time[:1] - 1)) if rows else np.zeros(0, int)
     ends = np.append(starts[1:], rows)
     for first, last, table in _epochs_of_tables(store, time[starts]):
-        part = slice(starts[first], ends[last - 1])
+        rows_of_epochs = slice(starts[first], ends[last - 1])
         epoch_of_row = np.repeat(np.arange(last - first), ends[first:last] - starts[first:last])
-        _fill(
+        _fill_rows(
             result,
-            part,
+            rows_of_epochs,
             table,
             time[starts[first:last]],
             position[starts[first:last]],
             epoch_of_row,
-            system[part].astype(np.int64) << 8 | prn[part],
+            satellite_number(system[rows_of_epochs], prn[rows_of_epochs]),
         )
     return result
 
@@ -93,10 +93,10 @@ def satellite_geometry(
 def _epochs_of_tables(
     store: EphemerisStore, time: npt.NDArray[np.int64]
 ) -> Iterator[tuple[int, int, EphemerisTable]]:
-    """Yield first and last epoch (not included) that use the same ephemerides, and these.
+    """Yield ranges of epochs that use the same ephemerides: first, last (not included), table.
 
-    Epochs of one part have one reference time; how the epochs are cut makes no difference to the
-    numbers.
+    The epochs of a range have the same reference time. The numbers do not depend on how the epochs
+    are divided into ranges.
     """
     reference = time // _REFERENCE_INTERVAL
     first = 0
@@ -120,12 +120,13 @@ def geometry_from_stores(
 ) -> SatelliteGeometry:
     """Return the geometry of observations of several systems.
 
-    Galileo changes its ephemerides every ten minutes; a store of its own spares GPS the changes.
+    Galileo changes its ephemerides every ten minutes; with separate stores these changes do not
+    divide the epochs of GPS.
 
     Parameters
     ----------
     stores : mapping of int to EphemerisStore
-        By ``SYSTEM_*``; a system without one has no geometry.
+        Ephemerides by ``SYSTEM_*``; a system without a store has no geometry.
     time, system, prn, position_receiver_itrf
         As in `satellite_geometry`.
     """
@@ -136,30 +137,36 @@ def geometry_from_stores(
     for number, store in stores.items():
         rows = np.flatnonzero(system == number)
         if len(rows) and len(store):
-            part = satellite_geometry(store, time[rows], system[rows], prn[rows], position[rows])
-            result.elevation[rows] = part.elevation
-            result.azimuth[rows] = part.azimuth
-            result.direction_itrf[rows] = part.direction_itrf
+            geometry = satellite_geometry(
+                store, time[rows], system[rows], prn[rows], position[rows]
+            )
+            result.elevation[rows] = geometry.elevation
+            result.azimuth[rows] = geometry.azimuth
+            result.direction_itrf[rows] = geometry.direction_itrf
     return result
 
 
-def _fill(
+def _fill_rows(
     result: SatelliteGeometry,
-    part: slice,
+    rows_of_epochs: slice,
     table: EphemerisTable,
     time: npt.NDArray[np.int64],
     position: FloatArray,
     epoch_of_row: npt.NDArray[np.int64],
     satellite: npt.NDArray[np.int64],
 ) -> None:
-    """Compute the rows of epochs that use the same ephemerides."""
+    """Fill in the rows of epochs that use the same ephemerides.
+
+    `time` and `position` are those of the epochs, `epoch_of_row` and `satellite` (a
+    `satellite_number`) those of the rows.
+    """
     if len(table) == 0:
         return
-    known = np.asarray(np.isfinite(position).all(axis=1))
+    has_position = np.asarray(np.isfinite(position).all(axis=1))
     if len(time) >= _MANY_EPOCHS:
-        seen_at_all = np.unique(satellite)
+        observed = set(np.unique(satellite).tolist())
         table = EphemerisTable(
-            [e for e in table.ephemerides if (e.system << 8 | e.prn) in seen_at_all]
+            [e for e in table.ephemerides if int(satellite_number(e.system, e.prn)) in observed]
         )
         if len(table) == 0:
             return
@@ -168,17 +175,19 @@ def _fill(
         table,
         GpsTime(int(reference)),
         1e-9 * (time - reference),
-        np.where(known[:, np.newaxis], position, [[1e7, 0.0, 0.0]]),
+        np.where(has_position[:, np.newaxis], position, _PLACEHOLDER_POSITION),
         np.zeros(3),
     )
-    names = np.asarray(table.system, dtype=np.int64) << 8 | np.asarray(table.prn, dtype=np.int64)
-    order = np.argsort(names)
-    place = np.minimum(np.searchsorted(names, satellite, sorter=order), len(names) - 1)
-    column = order[place]
-    seen = (names[column] == satellite) & known[epoch_of_row]
-    row = np.flatnonzero(seen)
-    index = (epoch_of_row[row], column[row])
-    target = part.start + row
-    result.elevation[target] = sight.elevation[index]
-    result.azimuth[target] = sight.azimuth[index]
-    result.direction_itrf[target] = sight.direction_itrf[index]
+    number_of_column = satellite_number(table.system, table.prn)
+    order = np.argsort(number_of_column)
+    index = np.minimum(
+        np.searchsorted(number_of_column, satellite, sorter=order), len(number_of_column) - 1
+    )
+    column = order[index]
+    has_sight = (number_of_column[column] == satellite) & has_position[epoch_of_row]
+    row = np.flatnonzero(has_sight)
+    epoch_and_column = (epoch_of_row[row], column[row])
+    target = rows_of_epochs.start + row
+    result.elevation[target] = sight.elevation[epoch_and_column]
+    result.azimuth[target] = sight.azimuth[epoch_and_column]
+    result.direction_itrf[target] = sight.direction_itrf[epoch_and_column]

@@ -1,4 +1,4 @@
-"""How the rays of a receiver map to the vertical: factors and pierce points, many at once."""
+"""Mapping of many rays of a receiver to the vertical: factors and pierce points."""
 
 from __future__ import annotations
 
@@ -18,58 +18,51 @@ from vtff_iono.geometry.mapping import (
 
 __all__ = ["VerticalMapping", "vertical_mapping"]
 
-# Stands in for an unknown position, so that no conversion fails.
-_SOMEWHERE = np.array([1e7, 0.0, 0.0])
+# Stands in for an unknown position, so that no conversion fails; its results are not used.
+_PLACEHOLDER_POSITION = np.array([1e7, 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)
 class VerticalMapping:
-    """Of rays; arrays of shape (n,), NaN where position or direction is unknown.
+    """Mapping of rays; arrays of shape (n,), NaN where position or direction is unknown.
 
     Parameters
     ----------
     factor : ndarray
         Slant over vertical content above the receiver's altitude.
     pierce_latitude, pierce_longitude : ndarray
-        rad; at the thin shell, or at half the shell height above an orbit.
+        Pierce point at the thin shell, or at half the shell height above an orbit, rad.
     """
 
     factor: FloatArray
     pierce_latitude: FloatArray
     pierce_longitude: FloatArray
 
-    def part(self, start: int, end: int) -> VerticalMapping:
-        """Return rays `start` to `end` (not included)."""
-        here = slice(start, end)
-        return VerticalMapping(
-            self.factor[here], self.pierce_latitude[here], self.pierce_longitude[here]
-        )
-
 
 def vertical_mapping(
     position_itrf: FloatArray, direction_itrf: FloatArray, elevation: FloatArray
 ) -> VerticalMapping:
-    """Return how rays map to the vertical.
+    """Return the mapping of rays to the vertical.
 
     Parameters
     ----------
     position_itrf, direction_itrf : ndarray, shape (n, 3)
-        Of the receiver, m, and unit vectors to the satellites; NaN where unknown.
+        Positions of the receiver, m, and unit vectors to the satellites; NaN where unknown.
     elevation : ndarray, shape (n,)
-        rad.
+        Elevations of the satellites, rad.
     """
-    known = np.asarray(np.isfinite(position_itrf).all(axis=-1))
-    place = np.where(known[:, np.newaxis], position_itrf, _SOMEWHERE)
-    altitude = geodetic_from_itrf(place)[:, 2]
-    factor = mapping_factor(elevation, np.linalg.norm(place, axis=-1), altitude)
-    above = np.where(
+    has_position = np.asarray(np.isfinite(position_itrf).all(axis=-1))
+    position = np.where(has_position[:, np.newaxis], position_itrf, _PLACEHOLDER_POSITION)
+    altitude = geodetic_from_itrf(position)[:, 2]
+    factor = mapping_factor(elevation, np.linalg.norm(position, axis=-1), altitude)
+    pierce_altitude = np.where(
         altitude < LOWEST_ORBIT, GROUND_SHELL_HEIGHT, altitude + 0.5 * shell_height(altitude)
     )
-    point = pierce_point(place, direction_itrf, above)
-    is_nowhere = np.asarray(~(known & np.isfinite(point).all(axis=-1)))
-    pierced = geodetic_from_itrf(np.where(is_nowhere[:, np.newaxis], _SOMEWHERE, point))
+    point = pierce_point(position, direction_itrf, pierce_altitude)
+    has_point = np.asarray(has_position & np.isfinite(point).all(axis=-1))
+    geodetic = geodetic_from_itrf(np.where(has_point[:, np.newaxis], point, _PLACEHOLDER_POSITION))
     return VerticalMapping(
-        factor=np.where(known, factor, np.nan),
-        pierce_latitude=np.where(is_nowhere, np.nan, pierced[:, 0]),
-        pierce_longitude=np.where(is_nowhere, np.nan, pierced[:, 1]),
+        factor=np.where(has_position, factor, np.nan),
+        pierce_latitude=np.where(has_point, geodetic[:, 0], np.nan),
+        pierce_longitude=np.where(has_point, geodetic[:, 1], np.nan),
     )

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -159,12 +159,6 @@ class PairRows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.time)
-
-    def part(self, start: int, end: int) -> PairRows:
-        """Return rows `start` to `end` (not included)."""
-        return PairRows(
-            **{field.name: getattr(self, field.name)[start:end] for field in fields(self)}
-        )
 
 
 class PairSelector:

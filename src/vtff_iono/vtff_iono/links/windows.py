@@ -1,4 +1,4 @@
-"""Windows of time that begin at multiples of their length, filled epoch by epoch or at once."""
+"""Windows of time that begin at multiples of their length, filled epoch by epoch or all at once."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Columns = dict[str, npt.NDArray]  # type: ignore[type-arg]
 
 
 class WindowBuffer:
-    """Collects rows until their window is over.
+    """Collects rows until the window that they belong to is over.
 
     Parameters
     ----------
     length : float
-        Length of the windows, s; they begin at multiples of it in GPS time.
+        Length of the windows, s; windows begin at multiples of it in GPS time.
 
     Raises
     ------
@@ -34,27 +34,28 @@ class WindowBuffer:
         if self._length <= 0:
             raise ValueError(f"length of a window: must be positive, got {length} s")
         self._current: int | None = None
-        self._parts: list[Columns] = []
+        self._blocks: list[Columns] = []
 
     def update(
         self,
         time: npt.NDArray[np.int64],
         columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
     ) -> Iterator[tuple[int, Columns]]:
-        """Take rows in and yield the windows that they end.
+        """Add rows and yield the windows that they end.
 
         Parameters
         ----------
         time : ndarray of int64, shape (n,)
             GPS time, ns since 1980-01-06, not decreasing.
         columns : mapping of str to ndarray, shape (n, ...)
+            Columns of the rows.
 
         Yields
         ------
         end : int
             End of the window, ns.
         columns : dict of str to ndarray
-            Its rows, and their times as ``"time"``.
+            Rows of the window, and their times as ``"time"``.
         """
         if len(time) == 0:
             return
@@ -65,21 +66,23 @@ class WindowBuffer:
         for start, end in itertools.pairwise(edges):
             window = int(number[start])
             if self._current is not None and window != self._current:
-                yield self._closed()
+                yield self._take_window()
             self._current = window
-            part = {name: column[start:end] for name, column in columns.items()}
-            self._parts.append({"time": time[start:end], **part})
+            block = {name: column[start:end] for name, column in columns.items()}
+            self._blocks.append({"time": time[start:end], **block})
 
     def flush(self) -> Iterator[tuple[int, Columns]]:
         """Yield the window that is not over yet, if it has rows."""
         if self._current is not None:
-            yield self._closed()
+            yield self._take_window()
             self._current = None
 
-    def _closed(self) -> tuple[int, Columns]:
+    def _take_window(self) -> tuple[int, Columns]:
+        """Return end and rows of the current window, and forget its rows."""
         assert self._current is not None
-        joined = {
-            name: np.concatenate([part[name] for part in self._parts]) for name in self._parts[0]
+        rows = {
+            name: np.concatenate([block[name] for block in self._blocks])
+            for name in self._blocks[0]
         }
-        self._parts = []
-        return (self._current + 1) * self._length, joined
+        self._blocks = []
+        return (self._current + 1) * self._length, rows
