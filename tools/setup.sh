@@ -9,8 +9,8 @@ root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 cd "$root"
 venv="$root/.venv"
 log="$root/log/setup.log"
-packages_kib=1500000
-test_packages_kib=900000
+packages_kib=1400000
+test_packages_kib=700000
 workspace_kib=200000
 
 stop() {
@@ -132,12 +132,12 @@ fingerprint() { # of the files named on standard input
 }
 
 packages_fingerprint() {
-  printf '%s\n' requirements/{build,lock,runtime}.txt tools/patch_wheels.py | fingerprint
+  printf '%s\n' requirements/lock.txt tools/patch_wheels.py | fingerprint
   echo "$root" # a virtual environment cannot be moved
 }
 
 test_packages_fingerprint() {
-  printf '%s\n' requirements/{lock_test,test}.txt | fingerprint
+  printf '%s\n' requirements/lock_test.txt | fingerprint
 }
 
 # They are installed into .venv, and go with it.
@@ -178,10 +178,10 @@ install_packages() {
   python=$(choose_python)
   rm -rf "$venv" build install
   step "making .venv with $("$python" --version)" "$python" -m venv "$venv"
+  # --no-deps: the lock is complete, and leaves out what override.txt names.
   # --no-compile: a tenth of the modules is ever used; Python compiles those.
   step "installing ROS 2 Jazzy and the libraries (one to three minutes)" \
-    "$venv/bin/python" -m pip install --no-compile -c requirements/lock.txt \
-    -r requirements/runtime.txt -r requirements/build.txt
+    "$venv/bin/python" -m pip install --no-compile --no-deps -r requirements/lock.txt
   step "correcting the wheels' CMake files" "$venv/bin/python" tools/patch_wheels.py
   packages_fingerprint >"$venv/.vtff_packages"
 }
@@ -189,8 +189,7 @@ install_packages() {
 install_test_packages() {
   check_disk "$test_packages_kib"
   step "installing what the tests need (about one minute)" \
-    "$venv/bin/python" -m pip install --no-compile -c requirements/lock.txt \
-    -c requirements/lock_test.txt -r requirements/test.txt
+    "$venv/bin/python" -m pip install --no-compile --no-deps -r requirements/lock_test.txt
   test_packages_fingerprint >"$venv/.vtff_test_packages"
 }
 
