@@ -2,9 +2,9 @@
 
 import json
 import math
+import pathlib
 
 import numpy as np
-from shared_data import require_shared
 
 from vtff_dynamics.frames.earth import right_ascension_from_longitude
 from vtff_dynamics.orbit.elements import ClassicalElements
@@ -14,8 +14,9 @@ EPOCH = parse_epoch("2016-03-21T01:00:00 GPS")
 
 
 def reference_orbit():
-    """Return the contents of propagation/reference_1h.json."""
-    return json.loads(require_shared("data/propagation/reference_1h.json").read_text())
+    """Return an orbit of one hour as four codes agree on it to micrometres."""
+    path = pathlib.Path(__file__).parent / "orbit/reference_1h.json"
+    return json.loads(path.read_text())
 
 
 def remote_sensing_elements():

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
+import pathlib
 import sys
 import types
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
-from shared_data import require_shared
 
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_sim_bridge.atmosphere.density_models import (
@@ -35,7 +35,8 @@ from vtff_sim_bridge.atmosphere.electron_density import (
 
 @pytest.fixture(scope="module")
 def jicamarca():
-    table = require_shared("data/ionosphere/model/pyiri_jicamarca_20160321T01.csv")
+    """PyIRI over Jicamarca at 2016-03-21 01:00 UTC, F10.7 = 90: one column of its output."""
+    table = pathlib.Path(__file__).with_name("pyiri_jicamarca_20160321T01.csv")
     return read_profile(table, "90_SH URSI SHU2015")
 
 
