@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import yaml
 
-from vtff_bringup.system.extension import joined_system
+from vtff_bringup.system.extension import join_system
 from vtff_node.executables import node_class
 from vtff_node.parameters import default_of
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
@@ -39,7 +39,7 @@ def read(path: pathlib.Path) -> dict[str, Any]:
 
 def nodes_of(path: pathlib.Path) -> list[dict[str, Any]]:
     """Return the entries of the nodes of a system file, with those of the files it extends."""
-    return joined_system(path, read)["nodes"]
+    return join_system(path, read)["nodes"]
 
 
 def defaults_of(node: dict[str, Any]) -> dict[str, Any]:
@@ -94,7 +94,7 @@ def test_a_system_file_takes_only_step_and_target_from_the_scenario(path):
 @pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
 def test_an_argument_that_feeds_a_parameter_has_the_default_of_that_parameter(path):
     """Arguments whose value a process needs too: the bus and the port of SimREMOTE."""
-    arguments = joined_system(path, read).get("arguments", {})
+    arguments = join_system(path, read).get("arguments", {})
     for node in nodes_of(path):
         defaults = defaults_of(node)
         for name, value in node.get("parameters", {}).items():
@@ -113,6 +113,6 @@ def test_simremote_has_one_port():
 
 @pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
 def test_emulated_devices_have_their_properties_from_their_own_defaults(path):
-    for process in joined_system(path, read).get("processes", ()):
+    for process in join_system(path, read).get("processes", ()):
         options = {str(text) for text in process["arguments"]}
         assert not options & {"--acceleration-cap", "--quantum", "--watchdog-timeout"}

@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 from vtff_analysis import report
 from vtff_bringup import cli
-from vtff_bringup.commands import run
+from vtff_bringup.run import on_console
 from vtff_bringup.run.runner import RunResult
 
 
@@ -49,14 +49,14 @@ def test_an_interrupt_while_the_report_is_written(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(report, "write_report", interrupted)
-    exit_code, shown = shown_by(run.report_run, tmp_path)
+    exit_code, shown = shown_by(on_console.report_run, tmp_path)
     assert exit_code == 130
     assert "report interrupted" in shown
 
 
 def test_a_run_that_never_started_shows_no_speed(tmp_path):
     result = RunResult(2, "a failed (exit code 2); log: a.log", ("last words",), 0.3, {})
-    returned, shown = shown_by(run.conclude_run, tmp_path, result)
+    returned, shown = shown_by(on_console.conclude_run, tmp_path, result)
     assert returned == (2, 0)
     assert "a failed" in shown and "last words" in shown and f"run: {tmp_path}" in shown
     assert "real time" not in shown and "messages" not in shown

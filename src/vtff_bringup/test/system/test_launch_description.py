@@ -16,7 +16,9 @@ import pytest
 import yaml
 
 from vtff_bringup.system import launch_description as launch_system
-from vtff_bringup.system.system_file import RunSettings, SystemFileError, load_system
+from vtff_bringup.system.description import RunSettings
+from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.system_file import load_system
 from vtff_node import executables
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
@@ -76,7 +78,7 @@ def ros_arguments(node):
 
 @pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
 def test_same_command_lines_as_the_runner(kept_launch, monkeypatch, tmp_path, pacing):
-    monkeypatch.setattr("vtff_bringup.system.system_file._free_port", lambda: 40000)
+    monkeypatch.setattr("vtff_bringup.system.system_file.free_port", lambda: 40000)
     run = tmp_path / "run"
     override = "sdre_controller.design:=delay_aware"
     actions = launch_system.launch_actions(

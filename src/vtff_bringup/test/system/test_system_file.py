@@ -7,13 +7,10 @@ import pathlib
 import pytest
 import yaml
 
-from vtff_bringup.system.system_file import (
-    RunSettings,
-    SystemFileError,
-    find_system_file,
-    load_system,
-    parse_override,
-)
+from vtff_bringup.system.description import RunSettings
+from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.overrides import parse_override
+from vtff_bringup.system.system_file import find_system_file, load_system
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 REFERENCE = ROOT / "config/system/reference_software.yaml"

@@ -1,4 +1,4 @@
-"""`vtff bag`: what is in a bag, and what can be saved of a damaged one."""
+"""`vtff bag`: content of a bag, and recovery of a damaged one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def info_command(
     try:
         typer.echo(describe_bag(path))
     except BagError as error:
-        _stop(error)
+        raise _exit_with_error(error) from error
 
 
 @app.command("recover", no_args_is_help=True)
@@ -40,9 +40,10 @@ def recover_command(
     try:
         typer.echo(str(recover(path, out)))
     except BagError as error:
-        _stop(error)
+        raise _exit_with_error(error) from error
 
 
-def _stop(error: BagError) -> None:
+def _exit_with_error(error: BagError) -> typer.Exit:
+    # On standard error: the recovered path on standard output is for scripts.
     typer.echo(f"error: {error}", err=True)
-    raise typer.Exit(EXIT_FAILURE)
+    return typer.Exit(EXIT_FAILURE)

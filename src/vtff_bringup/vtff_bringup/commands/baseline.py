@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
+from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ _ESTIMATORS = ("cdgps", "paper")
 _DYNAMICS = ("static", "kinematic", "orbital")
 _ORBITAL_MASK_DEG, _GROUND_MASK_DEG = 5.0, 10.0
 _GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA = 1.0, 0.003
-"""m, multipath of a simple antenna included."""
+"""m; they include the multipath of a simple antenna."""
 _REASONS_SHOWN = 4
 
 
@@ -124,7 +124,7 @@ def baseline(
     """Compute the position of one receiver relative to another from recorded observations.
 
     Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed; the
-    format is found by content. Only epochs with equal time tags are used. The same filter as in
+    format is found by content. Only epochs with equal time tags are used. The filter is that of
     the loop, in the order of time.
 
     Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
@@ -146,28 +146,25 @@ def baseline(
 
     console = Console(highlight=False)
     try:
-        bands = _bands(signals, estimator)
+        bands = _parse_bands(signals, estimator)
         if dynamics is not None and dynamics not in _DYNAMICS:
             raise BaselineError(f"--dynamics {dynamics!r}: one of {', '.join(_DYNAMICS)} expected")
         with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
-            sources = _read(rover, base, navigation or [], bands, partial, (rover_name, base_name),
-                            bar)  # fmt: skip
-        options = _options(
+            names = (rover_name, base_name)
+            sources = _read_sources(rover, base, navigation or [], bands, partial, names, bar)
+        options = _complete_options(
             sources, dynamics, estimator, bands, elevation_mask, base_position, estimate_base,
             (code_sigma, phase_sigma), troposphere,
-            _limit(start, sources, "--start"), _limit(end, sources, "--end"),
+            _parse_limit(start, sources, "--start"), _parse_limit(end, sources, "--end"),
         )  # fmt: skip
         raise typer.Exit(_compute(console, sources, options, truth, out))
     except (BaselineError, ObservationFileError, BagError, RunFolderError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
-        reason = f"{error.filename}: {error.strerror}" if error.filename else str(error)
-        console.print(f"[red]error:[/red] {escape(reason)}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
+        raise exit_with_error(console, describe_os_error(error), EXIT_USAGE) from error
 
 
-def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
+def _parse_bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
     from vtff_analysis.baseline.sources import BaselineError
     from vtff_nav.relative.common.measurements import DEFAULT_BANDS
     from vtff_nav.relative.common.signal_bands import parse_bands
@@ -183,7 +180,7 @@ def _bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ...]]:
         raise BaselineError(f"--signals {signals!r}: {error}") from None
 
 
-def _read(
+def _read_sources(
     rover: pathlib.Path,
     base: pathlib.Path | None,
     navigation: list[pathlib.Path],
@@ -210,7 +207,7 @@ def _read(
     )  # fmt: skip
 
 
-def _options(
+def _complete_options(
     sources: BaselineSources,
     dynamics: str | None,
     estimator: str,
@@ -223,13 +220,13 @@ def _options(
     start: GpsTime | None,
     end: GpsTime | None,
 ) -> BaselineOptions:
-    """Complete what was given by what fits the receivers."""
+    """Return the options of the command line, completed by defaults for ground or orbit."""
     from vtff_analysis.baseline.processing import BaselineOptions
     from vtff_analysis.baseline.sources import BaselineError
 
     if estimate_base and base_position is not None:
         raise BaselineError("--base-position and --estimate-base contradict each other")
-    # Who does not know his place is a spacecraft in a bag.
+    # Only a bag has no position of the base: its receivers are taken for spacecraft.
     is_in_orbit = sources.is_in_orbit is not False
     if dynamics is None:
         dynamics = "orbital" if is_in_orbit else "kinematic"
@@ -238,7 +235,7 @@ def _options(
         base_position = sources.position_base_itrf
     if elevation_mask_deg is None:
         elevation_mask_deg = _ORBITAL_MASK_DEG if is_orbital else _GROUND_MASK_DEG
-    noise = _noise(is_orbital, *sigmas)
+    noise = _measurement_noise(is_orbital, *sigmas)
     return BaselineOptions(
         dynamics=dynamics,  # type: ignore[arg-type]
         estimator=estimator,
@@ -252,7 +249,7 @@ def _options(
     )
 
 
-def _noise(
+def _measurement_noise(
     is_orbital: bool, code_sigma: float | None, phase_sigma: float | None
 ) -> MeasurementNoise:
     """Return the noise of each receiver.
@@ -277,7 +274,7 @@ def _noise(
     )
 
 
-def _limit(text: str | None, sources: BaselineSources, option: str) -> GpsTime | None:
+def _parse_limit(text: str | None, sources: BaselineSources, option: str) -> GpsTime | None:
     """Return a time given as an epoch or as seconds after the first common epoch."""
     from vtff_analysis.baseline.sources import BaselineError
     from vtff_dynamics.time.timescales import TIME_SCALES, parse_epoch
@@ -312,14 +309,14 @@ def _compute(
     from vtff_bag.run.folder import output_folder
 
     for remark in sources.remarks:
-        console.print(f"[yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
+        print_note(console, remark)
     with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
         task = bar.add_task(f"{options.estimator}, {options.dynamics}", total=None)
         run = process_baseline(
             sources, options, lambda done, total: bar.update(task, completed=done, total=total)
         )
-    known = truth or sources.truth
-    errors = errors_local(run, known) if known is not None else None
+    reference = truth or sources.truth
+    errors = errors_local(run, reference) if reference is not None else None
     summary = summarise(run, errors)
     folder = output_folder(out, "baseline")
     write_csv(run, errors, folder / "baseline.csv")
@@ -327,9 +324,9 @@ def _compute(
     title = f"{sources.rover_name} relative to {sources.base_name}"
     write_plot(run, errors, folder / "baseline.png", title)
     console.print(title, markup=False, style="bold", soft_wrap=True)
-    for line in _lines(run, summary):
+    for line in _summary_lines(run, summary):
         console.print(f"  {line}", markup=False, soft_wrap=True)
-    console.print(_table(options, run, summary))
+    console.print(_make_table(options, run, summary))
     for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:
         console.print(f"  {count} epochs: {reason}", markup=False, soft_wrap=True)
     console.print(f"CSV, JSON and plot: {folder}", markup=False, soft_wrap=True)
@@ -339,8 +336,8 @@ def _compute(
     return 0
 
 
-def _lines(run: BaselineRun, summary: BaselineSummary) -> list[str]:
-    """Return what is not said by axis."""
+def _summary_lines(run: BaselineRun, summary: BaselineSummary) -> list[str]:
+    """Return the lines with the numbers that do not belong to an axis."""
     unpaired = f", {run.unpaired[0]} + {run.unpaired[1]} without partner"
     shares = ", ".join(
         f"{100.0 * count / summary.epochs:.2f} % {name}"
@@ -363,7 +360,7 @@ def _lines(run: BaselineRun, summary: BaselineSummary) -> list[str]:
     return lines
 
 
-def _table(options: BaselineOptions, run: BaselineRun, summary: BaselineSummary) -> Table:
+def _make_table(options: BaselineOptions, run: BaselineRun, summary: BaselineSummary) -> Table:
     table = Table(show_header=True)
     table.add_column(f"{options.estimator}, {options.dynamics}")
     for name in (*run.axes, "3-D"):

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ def compare(
     if len(bags) < 2:
         console.print("[red]error:[/red] name at least two bags to compare")
         raise typer.Exit(EXIT_USAGE)
-    # Imports rclpy and matplotlib, which takes a while.
+    # Imported here, because rclpy and matplotlib take a while.
     from vtff_analysis.compare.comparison import names_of_runs, read_compared_run
     from vtff_analysis.compare.plots import plot_comparison
 
@@ -51,9 +52,8 @@ def compare(
             runs = [read_compared_run(path, name) for path, name in zip(bags, names, strict=True)]
         folder = output_folder(out, "compare", parent="bags")
     except (BagError, RunFolderError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
-    _print(console, runs)
+        raise exit_with_error(console, error, EXIT_USAGE) from error
+    _print_table(console, runs)
     try:
         content = {run.name: run.summary for run in runs}
         text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
@@ -61,12 +61,11 @@ def compare(
         with console.status("drawing"):
             plot_comparison(runs, folder)
     except OSError as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_FAILURE) from error
+        raise exit_with_error(console, error, EXIT_FAILURE) from error
     console.print(f"plots and numbers: {folder}", markup=False, soft_wrap=True)
 
 
-def _print(console: Console, runs: list[ComparedRun]) -> None:
+def _print_table(console: Console, runs: list[ComparedRun]) -> None:
     from vtff_analysis.compare.comparison import comparison_rows
 
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
@@ -77,15 +76,15 @@ def _print(console: Console, runs: list[ComparedRun]) -> None:
         table.add_section()
         table.add_row(f"[bold]{escape(heading)}[/bold]")
         for label, decimals, values in rows:
-            table.add_row(f"  {escape(label)}", *(_shown(value, decimals) for value in values))
+            table.add_row(f"  {escape(label)}", *(_value_text(value, decimals) for value in values))
     console.print(table)
     for run in runs:
         for note in run.history.notes:
-            console.print(f"[yellow]note:[/yellow] {escape(run.name)}: {escape(note)}")
+            print_note(console, f"{run.name}: {note}")
 
 
-def _shown(value: Any, decimals: int) -> str:
-    """Return a number, ``never`` for one that does not exist, a blank for a part not there."""
+def _value_text(value: Any, decimals: int) -> str:
+    """Return a number, ``never`` where it does not exist, a blank where its subject is missing."""
     from vtff_analysis.report.tables import number_text
 
     if value is ...:

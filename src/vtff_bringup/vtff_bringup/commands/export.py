@@ -8,10 +8,10 @@ from typing import Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder
+from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 
@@ -53,8 +53,12 @@ def export(
     chosen = [
         name
         for name, wanted in (
-            *(("csv", csv), ("parquet", parquet), ("rinex", rinex)),
-            *(("sp3", sp3), ("oem", oem), ("czml", czml)),
+            ("csv", csv),
+            ("parquet", parquet),
+            ("rinex", rinex),
+            ("sp3", sp3),
+            ("oem", oem),
+            ("czml", czml),
         )
         if wanted
     ]
@@ -63,7 +67,7 @@ def export(
             "[red]error:[/red] name a format: --csv, --parquet, --rinex, --sp3, --oem or --czml"
         )
         raise typer.Exit(EXIT_USAGE)
-    # Imports rclpy, which takes a while.
+    # Imported here, because rclpy takes a while.
     from vtff_analysis.recordings.errors import RecordingError
     from vtff_analysis.recordings.run_place import find_run
 
@@ -71,21 +75,20 @@ def export(
         place = find_run(bag)
         folder = chosen_folder(out or place.output_folder("export"), empty=False)
         with console.status("exporting") as status:
-            files, notes = _export(place.bag, place.name, folder, chosen, interval, high_rate,
-                                   status.update)  # fmt: skip
+            files, notes = _write_formats(
+                place.bag, place.name, folder, chosen, interval, high_rate, status.update
+            )
     except (BagError, RecordingError, RunFolderError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_FAILURE) from error
+        raise exit_with_error(console, error, EXIT_FAILURE) from error
     for path in files:
         console.print(str(path), markup=False, soft_wrap=True)
     for note in notes:
-        console.print(f"[yellow]note:[/yellow] {escape(note)}", soft_wrap=True)
+        print_note(console, note)
 
 
-def _export(
+def _write_formats(
     bag: pathlib.Path,
     name: str,
     folder: pathlib.Path,
@@ -94,7 +97,7 @@ def _export(
     high_rate: bool,
     progress: Callable[[str], Any],
 ) -> tuple[list[pathlib.Path], list[str]]:
-    """Write the chosen formats; return the files and what the user should know."""
+    """Write the chosen formats; return the files and notes for the user."""
     from vtff_analysis.export.czml import format_czml
     from vtff_analysis.export.oem import format_oem
     from vtff_analysis.export.rinex import export_rinex

@@ -1,4 +1,4 @@
-"""`vtff replay`: publish what a bag holds."""
+"""`vtff replay`: publish the messages of a bag."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
+from vtff_bringup.run.errors import print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -42,12 +42,12 @@ def replay(
         float, typer.Option(help="Wall time for readers to find the topics, s.", min=0.0)
     ] = 0.5,
 ) -> None:
-    """Publish what a bag holds: every message once, in order, its bytes unchanged.
+    """Publish the messages of a bag: every message once, in order, its bytes unchanged.
 
     /clock goes out as recorded, or before each message where the bag has none. Keys: space pauses
     and resumes, right arrow publishes the next message, up and down change the rate, left goes
     back 10 s, page down forward 10 s, 0 to the start, q ends. The node /bag_player offers the
-    same as services: ~/pause, ~/resume, ~/step, ~/seek, ~/set_rate. What is published goes to
+    same as services: ~/pause, ~/resume, ~/step, ~/seek, ~/set_rate. Messages are published in
     ROS_DOMAIN_ID (0 if it is not set).
 
     Example: vtff replay bags/mine --rate 10 --exclude-topics /formation/relative_state
@@ -68,7 +68,7 @@ def replay(
 
 
 def _play(console: Console, parameters: dict[str, Any]) -> int:
-    # rclpy takes a while to import.
+    # Imported here, because rclpy takes a while.
     import rclpy
     from rclpy.parameter import Parameter
     from rclpy.signals import SignalHandlerOptions
@@ -79,14 +79,14 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
     stop = StopRequest()
     stop.install()
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    # An empty list is left out: ROS cannot tell its type, and it means the default.
-    given = [Parameter(name, value=value) for name, value in parameters.items() if value != []]
+    # ROS cannot read the type of an empty list: it is left out, which means the default.
+    overrides = [Parameter(name, value=value) for name, value in parameters.items() if value != []]
     node: BagPlayerNode | None = None
     try:
-        node = BagPlayerNode(parameter_overrides=given)
+        node = BagPlayerNode(parameter_overrides=overrides)
         return _spin(console, node, stop)
     except USAGE_ERRORS as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        print_error(console, error)
         return EXIT_USAGE if node is None else EXIT_FAILURE
     finally:
         if node is not None:
@@ -95,7 +95,7 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
 
 
 def _spin(console: Console, node: BagPlayerNode, stop: Any) -> int:
-    """Play to the end, showing where it is and doing what the keys say; return the exit code."""
+    """Play to the end with progress and keys; return the exit code."""
     from vtff_bringup.commands.replay_terminal import HELP, Keyboard, ReplayProgress, apply_action
     from vtff_node.main import make_executor
 

@@ -16,7 +16,7 @@ from rich.progress import BarColumn, Progress, TaskID, TextColumn
 if TYPE_CHECKING:
     from vtff_bag.bag_player_node import BagPlayerNode
 
-#: Keys as a terminal sends them.
+#: Action of each key, by the bytes that a terminal sends.
 KEYS = {
     b" ": "toggle",
     b"\x1b[C": "step",
@@ -33,15 +33,15 @@ HELP = (
     "rate, \N{LEFTWARDS ARROW} back 10 s, PgDn forward 10 s, 0 start, q quit"
 )
 
-RATE_FACTOR = 1.25  # of the keys that change the rate
-JUMP = 10.0  # s of recorded time of the keys that go back and forward
+RATE_FACTOR = 1.25  # by which the keys change the rate
+JUMP = 10.0  # s of recorded time by which the keys go back and forward
 
 UPDATE_INTERVAL = 0.1  # s of wall time between updates of the bar
-LINE_FRACTION = 0.1  # where there is no terminal, one line each time this much more is done
+LINE_FRACTION = 0.1  # without a terminal: fraction of the replay between lines
 
 
 def split_keys(typed: bytes) -> Iterator[str]:
-    """Return the actions of the keys typed; unknown ones are left out."""
+    """Yield the actions of the keys typed; unknown keys are left out."""
     position = 0
     while position < len(typed):
         for key, action in KEYS.items():
@@ -54,7 +54,7 @@ def split_keys(typed: bytes) -> Iterator[str]:
 
 
 def apply_action(action: str, node: BagPlayerNode) -> None:
-    """Do what a key stands for."""
+    """Perform the action of a key."""
     replay = node.replay
     assert replay is not None
     if action == "toggle":
@@ -64,7 +64,7 @@ def apply_action(action: str, node: BagPlayerNode) -> None:
         replay.step()
     elif action in ("faster", "slower"):
         factor = RATE_FACTOR if action == "faster" else 1.0 / RATE_FACTOR
-        with contextlib.suppress(ValueError):  # the end of the range
+        with contextlib.suppress(ValueError):  # at the end of its range the rate stays
             replay.set_rate(replay.rate * factor)
     elif action in ("back", "forward", "start"):
         offset = {"back": replay.position - JUMP, "forward": replay.position + JUMP}.get(action, 0)
@@ -74,14 +74,14 @@ def apply_action(action: str, node: BagPlayerNode) -> None:
 
 
 class Keyboard:
-    """Keys typed at the terminal, each at once and without echo; none where there is none."""
+    """Reads single keys from the terminal without echo; without a terminal there are no keys."""
 
     def __init__(self) -> None:
         self._descriptor = -1
         self._restore: Callable[[], None] | None = None
 
     def __enter__(self) -> Keyboard:
-        """Take the terminal over."""
+        """Set the terminal to single keys without echo."""
         with contextlib.suppress(ImportError, OSError, ValueError):
             import termios
             import tty
@@ -95,30 +95,30 @@ class Keyboard:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Give the terminal back as it was."""
+        """Restore the settings of the terminal."""
         if self._restore is not None:
             self._restore()
 
     @property
     def present(self) -> bool:
-        """Whether there is a keyboard."""
+        """Whether standard input is a terminal."""
         return self._restore is not None
 
     def actions(self) -> list[str]:
-        """Return the actions of the keys typed since the last call; does not wait."""
+        """Return the actions of the keys typed since the last call, without waiting."""
         if not self.present or not select.select([self._descriptor], [], [], 0.0)[0]:
             return []
         return list(split_keys(os.read(self._descriptor, 256)))
 
 
 class ReplayProgress:
-    """A bar that shows where a replay is, or lines where there is no terminal that can draw it."""
+    """Shows the position of a replay: as a bar, or as lines without a terminal that draws bars."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
         self._next_update = 0.0
         self._next_line = LINE_FRACTION
-        self._told_state = ""
+        self._printed_state = ""
         self._task: TaskID | None = None
         self._bar: Progress | None = None
         if console.is_interactive:
@@ -137,12 +137,12 @@ class ReplayProgress:
         return self
 
     def __exit__(self, *exception: object) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
 
     def update(self, node: BagPlayerNode) -> None:
-        """Show where the replay is, if it is time to."""
+        """Show the position of the replay, at most once each `UPDATE_INTERVAL`."""
         now = time.monotonic()
         replay = node.replay
         if replay is None or now < self._next_update:
@@ -156,8 +156,8 @@ class ReplayProgress:
         if self._bar is not None and self._task is not None:
             total = max(replay.duration, 1e-9)
             self._bar.update(self._task, completed=replay.position, total=total, description=text)
-        elif state != self._told_state or replay.position >= self._next_line * replay.duration:
+        elif state != self._printed_state or replay.position >= self._next_line * replay.duration:
             while replay.position >= self._next_line * replay.duration and self._next_line <= 1.0:
                 self._next_line += LINE_FRACTION
-            self._told_state = state
+            self._printed_state = state
             self._console.print(f"  {text}", highlight=False)

@@ -1,4 +1,4 @@
-"""`vtff report`: the report of a run, again or from a bag alone."""
+"""`vtff report`: the report of a run or of a bag."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
+from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 
@@ -24,19 +24,17 @@ def report(
 ) -> None:
     """Write report.html, plots and summary.json of a run, and print its tables.
 
-    report.html is one file that holds its pictures: it can be mailed and printed. What a run does
-    not have is left out; of a damaged bag, what can be read is reported.
+    report.html is one file that holds its pictures: it can be mailed and printed. Subjects that a
+    run does not have are left out; the report of a damaged bag covers what can be read.
     """
     console = Console(highlight=False)
-    # Imports matplotlib and rclpy, which takes a while.
+    # Imported here, because matplotlib and rclpy take a while.
     from vtff_analysis.report import write_report
 
     try:
         with console.status("reading the bag and drawing"):
             write_report(bag, console, output=out)
     except BagError as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
-        console.print(f"[red]error:[/red] no report: {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_FAILURE) from error
+        raise exit_with_error(console, f"no report: {error}", EXIT_FAILURE) from error

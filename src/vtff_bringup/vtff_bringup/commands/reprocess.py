@@ -1,4 +1,4 @@
-"""`vtff reprocess`: recorded observations through chosen nodes again, into a new bag."""
+"""`vtff reprocess`: chosen nodes run again on recorded observations, into a new bag."""
 
 from __future__ import annotations
 
@@ -14,26 +14,18 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import write_arguments
-from vtff_bag.run.folder import (
-    RunFolderError,
-    output_folder,
-    remove_if_empty,
-)
-from vtff_bringup.commands.run import conclude_run, report_run, run_system
+from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.system.system_file import (
-    RunSettings,
-    SystemDescription,
-    SystemFileError,
-    find_system_file,
-    load_system,
-)
-from vtff_node.executables import ExecutableNotFoundError
+from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, report_run, run_system
+from vtff_bringup.system.description import RunSettings, SystemDescription
+from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.system_file import find_system_file, load_system
 
 if TYPE_CHECKING:
     from vtff_bringup.run.reprocess import OutputComparison
 
-BAG_ARGUMENT = "bag"  # that a system file for reprocessing has
+BAG_ARGUMENT = "bag"  # argument of system files for reprocessing
 
 
 def reprocess(
@@ -77,23 +69,18 @@ def reprocess(
         path = find_system_file(system)
         run_directory = output_folder(out, path.stem, parent="bags", empty=True)
     except (BagError, SystemFileError, RunFolderError) as error:
-        raise _stop(console, error, EXIT_USAGE) from error
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     run_settings = RunSettings(run_directory=run_directory, duration=duration)
     overrides = [f"{BAG_ARGUMENT}:={recorded.path.resolve()}", *(settings or [])]
-    try:
+    with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides, run_settings)
         _prepare_folder(recorded, run_directory, description)
         result = run_system(
             console, description, run_settings, composed=not distributed, verbose=verbose
         )
-    except (SystemFileError, ExecutableNotFoundError) as error:
-        remove_if_empty(run_directory)
-        raise _stop(console, error, EXIT_USAGE) from error
-    except OSError as error:
-        raise _stop(console, error, EXIT_FAILURE) from error
     exit_code, message_count = conclude_run(console, run_directory, result)
     if exit_code == 0:
-        exit_code = _compare(console, recorded, run_directory, description)
+        exit_code = _print_comparison(console, recorded, run_directory, description)
     if report and message_count and exit_code == 0:
         exit_code = report_run(console, run_directory)
     raise typer.Exit(exit_code)
@@ -108,13 +95,13 @@ def _prepare_folder(
     carry_over_parameters(recorded, run_directory)
 
 
-def _compare(
+def _print_comparison(
     console: Console,
     recorded: BagReader,
     run_directory: pathlib.Path,
     description: SystemDescription,
 ) -> int:
-    """Print each recomputed topic beside the recorded one; return an exit code."""
+    """Print the comparison of each recomputed topic with the recorded one; return an exit code."""
     from vtff_bringup.run.reprocess import compare_outputs, recomputed_topics
 
     replaying = [
@@ -124,7 +111,7 @@ def _compare(
         topics = recomputed_topics(run_directory, replaying)
         compared = compare_outputs(recorded, BagReader(run_directory), topics)
     except (BagError, OSError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
+        print_error(console, error)
         return EXIT_FAILURE
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
     table.add_column("recomputed topic", overflow="fold")
@@ -133,13 +120,16 @@ def _compare(
     table.add_column("")
     for output in compared:
         table.add_row(
-            escape(output.topic), str(output.recorded), str(output.recomputed), _verdict(output)
+            escape(output.topic),
+            str(output.recorded),
+            str(output.recomputed),
+            _verdict_text(output),
         )
     console.print(table)
     return 0
 
 
-def _verdict(output: OutputComparison) -> str:
+def _verdict_text(output: OutputComparison) -> str:
     if output.identical:
         return "identical"
     if not output.recorded:
@@ -147,8 +137,3 @@ def _verdict(output: OutputComparison) -> str:
     if output.first_difference is None:
         return "identical as far as both go"
     return f"{output.differing} differ, the first at {output.first_difference:.0f} s"
-
-
-def _stop(console: Console, error: Exception, exit_code: int) -> typer.Exit:
-    console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-    return typer.Exit(exit_code)

@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ _FORMS = ("csv", "parquet")
 def tec(
     files: Annotated[
         list[pathlib.Path],
-        typer.Argument(help="Observation files and bags, each processed for itself."),
+        typer.Argument(help="Observation files and bags, each processed by itself."),
     ],
     nav: Annotated[
         Optional[list[pathlib.Path]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
@@ -50,8 +51,7 @@ def tec(
     bags with /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a
     receiver without a stated position is located from its codes. The receiver bias is estimated,
     with a sigma. A file that cannot be used is reported, the others are processed; the exit code
-    is then 1. As many receivers as there are processors are
-    processed at once.
+    is then 1. As many receivers as there are processors are processed at once.
 
     Examples
     --------
@@ -66,54 +66,58 @@ def tec(
 
     console = Console(highlight=False)
     if form not in _FORMS:
-        _fail(console, f"--format {form!r}: one of {', '.join(_FORMS)} expected")
-    ephemerides = _ephemerides(console, nav or [])
-    known = _biases(console, biases)
+        raise exit_with_error(
+            console, f"--format {form!r}: one of {', '.join(_FORMS)} expected", EXIT_USAGE
+        )
+    ephemerides = _read_ephemerides(console, nav or [])
+    satellite_biases = _read_biases(console, biases)
     try:
         folder = output_folder(out, "tec")
     except RunFolderError as error:
-        _fail(console, str(error))
-    done: list[dict[str, Any]] = []
+        raise exit_with_error(console, error, EXIT_USAGE) from error
+    summaries: list[dict[str, Any]] = []
     failed = 0
-    found = find_tasks(files)
-    tasks = [one for one in found if not isinstance(one, TecOutcome)]
-    options = TecOptions(folder, form, ephemerides, known, partial)
+    entries = find_tasks(files)
+    tasks = [entry for entry in entries if not isinstance(entry, TecOutcome)]
+    options = TecOptions(folder, form, ephemerides, satellite_biases, partial)
     with (
         run_tasks(tasks, options) as outcomes,
         Progress(console=console, transient=True, disable=not console.is_interactive) as bar,
     ):
-        progress = bar.add_task("receivers", total=len(found))
-        for one in found:
-            outcome = one if isinstance(one, TecOutcome) else next(outcomes)
+        progress = bar.add_task("receivers", total=len(entries))
+        for entry in entries:
+            outcome = entry if isinstance(entry, TecOutcome) else next(outcomes)
             if outcome.summary is None:
-                _report(console, outcome.error or "")
+                print_error(console, outcome.error or "")
                 failed += 1
             else:
-                _show(console, outcome.summary)
-                done.append(outcome.summary)
+                _print_summary(console, outcome.summary)
+                summaries.append(outcome.summary)
             bar.advance(progress)
-    if done:
-        write_summary(done, folder / "tec.json")
-    console.print(f"{len(done)} receivers, {failed} failed; folder: {folder}", markup=False)
+    if summaries:
+        write_summary(summaries, folder / "tec.json")
+    console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
 
 
-def _ephemerides(console: Console, paths: list[pathlib.Path]) -> tuple[BroadcastEphemeris, ...]:
+def _read_ephemerides(
+    console: Console, paths: list[pathlib.Path]
+) -> tuple[BroadcastEphemeris, ...]:
     from vtff_gnss.files.observation_files import ObservationFileError, open_ephemerides
 
-    found: list[BroadcastEphemeris] = []
+    ephemerides: list[BroadcastEphemeris] = []
     for path in paths:
         try:
-            found += open_ephemerides(path)
+            ephemerides += open_ephemerides(path)
         except ObservationFileError as error:
-            _fail(console, str(error))
+            raise exit_with_error(console, error, EXIT_USAGE) from error
         except OSError as error:
-            _fail(console, f"{error.filename or path}: {error.strerror or error}")
-    return tuple(found)
+            raise exit_with_error(console, describe_os_error(error, path), EXIT_USAGE) from error
+    return tuple(ephemerides)
 
 
-def _biases(console: Console, text: str) -> str | CodeBiasTable:
+def _read_biases(console: Console, text: str) -> str | CodeBiasTable:
     from vtff_iono.bias.bias_files import read_code_biases
     from vtff_iono.bias.code_biases import BiasFileError
 
@@ -122,38 +126,28 @@ def _biases(console: Console, text: str) -> str | CodeBiasTable:
     try:
         return read_code_biases(text)
     except BiasFileError as error:
-        _fail(console, str(error))
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
-        _fail(console, f"{error.filename or text}: {error.strerror or error}")
-    raise AssertionError("unreachable")
+        raise exit_with_error(console, describe_os_error(error, text), EXIT_USAGE) from error
 
 
-def _show(console: Console, found: dict[str, Any]) -> None:
+def _print_summary(console: Console, summary: dict[str, Any]) -> None:
     console.print(
-        f"{found['source']}: {found['good_samples']} of {found['samples']} samples good",
+        f"{summary['source']}: {summary['good_samples']} of {summary['samples']} samples good",
         markup=False,
         soft_wrap=True,
     )
-    for bias in found["receiver_biases"]:
+    for bias in summary["receiver_biases"]:
         console.print(
             f"  receiver bias {bias['pair']}: {bias['bias_ns']:.2f} +- {bias['sigma_ns']:.2f} ns",
             markup=False,
         )
-    if found["vtec_tecu"]:
-        vertical = found["vtec_tecu"]
+    if summary["vtec_tecu"]:
+        vertical = summary["vtec_tecu"]
         console.print(
             f"  vertical TEC {vertical['minimum']:.1f} to {vertical['maximum']:.1f} TECU, "
             f"median {vertical['median']:.1f}",
             markup=False,
         )
-    for remark in found["remarks"]:
+    for remark in summary["remarks"]:
         console.print(f"  [yellow]note:[/yellow] {escape(remark)}", soft_wrap=True)
-
-
-def _report(console: Console, message: str) -> None:
-    console.print(f"[red]error:[/red] {escape(message)}", soft_wrap=True)
-
-
-def _fail(console: Console, message: str) -> None:
-    _report(console, message)
-    raise typer.Exit(EXIT_USAGE)

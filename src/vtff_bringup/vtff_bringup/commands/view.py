@@ -1,4 +1,4 @@
-"""`vtff view`: a run on the globe, in the formation's frame and as plots, in the browser."""
+"""`vtff view`: a run on a globe, in the formation's frame and as plots, in the browser."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 
 from vtff_bag.file.errors import BagError
+from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -33,7 +33,7 @@ def view(
         typer.Argument(help="Run folder, bag directory or .mcap file."),
     ] = None,
     live: Annotated[
-        bool, typer.Option("--live", help="What is being published in ROS_DOMAIN_ID.")
+        bool, typer.Option("--live", help="A run that is being published in ROS_DOMAIN_ID.")
     ] = False,
     text: Annotated[
         bool, typer.Option("--text", help="Lines of text in the terminal instead of a page.")
@@ -56,10 +56,10 @@ def view(
 ) -> None:
     """Show a run: spacecraft, orbits, GNSS links, pierce points and TEC on a globe, and plots.
 
-    The page is served by this program on this machine only, and asks nobody else: it works
-    offline. Space plays and pauses, the arrows go 10 s back and forward, a click in a plot goes
-    there. With --live the page follows a run or a `vtff replay` in the same ROS_DOMAIN_ID; its
-    controls also move the replay. Ctrl-C ends.
+    The page is served by this program to this machine only and loads nothing from elsewhere, so
+    that it works offline. Space plays and pauses, the arrows go 10 s back and forward, a click in
+    a plot goes to its time. With --live the page follows a run or a `vtff replay` in the same
+    ROS_DOMAIN_ID; its controls also move the replay. Ctrl-C ends.
 
     Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live
     """
@@ -73,11 +73,9 @@ def view(
         else:
             code = _view_live(console, text, not no_open, port, foxglove, foxglove_port)
     except BagError as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_USAGE) from error
+        raise exit_with_error(console, error, EXIT_USAGE) from error
     except (OSError, RuntimeError, ImportError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-        raise typer.Exit(EXIT_FAILURE) from error
+        raise exit_with_error(console, error, EXIT_FAILURE) from error
     raise typer.Exit(code)
 
 
@@ -95,9 +93,9 @@ def _view_bag(
 
     with Progress(console=console, transient=True) as progress:
         task = progress.add_task("reading the bag", total=1.0)
-        scene = read_scene(bag, lambda part: progress.update(task, completed=part))
+        scene = read_scene(bag, lambda fraction: progress.update(task, completed=fraction))
     for note in scene.notes:
-        console.print(f"[yellow]note:[/yellow] {escape(note)}", soft_wrap=True)
+        print_note(console, note)
     if text:
         print(scene_text(scene))
         return 0
@@ -107,20 +105,20 @@ def _view_bag(
     content = scene.as_json()
     stop = StopRequest()
     stop.install()
-    offered = _offer(console, foxglove, foxglove_port)
+    foxglove_server = _start_foxglove(console, foxglove, foxglove_port)
     server = ViewerServer(lambda: content, port=port)
-    replay = _replay_for(bag, offered) if offered is not None else None
-    with _serving(console, server, opens):
+    replay = _make_replay(bag, foxglove_server) if foxglove_server is not None else None
+    with _serve_page(console, server, opens):
         while not stop.requested:
             if replay is not None:
                 replay.advance()
             time.sleep(0.005 if replay is not None else POLL_INTERVAL)
-    if offered is not None:
-        offered.stop()
+    if foxglove_server is not None:
+        foxglove_server.stop()
     return EXIT_INTERRUPTED
 
 
-def _replay_for(bag: pathlib.Path, offered: FoxgloveServer) -> Any:
+def _make_replay(bag: pathlib.Path, foxglove_server: FoxgloveServer) -> Any:
     from vtff_bag.file.reader import BagReader
     from vtff_bag.player.messages_in_order import Replay
 
@@ -128,7 +126,7 @@ def _replay_for(bag: pathlib.Path, offered: FoxgloveServer) -> Any:
     return Replay(
         reader,
         list(reader.topics),
-        lambda raw: offered.send(raw.topic, raw.type, raw.serialized, raw.log_time),
+        lambda raw: foxglove_server.send(raw.topic, raw.type, raw.serialized, raw.log_time),
         loop=True,
     )
 
@@ -147,10 +145,10 @@ def _view_live(
     stop.install()
     domain = os.environ.get("ROS_DOMAIN_ID", "0")
     console.print(f"listening in ROS_DOMAIN_ID {domain}")
-    offered = _offer(console, foxglove, foxglove_port)
+    foxglove_server = _start_foxglove(console, foxglove, foxglove_port)
     scene = LiveScene(f"live, domain {domain}")
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = ViewerNode(scene, offered.send if offered is not None else None)
+    node = ViewerNode(scene, foxglove_server.send if foxglove_server is not None else None)
     executor = make_executor()
     executor.add_node(node)
     try:
@@ -158,20 +156,20 @@ def _view_live(
             _print_live(console, scene, executor, stop)
         else:
             server = ViewerServer(scene.as_json, scene.news, node.command, port)
-            with _serving(console, server, opens):
+            with _serve_page(console, server, opens):
                 while not stop.requested:
                     executor.spin_once(timeout_sec=POLL_INTERVAL)
     finally:
         executor.shutdown()
         node.destroy_node()
         rclpy.try_shutdown()
-        if offered is not None:
-            offered.stop()
+        if foxglove_server is not None:
+            foxglove_server.stop()
     return EXIT_INTERRUPTED
 
 
 def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -> None:
-    """Print a line a second as long as the scene grows."""
+    """Print a line each second while the scene grows."""
     from vtff_analysis.view.text import heading, scene_line
 
     print(heading())
@@ -184,19 +182,19 @@ def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -
             print(scene_line(scene, scene.duration), flush=True)
 
 
-def _offer(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None:
+def _start_foxglove(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None:
     if not foxglove:
         return None
     from vtff_analysis.view.foxglove_server import FoxgloveServer
 
-    offered = FoxgloveServer(port)
-    console.print(f"Foxglove: open connection {offered.address}")
-    return offered
+    server = FoxgloveServer(port)
+    console.print(f"Foxglove: open connection {server.address}")
+    return server
 
 
 @contextlib.contextmanager
-def _serving(console: Console, server: Any, opens: bool) -> Any:
-    """Serve the page, and show it in a browser if asked to."""
+def _serve_page(console: Console, server: Any, opens: bool) -> Any:
+    """Serve the page in a context, and open it in a browser if `opens`."""
     from vtff_analysis.view.server import cesium_is_installed
 
     server.start()

@@ -1,1 +1,1 @@
-"""Running of a graph: processes, progress, end states and exit codes."""
+"""Running of a system: processes, progress, comparison of outputs, exit codes."""

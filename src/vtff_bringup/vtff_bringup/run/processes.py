@@ -12,15 +12,15 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TextIO
 
-#: Signals sent to a process that has to end, with the seconds each may take.
+#: Signals sent to a process that has to end, with the time in s before the next one.
 ESCALATION = ((signal.SIGINT, 20.0), (signal.SIGTERM, 10.0), (signal.SIGKILL, 5.0))
 
-#: Lines of a child that the user should see at once.
+#: Words that mark a line of a child as noteworthy: the user sees it at once.
 NOTEWORTHY = ("[WARN]", "[ERROR]", "[FATAL]", "error:", "warning:", "Traceback")
 
 TAIL_LINES = 15
 
-#: Signals that a child gets only once it unblocks them, when its handlers are in place.
+#: Signals that a child starts with blocked; it unblocks them when its handlers are installed.
 HELD_SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
@@ -28,23 +28,23 @@ class ManagedProcess:
     """One child process.
 
     It starts with `HELD_SIGNALS` blocked, so that a signal during its start waits for its
-    handlers instead of breaking into the interpreter: the program has to unblock them. One that
-    never does is killed in the end.
+    handlers instead of interrupting the interpreter. The program has to unblock them; a program
+    that does not is killed in the end.
 
     Parameters
     ----------
     name
-        Shown in messages and used for the log file.
+        Name in messages.
     command
         Program and arguments.
     log_path
-        Everything the child prints is kept there.
+        File that gets everything the child prints.
     environment
         Its complete environment.
     inherited_descriptors
-        File descriptors the child keeps.
+        File descriptors that stay open in the child.
     on_line
-        Called with ``(name, line, noteworthy)`` from a reader thread.
+        Function that is called with ``(name, line, noteworthy)`` from a reader thread.
 
     Raises
     ------
@@ -66,7 +66,7 @@ class ManagedProcess:
         self._on_line = on_line
         self._tail: list[tuple[str, bool]] = []
         log = self._open_log()
-        with _signals_held():
+        with _hold_signals():
             self._process = subprocess.Popen(
                 list(command),
                 stdin=subprocess.DEVNULL,
@@ -97,7 +97,7 @@ class ManagedProcess:
         return lines
 
     def end(self) -> int:
-        """Ask the process to end, more firmly each time; return its exit code."""
+        """End the process, with a stronger signal each time; return its exit code."""
         return end_together([self])[0]
 
     def signal_group(self, number: signal.Signals) -> None:
@@ -117,7 +117,7 @@ class ManagedProcess:
             line = raw.decode("utf-8", "replace").rstrip("\n")
             log = self._write(log, line)
             noteworthy = in_traceback or any(word in line for word in NOTEWORTHY)
-            # The line that is not indented is the last one of a traceback: the error itself.
+            # The first line of a traceback that is not indented is the error itself.
             in_traceback = "Traceback" in line or (in_traceback and line.startswith(" "))
             self._tail = [*self._tail, (line, noteworthy)][-TAIL_LINES:]
             self._show(line, noteworthy)
@@ -158,12 +158,12 @@ class ManagedProcess:
 
 
 def end_together(processes: Sequence[ManagedProcess]) -> list[int]:
-    """End processes at the same time, more firmly each time; return their exit codes.
+    """End processes at the same time, with a stronger signal each time; return their exit codes.
 
     Parameters
     ----------
     processes
-        Those that have already ended only lose the children they left behind.
+        The processes. Of those that have ended already only the remaining children are killed.
     """
     for number, patience in ESCALATION:
         running = [process for process in processes if process.exit_code is None]
@@ -172,15 +172,15 @@ def end_together(processes: Sequence[ManagedProcess]) -> list[int]:
         deadline = time.monotonic() + patience
         while time.monotonic() < deadline and any(p.exit_code is None for p in running):
             time.sleep(0.01)
-    # Children of a child that outlived it must not stay behind either.
+    # A child may have ended before its own children: these are killed too.
     for process in processes:
         process.signal_group(signal.SIGKILL)
     return [process.wait() for process in processes]
 
 
 @contextlib.contextmanager
-def _signals_held() -> Iterator[None]:
-    """Block `HELD_SIGNALS` in this thread; a child started meanwhile inherits that."""
+def _hold_signals() -> Iterator[None]:
+    """Block `HELD_SIGNALS` in this thread; a child that starts meanwhile inherits the block."""
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, HELD_SIGNALS)
     try:
         yield

@@ -1,4 +1,4 @@
-"""Progress of a run on the terminal: scenario time, speed-up, in-track separation."""
+"""Progress of a run on the terminal: scenario time, speed, in-track positions."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-#: Where there is no terminal, one line each time this fraction more is done.
+#: Without a terminal, a line is printed each time another such fraction of the run is done.
 LINE_FRACTION = 0.1
 
 
 class RunProgress:
-    """Shows progress reports of the node that paces a run, as a bar or as lines."""
+    """Shows the progress reports of the node that paces a run, as a bar or as lines."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -45,7 +45,7 @@ class RunProgress:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
-        """Take the bar away."""
+        """Remove the bar."""
         if self._bar is not None:
             self._bar.stop()
 

@@ -1,4 +1,4 @@
-"""Recomputed outputs beside the recorded ones."""
+"""Comparison of recomputed with recorded outputs of nodes."""
 
 from __future__ import annotations
 
@@ -11,24 +11,24 @@ from vtff_bag.file.reader import BagReader, RawMessage
 from vtff_bag.run.description import PARAMETER_FOLDER, describe_run
 from vtff_bringup.run.runner import NODE_RECORDS
 
-#: What nodes say about themselves, with wall times in it.
+#: Topics on which nodes report about themselves; they contain wall times.
 REPORTS = frozenset(("/diagnostics", "/sim/step_done", "/rosout", "/clock"))
 
 
 @dataclasses.dataclass(frozen=True)
 class OutputComparison:
-    """A recomputed topic beside the recorded one.
+    """Comparison of a recomputed topic with the recorded one.
 
     Attributes
     ----------
     topic
-        Its name.
+        Name of the topic.
     recorded, recomputed
-        Messages in the two bags.
+        Number of messages in the two bags.
     differing
-        Messages, of those at the same place in both, whose bytes differ.
+        Number of messages whose bytes differ from those of the message with the same index.
     first_difference
-        Time of the first of them, s since the begin of the recording; None without.
+        Time of the first difference, s since the begin of the recording; None without one.
     """
 
     topic: str
@@ -44,14 +44,14 @@ class OutputComparison:
 
 
 def recomputed_topics(run_directory: pathlib.Path, replaying: Iterable[str]) -> list[str]:
-    """Return what the nodes of a run published, apart from those that replay or record.
+    """Return the topics that the nodes of a run published, except those that replay or record.
 
     Parameters
     ----------
     run_directory
-        Folder of the run with the counts that each node left.
+        Folder of the run with the message counts of each node.
     replaying
-        Fully qualified names of the nodes to leave out.
+        Fully qualified names of the nodes that are left out.
     """
     left_out = set(replaying)
     topics: set[str] = set()
@@ -66,10 +66,10 @@ def compare_outputs(
     recorded: BagReader, recomputed: BagReader, topics: Iterable[str]
 ) -> list[OutputComparison]:
     """Compare topics of two bags byte by byte, in the order in which they are stored."""
-    return [_compare(recorded, recomputed, topic) for topic in topics]
+    return [_compare_topic(recorded, recomputed, topic) for topic in topics]
 
 
-def _compare(recorded: BagReader, recomputed: BagReader, topic: str) -> OutputComparison:
+def _compare_topic(recorded: BagReader, recomputed: BagReader, topic: str) -> OutputComparison:
     before, after = _messages(recorded, topic), _messages(recomputed, topic)
     differences = [
         old.log_time
@@ -85,7 +85,7 @@ def _messages(reader: BagReader, topic: str) -> list[RawMessage]:
 
 
 def carry_over_parameters(recorded: BagReader, run_directory: pathlib.Path) -> None:
-    """Put the recorded parameters into the new run folder; recomputed nodes replace theirs.
+    """Write the recorded parameters into the new run folder; nodes that run again replace theirs.
 
     Raises
     ------

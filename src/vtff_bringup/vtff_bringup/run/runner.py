@@ -1,4 +1,4 @@
-"""Run a system: start its processes, follow them, end them, and check what was recorded."""
+"""Run a system: start its processes, follow and end them, and check the recorded messages."""
 
 from __future__ import annotations
 
@@ -20,29 +20,29 @@ import yaml
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.processes import ManagedProcess, end_together
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
-from vtff_bringup.system.system_file import NodeDescription, SystemDescription
+from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path, share_file
 
 POLL_INTERVAL = 0.05  # s
-NODE_RECORDS = "nodes"  # folder in which each node leaves its message counts
+NODE_RECORDS = "nodes"  # folder in which each node writes its message counts
 ANOTHER_PUBLISHER = "(another run or program publishes on the same ROS_DOMAIN_ID)"
 
 
 @dataclasses.dataclass(frozen=True)
 class RunResult:
-    """How a run ended.
+    """End of a run.
 
     Attributes
     ----------
     exit_code
-        0 complete, 1 a process failed, 2 a process was started with wrong parameters or
-        arguments, 130 interrupted by the user.
+        0 complete, 1 a process failed, 2 a process had wrong parameters or arguments, 130
+        interrupted by the user.
     reason
         One line for the user; empty when complete.
     last_output
         Last lines of the process that failed, without those that `on_line` marked noteworthy.
     wall_time
-        Seconds from the first process to the end of the last.
+        s from the start of the first process to the end of the last.
     progress
         Last progress report of the node that ends the run.
     """
@@ -56,7 +56,7 @@ class RunResult:
 
 @dataclasses.dataclass(frozen=True)
 class _Failure:
-    """A process that ended when or as it should not have."""
+    """A process that ended too early or with an error."""
 
     process: ManagedProcess
     what: str
@@ -82,12 +82,12 @@ class Runner:
     run_directory
         Folder for bag, logs, counts and parameters; created.
     composed
-        All nodes that allow it in one process and one executor.
+        Whether all nodes that allow it run in one process and one executor.
     on_progress
-        Called with each progress report.
+        Function that is called with each progress report.
     on_line
-        Called with ``(process name, line, noteworthy)`` for what the processes print, until the
-        user interrupts: what they print while they end is in their logs only.
+        Function that is called with ``(process name, line, noteworthy)`` for each line that the
+        processes print. After an interrupt by the user lines go to the logs only.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class Runner:
         self._on_line = on_line
         self._interrupted = False
         self._progress: dict[str, Any] = {}
-        # In the order in which they have to be ended.
+        # The groups stand in the order in which they are ended.
         self._nodes: list[tuple[ManagedProcess, bool]] = []
         self._recorders: list[ManagedProcess] = []
         self._helpers: list[ManagedProcess] = []
@@ -123,8 +123,12 @@ class Runner:
         """
         started = time.monotonic()
         failure: _Failure | None = None
-        with self._signals(), _domain() as environment, _pipe() as (progress_read, progress_write):
-            # Imports rclpy, which takes a while: within the handlers, so that Ctrl-C waits for it.
+        with (
+            self._handle_signals(),
+            _reserve_domain() as environment,
+            _open_pipe() as (progress_read, progress_write),
+        ):
+            # Imported after the handlers are set: rclpy takes a while, and Ctrl-C has to wait.
             from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 
             self._directory.mkdir(parents=True, exist_ok=True)
@@ -185,7 +189,7 @@ class Runner:
         name = node.qualified_name.strip("/").replace("/", "__")
         path = self._directory / "parameters" / f"{name}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)
-        # ROS cannot read the type of an empty list; leaving it out means the default.
+        # ROS cannot read the type of an empty list: it is left out, which means the default.
         values = {key: value for key, value in node.all_parameters().items() if value != []}
         content = {node.qualified_name: {"ros__parameters": values}}
         path.write_text(yaml.safe_dump(content), encoding="utf-8")
@@ -196,7 +200,7 @@ class Runner:
             self._on_line(name, line, noteworthy)
 
     def _follow(self, progress_read: int) -> _Failure | None:
-        """Wait for the end; return the failure that was it, if it was one."""
+        """Wait for the end of the run; return the failure that ended it, if there was one."""
         with selectors.DefaultSelector() as selector:
             selector.register(progress_read, selectors.EVENT_READ)
             while not self._interrupted:
@@ -215,7 +219,7 @@ class Runner:
         return None
 
     def _end_all(self) -> list[_Failure]:
-        """End the nodes, then the recorders that record their last messages, then the rest."""
+        """End the nodes, then the recorders, which record their last messages, then the helpers."""
         failures = []
         nodes = [process for process, _ in self._nodes]
         for processes in (nodes, self._recorders, self._helpers):
@@ -226,7 +230,7 @@ class Runner:
 
     def _read_progress(self, descriptor: int) -> None:
         for line in os.read(descriptor, 65536).decode().splitlines():
-            # A line may be cut where the pipe's buffer ends; the next one replaces it.
+            # A line may be cut at the end of the pipe's buffer; the next line replaces it.
             with contextlib.suppress(json.JSONDecodeError):
                 self._progress = json.loads(line)
                 if self._on_progress is not None:
@@ -238,7 +242,7 @@ class Runner:
             self._read_progress(descriptor)
 
     @contextlib.contextmanager
-    def _signals(self) -> Iterator[None]:
+    def _handle_signals(self) -> Iterator[None]:
         def interrupt(number: int, frame: FrameType | None) -> None:
             self._interrupted = True
 
@@ -251,19 +255,20 @@ class Runner:
 
 
 def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[str]:
-    """Compare what the nodes say they published with what the bag holds.
+    """Compare the counts of messages that the nodes published with those in the bag.
 
     Parameters
     ----------
     run_directory
         Folder of the run with ``nodes/*.json``.
     recorded
-        Messages in the bag by topic.
+        Number of messages in the bag by topic.
 
     Returns
     -------
     list of str
-        One line per topic that differs; empty when everything was recorded and nothing else.
+        One line for each topic whose counts differ; empty when exactly the published messages
+        were recorded.
     """
     published: dict[str, int] = {}
     for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
@@ -271,15 +276,15 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
             published[topic] = published.get(topic, 0) + count
     lines = []
     for topic, count in sorted(published.items()):
-        found = recorded.get(topic, 0)
-        if count != found:
-            line = f"{topic}: published {count}, recorded {found}"
-            lines.append(f"{line} {ANOTHER_PUBLISHER}" if found > count else line)
+        recorded_count = recorded.get(topic, 0)
+        if count != recorded_count:
+            line = f"{topic}: published {count}, recorded {recorded_count}"
+            lines.append(f"{line} {ANOTHER_PUBLISHER}" if recorded_count > count else line)
     return lines
 
 
 @contextlib.contextmanager
-def _domain() -> Iterator[dict[str, str]]:
+def _reserve_domain() -> Iterator[dict[str, str]]:
     """Yield the environment of the children, with a DDS domain no other run uses."""
     environment = dict(os.environ)
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
@@ -298,7 +303,7 @@ def _domain() -> Iterator[dict[str, str]]:
 
 
 @contextlib.contextmanager
-def _pipe() -> Iterator[tuple[int, int]]:
+def _open_pipe() -> Iterator[tuple[int, int]]:
     read, write = os.pipe()
     os.set_blocking(write, False)
     try:

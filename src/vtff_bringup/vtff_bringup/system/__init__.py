@@ -1,1 +1,1 @@
-"""System files: which nodes a graph has, and how they are wired and composed."""
+"""System files: the nodes of a graph, their parameters, wiring and composition."""

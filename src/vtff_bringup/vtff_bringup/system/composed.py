@@ -17,7 +17,7 @@ from vtff_node.executables import node_class
 from vtff_node.main import run_nodes
 
 
-def factories(entries: list[dict[str, Any]]) -> list[Callable[[], Any]]:
+def make_factories(entries: list[dict[str, Any]]) -> list[Callable[[], Any]]:
     """Return one node factory per entry, each with its own ROS arguments."""
     return [
         functools.partial(
@@ -30,9 +30,9 @@ def factories(entries: list[dict[str, Any]]) -> list[Callable[[], Any]]:
 
 
 def main() -> None:
-    """Compose the nodes listed in the file named on the command line."""
+    """Run the nodes that the file on the command line lists."""
     entries = json.loads(pathlib.Path(sys.argv[1]).read_text(encoding="utf-8"))
-    sys.exit(run_nodes(factories(entries), sys.argv[:1]))
+    sys.exit(run_nodes(make_factories(entries), sys.argv[:1]))
 
 
 if __name__ == "__main__":

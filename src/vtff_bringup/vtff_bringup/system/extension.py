@@ -1,4 +1,4 @@
-"""System files that extend another one: the raw contents of both, joined before they are read."""
+"""System files that extend another one: their contents are joined before they are read."""
 
 from __future__ import annotations
 
@@ -6,41 +6,40 @@ import pathlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["SystemFileError", "joined_system"]
+from vtff_bringup.system.errors import SystemFileError
 
-# Keys whose entries are found again by their names.
+__all__ = ["join_system"]
+
+# Keys of lists whose entries are joined by their names.
 _LISTS = ("processes", "nodes")
 
 
-class SystemFileError(ValueError):
-    """A system file or an override is wrong; the text names file, entry and key."""
-
-
-def joined_system(
+def join_system(
     path: pathlib.Path, read: Callable[[pathlib.Path], dict[str, Any]]
 ) -> dict[str, Any]:
     """Return the content of a system file, joined with that of the files that it extends.
 
-    The entries of ``arguments``, ``processes`` and ``nodes`` that the extended file has under the
-    same name get the keys of the extending one; a mapping, such as the parameters of a node, gets
-    its entries. Entries of a new name come after the others. ``description`` replaces the other.
+    Entries of ``arguments``, ``processes`` and ``nodes`` with the same name in both files are
+    merged: keys of the extending file replace or add to those of the extended one, also within
+    mappings such as the parameters of a node. Entries with a new name come last. ``description``
+    is that of the extending file.
 
     Parameters
     ----------
     path
-        The system file. ``extends`` in it names a file relative to it.
+        The system file. Its key ``extends`` names a file relative to it.
     read
-        Returns the mapping in a file.
+        Function that returns the mapping in a file.
 
     Raises
     ------
     SystemFileError
         If files extend each other in a circle or an entry has the wrong form.
     """
-    return _joined(path, read, ())
+    return _join(path, read, ())
 
 
-def _joined(
+def _join(
     path: pathlib.Path,
     read: Callable[[pathlib.Path], dict[str, Any]],
     chain: tuple[pathlib.Path, ...],
@@ -51,28 +50,28 @@ def _joined(
     if "extends" not in content:
         return content
     base_path = path.parent / str(content["extends"])
-    base = _joined(base_path, read, (*chain, path.resolve()))
+    base = _join(base_path, read, (*chain, path.resolve()))
     _make_paths_absolute(base, base_path.parent.resolve())
     joined = {**base, **content}
     del joined["extends"]
-    arguments = dict(_checked(base.get("arguments"), dict, base_path, "arguments"))
-    for name, entry in _checked(content.get("arguments"), dict, path, "arguments").items():
-        arguments[name] = _merged(arguments.get(name), entry)
+    arguments = dict(_require_kind(base.get("arguments"), dict, base_path, "arguments"))
+    for name, entry in _require_kind(content.get("arguments"), dict, path, "arguments").items():
+        arguments[name] = _merge(arguments.get(name), entry)
     joined["arguments"] = arguments
     for key in _LISTS:
-        entries = list(_checked(base.get(key), list, base_path, key))
-        places = {_name(entry): place for place, entry in enumerate(entries)}
-        for entry in _checked(content.get(key), list, path, key):
-            place = places.get(_name(entry))
-            if place is None:
+        entries = list(_require_kind(base.get(key), list, base_path, key))
+        indices = {_entry_name(entry): index for index, entry in enumerate(entries)}
+        for entry in _require_kind(content.get(key), list, path, key):
+            index = indices.get(_entry_name(entry))
+            if index is None:
                 entries.append(entry)
             else:
-                entries[place] = _merged(entries[place], entry)
+                entries[index] = _merge(entries[index], entry)
         joined[key] = entries
     return joined
 
 
-def _checked(value: Any, kind: type, path: pathlib.Path, key: str) -> Any:
+def _require_kind(value: Any, kind: type, path: pathlib.Path, key: str) -> Any:
     if value is None:
         return kind()
     if not isinstance(value, kind):
@@ -81,19 +80,19 @@ def _checked(value: Any, kind: type, path: pathlib.Path, key: str) -> Any:
     return value
 
 
-def _name(entry: Any) -> tuple[str, str] | None:
-    """Return what an entry of a list is known by: its namespace and its name."""
+def _entry_name(entry: Any) -> tuple[str, str] | None:
+    """Return namespace and name of an entry, which identify it in its list."""
     if not isinstance(entry, Mapping):
         return None
     name = entry.get("name") or entry.get("executable") or ""
     return str(entry.get("namespace", "")), str(name)
 
 
-def _merged(base: Any, entry: Any) -> Any:
+def _merge(base: Any, entry: Any) -> Any:
     """Return a mapping with the keys of both; mappings in it are merged in the same way."""
     if not (isinstance(base, Mapping) and isinstance(entry, Mapping)):
         return entry
-    return {**base, **{key: _merged(base.get(key), value) for key, value in entry.items()}}
+    return {**base, **{key: _merge(base.get(key), value) for key, value in entry.items()}}
 
 
 def _make_paths_absolute(content: dict[str, Any], folder: pathlib.Path) -> None:

@@ -1,7 +1,7 @@
-"""Launch descriptions from system files, for those who start with `ros2 launch`.
+"""Launch descriptions from system files, for `ros2 launch`.
 
-The nodes, parameters and remaps are those of `vtff run`; only the front end differs. This
-module needs launch and launch_ros, which come with an apt ROS 2 and are not on PyPI.
+Nodes, parameters and remaps are those of `vtff run`; only the front end differs. This module
+needs launch and launch_ros, which come with an apt ROS 2 and are not on PyPI.
 """
 
 from __future__ import annotations
@@ -13,18 +13,14 @@ import shlex
 from typing import Any
 
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
-from vtff_bringup.system.system_file import (
-    NodeDescription,
-    RunSettings,
-    find_system_file,
-    load_system,
-)
+from vtff_bringup.system.description import NodeDescription, RunSettings
+from vtff_bringup.system.system_file import find_system_file, load_system
 from vtff_node.executables import executable_path, share_file
 from vtff_node.node import RUN_DIRECTORY_VARIABLE
 
 DEFAULT_SYSTEM = "reference_software"
 
-#: Launch argument -> (default, description). The same for every launch file.
+#: Default and description of the launch arguments; every launch file has these.
 ARGUMENTS = {
     "overrides": ("", "argument:=value and node.parameter:=value texts, blanks between them"),
     "pacing": ("lockstep", "lockstep: as fast as it goes; realtime: one second each second"),
@@ -40,7 +36,7 @@ def launch_description(system: str | None = None) -> Any:
     Parameters
     ----------
     system
-        Name or path of the system file; without one it is the launch argument ``system``.
+        Name or path of the system file; if it is not given, the launch argument ``system``.
 
     Returns
     -------
@@ -87,7 +83,7 @@ def launch_actions(
     system
         Name or path of the system file.
     overrides
-        ``key:=value`` texts separated by blanks; one with a blank in it stands in quotes.
+        ``key:=value`` texts separated by blanks; a text with a blank in it stands in quotes.
     pacing
         ``lockstep`` or ``realtime``.
     duration
@@ -114,12 +110,12 @@ def launch_actions(
     settings = RunSettings(
         run_directory=directory,
         pacing=pacing,
-        duration=_number("duration", duration, float),
-        seed=_number("seed", seed, int),
+        duration=_parse_number("duration", duration, float),
+        seed=_parse_number("seed", seed, int),
     )
     description = load_system(path, shlex.split(overrides), settings)
     directory.mkdir(parents=True, exist_ok=True)
-    environment = _environment(directory)
+    environment = _additional_environment(directory)
     actions: list[Any] = []
     for process in description.processes:
         program = executable_path(process.package, process.executable)
@@ -129,14 +125,14 @@ def launch_actions(
             additional_env=environment,
             output="screen",
         )
-        actions += [action, _on_exit(action, process.name, ends_run=False)]
+        actions += [action, _make_exit_handler(action, process.name, ends_run=False)]
     for node in description.nodes:
-        action = _node_action(node, environment)
-        actions += [action, _on_exit(action, node.qualified_name, ends_run=node.ends_run)]
+        action = _make_node_action(node, environment)
+        actions += [action, _make_exit_handler(action, node.qualified_name, ends_run=node.ends_run)]
     return actions
 
 
-def _number(name: str, text: str, kind: type) -> Any:
+def _parse_number(name: str, text: str, kind: type) -> Any:
     if not text.strip():
         return None
     try:
@@ -145,8 +141,8 @@ def _number(name: str, text: str, kind: type) -> Any:
         raise ValueError(f"launch argument '{name}' is '{text}'; it must be a number") from error
 
 
-def _environment(directory: pathlib.Path) -> dict[str, str]:
-    """Return what the processes get beside the environment of `ros2 launch`."""
+def _additional_environment(directory: pathlib.Path) -> dict[str, str]:
+    """Return the variables that the processes get beside the environment of `ros2 launch`."""
     profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
     defaults = {
         "FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles),
@@ -157,10 +153,10 @@ def _environment(directory: pathlib.Path) -> dict[str, str]:
     return {RUN_DIRECTORY_VARIABLE: str(directory), **chosen}
 
 
-def _node_action(node: NodeDescription, environment: dict[str, str]) -> Any:
+def _make_node_action(node: NodeDescription, environment: dict[str, str]) -> Any:
     from launch_ros.actions import Node
 
-    # Empty lists are left out: ROS cannot read their type, and they mean the default.
+    # ROS cannot read the type of an empty list: it is left out, which means the default.
     values = {key: value for key, value in node.parameters.items() if value != []}
     return Node(
         package=node.package,
@@ -174,16 +170,16 @@ def _node_action(node: NodeDescription, environment: dict[str, str]) -> Any:
     )
 
 
-def _on_exit(action: Any, name: str, *, ends_run: bool) -> Any:
-    """Return the handler that ends the launch when this process ends.
+def _make_exit_handler(action: Any, name: str, *, ends_run: bool) -> Any:
+    """Return the handler that ends the launch when a process ends.
 
-    A failure is raised, because that is what gives `ros2 launch` a non-zero exit code.
+    It raises on a failure: only that gives `ros2 launch` a non-zero exit code.
     """
     from launch.actions import EmitEvent, RegisterEventHandler
     from launch.event_handlers import OnProcessExit
     from launch.events import Shutdown
 
-    def ended(event: Any, context: Any) -> list[Any]:
+    def end_launch(event: Any, context: Any) -> list[Any]:
         if context.is_shutdown:
             return []
         if ends_run and event.returncode == 0:
@@ -191,4 +187,4 @@ def _on_exit(action: Any, name: str, *, ends_run: bool) -> Any:
         what = "failed" if event.returncode else "ended before the run did"
         raise RuntimeError(f"{name} {what} (exit code {event.returncode})")
 
-    return RegisterEventHandler(OnProcessExit(target_action=action, on_exit=ended))
+    return RegisterEventHandler(OnProcessExit(target_action=action, on_exit=end_launch))

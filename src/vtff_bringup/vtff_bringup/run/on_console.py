@@ -1,0 +1,146 @@
+"""A run of a system for a command: its progress, its end and its report on the console."""
+
+from __future__ import annotations
+
+import contextlib
+import pathlib
+from collections.abc import Iterator
+
+from rich.console import Console
+from rich.markup import escape
+
+from vtff_bag.file.errors import BagError
+from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
+from vtff_bag.run.folder import remove_if_empty
+from vtff_bringup.run.errors import exit_with_error, print_error
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.progress import RunProgress
+from vtff_bringup.run.runner import Runner, RunResult, check_counts
+from vtff_bringup.system.description import RunSettings, SystemDescription
+from vtff_bringup.system.errors import SystemFileError
+from vtff_node.executables import ExecutableNotFoundError
+
+__all__ = ["conclude_run", "exit_on_run_errors", "report_run", "run_system"]
+
+
+@contextlib.contextmanager
+def exit_on_run_errors(console: Console, run_directory: pathlib.Path) -> Iterator[None]:
+    """End the command with one line where a system cannot be loaded or started.
+
+    A wrong system file or an executable that is not installed ends it with exit code 2 and leaves
+    no empty run folder, a folder that cannot be written with exit code 1.
+    """
+    try:
+        yield
+    except (SystemFileError, ExecutableNotFoundError) as error:
+        remove_if_empty(run_directory)
+        raise exit_with_error(console, error, EXIT_USAGE) from error
+    except OSError as error:
+        raise exit_with_error(console, error, EXIT_FAILURE) from error
+
+
+def run_system(
+    console: Console,
+    description: SystemDescription,
+    settings: RunSettings,
+    *,
+    composed: bool,
+    verbose: bool,
+) -> RunResult:
+    """Run a loaded system in its run folder, with its progress on the console.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If an executable of the system is not installed.
+    OSError
+        If the run folder cannot be written.
+    """
+    console.print(f"[bold]{description.name}[/bold]: {escape(description.description)}")
+    with RunProgress(console) as progress:
+
+        def show_line(name: str, line: str, noteworthy: bool) -> None:
+            if verbose or noteworthy:
+                progress.print(f"[{name}] {line}")
+
+        runner = Runner(
+            description,
+            settings.run_directory,
+            composed=composed,
+            on_progress=progress.update,
+            on_line=show_line,
+        )
+        return runner.run()
+
+
+def conclude_run(
+    console: Console, run_directory: pathlib.Path, result: RunResult
+) -> tuple[int, int]:
+    """Print how the run ended; return the exit code and the number of messages in the bag."""
+    exit_code = result.exit_code
+    if result.reason:
+        console.print(f"[red]{escape(result.reason)}[/red]", soft_wrap=True)
+    for line in result.last_output:
+        console.print(f"  {line}", markup=False, soft_wrap=True)
+    recorded: dict[str, int] = {}
+    if (run_directory / RUN_SUBDIRECTORY).exists():
+        try:
+            topics = BagReader(run_directory / RUN_SUBDIRECTORY).topics
+        except BagError as error:
+            print_error(console, error)
+            exit_code = exit_code or EXIT_FAILURE
+        else:
+            recorded = {name: topic.message_count for name, topic in topics.items()}
+            exit_code = _check_bag(console, run_directory, recorded, exit_code)
+    elif not result.reason:
+        console.print("[red]error:[/red] no bag was written")
+        exit_code = EXIT_FAILURE
+    message_count = sum(recorded.values())
+    if result.progress.get("done", 0.0) > 0.0:
+        topic_count = sum(count > 0 for count in recorded.values())
+        held = f"{message_count} messages, {topic_count} topics"
+        console.print(f"{_speed_text(result)}; {held}", soft_wrap=True)
+    console.print(f"run: {run_directory}", markup=False, soft_wrap=True)
+    return exit_code, message_count
+
+
+def report_run(console: Console, run_directory: pathlib.Path) -> int:
+    """Write the report of a run; return an exit code, 0 if it is written."""
+    try:
+        # Imported here, because matplotlib takes a while.
+        from vtff_analysis.report import write_report
+
+        write_report(run_directory, console)
+    except KeyboardInterrupt:
+        console.print("[red]report interrupted[/red]; the bag is complete")
+        return EXIT_INTERRUPTED
+    except (BagError, OSError) as error:
+        console.print(f"[red]error:[/red] no report: {escape(str(error))}")
+        return EXIT_FAILURE
+    return 0
+
+
+def _check_bag(
+    console: Console, run_directory: pathlib.Path, recorded: dict[str, int], exit_code: int
+) -> int:
+    """Print the topics whose counts differ from those of the nodes; return the exit code."""
+    if exit_code not in (0, EXIT_INTERRUPTED):
+        return exit_code
+    differences = check_counts(run_directory, recorded)
+    if not differences:
+        return exit_code
+    console.print("[red]the bag does not hold exactly what the nodes published:[/red]")
+    for line in differences:
+        console.print(f"  {line}", markup=False, soft_wrap=True)
+    return exit_code or EXIT_FAILURE
+
+
+def _speed_text(result: RunResult) -> str:
+    done, unit = float(result.progress.get("done", 0.0)), result.progress.get("unit", "s")
+    if unit != "s":
+        return f"{done:.0f} {unit} in {result.wall_time:.1f} s"
+    factor = done / result.wall_time
+    return (
+        f"{done:.0f} s of scenario in {result.wall_time:.1f} s "
+        f"({factor:.0f} x real time, start and end included)"
+    )

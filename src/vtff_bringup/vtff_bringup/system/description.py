@@ -1,0 +1,121 @@
+"""Description of a system, resolved: its processes, its nodes, and what a run gives to it."""
+
+from __future__ import annotations
+
+import dataclasses
+import pathlib
+from typing import Any
+
+import yaml
+
+from vtff_bringup.system.yaml_file import read_mapping, ros_parameters
+
+__all__ = ["NodeDescription", "ProcessDescription", "RunSettings", "SystemDescription"]
+
+
+@dataclasses.dataclass(frozen=True)
+class ProcessDescription:
+    """A program without ROS that belongs to a run."""
+
+    name: str
+    package: str
+    executable: str
+    arguments: tuple[str, ...]
+
+
+@dataclasses.dataclass(frozen=True)
+class NodeDescription:
+    """A ROS node of a run; the attributes are the keys of ``nodes`` in a system file."""
+
+    package: str
+    executable: str
+    name: str
+    namespace: str
+    parameters: dict[str, Any]
+    parameter_files: tuple[pathlib.Path, ...]
+    remaps: dict[str, str]
+    lockstep: str
+    prepares: bool
+    ends_run: bool
+    own_process: bool
+
+    @property
+    def qualified_name(self) -> str:
+        """Fully qualified node name, e.g. ``/deputy/thruster``."""
+        return f"{self.namespace.rstrip('/')}/{self.name}"
+
+    def all_parameters(self) -> dict[str, Any]:
+        """Return the parameters in force: those of the parameter files, then the node's own.
+
+        The sections ``/**`` and that of the node itself count, in the order of the file.
+
+        Raises
+        ------
+        SystemFileError
+            If a parameter file cannot be read or has not the form of one.
+        """
+        values: dict[str, Any] = {}
+        for path in self.parameter_files:
+            for section, content in read_mapping(path).items():
+                names = ("**", self.name, self.qualified_name.strip("/"))
+                if str(section).strip("/") in names:
+                    values.update(ros_parameters(path, section, content))
+        return {**values, **self.parameters}
+
+    def ros_arguments(self, parameter_file: pathlib.Path | None = None) -> list[str]:
+        """Return the command line after the executable.
+
+        Parameters
+        ----------
+        parameter_file
+            File that holds `parameters`; without it each parameter is an argument.
+        """
+        arguments = ["--ros-args", "-r", f"__node:={self.name}", "-r", f"__ns:={self.namespace}"]
+        for path in self.parameter_files:
+            arguments += ["--params-file", str(path)]
+        if parameter_file is not None:
+            arguments += ["--params-file", str(parameter_file)]
+        else:
+            for key, value in self.parameters.items():
+                arguments += ["-p", f"{key}:={yaml.safe_dump(value, default_flow_style=True)}"]
+        for source, target in self.remaps.items():
+            arguments += ["-r", f"{source}:={target}"]
+        return arguments
+
+
+@dataclasses.dataclass(frozen=True)
+class SystemDescription:
+    """A system file with arguments and overrides applied."""
+
+    path: pathlib.Path
+    description: str
+    arguments: dict[str, Any]
+    processes: tuple[ProcessDescription, ...]
+    nodes: tuple[NodeDescription, ...]
+
+    @property
+    def name(self) -> str:
+        """Name of the system: its file name without ending."""
+        return self.path.stem
+
+
+@dataclasses.dataclass(frozen=True)
+class RunSettings:
+    """Settings that a run gives to its system file.
+
+    Attributes
+    ----------
+    run_directory
+        Folder of the run.
+    pacing
+        ``lockstep`` or ``realtime``.
+    duration
+        Scenario seconds to run; None for the scenario's own.
+    seed
+        Seed of every random stream; None for the scenario's own.
+    """
+
+    run_directory: pathlib.Path
+    pacing: str = "lockstep"
+    duration: float | None = None
+    seed: int | None = None
