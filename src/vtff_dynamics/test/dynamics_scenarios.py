@@ -14,7 +14,7 @@ EPOCH = parse_epoch("2016-03-21T01:00:00 GPS")
 
 
 def reference_orbit():
-    """Return an orbit of one hour as four codes agree on it to micrometres."""
+    """Return an orbit of one hour on which four codes agree within 20 um."""
     path = pathlib.Path(__file__).parent / "orbit/reference_1h.json"
     return json.loads(path.read_text())
 

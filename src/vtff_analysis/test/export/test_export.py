@@ -19,7 +19,7 @@ from vtff_analysis.export.columns import explode_columns, message_columns  # noq
 from vtff_analysis.recordings.orbits import read_orbits  # noqa: E402
 from vtff_bag.file.reader import BagReader  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
-from vtff_dynamics.frames.frames import state_gcrf_to_itrf  # noqa: E402
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_gnss.signals import satellite_name  # noqa: E402
 
 SECONDS = 60

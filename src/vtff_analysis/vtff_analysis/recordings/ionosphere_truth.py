@@ -16,7 +16,7 @@ from vtff_analysis.recordings.orbits import Orbit, read_orbits
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import satellite_number
 from vtff_node.executables import ExecutableNotFoundError, share_file

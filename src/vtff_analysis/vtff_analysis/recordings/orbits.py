@@ -10,7 +10,7 @@ import numpy as np
 
 from vtff_analysis.recordings.errors import RecordingError
 from vtff_bag.file.reader import BagReader
-from vtff_dynamics.frames.frames import state_gcrf_to_itrf, state_itrf_to_gcrf
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.fix import STATUS_NONE

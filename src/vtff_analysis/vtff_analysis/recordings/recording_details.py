@@ -15,7 +15,7 @@ from vtff_analysis.recordings.history import (
     HealthItem,
     SatelliteColumns,
 )
-from vtff_dynamics.frames.frames import geodetic_from_itrf
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import IrregularityBoundary
 from vtff_node.stamps import to_nanoseconds

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import state_itrf_to_gcrf
+from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris

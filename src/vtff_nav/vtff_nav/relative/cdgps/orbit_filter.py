@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import state_itrf_to_gcrf
+from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.observations import ObservationEpoch

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vtff_dynamics.frames.frames import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, cross, norm, skew
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT

@@ -18,11 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH
-from vtff_dynamics.frames.frames import (
-    rotation_gcrf_to_itrf,
-    rotation_gcrf_to_rtn,
-    state_gcrf_to_itrf,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime

@@ -172,7 +172,7 @@ class RelativeSolution:
         ``SOLUTION_*``; with `SOLUTION_NONE` the numbers below are NaN.
     position_rtn, velocity_rtn : ndarray, shape (3,)
         State in the chief's RTN frame; m and m/s. The velocity is the derivative seen in the frame
-        that turns about N with h/r2 (as in `vtff_dynamics.frames.frames.relative_state_rtn`
+        that turns about N with h/r2 (as in `vtff_dynamics.frames.rtn.relative_state_rtn`
         without acceleration).
     covariance_rtn : ndarray, shape (6, 6)
         Covariance of position and velocity.

@@ -23,11 +23,7 @@ import numpy.typing as npt
 from scipy.linalg import expm
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
-from vtff_dynamics.frames.frames import (
-    rotation_gcrf_to_itrf,
-    state_gcrf_to_itrf,
-    state_itrf_to_gcrf,
-)
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
