@@ -25,8 +25,8 @@ from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.rinex.observation import read_rinex_observation
-from vtff_gnss.rinex.write_navigation import write_rinex_navigation
-from vtff_gnss.rinex.write_observation import write_rinex_observation
+from vtff_gnss.rinex.write.navigation import write_rinex_navigation
+from vtff_gnss.rinex.write.observation import write_rinex_observation
 from vtff_nav.relative.common.measurements import MeasurementNoise
 
 SPIRENT = "data/navigation/spirent_dynamic"

@@ -19,7 +19,7 @@ from vtff_bag.file.writer import BagWriter
 from vtff_bringup.cli import make_app
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.rinex.compressed_file import decompress_hatanaka
-from vtff_gnss.rinex.write_observation import write_rinex_observation
+from vtff_gnss.rinex.write.observation import write_rinex_observation
 from vtff_gnss.signals import satellite_name
 from vtff_iono.content.slant_tec import Rejection
 from vtff_iono.formation_ionosphere import FormationIonosphere

@@ -9,8 +9,8 @@ from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.recording import UNNAMED_RECEIVER
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.rinex.write_navigation import write_rinex_navigation
-from vtff_gnss.rinex.write_observation import write_rinex_observation
+from vtff_gnss.rinex.write.navigation import write_rinex_navigation
+from vtff_gnss.rinex.write.observation import write_rinex_observation
 from vtff_node.conversions.gnss import ephemeris_from_message, observations_from_message
 
 _OBSERVATIONS = re.compile(r"^(?:/(?P<receiver>.+))?/gnss/(?P<what>epoch|high_rate)$")

@@ -10,7 +10,7 @@ from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.orbits import Orbit
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.rinex.write_header import time_fields
+from vtff_gnss.rinex.write.header import time_fields
 
 _CLOCK_UNKNOWN = 999999.999999
 _MODIFIED_JULIAN_DATE_OF_GPS_EPOCH = 44244

@@ -25,8 +25,8 @@ from vtff_gnss.orbits.nominal_constellation import (
 )
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_gnss.rinex.observation import parse_rinex_observation, read_rinex_observation
-from vtff_gnss.rinex.write_navigation import write_rinex_navigation
-from vtff_gnss.rinex.write_observation import format_rinex_observation, write_rinex_observation
+from vtff_gnss.rinex.write.navigation import write_rinex_navigation
+from vtff_gnss.rinex.write.observation import format_rinex_observation, write_rinex_observation
 
 VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID | c.FLAG_PARITY_KNOWN
 EPHEMERIS_FIELDS = [field.name for field in dataclasses.fields(BroadcastEphemeris)]

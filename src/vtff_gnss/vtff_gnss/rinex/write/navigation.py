@@ -13,7 +13,7 @@ from vtff_gnss import constants as c
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ionosphere_parameters import KlobucharParameters, NeQuickParameters
 from vtff_gnss.rinex.calendar_time import calendar_fields
-from vtff_gnss.rinex.write_header import first_lines, header_line
+from vtff_gnss.rinex.write.header import first_lines, header_line
 from vtff_gnss.signals import satellite_name
 
 __all__ = ["format_rinex_navigation", "write_rinex_navigation"]

@@ -13,7 +13,7 @@ import numpy.typing as npt
 from vtff_gnss import constants as c
 from vtff_gnss.observation_table import ObservationTable, signal_keys
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.rinex.write_header import first_lines, header_line, time_fields
+from vtff_gnss.rinex.write.header import first_lines, header_line, time_fields
 
 __all__ = ["format_rinex_observation", "write_rinex_observation"]
 

@@ -1,0 +1,1 @@
+"""Writing RINEX files: header, navigation and observation records."""
