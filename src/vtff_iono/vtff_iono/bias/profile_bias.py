@@ -35,6 +35,7 @@ import math
 from dataclasses import astuple, dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy import sparse
 
 from vtff_dynamics.vectors import FloatArray
@@ -50,6 +51,8 @@ from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solv
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
 __all__ = ["ProfileBiases", "profile_biases"]
+
+IntArray = npt.NDArray[np.integer]
 
 _TOPSIDES = (TopsideModel(), TopsideModel(exponent=3.0), TopsideModel(exponent=6.0))
 # Largest number of epochs that are used, of evenly thinned samples.
@@ -125,8 +128,6 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
     ValueError
         If the samples have no arcs.
     """
-    if samples.arc is None:
-        raise ValueError("samples: arcs are required")
     epoch = np.unique(samples.time, return_inverse=True)[1]
     is_used = epoch % (1 + epoch.max() // _MOST_EPOCHS) == 0
     problem = _Problem(samples.select(is_used), altitude[is_used])
@@ -187,6 +188,8 @@ class _Problem:
     """
 
     def __init__(self, samples: BiasSamples, altitude: FloatArray) -> None:
+        if samples.arc is None:
+            raise ValueError("samples: arcs are required")
         self.stec = samples.stec_tecu
         self.edges = shell_edges(float(altitude.min()), float(altitude.max()))
         self._altitude_high = float(altitude.max())
@@ -204,7 +207,7 @@ class _Problem:
         self._level_variance[arc] = np.maximum(
             samples.stec_sigma_tecu**2 - stated**2, _LEVEL_SIGMA_LEAST**2
         )
-        numbers = [samples.group, arc]
+        numbers: list[IntArray] = [samples.group, arc]
         if samples.link is not None:
             numbers.append(np.unique(samples.link, return_inverse=True)[1])
         self._indicators = _indicator_columns(numbers)
@@ -309,7 +312,7 @@ class _Problem:
         return np.hstack((scale, scale * east, scale * north))
 
 
-def _indicator_columns(numbers: list[FloatArray]) -> sparse.csr_matrix:
+def _indicator_columns(numbers: list[IntArray]) -> sparse.csr_matrix:
     """Return one column of zeros and ones for each value of each array of numbers 0, 1, ..."""
     columns, width = [], 0
     for number in numbers:
@@ -326,7 +329,8 @@ def _hats(time: FloatArray) -> FloatArray:
     span = max(float(np.ptp(time)), 1.0)
     intervals = min(math.ceil(span / _KNOT_INTERVAL), _MOST_KNOTS - 1)
     position = (time - time.min()) / span * intervals
-    return np.maximum(0.0, 1.0 - np.abs(position[:, np.newaxis] - np.arange(intervals + 1)))
+    distance = np.abs(position[:, np.newaxis] - np.arange(intervals + 1))
+    return np.asarray(np.maximum(0.0, 1.0 - distance))
 
 
 def _pierce_offsets(samples: BiasSamples, altitude: FloatArray) -> FloatArray:
@@ -341,7 +345,8 @@ def _pierce_offsets(samples: BiasSamples, altitude: FloatArray) -> FloatArray:
     east /= np.linalg.norm(east, axis=-1, keepdims=True)
     north = np.cross(receiver, east)
     north /= np.linalg.norm(north, axis=-1, keepdims=True)
-    return np.stack(((offset * east).sum(axis=-1), (offset * north).sum(axis=-1)), axis=-1)
+    columns = (offset * east).sum(axis=-1), (offset * north).sum(axis=-1)
+    return np.asarray(np.stack(columns, axis=-1))
 
 
 def _scatter(residual: FloatArray) -> float:

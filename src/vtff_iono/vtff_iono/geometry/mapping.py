@@ -79,7 +79,8 @@ def foelsche_kirchengast_mapping(
     Foelsche and Kirchengast (2002), A simple "geometric" mapping function for the hydrostatic delay
     at radio frequencies, Geophys. Res. Lett. 29(10), 1473.
     """
-    ratio = (np.asarray(radius, dtype=float) + height) / radius
+    radius = np.asarray(radius, dtype=float)
+    ratio = (radius + height) / radius
     sine, cosine = np.sin(elevation), np.cos(elevation)
     return np.asarray((1.0 + ratio) / (sine + np.sqrt(ratio**2 - cosine**2)))
 
@@ -93,7 +94,8 @@ def thin_shell_mapping(
 
     Arguments as in `foelsche_kirchengast_mapping`; M = 1 / sqrt(1 - (r cos E / (r + h))^2).
     """
-    ratio = np.asarray(radius, dtype=float) / (np.asarray(radius, dtype=float) + height)
+    radius = np.asarray(radius, dtype=float)
+    ratio = radius / (radius + height)
     return np.asarray(1.0 / np.sqrt(1.0 - (ratio * np.cos(elevation)) ** 2))
 
 
