@@ -19,7 +19,9 @@ from vtff_node.executables import ExecutableNotFoundError, executable_path  # no
 COMMAND_TOPIC = "/deputy/control/thrust_command"
 APPLIED_TOPIC = "/deputy/propulsion/thrust_applied"
 NAVIGATION_TOPICS = (
-    *("/formation/relative_state", "/formation/ambiguities", "/formation/differential_tec"),
+    "/formation/relative_state",
+    "/formation/ambiguities",
+    "/formation/differential_tec",
 )
 SECONDS = 25
 
@@ -32,7 +34,7 @@ def invoke(*arguments):
 
 def run(folder, system, seconds=SECONDS):
     try:
-        executable_path("vtff_bringup", "bag_player")
+        executable_path("vtff_bag", "bag_player")
     except ExecutableNotFoundError:
         pytest.skip("the workspace is not built")
     arguments = ["--duration", seconds, "--seed", 3, "--composed", "--no-report", "--out", folder]
