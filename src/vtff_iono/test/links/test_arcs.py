@@ -5,7 +5,7 @@ import pytest
 from link_simulation import LIGHT, START, observations
 
 from vtff_gnss import constants as c
-from vtff_iono.links.arcs import ArcBreak, ArcDetector
+from vtff_iono.links.arcs import ArcBreak, ArcDetector, arc_keys
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.signal_pairs import PairRows, PairSelector
 
@@ -179,3 +179,221 @@ def test_arcs_do_not_depend_on_how_the_data_are_cut():
         parts.append(detector.update(selector.rows(time[start : start + 8], one)))
     assert np.array_equal(arcs.number, np.concatenate([part.number for part in parts]))
     assert np.array_equal(arcs.break_reason, np.concatenate([p.break_reason for p in parts]))
+
+
+# Rows that are set value by value: every limit is tested from both sides.
+
+
+def rows_of(interval, content, wide_lane=None, **columns):
+    """Return rows of a link at a constant interval; the other columns are quiet unless given."""
+    count = len(content)
+    quiet = {
+        "wide_lane_cycles": np.zeros(count) if wide_lane is None else np.asarray(wide_lane),
+        "lock_time": np.full(count, 1e5),
+        "code_valid": np.full(count, wide_lane is not None),
+        "phase_valid": np.ones(count, dtype=bool),
+        "lock_lost": np.zeros(count, dtype=bool),
+        "half_cycle": np.zeros(count, dtype=np.int64),
+        "satellite": np.zeros(count, dtype=np.int64),
+        "link": np.zeros(count, dtype=np.int64),
+        "row_first": np.arange(count),
+        "time": START + np.round(np.arange(count) * interval * 1e9).astype(np.int64),
+    }
+    return PairRows(
+        **{**quiet, **columns},
+        row_second=np.arange(count),
+        stec_code_tecu=np.asarray(content, dtype=float),
+        stec_phase_tecu=np.asarray(content, dtype=float),
+        cn0_dbhz=np.full(count, 45.0),
+        parity_known=np.ones(count, dtype=bool),
+    )
+
+
+def reasons_of(*arguments, **columns):
+    return ArcDetector().update(rows_of(*arguments, **columns)).break_reason
+
+
+@pytest.mark.parametrize(
+    ("interval", "settled", "unsettled"), [(0.05, 0.1515, 0.1925), (30.0, 1.05, 7.68)]
+)
+def test_the_limits_of_a_jump_of_the_content(interval, settled, unsettled):
+    """0.15 TECU + 0.03 TECU/s; until the fifth sample 0.18 TECU + 0.25 TECU/s."""
+    for epoch, limit in ((4, unsettled), (5, settled), (60, settled)):
+        for factor, reason in ((0.999, ArcBreak.NONE), (1.001, ArcBreak.GEOMETRY_FREE)):
+            for sign in (1.0, -1.0):
+                content = np.zeros(100)
+                content[epoch] = sign * factor * limit
+                assert reasons_of(interval, content)[epoch] == reason, (epoch, factor)
+
+
+def test_the_limit_follows_the_scatter_up_to_the_cap():
+    """White noise of 0.5 TECU at 30 s: the limit is 5.5 times the scatter of the innovations."""
+    generator = np.random.default_rng(9)
+    content = generator.normal(0.0, 0.5, 400)
+    assert not reasons_of(30.0, content)[1:].any()
+    # The filter amplifies the noise; its innovations have 0.65 TECU, the limit is 3.6 TECU.
+    for jump, breaks in ((2.0, False), (6.0, True)):
+        content[300] = np.mean(content[290:300]) + jump
+        assert (reasons_of(30.0, content)[300] == ArcBreak.GEOMETRY_FREE) == breaks
+    rough = generator.normal(0.0, 3.0, 400)
+    rough[300:] += 60.0
+    assert reasons_of(30.0, rough)[300] == ArcBreak.GEOMETRY_FREE
+
+
+def test_the_prediction_follows_value_and_rate():
+    """After a step of d in a quiet series the next value is predicted at 0.7 d: gains 0.5, 0.2."""
+    step = 0.12
+    for offset, reason in (
+        (0.1510, ArcBreak.NONE),
+        (0.1520, ArcBreak.GEOMETRY_FREE),
+        (-0.1510, ArcBreak.NONE),
+        (-0.1520, ArcBreak.GEOMETRY_FREE),
+    ):
+        content = np.zeros(80)
+        content[60], content[61] = step, 0.7 * step + offset
+        assert reasons_of(0.05, content)[61] == reason, offset
+
+
+def test_a_steady_rate_is_predicted():
+    """0.2 TECU/s at 30 s are 6 TECU from sample to sample; the limit is 1 TECU."""
+    content = 0.2 * 30.0 * np.arange(50)
+    assert reasons_of(30.0, content).tolist() == [ArcBreak.START] + [ArcBreak.NONE] * 49
+    content[30:] += 1.1
+    assert reasons_of(30.0, content)[30] == ArcBreak.GEOMETRY_FREE
+
+
+@pytest.mark.parametrize(("epoch", "limit"), [(10, 3.0), (19, 3.0), (20, 0.6), (50, 0.6)])
+def test_the_limits_of_the_wide_lane(epoch, limit):
+    """Five times 0.6 cycles until 20 samples have shown the spread, then 0.6 cycles."""
+    for factor, reason in ((0.999, ArcBreak.NONE), (1.001, ArcBreak.WIDE_LANE)):
+        wide_lane = np.zeros(60)
+        wide_lane[epoch] = factor * limit
+        assert reasons_of(30.0, np.zeros(60), wide_lane)[epoch] == reason
+
+
+def test_the_wide_lane_is_averaged_over_three_seconds():
+    """A single sample at 1 Hz counts a third: 1.8 cycles."""
+    for jump, reason in ((1.79, ArcBreak.NONE), (1.81, ArcBreak.WIDE_LANE)):
+        wide_lane = np.zeros(60)
+        wide_lane[40] = jump
+        assert reasons_of(1.0, np.zeros(60), wide_lane)[40] == reason
+    # A jump that stays is found when the average has followed: 1 - (2/3)^n of 1 cycle.
+    wide_lane = np.zeros(60)
+    wide_lane[40:] = 1.0
+    reason = reasons_of(1.0, np.zeros(60), wide_lane)
+    assert reason[40:43].tolist() == [ArcBreak.NONE, ArcBreak.NONE, ArcBreak.WIDE_LANE]
+
+
+def test_the_spread_of_the_wide_lane_widens_its_limit():
+    """At 30 s the average is the sample: 5 standard deviations of 1 cycle."""
+    wide_lane = np.where(np.arange(200) % 2 == 0, 1.0, -1.0)
+    for jump, reason in ((4.6, ArcBreak.NONE), (5.4, ArcBreak.WIDE_LANE)):
+        changed = wide_lane.copy()
+        changed[150] = jump
+        reasons_found = reasons_of(30.0, np.zeros(200), changed)
+        assert not reasons_found[1:150].any()
+        assert reasons_found[150] == reason
+
+
+def test_the_wide_lane_needs_code():
+    wide_lane = np.zeros(60)
+    wide_lane[40] = 10.0
+    has_code = np.ones(60, dtype=bool)
+    has_code[40] = False
+    reason = reasons_of(30.0, np.zeros(60), wide_lane, code_valid=has_code)
+    assert not reason[1:].any()
+
+
+@pytest.mark.parametrize(
+    ("interval", "gap", "reason"),
+    [
+        (0.05, 1.45, ArcBreak.NONE),
+        (0.05, 1.55, ArcBreak.GAP),
+        (1.0, 2.0, ArcBreak.NONE),
+        (1.0, 3.0, ArcBreak.GAP),
+        (30.0, 60.0, ArcBreak.NONE),
+        (30.0, 90.0, ArcBreak.GAP),
+    ],
+)
+def test_the_limits_of_a_gap(interval, gap, reason):
+    """Longer than 1.5 s and than 2.5 intervals; the other link of the satellite is not broken."""
+    time = np.arange(40) * interval
+    time[20:] += gap - interval
+    nanoseconds = START + np.round(time * 1e9).astype(np.int64)
+    assert reasons_of(interval, np.zeros(40), time=nanoseconds)[20] == reason
+    both = np.repeat(nanoseconds, 2)
+    link = np.tile([0, 1], 40)
+    kept = (link == 0) | (np.arange(80) < 40) | (both >= nanoseconds[21])
+    found = reasons_of(
+        interval, np.zeros(kept.sum()), time=both[kept], link=link[kept], row_first=link[kept]
+    )
+    assert np.count_nonzero(found) >= 2 and not np.any(found == ArcBreak.OTHER_LINK)
+
+
+@pytest.mark.parametrize(("lock_time", "reason"), [(99.96, ArcBreak.NONE), (99.94, ArcBreak.LOCK)])
+def test_a_lock_time_that_goes_back(lock_time, reason):
+    """By more than the rounding of compressed logs, 1/32 s."""
+    lock_times = np.full(40, 100.0)
+    lock_times[20:] = lock_time
+    assert reasons_of(1.0, np.zeros(40), lock_time=lock_times)[20] == reason
+
+
+@pytest.mark.parametrize(("lock_time", "reason"), [(0.91, ArcBreak.NONE), (0.89, ArcBreak.LOCK)])
+def test_a_lock_time_shorter_than_the_interval(lock_time, reason):
+    assert reasons_of(1.0, np.zeros(40), lock_time=np.full(40, lock_time))[20] == reason
+
+
+def closure_rows(closure, interval=30.0):
+    """Return rows of two links that share the first signal; the second sees `closure` more."""
+    count = len(closure)
+    content = np.stack((np.zeros(count), closure), axis=1).ravel()
+    time = START + np.repeat(np.round(np.arange(count) * interval * 1e9).astype(np.int64), 2)
+    link = np.tile([0, 1], count)
+    row_first = np.repeat(np.arange(count), 2)
+    return rows_of(interval, content, time=time, link=link, row_first=row_first)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_the_limits_of_the_closure(sign):
+    for jump, reason in ((0.149, ArcBreak.NONE), (0.151, ArcBreak.CLOSURE)):
+        closure = np.full(50, 3.0)
+        closure[40] += sign * jump
+        arcs = ArcDetector().update(closure_rows(closure))
+        found = arcs.break_reason.reshape(-1, 2)
+        assert found[40, 1] == reason
+        # The other link of the satellite may have slipped instead.
+        assert found[40, 0] == (ArcBreak.OTHER_LINK if reason else ArcBreak.NONE)
+        assert arcs.number[-2:].tolist() == ([2, 2] if reason else [1, 1])
+
+
+def test_mean_and_spread_of_the_closure_follow_within_a_minute():
+    """At 30 s by half: after a deviation d the mean is at d / 2, its spread d / sqrt(2)."""
+    step = 0.14
+    limit = 0.5 * step + 5.5 * step / np.sqrt(2.0)
+    for factor, reason in ((0.999, ArcBreak.NONE), (1.001, ArcBreak.CLOSURE)):
+        closure = np.full(50, 3.0)
+        closure[40] += step
+        closure[41] += factor * limit
+        found = ArcDetector().update(closure_rows(closure)).break_reason.reshape(-1, 2)
+        assert not found[1:41].any()
+        assert found[41, 1] == reason
+
+
+def test_the_spread_of_the_closure_widens_its_limit():
+    """A closure that changes by 0.14 all the time: 5.5 standard deviations."""
+    closure = 3.0 + 0.07 * np.where(np.arange(100) % 2 == 0, 1.0, -1.0)
+    # The mean follows by half: deviations of 0.093 about it, and a limit of 0.51 + 0.05.
+    for jump, breaks in ((0.40, False), (0.75, True)):
+        changed = closure.copy()
+        changed[80] = 3.0 + jump
+        found = ArcDetector().update(closure_rows(changed)).break_reason.reshape(-1, 2)
+        assert not found[1:80].any()
+        assert (found[80, 1] == ArcBreak.CLOSURE) == breaks
+
+
+def test_numbers_of_arcs_and_links_make_one_key():
+    link, arc = np.array([0, 0, 1, 1, 2]), np.array([1, 2, 1, 2, 1])
+    keys = arc_keys(link, arc)
+    assert len(set(keys.tolist())) == 5
+    assert keys.tolist() == sorted(keys.tolist())
+    assert arc_keys(np.array([-1]), np.array([0]))[0] < 0
