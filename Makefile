@@ -3,6 +3,7 @@ SHELL := /bin/bash
 .DEFAULT_GOAL := help
 ENVIRONMENT := . .venv/vtff_environment.sh
 PYTEST_ARGUMENTS ?=
+TEST_PROCESSES ?= 2
 SYSTEM ?= config/system/reference.yaml
 
 .PHONY: help setup setup_test demo test bench lint clean
@@ -19,8 +20,8 @@ setup_test: # the same and what the tests need
 demo: setup  ## Fly the reference formation, print the result beside the paper's, write plots
 	@.venv/bin/vtff run $(SYSTEM)
 
-test: setup_test  ## Run all tests
-	@$(ENVIRONMENT) && python -m pytest $(PYTEST_ARGUMENTS)
+test: setup_test  ## Run all tests but the slow ones; says what it leaves out
+	@$(ENVIRONMENT) && python -m pytest -n $(TEST_PROCESSES) --dist loadfile --no-loadscope-reorder $(PYTEST_ARGUMENTS)
 
 bench: setup  ## Run the benchmarks, one after the other (idle machine, please)
 	@$(ENVIRONMENT) && python benchmarks/run_all.py
