@@ -32,7 +32,7 @@ from vtff_msgs.msg import (
     Scintillation,
     SlantTec,
 )
-from vtff_node.conversions.gnss import observations_from_message
+from vtff_node.conversions.gnss import EARTH_FRAME, observations_from_message
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 __all__ = [
@@ -45,7 +45,6 @@ __all__ = [
     "slant_tec_to_message",
 ]
 
-EARTH_FRAME = "earth"
 COMBINED_SYSTEM = 255
 """System of the row that combines all satellites."""
 

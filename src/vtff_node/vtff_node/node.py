@@ -91,7 +91,7 @@ class VtffNode(Node):
         self.problem = ""
         self._counted: list[CountingPublisher] = []
         self._progress_next = 0.0
-        self._progress_descriptor = _progress_descriptor()
+        self._progress_descriptor = _find_progress_descriptor()
         self._qualified_name = self.get_fully_qualified_name()
         self._step_done = StepDone(node=self._qualified_name)
         self._acknowledges_steps = self.lockstep and self.common.acknowledge_steps
@@ -258,6 +258,6 @@ class VtffNode(Node):
             self.get_logger().error(f"the message counts cannot be written: {error}")
 
 
-def _progress_descriptor() -> int | None:
+def _find_progress_descriptor() -> int | None:
     text = os.environ.get(PROGRESS_VARIABLE, "")
     return int(text) if text.isdigit() else None

@@ -96,7 +96,7 @@ class ColumnCollector:
     def __init__(self, type_name: str, source: str) -> None:
         self._type_name = type_name
         self._source = source
-        self._fields = tuple(_fields(message_class(type_name)))
+        self._fields = tuple(_list_fields(message_class(type_name)))
         self._waiting: list[bytes] = []
         self._decoded: list[MessageColumns] = []
 
@@ -144,7 +144,7 @@ class ColumnCollector:
             if field.kind == "number":
                 numbers[field.name] = column = np.empty((count, *field.shape), field.dtype)
                 for index, layout, stored in groups:
-                    values = _values(stored, layout[field_number], field.dtype)
+                    values = _read_values(stored, layout[field_number], field.dtype)
                     column[index] = values.reshape(len(index), *field.shape)
             elif field.kind == "list":
                 length = np.empty(count, dtype=np.int64)
@@ -155,7 +155,7 @@ class ColumnCollector:
                 for index, layout, stored in groups:
                     element_count = layout[field_number].count
                     rows = (end - length)[index][:, np.newaxis] + np.arange(element_count)
-                    elements[rows] = _values(stored, layout[field_number], field.dtype)
+                    elements[rows] = _read_values(stored, layout[field_number], field.dtype)
                 sequences[field.name], lengths[field.name] = elements, length
         self._decoded.append(MessageColumns(self._source, count, numbers, sequences, lengths))
 
@@ -169,11 +169,11 @@ class ColumnCollector:
             joined = b"".join([serialized[i] for i in index.tolist()])
             stored = np.frombuffer(joined, dtype=np.uint8).reshape(-1, size)
             while len(index):
-                layout, is_equal = self._first_layout(stored)
+                layout, is_equal = self._find_first_layout(stored)
                 yield index[is_equal], layout, stored[is_equal]
                 index, stored = index[~is_equal], stored[~is_equal]
 
-    def _first_layout(
+    def _find_first_layout(
         self, stored: npt.NDArray[np.uint8]
     ) -> tuple[list[_FieldLayout], npt.NDArray[np.bool_]]:
         """Return the layout of the first message, and which messages have the same layout."""
@@ -225,7 +225,7 @@ class _FieldLayout:
     count: int
 
 
-def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
+def _list_fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
     """Yield the fields of a type in order; a nested message is replaced by its own fields."""
     for name, declared in message_type.get_fields_and_field_types().items():
         path = f"{prefix}{name}"
@@ -241,7 +241,7 @@ def _fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
             shape = (int(match["size"]),) if match["size"] else ()
             yield _Field(path, "number", np.dtype(number), shape)
         elif re.fullmatch(r"\w+/\w+", declared):
-            yield from _fields(message_class(declared), f"{path}.")
+            yield from _list_fields(message_class(declared), f"{path}.")
         else:
             raise TypeError(f"field '{path}' is {declared}: it cannot become a column")
 
@@ -251,7 +251,7 @@ def _align(position: int, size: int) -> int:
     return position + (_HEADER_SIZE - position) % size
 
 
-def _values(
+def _read_values(
     stored: npt.NDArray[np.uint8], layout: _FieldLayout, dtype: np.dtype[Any]
 ) -> npt.NDArray[Any]:
     """Return the elements of a field, one row for each message."""

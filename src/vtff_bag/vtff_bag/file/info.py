@@ -34,34 +34,34 @@ def format_information(reader: BagReader) -> str:
     ]
     rows = [
         ("Files", [file.name for file in reader.files]),
-        ("Bag size", [_size(sum(file.stat().st_size for file in reader.files))]),
+        ("Bag size", [_format_size(sum(file.stat().st_size for file in reader.files))]),
         ("Storage id", [STORAGE_IDENTIFIER]),
         ("ROS Distro", [distribution]),
-        ("Duration", [f"{_seconds(reader.end_time - reader.start_time)}s"]),
-        ("Start", [_time(reader.start_time)]),
-        ("End", [_time(reader.end_time)]),
+        ("Duration", [f"{_format_seconds(reader.end_time - reader.start_time)}s"]),
+        ("Start", [_format_time(reader.start_time)]),
+        ("End", [_format_time(reader.end_time)]),
         ("Messages", [str(reader.message_count)]),
         ("Topic information", topics),
-        ("State", [_state(reader), *reader.notes]),
+        ("State", [_describe_state(reader), *reader.notes]),
     ]
     if reader.custom_data:
         custom = sorted(reader.custom_data.items())
-        rows.append(("Custom data", [f"{key}: {_shortened(text)}" for key, text in custom]))
-    return "\n".join(_row(title, values) for title, values in rows)
+        rows.append(("Custom data", [f"{key}: {_shorten(text)}" for key, text in custom]))
+    return "\n".join(_format_row(title, values) for title, values in rows)
 
 
-def _shortened(text: str) -> str:
+def _shorten(text: str) -> str:
     """Return a text as one line that fits a terminal."""
     line = " ".join(text.split())
     return line if len(line) <= _LONGEST_TEXT else f"{line[: _LONGEST_TEXT - 4]} ..."
 
 
-def _row(title: str, values: list[str]) -> str:
+def _format_row(title: str, values: list[str]) -> str:
     separator = "\n" + " " * _INDENT
     return f"{title + ':':{_INDENT}}{separator.join(values)}".rstrip()
 
 
-def _state(reader: BagReader) -> str:
+def _describe_state(reader: BagReader) -> str:
     if reader.complete:
         return "complete"
     if all(content.closed for content in reader.contents):
@@ -69,21 +69,21 @@ def _state(reader: BagReader) -> str:
     return f"not closed properly -> vtff bag recover {reader.path}"
 
 
-def _seconds(nanoseconds: int) -> str:
+def _format_seconds(nanoseconds: int) -> str:
     return f"{nanoseconds // NANOSECONDS_PER_SECOND}.{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
 
 
-def _time(nanoseconds: int) -> str:
+def _format_time(nanoseconds: int) -> str:
     epoch = datetime.datetime(1970, 1, 1, tzinfo=datetime.timezone.utc)
     try:
         moment = epoch + datetime.timedelta(seconds=nanoseconds // NANOSECONDS_PER_SECOND)
     except OverflowError:
-        return f"({_seconds(nanoseconds)})"
+        return f"({_format_seconds(nanoseconds)})"
     fraction = f"{nanoseconds % NANOSECONDS_PER_SECOND:09d}"
-    return f"{moment:%b %d %Y %H:%M:%S}.{fraction} UTC ({_seconds(nanoseconds)})"
+    return f"{moment:%b %d %Y %H:%M:%S}.{fraction} UTC ({_format_seconds(nanoseconds)})"
 
 
-def _size(size: int) -> str:
+def _format_size(size: int) -> str:
     if size < 1024:
         return f"{size} B"
     value = float(size)

@@ -121,7 +121,7 @@ def read_content(path: pathlib.Path) -> FileContent:
     """
     try:
         with open(path, "rb") as file:
-            content = _content_from_summary(path, file)
+            content = _read_content_from_summary(path, file)
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
     return content if content is not None else scan_content(path)
@@ -169,9 +169,11 @@ def read_block(
     stored = file.read(block.length)
     try:
         if block.chunked:
-            stored = _chunk_records(stored)
+            stored = _read_chunk(stored)
         records = [
-            (start, end) for opcode, start, end in _records(stored) if opcode == Opcode.MESSAGE
+            (start, end)
+            for opcode, start, end in _split_records(stored)
+            if opcode == Opcode.MESSAGE
         ]
         if channel_ids is not None:
             # Most messages are of other topics, and unpacking a message costs more than its number.
@@ -181,7 +183,7 @@ def read_block(
                 for start, end in records
                 if channel_id(stored, start)[0] in channel_ids
             ]
-        messages = [_message(stored, start, end) for start, end in records]
+        messages = [_unpack_message(stored, start, end) for start, end in records]
     except _DAMAGE as error:
         raise BagReadError(
             f"{content.path}: damaged between bytes {block.offset} and "
@@ -190,12 +192,12 @@ def read_block(
     return iter(messages)
 
 
-def _message(stored: bytes, start: int, end: int) -> StoredMessage:
+def _unpack_message(stored: bytes, start: int, end: int) -> StoredMessage:
     channel_id, _, log_time, publish_time = _MESSAGE.unpack_from(stored, start)
     return StoredMessage(channel_id, log_time, publish_time, stored[start + _MESSAGE.size : end])
 
 
-def _records(stored: bytes) -> Iterator[tuple[int, int, int]]:
+def _split_records(stored: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and end of each record; ValueError if a record is cut off."""
     position = 0
     while position < len(stored):
@@ -207,7 +209,7 @@ def _records(stored: bytes) -> Iterator[tuple[int, int, int]]:
         yield opcode, start, position
 
 
-def _chunk_records(stored: bytes) -> bytes:
+def _read_chunk(stored: bytes) -> bytes:
     """Return the records inside a stored chunk record, decompressed and checked."""
     chunk = Chunk.read(ReadDataStream(io.BytesIO(stored[_RECORD.size :])))
     if chunk.uncompressed_size > _LARGEST_CHUNK:
@@ -230,7 +232,7 @@ def _chunk_records(stored: bytes) -> bytes:
     return records
 
 
-def _content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
+def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileContent | None:
     """Return the content from an intact summary section; None where a scan is needed."""
     try:
         if not _summary_is_intact(file):
@@ -409,8 +411,8 @@ class _Scan:
             self._group = None
 
     def _take_chunk(self, position: int, end: int) -> None:
-        stored = _chunk_records(self._file[position:end])
-        records = list(_records(stored))  # all records are checked before the first is used
+        stored = _read_chunk(self._file[position:end])
+        records = list(_split_records(stored))  # all records are checked before the first is used
         times = []
         counts = self._content.message_counts
         for opcode, start, record_end in records:
@@ -442,7 +444,7 @@ class _Scan:
         if opcode == Opcode.DATA_END:
             return True
         try:
-            _chunk_records(self._file[position:end])
+            _read_chunk(self._file[position:end])
         except _DAMAGE:
             return False
         return True

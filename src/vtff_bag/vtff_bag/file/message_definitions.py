@@ -41,7 +41,7 @@ def message_definition(type_name: str) -> str:
     UnknownTypeError
         If the ``.msg`` file of the type, or of one that it needs, is not installed.
     """
-    return _complete_text(type_name, search_prefixes())
+    return _build_definition(type_name, search_prefixes())
 
 
 def search_prefixes() -> tuple[str, ...]:
@@ -55,7 +55,7 @@ def search_prefixes() -> tuple[str, ...]:
 def first_field_type(type_name: str) -> str:
     """Return the type of the first field of a message: ``package/Type`` or a primitive, or ''."""
     package, name = _split_name(type_name)
-    fields = _field_types(_text(package, name, search_prefixes()), package)
+    fields = _parse_field_types(_read_definition(package, name, search_prefixes()), package)
     return fields[0] if fields else ""
 
 
@@ -82,11 +82,11 @@ def installed_type_hash(type_name: str) -> str:
     rosidl writes the hash into ``share/<package>/msg/<Type>.json`` (REP-2016).
     """
     package, name = _split_name(type_name)
-    return _type_hash(package, name, search_prefixes())
+    return _read_type_hash(package, name, search_prefixes())
 
 
 @functools.cache
-def _type_hash(package: str, name: str, prefixes: tuple[str, ...]) -> str:
+def _read_type_hash(package: str, name: str, prefixes: tuple[str, ...]) -> str:
     for prefix in prefixes:
         path = pathlib.Path(prefix) / "share" / package / "msg" / f"{name}.json"
         if path.is_file():
@@ -104,19 +104,19 @@ def _split_name(type_name: str) -> tuple[str, str]:
 
 
 @functools.cache
-def _complete_text(type_name: str, prefixes: tuple[str, ...]) -> str:
+def _build_definition(type_name: str, prefixes: tuple[str, ...]) -> str:
     package, name = _split_name(type_name)
-    parts = [_text(package, name, prefixes)]
+    parts = [_read_definition(package, name, prefixes)]
     seen = {f"{package}/{name}"}
 
     def append_dependencies(text: str, package_of_text: str) -> None:
-        for field_type in _field_types(text, package_of_text):
+        for field_type in _parse_field_types(text, package_of_text):
             if field_type in _PRIMITIVES or field_type in seen:
                 continue
             seen.add(field_type)
             dependency_package, dependency_name = _split_name(field_type)
             try:
-                dependency = _text(dependency_package, dependency_name, prefixes)
+                dependency = _read_definition(dependency_package, dependency_name, prefixes)
             except UnknownTypeError as error:
                 raise UnknownTypeError(f"{error} (needed by '{type_name}')") from None
             parts.append(f"\n{SEPARATOR}\nMSG: {field_type}\n{dependency}")
@@ -127,7 +127,7 @@ def _complete_text(type_name: str, prefixes: tuple[str, ...]) -> str:
 
 
 @functools.cache
-def _text(package: str, name: str, prefixes: tuple[str, ...]) -> str:
+def _read_definition(package: str, name: str, prefixes: tuple[str, ...]) -> str:
     for prefix in prefixes:
         path = pathlib.Path(prefix) / "share" / package / "msg" / f"{name}.msg"
         if path.is_file():
@@ -138,7 +138,7 @@ def _text(package: str, name: str, prefixes: tuple[str, ...]) -> str:
     )
 
 
-def _field_types(text: str, package: str) -> list[str]:
+def _parse_field_types(text: str, package: str) -> list[str]:
     """Return the types of the fields in order, without constants; messages as ``package/Type``."""
     types = []
     for line in text.splitlines():

@@ -110,17 +110,17 @@ class BagMetadata:
             "duration": {"nanoseconds": end - start},
             "starting_time": {"nanoseconds_since_epoch": start},
             "message_count": self.message_count,
-            "topics_with_message_count": [_topic_entry(topic) for topic in self.topics],
+            "topics_with_message_count": [_format_topic(topic) for topic in self.topics],
             "compression_format": "",
             "compression_mode": "",
             "relative_file_paths": [file.path for file in self.files],
-            "files": [_file_entry(file) for file in self.files],
+            "files": [_format_file(file) for file in self.files],
             "custom_data": dict(self.custom_data),
             "ros_distro": self.ros_distribution,
         }
 
 
-def _topic_entry(topic: TopicInformation) -> dict[str, Any]:
+def _format_topic(topic: TopicInformation) -> dict[str, Any]:
     return {
         "topic_metadata": {
             "name": topic.name,
@@ -133,7 +133,7 @@ def _topic_entry(topic: TopicInformation) -> dict[str, Any]:
     }
 
 
-def _file_entry(file: FileInformation) -> dict[str, Any]:
+def _format_file(file: FileInformation) -> dict[str, Any]:
     return {
         "path": file.path,
         "starting_time": {"nanoseconds_since_epoch": file.start_time},

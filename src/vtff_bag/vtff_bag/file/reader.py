@@ -71,7 +71,7 @@ class BagReader:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, scan: bool = False) -> None:
-        self.path = _bag_of_run(pathlib.Path(path))
+        self.path = _find_bag(pathlib.Path(path))
         self.notes: list[str] = []
         self.metadata: BagMetadata | None = None
         self.files = self._find_files()
@@ -175,9 +175,9 @@ class BagReader:
                 )
             self.notes.append(f"{bag_metadata.METADATA_FILE} is missing")
             return present
-        return self._files_by_metadata(metadata_path, present)
+        return self._find_files_by_metadata(metadata_path, present)
 
-    def _files_by_metadata(
+    def _find_files_by_metadata(
         self, metadata_path: pathlib.Path, present: list[pathlib.Path]
     ) -> list[pathlib.Path]:
         try:
@@ -219,12 +219,12 @@ class BagReader:
         if self.metadata is None:
             self.metadata = stored_metadata
             return
-        reason = self._contradiction(self.metadata)
+        reason = self._find_contradiction(self.metadata)
         if reason:
             self.notes.append(f"{bag_metadata.METADATA_FILE} is of another bag: {reason}")
             self.metadata = stored_metadata
 
-    def _contradiction(self, metadata: BagMetadata) -> str:
+    def _find_contradiction(self, metadata: BagMetadata) -> str:
         """Return how the metadata contradict the files; empty if they may be of the same bag."""
         listed = {topic.name for topic in metadata.topics}
         unlisted = sorted(set(self.topics) - listed)
@@ -317,7 +317,7 @@ class BagReader:
             yield log_time, number, block.offset, index, raw
 
 
-def _bag_of_run(path: pathlib.Path) -> pathlib.Path:
+def _find_bag(path: pathlib.Path) -> pathlib.Path:
     """Return the bag inside a run folder; any other path as it is."""
     inside = path / RUN_SUBDIRECTORY
     is_bag = (path / bag_metadata.METADATA_FILE).is_file() or any(path.glob(f"*{SUFFIX}"))

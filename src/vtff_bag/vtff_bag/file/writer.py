@@ -306,7 +306,7 @@ class BagWriter:
         if self._closed or self._failed:
             return
         try:
-            serialized = dump_yaml(self._metadata().as_dictionary())
+            serialized = dump_yaml(self._make_metadata().as_dictionary())
             self._writer.add_metadata("rosbag2", {"serialized_metadata": serialized})
             self._writer.finish()
             self._file.close()
@@ -338,7 +338,7 @@ class BagWriter:
         self._failed = True
         self._file.close()
 
-    def _metadata(self) -> BagMetadata:
+    def _make_metadata(self) -> BagMetadata:
         return BagMetadata(
             files=[self._file_information],
             topics=list(self._topics.values()),
@@ -346,4 +346,4 @@ class BagWriter:
         )
 
     def _write_metadata_file(self) -> None:
-        bag_metadata.write_metadata(self.directory, self._metadata())
+        bag_metadata.write_metadata(self.directory, self._make_metadata())

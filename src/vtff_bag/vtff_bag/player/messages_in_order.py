@@ -74,7 +74,7 @@ def select_topics(
     for name, topic in sorted(reader.topics.items()):
         if name in excluded or (wanted and name not in wanted):
             continue
-        reason = _reason_to_skip(topic)
+        reason = _find_reason_to_skip(topic)
         if reason:
             skipped.append(f"{name} is skipped ({topic.message_count} messages): {reason}")
         else:
@@ -82,7 +82,7 @@ def select_topics(
     return ReplaySelection(topics, tuple(skipped))
 
 
-def _reason_to_skip(topic: TopicInformation) -> str:
+def _find_reason_to_skip(topic: TopicInformation) -> str:
     """Return why a topic cannot be replayed; empty if it can."""
     if topic.serialization_format != SERIALIZATION_FORMAT:
         return f"its messages are '{topic.serialization_format}', not {SERIALIZATION_FORMAT}"
@@ -141,7 +141,7 @@ class Replay:
         self._publish = publish
         self._loop = loop
         self._steady_clock = steady_clock
-        self._start = self._time_of(start_offset)
+        self._start = self._find_time(start_offset)
         self._clock = ReplayClock(self._start, rate, paused=paused, steady_clock=steady_clock)
         self._messages: Iterator[RawMessage] = iter(())
         self._next: RawMessage | None = None
@@ -239,11 +239,11 @@ class Replay:
         ValueError
             If the time lies outside the bag.
         """
-        target = self._time_of(offset)
+        target = self._find_time(offset)
         self._clock.jump(target)
         self._open(target)
 
-    def _time_of(self, offset: float) -> int:
+    def _find_time(self, offset: float) -> int:
         if not 0.0 <= offset <= self.duration:
             raise ValueError(
                 f"offset {offset:g} s lies outside the bag, which lasts {self.duration:.3f} s"

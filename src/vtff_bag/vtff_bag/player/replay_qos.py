@@ -59,10 +59,16 @@ def publisher_profile(offers: Sequence[QosEntry]) -> QoSProfile:
         Its depth is at least `vtff_node.qos.HISTORY_DEPTH` messages, because a recorder cannot
         discover the depth of a publisher.
     """
-    reliable = [_policy(offer, "reliability") is ReliabilityPolicy.RELIABLE for offer in offers]
-    latched = [_policy(offer, "durability") is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers]
-    manual = [_policy(offer, "liveliness") is LivelinessPolicy.MANUAL_BY_TOPIC for offer in offers]
-    keep_all = [_policy(offer, "history") is HistoryPolicy.KEEP_ALL for offer in offers]
+    reliable = [
+        _read_policy(offer, "reliability") is ReliabilityPolicy.RELIABLE for offer in offers
+    ]
+    latched = [
+        _read_policy(offer, "durability") is DurabilityPolicy.TRANSIENT_LOCAL for offer in offers
+    ]
+    manual = [
+        _read_policy(offer, "liveliness") is LivelinessPolicy.MANUAL_BY_TOPIC for offer in offers
+    ]
+    keep_all = [_read_policy(offer, "history") is HistoryPolicy.KEEP_ALL for offer in offers]
     depths = [int(offer.get("depth") or 0) for offer in offers if _is_count(offer.get("depth"))]
     return QoSProfile(
         history=HistoryPolicy.KEEP_ALL if any(keep_all) else HistoryPolicy.KEEP_LAST,
@@ -75,16 +81,16 @@ def publisher_profile(offers: Sequence[QosEntry]) -> QoSProfile:
         durability=(
             DurabilityPolicy.TRANSIENT_LOCAL if any(latched) else DurabilityPolicy.VOLATILE
         ),
-        deadline=_shortest_duration(offers, "deadline"),
-        lifespan=_longest_duration(offers, "lifespan"),
+        deadline=_find_shortest_duration(offers, "deadline"),
+        lifespan=_find_longest_duration(offers, "lifespan"),
         liveliness=(
             LivelinessPolicy.MANUAL_BY_TOPIC if any(manual) else LivelinessPolicy.AUTOMATIC
         ),
-        liveliness_lease_duration=_shortest_duration(offers, "liveliness_lease_duration"),
+        liveliness_lease_duration=_find_shortest_duration(offers, "liveliness_lease_duration"),
     )
 
 
-def _policy(offer: QosEntry, name: str) -> Any:
+def _read_policy(offer: QosEntry, name: str) -> Any:
     """Return a policy from its recorded word or number; None for an unknown value."""
     enumeration, words = _POLICIES[name]
     value = offer.get(name)
@@ -100,23 +106,23 @@ def _is_count(value: Any) -> bool:
     return isinstance(value, int) and 0 <= value < 1_000_000
 
 
-def _shortest_duration(offers: Sequence[QosEntry], name: str) -> Any:
+def _find_shortest_duration(offers: Sequence[QosEntry], name: str) -> Any:
     return min(
-        (_duration_or_infinite(offer.get(name)) for offer in offers),
-        key=_nanoseconds,
+        (_read_duration(offer.get(name)) for offer in offers),
+        key=_to_nanoseconds,
         default=Infinite,
     )
 
 
-def _longest_duration(offers: Sequence[QosEntry], name: str) -> Any:
+def _find_longest_duration(offers: Sequence[QosEntry], name: str) -> Any:
     return max(
-        (_duration_or_infinite(offer.get(name)) for offer in offers),
-        key=_nanoseconds,
+        (_read_duration(offer.get(name)) for offer in offers),
+        key=_to_nanoseconds,
         default=Infinite,
     )
 
 
-def _duration_or_infinite(value: Any) -> Any:
+def _read_duration(value: Any) -> Any:
     """Return a recorded duration; infinite where it is unset, infinite or damaged."""
     if not isinstance(value, Mapping):
         return Infinite
@@ -128,5 +134,5 @@ def _duration_or_infinite(value: Any) -> Any:
     return Duration(seconds=seconds, nanoseconds=nanoseconds)
 
 
-def _nanoseconds(duration: Any) -> int:
+def _to_nanoseconds(duration: Any) -> int:
     return int(duration.nanoseconds)

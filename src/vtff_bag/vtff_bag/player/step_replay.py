@@ -102,7 +102,7 @@ class StepReplay:
             if now - self._created_at > self._parameters.start_timeout:
                 self._node.fail(f"the replay did not start: not in the graph: {', '.join(absent)}")
             return
-        published = self._topics_of_other_nodes()
+        published = self._find_topics_of_other_nodes()
         if published != self._recomputed_topics:
             self._recomputed_topics, self._recomputed_changed_at = published, now
         if now - self._recomputed_changed_at < SETTLE_TIME:
@@ -114,10 +114,10 @@ class StepReplay:
             self._node, selection, is_lockstep=True, publishes_clock=True
         )
         self._publishers_created_at = now
-        self._steps = self._steps_within_duration(selection)
+        self._steps = self._read_steps(selection)
         self._next_step = next(self._steps, None)
 
-    def _topics_of_other_nodes(self) -> frozenset[str]:
+    def _find_topics_of_other_nodes(self) -> frozenset[str]:
         own_name = self._node.get_fully_qualified_name()
         return frozenset(
             name
@@ -126,7 +126,7 @@ class StepReplay:
             if f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}" != own_name
         )
 
-    def _steps_within_duration(self, selection: ReplaySelection) -> Iterator[ReplayStep]:
+    def _read_steps(self, selection: ReplaySelection) -> Iterator[ReplayStep]:
         limit = self._parameters.duration or float("inf")
         step_topic = self._parameters.step_topic
         for step in replay_steps(self._reader, list(selection.topics), step_topic):
@@ -145,7 +145,7 @@ class StepReplay:
         assert self._publishers is not None
         step, self._next_step = self._next_step, next(self._steps, None)
         if step is None:
-            self._node.report_progress(self._duration(), self._duration())
+            self._node.report_progress(self._compute_duration(), self._compute_duration())
             self._node.finish()
             return
         self._step_source.begin(step.stamp)
@@ -156,7 +156,7 @@ class StepReplay:
         # The stamp of the newest message may lie before the step, or in a second that is to come.
         self._node.scenario_nanoseconds = step.stamp
         done = (step.stamp - self._first_stamp) / NANOSECONDS_PER_SECOND
-        self._node.report_progress(done, self._duration())
+        self._node.report_progress(done, self._compute_duration())
 
     def _acknowledge_step_for(self, recorded_nodes: Sequence[str], stamp: int) -> None:
         """Acknowledge a step in the name of nodes whose recorded messages are replayed."""
@@ -167,7 +167,7 @@ class StepReplay:
             done.header.stamp = to_stamp(stamp)
             self._done_publisher.publish(done)
 
-    def _duration(self) -> float:
+    def _compute_duration(self) -> float:
         """Return the recorded time of the replay, s."""
         whole = (self._last_stamp - self._first_stamp) / NANOSECONDS_PER_SECOND
         wanted = self._parameters.duration

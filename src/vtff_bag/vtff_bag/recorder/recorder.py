@@ -168,7 +168,7 @@ class Recorder:
                 name,
                 type_name,
                 qos_entries(endpoint.qos_profile for endpoint in endpoints),
-                _type_hash(endpoints),
+                _find_type_hash(endpoints),
                 definition,
             )
         )
@@ -300,6 +300,6 @@ class Recorder:
                 self._on_failure(error)
 
 
-def _type_hash(endpoints: Sequence[Any]) -> str:
+def _find_type_hash(endpoints: Sequence[Any]) -> str:
     hashes = sorted(str(endpoint.topic_type_hash) for endpoint in endpoints)
     return next((text for text in hashes if text.startswith("RIHS")), "")

@@ -21,26 +21,26 @@ def describe_environment() -> dict[str, Any]:
     dict
         Value by key; None for a value that this machine does not provide.
     """
-    commit, modified = _git_state()
+    commit, modified = _read_git_state()
     return {
-        "vtff_version": _version(),
+        "vtff_version": _read_version(),
         "git_commit": commit,
         "git_modified": modified,
-        "machine_cpu_model": _cpu_model(),
+        "machine_cpu_model": _read_cpu_model(),
         "machine_cpu_cores": os.cpu_count(),
         "machine_python": platform.python_version(),
         "machine_platform": platform.platform(),
     }
 
 
-def _version() -> str | None:
+def _read_version() -> str | None:
     try:
         return importlib.metadata.version(PACKAGE)
     except importlib.metadata.PackageNotFoundError:
         return None
 
 
-def _cpu_model() -> str | None:
+def _read_cpu_model() -> str | None:
     try:
         lines = pathlib.Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
@@ -49,7 +49,7 @@ def _cpu_model() -> str | None:
     return next(names, None) or platform.processor() or None
 
 
-def _git_state() -> tuple[str | None, bool | None]:
+def _read_git_state() -> tuple[str | None, bool | None]:
     """Return the commit and whether files differ from it; None outside a checkout of vtff."""
     folder = pathlib.Path(__file__).resolve().parent
     top = _run_git(folder, "rev-parse", "--show-toplevel")

@@ -144,7 +144,7 @@ class SerialPort:
         try:
             self._line = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         except _LINE_ERRORS as error:
-            raise PortError(f"cannot open {path}: {_reason(error)}") from error
+            raise PortError(f"cannot open {path}: {_describe_error(error)}") from error
         self._descriptor = int(self._line.fileno())
         self.baud: int | None = baud
 
@@ -161,7 +161,7 @@ class SerialPort:
         except (BlockingIOError, InterruptedError):
             return b""
         except OSError as error:
-            raise PortError(f"{self._path} was lost: {_reason(error)}") from error
+            raise PortError(f"{self._path} was lost: {_describe_error(error)}") from error
         # No bytes are read from a device that was unplugged, and from a line that is silent.
         if not content and self._has_hung_up():
             raise PortError(f"{self._path} was lost: the device has gone")
@@ -180,14 +180,16 @@ class SerialPort:
         except (BlockingIOError, InterruptedError):
             return 0
         except OSError as error:
-            raise PortError(f"{self._path} was lost: {_reason(error)}") from error
+            raise PortError(f"{self._path} was lost: {_describe_error(error)}") from error
 
     def set_baud(self, baud: int) -> None:
         """Change the rate of this side."""
         try:
             self._line.baudrate = baud
         except _LINE_ERRORS as error:
-            raise PortError(f"{self._path}: cannot set {baud} baud: {_reason(error)}") from error
+            raise PortError(
+                f"{self._path}: cannot set {baud} baud: {_describe_error(error)}"
+            ) from error
         self.baud = baud
 
     def close(self) -> None:
@@ -218,7 +220,7 @@ class TcpPort:
             )[0]
             self._socket = socket.socket(family, kind, protocol)
         except OSError as error:
-            raise PortError(f"cannot connect to {self._name}: {_reason(error)}") from error
+            raise PortError(f"cannot connect to {self._name}: {_describe_error(error)}") from error
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -241,7 +243,7 @@ class TcpPort:
             # The connection is not established yet.
             if error.errno == errno.ENOTCONN:
                 return b""
-            raise PortError(f"connection to {self._name}: {_reason(error)}") from error
+            raise PortError(f"connection to {self._name}: {_describe_error(error)}") from error
         if not content:
             raise PortError(f"connection to {self._name}: closed by the other side")
         return content
@@ -255,7 +257,7 @@ class TcpPort:
         except OSError as error:
             if error.errno == errno.ENOTCONN:
                 return 0
-            raise PortError(f"connection to {self._name}: {_reason(error)}") from error
+            raise PortError(f"connection to {self._name}: {_describe_error(error)}") from error
 
     def set_baud(self, baud: int) -> None:
         """Refuse: a TCP connection has no rate."""
@@ -266,7 +268,7 @@ class TcpPort:
         self._socket.close()
 
 
-def _reason(error: BaseException) -> str:
+def _describe_error(error: BaseException) -> str:
     """Return the reason in a few words; pyserial hides the error number of the system."""
     number = getattr(error, "errno", None)
     inner = error.__context__ if number is None else None

@@ -41,7 +41,9 @@ class FileSource:
         except SourceError:
             raise
         except (OSError, ValueError) as error:
-            raise SourceError(f"cannot read receiver log {path}: {_reason(error)}") from error
+            raise SourceError(
+                f"cannot read receiver log {path}: {_describe_error(error)}"
+            ) from error
         self.position = 0
 
     def read(self) -> bytes:
@@ -55,7 +57,9 @@ class FileSource:
         try:
             chunk = self._file.read(CHUNK_LENGTH)
         except OSError as error:
-            raise SourceError(f"cannot read receiver log {self.path}: {_reason(error)}") from error
+            raise SourceError(
+                f"cannot read receiver log {self.path}: {_describe_error(error)}"
+            ) from error
         self.position += len(chunk)
         return chunk
 
@@ -90,5 +94,5 @@ def open_source(port: str) -> FileSource:
     return FileSource(pathlib.Path(name))
 
 
-def _reason(error: OSError | ValueError) -> str:
+def _describe_error(error: OSError | ValueError) -> str:
     return getattr(error, "strerror", None) or str(error)

@@ -187,20 +187,20 @@ def ism_slant_tec_to_message(slant_tec: IsmSlantTec, frame_id: str) -> SlantTec:
     """
     unknown = np.full(len(slant_tec.prn), math.nan)
     message = SlantTec(
-        system=_array("B", slant_tec.system),
-        prn=_array("B", slant_tec.prn),
-        band_first=_array("B", slant_tec.band_first),
-        band_second=_array("B", slant_tec.band_second),
-        stec_tecu=_array("d", slant_tec.stec_tecu),
-        stec_sigma_tecu=_array("f", unknown),
-        stec_code_tecu=_array("d", unknown),
-        vtec_tecu=_array("f", unknown),
-        elevation=_array("f", slant_tec.elevation),
-        azimuth=_array("f", slant_tec.azimuth),
-        pierce_latitude_deg=_array("f", unknown),
-        pierce_longitude_deg=_array("f", unknown),
-        arc=_array("I", np.zeros(len(unknown))),
-        rejected=_array("H", np.zeros(len(unknown))),
+        system=_to_array("B", slant_tec.system),
+        prn=_to_array("B", slant_tec.prn),
+        band_first=_to_array("B", slant_tec.band_first),
+        band_second=_to_array("B", slant_tec.band_second),
+        stec_tecu=_to_array("d", slant_tec.stec_tecu),
+        stec_sigma_tecu=_to_array("f", unknown),
+        stec_code_tecu=_to_array("d", unknown),
+        vtec_tecu=_to_array("f", unknown),
+        elevation=_to_array("f", slant_tec.elevation),
+        azimuth=_to_array("f", slant_tec.azimuth),
+        pierce_latitude_deg=_to_array("f", unknown),
+        pierce_longitude_deg=_to_array("f", unknown),
+        arc=_to_array("I", np.zeros(len(unknown))),
+        rejected=_to_array("H", np.zeros(len(unknown))),
     )
     message.header.stamp = to_stamp(slant_tec.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
@@ -221,26 +221,26 @@ def ism_scintillation_to_message(indices: IsmScintillation, frame_id: str) -> Sc
         sample_rate_hz=ISM_SAMPLE_RATE_HZ,
         phase_cutoff_hz=math.nan,
         roti_interval=math.nan,
-        system=_array("B", indices.system),
-        prn=_array("B", indices.prn),
-        band=_array("B", indices.band),
-        attribute=_array("B", indices.attribute),
-        s4=_array("f", indices.s4_total),
-        s4_corrected=_array("f", np.sqrt(np.maximum(excess, 0.0))),
-        s4_pseudo=_array("f", unknown),
-        sigma_phi=_array("f", indices.sigma_phi[:, -1]),
-        roti_tecu_per_minute=_array("f", unknown),
-        cn0_dbhz=_array("f", indices.cn0_dbhz),
-        elevation=_array("f", indices.elevation),
-        azimuth=_array("f", indices.azimuth),
-        samples=_array("I", np.full(len(unknown), ISM_WINDOW * ISM_SAMPLE_RATE_HZ)),
+        system=_to_array("B", indices.system),
+        prn=_to_array("B", indices.prn),
+        band=_to_array("B", indices.band),
+        attribute=_to_array("B", indices.attribute),
+        s4=_to_array("f", indices.s4_total),
+        s4_corrected=_to_array("f", np.sqrt(np.maximum(excess, 0.0))),
+        s4_pseudo=_to_array("f", unknown),
+        sigma_phi=_to_array("f", indices.sigma_phi[:, -1]),
+        roti_tecu_per_minute=_to_array("f", unknown),
+        cn0_dbhz=_to_array("f", indices.cn0_dbhz),
+        elevation=_to_array("f", indices.elevation),
+        azimuth=_to_array("f", indices.azimuth),
+        samples=_to_array("I", np.full(len(unknown), ISM_WINDOW * ISM_SAMPLE_RATE_HZ)),
     )
     message.header.stamp = to_stamp(indices.time.to_unix_nanoseconds())
     message.header.frame_id = frame_id
     return message
 
 
-def _array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
+def _to_array(kind: str, column: npt.ArrayLike) -> array.array[Any]:
     return array.array(kind, np.asarray(column).astype(kind).tobytes())
 
 
