@@ -1,4 +1,7 @@
-"""Runs of the relative filter on epochs of the emulated receivers and on RINEX files."""
+"""Runs of the relative filter on epochs of the emulated receivers.
+
+The satellites are those of the built-in nominal constellations, so that the tests need no file.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from cdgps_truth_support import TruthRecorder
-from shared_data import require_shared, shared_folder
 
 from vtff_dynamics.frames.earth import kinematics_itrf, rotation_gcrf_to_itrf
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
@@ -20,6 +22,10 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.orbits.nominal_constellation import (
+    nominal_galileo_constellation,
+    nominal_gps_constellation,
+)
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
@@ -28,6 +34,7 @@ from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import (
     ConstellationConfiguration,
+    GnssConfiguration,
     NoiseModel,
     TrackingModel,
     load_gnss_configuration,
@@ -39,9 +46,8 @@ from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 REPOSITORY = pathlib.Path(__file__).resolve().parents[3]
-DATA = shared_folder() / "data/navigation"
-NAVIGATION = DATA / "spirent_dynamic/RINEX_GN_Spirent.23N"
-START = parse_epoch("2023-01-08T10:00:00 GPS")
+# Twelve GPS satellites of the nominal constellation are in view: one for each channel.
+START = parse_epoch("2023-01-08T11:00:00 GPS")
 
 # Initial states of paper 004 (Oh et al. 2016), m and m/s.
 CHIEF = np.array([6930000.0, 0.0, 0.0, 0.0, 3810.947, 6600.754])
@@ -51,13 +57,22 @@ J2 = ForceModel(degree=2, order=0)
 
 L1 = {0: (1,)}
 L1_L2 = {0: (1, 2)}
-BIASES = ({"G1C": 0.0, "G2W": 1.2, "G5Q": -0.8}, {"G1C": 0.0, "G2W": -0.9, "G5Q": 0.5})
+BIASES = (
+    {"G1C": 0.0, "G2W": 1.2, "G5Q": -0.8, "E1C": 0.4, "E5Q": -1.1},
+    {"G1C": 0.0, "G2W": -0.9, "G5Q": 0.5, "E1C": -0.6, "E5Q": 0.9},
+)
 SIGNALS = {"G1C": 48.0, "G2W": 42.0}
+NOMINAL = "nominal"
 
 
-def require_data() -> None:
-    """Skip where the shared data are absent."""
-    require_shared(NAVIGATION)
+def broadcast_ephemerides(
+    start: GpsTime, seconds: float, source: str = NOMINAL
+) -> Sequence[BroadcastEphemeris]:
+    """Return the ephemerides of GPS and Galileo satellites, or those of a navigation file."""
+    if source != NOMINAL:
+        return read_rinex_navigation(source).ephemerides
+    end = start + seconds
+    return (*nominal_gps_constellation(start, end), *nominal_galileo_constellation(start, end))
 
 
 def configuration(**changes: object) -> CdgpsConfiguration:
@@ -69,6 +84,7 @@ def configuration(**changes: object) -> CdgpsConfiguration:
 class Scenario:
     """Epochs of two emulated receivers, and the truth; element k is that of second k."""
 
+    start: GpsTime
     chief: dict[GpsTime, ObservationEpoch]
     deputy: dict[GpsTime, ObservationEpoch]
     chief_gcrf: np.ndarray
@@ -76,6 +92,18 @@ class Scenario:
     thrust_rtn: np.ndarray
     ephemerides: Sequence[BroadcastEphemeris]
     truth: TruthRecorder
+
+    def until(self, seconds: int) -> Scenario:
+        """Return the scenario of the first seconds only."""
+        return dataclasses.replace(
+            self, chief_gcrf=self.chief_gcrf[:seconds], deputy_gcrf=self.deputy_gcrf[:seconds]
+        )
+
+    def always_tracked(self) -> list[str]:
+        """Return the satellites that the chief tracks from second 30 to the end, by name."""
+        last = len(self.chief_gcrf) - 1
+        ends = (self.truth.slant_tec_tecu["chief", second] for second in (30, last))
+        return sorted(set.intersection(*map(set, ends)))
 
 
 def simulate(
@@ -88,6 +116,8 @@ def simulate(
     signals: dict[str, float] = SIGNALS,
     empirical_sigma: tuple[float, float] = (0.0, 0.0),
     regions: Sequence[IrregularityRegion] = (),
+    constellation: str = NOMINAL,
+    start: GpsTime = START,
 ) -> Scenario:
     """Simulate both receivers at 1 Hz: 1 mm and 0.3 m noise, steered clocks, receiver biases.
 
@@ -107,10 +137,13 @@ def simulate(
         Gauss-Markov accelerations of the chief and of the difference, m/s2, 900 s.
     regions : sequence of IrregularityRegion
         Where signals scintillate.
+    constellation : str
+        See `ConstellationConfiguration.source`.
+    start : GpsTime
+        Time of the initial states.
     """
-    require_data()
     random = np.random.default_rng(1000 + seed)
-    crafts = [Propagator(START, state, J2) for state in (CHIEF, deputy)]
+    crafts = [Propagator(start, state, J2) for state in (CHIEF, deputy)]
     empirical = [sigma * random.standard_normal(3) for sigma in empirical_sigma]
     decay = np.exp(-1.0 / 900.0)
     motions, states, thrusts = [], ([], []), []
@@ -132,64 +165,84 @@ def simulate(
             noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(3)
             empirical[craft] = decay * empirical[craft] + noise
     truth = TruthRecorder()
-    chief, deputy_epochs = _receivers(motions, seed, profile, faults, signals, regions, truth)
+    emulation = ReceiverEmulation(seed, profile, faults, signals, regions, constellation)
+    chief, deputy_epochs = emulation.receive(motions, start, truth)
     return Scenario(
+        start=start,
         chief=chief,
         deputy=deputy_epochs,
         chief_gcrf=np.array(states[0]),
         deputy_gcrf=np.array(states[1]),
         thrust_rtn=np.array(thrusts),
-        ephemerides=read_rinex_navigation(NAVIGATION).ephemerides,
+        ephemerides=broadcast_ephemerides(start, seconds, constellation),
         truth=truth,
     )
 
 
-def _receivers(
-    motions, seed, profile, faults, signals, regions, truth
-) -> list[dict[GpsTime, ObservationEpoch]]:
-    """Return the epochs that a decoder reads from the bytes of both receivers."""
-    loaded = load_gnss_configuration(REPOSITORY / "config/gnss/noise_free.yaml")
-    receivers = tuple(
-        dataclasses.replace(
-            receiver,
-            cn0_zenith_dbhz=signals,
-            noise=NoiseModel(model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.01),
-            clock=ClockModel(oscillator="TCXO", initial_offset=offset, is_steered=True),
-            tracking=TrackingModel(channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0),
-            biases={name: bias for name, bias in biases.items() if name in signals},
+@dataclass(frozen=True)
+class ReceiverEmulation:
+    """Settings of both emulated receivers; see `simulate`."""
+
+    seed: int
+    profile: ElectronDensityProfile | None
+    faults: Sequence[Fault]
+    signals: dict[str, float]
+    regions: Sequence[IrregularityRegion]
+    constellation: str
+
+    def receive(
+        self, motions: list[list[MotionState]], start: GpsTime, truth: TruthRecorder
+    ) -> list[dict[GpsTime, ObservationEpoch]]:
+        """Return the epochs that a decoder reads from the bytes of both receivers."""
+        configuration = self._configuration()
+        emulated = {
+            receiver.name: ReceiverFirmware(settings=HeaderSettings(generation=receiver.generation))
+            for receiver in configuration.receivers
+        }
+        for receiver in emulated.values():
+            receiver.receive(b"LOG RANGEB ONTIME 1\r\n")
+        first = np.array(motions[0][0].position_itrf + motions[0][0].velocity_itrf)
+        end = start + float(len(motions) - 1)
+        receiver_set = ReceiverSet(configuration, emulated, start, end, first, truth)
+        content = {name: bytearray() for name in emulated}
+        vehicles = {"v1_m1": VehicleMotion(), "v2_m1": VehicleMotion()}
+        for second, step in enumerate(motions):
+            time = second * 10**9
+            for vehicle, state in zip(vehicles.values(), step, strict=True):
+                vehicle.command(time, state)
+            receiver_set.advance(
+                time, vehicles.__getitem__, lambda name, sent: content[name].extend(sent)
+            )
+            for vehicle in vehicles.values():
+                vehicle.forget_before(time)
+        return [epochs_of(bytes(content[name])) for name in ("chief", "deputy")]
+
+    def _configuration(self) -> GnssConfiguration:
+        loaded = load_gnss_configuration(REPOSITORY / "config/gnss/noise_free.yaml")
+        receivers = tuple(
+            dataclasses.replace(
+                receiver,
+                cn0_zenith_dbhz=self.signals,
+                noise=NoiseModel(
+                    model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.01
+                ),
+                clock=ClockModel(oscillator="TCXO", initial_offset=offset, is_steered=True),
+                tracking=TrackingModel(channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0),
+                biases={name: bias for name, bias in biases.items() if name in self.signals},
+            )
+            for receiver, offset, biases in zip(
+                loaded.receivers, (-3e-8, 3e-8), BIASES, strict=True
+            )
         )
-        for receiver, offset, biases in zip(loaded.receivers, (-3e-8, 3e-8), BIASES, strict=True)
-    )
-    base = dataclasses.replace(
-        loaded,
-        seed=seed,
-        receivers=receivers,
-        constellation=ConstellationConfiguration(source=str(NAVIGATION)),
-        profile=profile,
-        regions=tuple(regions),
-        faults=tuple(faults),
-    )
-    emulated = {
-        receiver.name: ReceiverFirmware(settings=HeaderSettings(generation=receiver.generation))
-        for receiver in receivers
-    }
-    for receiver in emulated.values():
-        receiver.receive(b"LOG RANGEB ONTIME 1\r\n")
-    first = np.array(motions[0][0].position_itrf + motions[0][0].velocity_itrf)
-    end = START + float(len(motions) - 1)
-    receiver_set = ReceiverSet(base, emulated, START, end, first, truth)
-    content = {name: bytearray() for name in emulated}
-    vehicles = {"v1_m1": VehicleMotion(), "v2_m1": VehicleMotion()}
-    for second, step in enumerate(motions):
-        time = second * 10**9
-        for vehicle, state in zip(vehicles.values(), step, strict=True):
-            vehicle.command(time, state)
-        receiver_set.advance(
-            time, vehicles.__getitem__, lambda name, sent: content[name].extend(sent)
+        return dataclasses.replace(
+            loaded,
+            seed=self.seed,
+            receivers=receivers,
+            constellation=ConstellationConfiguration(source=self.constellation),
+            profile=self.profile,
+            regions=tuple(self.regions),
+            faults=tuple(self.faults),
         )
-        for vehicle in vehicles.values():
-            vehicle.forget_before(time)
-    return [epochs_of(bytes(content[name])) for name in ("chief", "deputy")]
 
 
 def epochs_of(content: bytes) -> dict[GpsTime, ObservationEpoch]:
@@ -224,6 +277,15 @@ class Flight:
     def is_fixed(self) -> np.ndarray:
         """Whether each epoch is a fixed solution."""
         return np.array([s.solution == SOLUTION_FIXED for s in self.solutions])
+
+    def until(self, seconds: int) -> Flight:
+        """Return the flight of the first seconds only."""
+        return Flight(
+            self.solutions[:seconds],
+            self.error_itrf[:seconds],
+            self.error_rtn[:seconds],
+            self.error_chief[:seconds],
+        )
 
     def normalised_squares(self) -> np.ndarray:
         """e' P^-1 e of the position of each epoch."""
@@ -263,7 +325,7 @@ def fly(
     estimator = CdgpsEstimator(parameters, scenario.ephemerides)
     solutions, itrf, rtn, chief_errors = [], [], [], []
     for second in range(len(scenario.chief_gcrf)):
-        time = START + float(second)
+        time = scenario.start + float(second)
         chief, deputy = scenario.chief_gcrf[second], scenario.deputy_gcrf[second]
         measurement = None if laser is None else laser.measure(time, deputy - chief, random)
         solution = estimator.process(

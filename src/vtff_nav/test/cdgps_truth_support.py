@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from vtff_gnss.constants import SYSTEM_LETTERS
+from vtff_gnss.signals import satellite_name
 from vtff_nav.relative.common.solution import AMBIGUITY_FLOAT, RelativeSolution
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 
@@ -65,14 +67,19 @@ def wrong_integers(truth: TruthRecorder, second: float, solution: RelativeSoluti
     table = solution.ambiguities
     offsets: dict[str, dict[str, float]] = defaultdict(dict)
     for row in np.flatnonzero(table.state != AMBIGUITY_FLOAT).tolist():
-        satellite = f"G{table.prn[row]:02d}"
-        signal = f"G{table.band[row]}{chr(table.attribute[row])}"
+        system = int(table.system[row])
+        satellite = satellite_name(system, int(table.prn[row]))
+        signal = f"{SYSTEM_LETTERS[system]}{table.band[row]}{chr(table.attribute[row])}"
         deputy, chief = (truth.cycles(n, satellite, signal, second) for n in ("deputy", "chief"))
         offsets[signal][satellite] = float(table.ambiguity_cycles[row]) - (deputy - chief)
     wrong = []
-    for signal, of_signal in offsets.items():
-        common, _ = Counter(of_signal.values()).most_common(1)[0]
-        wrong += [f"{s} {signal} {o - common:+g}" for s, o in of_signal.items() if o != common]
+    for signal, offset_of_satellite in offsets.items():
+        common, _ = Counter(offset_of_satellite.values()).most_common(1)[0]
+        wrong += [
+            f"{satellite} {signal} {offset - common:+g}"
+            for satellite, offset in offset_of_satellite.items()
+            if offset != common
+        ]
     return wrong
 
 
@@ -92,6 +99,6 @@ def tec_errors(
     """Return errors and sigmas of the differential slant TEC of an epoch, TECU, shape (n,)."""
     table = solution.differential_tec
     chief, deputy = (truth.slant_tec_tecu[name, second] for name in ("chief", "deputy"))
-    names = [f"G{prn:02d}" for prn in table.prn]
+    names = list(map(satellite_name, table.system.tolist(), table.prn.tolist()))
     true = np.array([deputy[name] - chief[name] for name in names])
     return table.stec_tecu - true, table.stec_sigma_tecu

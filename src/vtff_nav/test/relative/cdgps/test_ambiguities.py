@@ -50,7 +50,7 @@ def test_undisturbed_arcs_go_on():
     keys = [key(1), key(1, 2), key(2)]
     book = book_of(keys)
     after = measured(keys, phase=0.004, lock_time=np.full((2, 3), 101.0))
-    assert book.broken(START + 1.0, after, 1.0) == {}
+    assert book.find_breaks(START + 1.0, after, 1.0) == {}
 
 
 @pytest.mark.parametrize(
@@ -63,21 +63,21 @@ def test_undisturbed_arcs_go_on():
 )
 def test_receivers_tell_of_breaks(columns, reason):
     book = book_of([key(1)])
-    broken = book.broken(START + 1.0, measured([key(1)], **columns), 1.0)
+    broken = book.find_breaks(START + 1.0, measured([key(1)], **columns), 1.0)
     assert reason in broken[key(1)]
 
 
 def test_parity_becomes_known():
     book = book_of([key(1)], is_parity_known=np.array([False]))
-    assert "parity" in book.broken(START + 1.0, measured([key(1)]), 1.0)[key(1)]
+    assert "parity" in book.find_breaks(START + 1.0, measured([key(1)]), 1.0)[key(1)]
 
 
 def test_lock_time_bridges_a_gap_and_only_that():
     book = book_of([key(1)])
     kept = measured([key(1)], lock_time=np.full((2, 1), 105.0))
-    assert book.broken(START + 5.0, kept, 1.0) == {}
+    assert book.find_breaks(START + 5.0, kept, 1.0) == {}
     unknown = measured([key(1)], lock_time=np.full((2, 1), np.nan))
-    assert book.broken(START + 5.0, unknown, 1.0) == {key(1): "gap"}
+    assert book.find_breaks(START + 5.0, unknown, 1.0) == {key(1): "gap"}
 
 
 @pytest.mark.parametrize(("first", "second"), [(1, 0), (0, 1), (9, 7), (-5, -4)])
@@ -86,15 +86,15 @@ def test_geometry_free_phase_jumps(first, second):
     keys = [key(1), key(1, 2), key(2), key(2, 2)]
     book = book_of(keys)
     slip = np.array([first * 0.19, second * 0.24, 0.0, 0.0])
-    found = book.broken(START + 1.0, measured(keys, phase=7.6 + slip), 1.0)
+    breaks = book.find_breaks(START + 1.0, measured(keys, phase=7.6 + slip), 1.0)
     jump = abs(slip[0] - slip[1])
-    assert set(found) == (set(keys[:2]) if jump > 0.025 else set())
+    assert set(breaks) == (set(keys[:2]) if jump > 0.025 else set())
 
 
 def test_old_arcs_end():
     book = book_of([key(1), key(2)])
     after = measured([key(2)], lock_time=np.full((2, 1), 200.0))
-    assert book.broken(START + 40.0, after, 40.0) == {key(1): "not seen any more"}
+    assert book.find_breaks(START + 40.0, after, 40.0) == {key(1): "not seen any more"}
 
 
 def filter_of(cycles, sigma_cycles: float, seed: int = 0, common: float = 0.5):

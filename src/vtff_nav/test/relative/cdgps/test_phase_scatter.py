@@ -11,7 +11,7 @@ from cdgps_truth_support import wrong_integers
 from scipy.spatial.transform import Rotation
 
 from vtff_gnss.signals import SignalKey
-from vtff_nav.relative.cdgps.measurement_faults import without_faults
+from vtff_nav.relative.cdgps.measurement_faults import reject_faults
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.measurements import SingleDifferences
@@ -70,19 +70,19 @@ def learned(sigma: np.ndarray, epochs: int, scatter: PhaseScatter, seed: int) ->
     random = np.random.default_rng(seed)
     for epoch in range(epochs):
         stated = differences(sigma * random.standard_normal(COUNT))
-        measured = scatter.with_scatter(stated)
-        judged = without_faults(
-            innovation_of(measured), measured, scatter.scattered(measured), LIMIT
+        measured = scatter.add_excess(stated)
+        search = reject_faults(
+            innovation_of(measured), measured, scatter.is_scattered(measured), LIMIT
         )
-        raised = judged.innovation.noise[COUNT:] > measured.phase_variance
-        scatter.learn(START + float(epoch), stated, judged.innovation, raised)
+        raised = search.innovation.noise[COUNT:] > measured.phase_variance
+        scatter.learn(START + float(epoch), stated, search.innovation, raised)
     return scatter
 
 
 def test_quiet_phases_are_believed():
     scatter = learned(np.full(COUNT, math.sqrt(STATED)), 2000, PhaseScatter(), 1)
     quiet = differences(np.zeros(COUNT))
-    assert scatter.with_scatter(quiet) is quiet
+    assert scatter.add_excess(quiet) is quiet
 
 
 @pytest.mark.parametrize("scattered", [3e-3, 9e-3, 20e-3])
@@ -93,12 +93,12 @@ def test_variances_are_followed(scattered):
     scatter, found = PhaseScatter(), []
     for block in range(200):
         learned(noisy, 10, scatter, block)
-        found.append(scatter.with_scatter(differences(np.zeros(COUNT))).phase_variance)
+        found.append(scatter.add_excess(differences(np.zeros(COUNT))).phase_variance)
     mean = np.mean(found, axis=0)
     assert np.all(mean[3:] < 1.2 * STATED)
     assert np.sqrt(mean[:3]) == pytest.approx(scattered, rel=0.2)
     learned(sigma, 150, scatter, 1)
-    assert not scatter.scattered(differences(np.zeros(COUNT))).any()
+    assert not scatter.is_scattered(differences(np.zeros(COUNT))).any()
 
 
 def test_slow_change_is_no_scatter():
@@ -111,23 +111,23 @@ def test_slow_change_is_no_scatter():
         innovation = innovation_of(measured)
         scatter.learn(START + float(epoch), measured, innovation, np.zeros(COUNT, bool))
     assert np.abs(innovation.normalised[COUNT : COUNT + 2]).max() > 2.0
-    assert not scatter.scattered(measured).any()
+    assert not scatter.is_scattered(measured).any()
 
 
 def test_slip_and_scatter():
     """Less than a quarter of a cycle is noise, more is a slip, whatever noise is known of."""
     measured = differences(np.zeros(COUNT))
     measured.phase[1], measured.phase[4] = 0.24 * WAVELENGTH, -0.5 * WAVELENGTH
-    judged = without_faults(innovation_of(measured), measured, np.zeros(COUNT, bool), LIMIT)
-    assert sorted(judged.odd) == [1, 4]
-    assert judged.satellites(measured) == 2
-    assert np.flatnonzero(~judged.innovation.is_used).tolist() == [COUNT + 4]
-    assert judged.innovation.noise[COUNT + 1] > (0.2 * WAVELENGTH) ** 2
+    search = reject_faults(innovation_of(measured), measured, np.zeros(COUNT, bool), LIMIT)
+    assert sorted(search.faulty_phases) == [1, 4]
+    assert search.count_satellites(measured) == 2
+    assert np.flatnonzero(~search.innovation.is_used).tolist() == [COUNT + 4]
+    assert search.innovation.noise[COUNT + 1] > (0.2 * WAVELENGTH) ** 2
     measured.phase_variance[4] = (0.2 * WAVELENGTH) ** 2
     for is_known in (False, True):
         scattered = np.full(COUNT, is_known)
-        judged = without_faults(innovation_of(measured), measured, scattered, LIMIT)
-        assert judged.innovation.is_used[COUNT + 4] != is_known
+        search = reject_faults(innovation_of(measured), measured, scattered, LIMIT)
+        assert search.innovation.is_used[COUNT + 4] != is_known
 
 
 def test_epochs_to_average():

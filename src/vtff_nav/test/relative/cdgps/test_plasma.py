@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from cdgps_test_support import CHIEF, DEPUTY_5KM, DEPUTY_250M, NAVIGATION, START, require_data
+from cdgps_test_support import CHIEF, DEPUTY_5KM, DEPUTY_250M, START, broadcast_ephemerides
 
 from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
-from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths
 from vtff_sim_bridge.atmosphere.density_models import (
@@ -24,8 +23,7 @@ LAYERS = CdgpsConfiguration().plasma_layers
 
 def differential(profile, deputy):
     """Return differential slant TEC of the integrator and the paths of the layers."""
-    require_data()
-    table = EphemerisStore(read_rinex_navigation(NAVIGATION).ephemerides).table(START)
+    table = EphemerisStore(broadcast_ephemerides(START, 60.0)).table(START)
     states = np.array([state_gcrf_to_itrf(START, state) for state in (CHIEF, deputy)])
     seen = lines_of_sight(table, START, np.zeros(2), states[:, :3], states[:, 3:])
     integrator = SlantTecIntegrator(profile)

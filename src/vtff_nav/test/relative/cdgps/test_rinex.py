@@ -1,35 +1,64 @@
-"""The relative filter on RINEX files: the 250 m scenario in orbit and Spirent's rover."""
+"""The relative filter on RINEX files: of an emulated flight, leo_250m and Spirent's rover."""
 
 from __future__ import annotations
 
+import dataclasses
 import gzip
 import io
 
 import numpy as np
 import pytest
-from cdgps_test_support import DATA, L1_L2, NAVIGATION, configuration, require_data
+from cdgps_test_support import L1_L2, Scenario, configuration, fly, simulate
+from cdgps_truth_support import wrong_integers
+from shared_data import require_shared
 
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_gnss.rinex.observation import read_rinex_observation
+from vtff_gnss.rinex.write.observation import write_rinex_observation
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
 
-SPIRENT = DATA / "spirent_dynamic"
+DATA = "data/navigation"
+SPIRENT = f"{DATA}/spirent_dynamic"
 BASE_ITRF = (4157177.06580187, 671230.476590636, 4774767.03105544)
 
 
 def processed(chief, deputy, truth, parameters):
     """Return errors (n, 3) in ITRF and whether each epoch is fixed."""
-    require_data()
-    estimator = CdgpsEstimator(parameters, read_rinex_navigation(NAVIGATION).ephemerides)
+    navigation = read_rinex_navigation(require_shared(f"{SPIRENT}/RINEX_GN_Spirent.23N"))
+    estimator = CdgpsEstimator(parameters, navigation.ephemerides)
     errors, fixed = [], []
     for first, second, baseline in zip(chief, deputy, truth, strict=True):
         solution = estimator.process(first.time, first, second)
         errors.append(solution.position_itrf - baseline)
         fixed.append(solution.solution == SOLUTION_FIXED)
     return np.array(errors), np.array(fixed)
+
+
+def through_files(folder, scenario: Scenario) -> Scenario:
+    """Return a scenario with the observations as they are read from RINEX files."""
+    epochs = []
+    for name in ("chief", "deputy"):
+        path = folder / f"{name}.obs"
+        write_rinex_observation(path, getattr(scenario, name).values())
+        epochs.append({epoch.time: epoch for epoch in read_rinex_observation(path).epochs()})
+    return dataclasses.replace(scenario, chief=epochs[0], deputy=epochs[1])
+
+
+def test_emulated_flight_through_files(tmp_path):
+    """The 250 m scenario written as RINEX and read again: the bounds of the flight itself.
+
+    RINEX states no sigmas, so that those of the configuration are used, which are the true ones.
+    """
+    scenario = through_files(tmp_path, simulate(180))
+    flight = fly(scenario, configuration())
+    print(f"through RINEX: 3-D RMS {1e3 * flight.rms():.3f} mm")
+    wrong = [wrong_integers(scenario.truth, k, s) for k, s in enumerate(flight.solutions)]
+    assert not any(wrong)
+    assert flight.is_fixed[1:].all()
+    assert flight.rms() <= 0.6e-3
 
 
 def rms(errors) -> float:
@@ -41,8 +70,7 @@ def rms(errors) -> float:
 )
 def test_leo_250m(seconds):
     """Issue 4: at most 0.6 mm after 10 min, all fixed. RTKLIB: 1.6 mm (facts, section 5)."""
-    require_data()
-    folder = DATA / "leo_250m"
+    folder = require_shared(f"{DATA}/leo_250m")
     receivers = [
         list(read_rinex_observation(folder / f"250m_{name}.obs.gz").epochs())[:seconds]
         for name in "AB"
@@ -59,16 +87,16 @@ def test_leo_250m(seconds):
 @pytest.fixture(scope="module")
 def spirent():
     """Return base, rover and true baseline of Spirent's dynamic data set."""
-    require_data()
+    folder = require_shared(SPIRENT)
     base, rover = (
-        list(read_rinex_observation(SPIRENT / name).epochs())
+        list(read_rinex_observation(folder / name).epochs())
         for name in ("Base-static_MO_Spirent.obs.gz", "Rover-dynamic_MO_Spirent.obs.gz")
     )
-    text = gzip.decompress((SPIRENT / "Rover-dynamic_motion_Spirent.csv.gz").read_bytes())
+    text = gzip.decompress((folder / "Rover-dynamic_motion_Spirent.csv.gz").read_bytes())
     motion = np.loadtxt(io.BytesIO(text), delimiter=",", skiprows=2)
     elapsed = np.array([epoch.time - base[0].time for epoch in rover])
-    places = np.searchsorted(motion[:, 0], np.rint(1e3 * elapsed))
-    return base, rover, motion[places, 1:4] - np.array(BASE_ITRF)
+    rows = np.searchsorted(motion[:, 0], np.rint(1e3 * elapsed))
+    return base, rover, motion[rows, 1:4] - np.array(BASE_ITRF)
 
 
 @pytest.mark.parametrize("position", [None, BASE_ITRF], ids=["unknown base", "surveyed base"])

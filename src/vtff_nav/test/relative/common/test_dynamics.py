@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from cdgps_test_support import CHIEF, DEPUTY_5KM, J2, START
+from scipy.linalg import expm
 
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
@@ -15,6 +16,7 @@ from vtff_nav.relative.common.dynamics import (
     TerrestrialMotion,
     ThrustInterval,
     empirical_noise,
+    white_acceleration_noise,
 )
 
 NOISE = MotionNoise(empirical_sigma=1e-6)
@@ -118,12 +120,65 @@ def test_noise_of_two_steps_is_that_of_one():
     assert np.linalg.eigvalsh(one / one.max()).min() > -1e-12
 
 
+def integrated_noise(drift: np.ndarray, density: np.ndarray, duration: float) -> np.ndarray:
+    """Return the integral of Phi(t) density Phi(t)' over a duration, by Gauss-Legendre nodes."""
+    nodes, weights = np.polynomial.legendre.leggauss(12)
+    total = np.zeros_like(density)
+    for node, weight in zip(nodes, weights, strict=True):
+        phi = expm(0.5 * duration * (1.0 + node) * drift)
+        total += 0.5 * duration * weight * phi @ density @ phi.T
+    return total
+
+
+@pytest.mark.parametrize("step", [0.25, 1.0, 5.0])
+def test_white_acceleration_is_integrated_twice(step):
+    """Process noise and a covariance that stays positive: position and velocity are correlated."""
+    drift, density = np.zeros((9, 9)), np.zeros((9, 9))
+    drift[:3, 3:6] = np.eye(3)
+    density[3:6, 3:6] = 0.3**2 * np.eye(3)
+    noise = white_acceleration_noise(0.3, step)
+    np.testing.assert_allclose(noise, integrated_noise(drift, density, step), rtol=1e-12)
+    eigenvalues = np.linalg.eigvalsh(noise[:6, :6])
+    assert eigenvalues.min() > 1e-3 * 0.3**2 * min(step, step**3)
+    # The correlation of the integral of white noise with its own integral.
+    correlation = noise[0, 3] / np.sqrt(noise[0, 0] * noise[3, 3])
+    assert correlation == pytest.approx(np.sqrt(3.0) / 2.0)
+
+
+@pytest.mark.parametrize("step", [0.25, 1.0, 5.0])
+def test_empirical_acceleration_is_integrated_three_times(step):
+    axes = rotation_gcrf_to_rtn(CHIEF).T
+    drift, density = np.zeros((9, 9)), np.zeros((9, 9))
+    drift[:3, 3:6] = np.eye(3)
+    drift[3:6, 6:] = axes
+    density[6:, 6:] = 2.0 * NOISE.empirical_sigma**2 / NOISE.empirical_time * np.eye(3)
+    expected = integrated_noise(drift, density, step)
+    noise = empirical_noise(NOISE, axes, step)
+    np.testing.assert_allclose(noise, expected, rtol=1e-9, atol=1e-9 * density.max())
+    np.testing.assert_array_equal(noise, noise.T)
+
+
 def test_error_of_thrust_is_noise():
     thrust = [ThrustInterval(START, 1.0, np.array([0.0, 0.05, 0.0]))]
     arguments = (START, 1.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
     free = motion().predict(*arguments).noise_relative
     noisy = motion(thrust_sigma=0.01).predict(*arguments).noise_relative
     assert np.sqrt((noisy - free)[4, 4]) == pytest.approx(0.0005, rel=1e-6)
+    np.testing.assert_allclose(noisy - free, white_acceleration_noise(0.0005, 1.0), atol=1e-12)
+
+
+@pytest.mark.parametrize("thrust_sigma", [0.0, 0.01])
+def test_covariance_of_many_epochs_stays_positive(thrust_sigma):
+    """An hour of epochs with thrust: the noise never makes a variance negative."""
+    state, covariance = nine(DEPUTY_5KM - CHIEF), np.zeros((9, 9))
+    model = motion(thrust_sigma=thrust_sigma)
+    thrust = [ThrustInterval(START, 3600.0, np.array([0.0, 0.05, 0.0]))]
+    predicted = model.predict(START, 10.0, nine(CHIEF), state, thrust)
+    for _ in range(360):
+        phi = predicted.transition_relative
+        covariance = phi @ covariance @ phi.T + predicted.noise_relative
+    scale = np.sqrt(covariance.diagonal())
+    assert np.linalg.eigvalsh(covariance / np.outer(scale, scale)).min() > 0.0
 
 
 def test_on_the_ground():
@@ -134,4 +189,6 @@ def test_on_the_ground():
     np.testing.assert_array_equal(predicted.chief, still)
     np.testing.assert_allclose(predicted.relative[:3], [1.2, 2.4, 3.6])
     assert not predicted.noise_chief.any()
+    expected = white_acceleration_noise(NOISE.kinematic_acceleration, 2.0)
+    np.testing.assert_array_equal(predicted.noise_relative, expected)
     assert predicted.noise_relative[3, 3] == pytest.approx(200.0)

@@ -1,4 +1,4 @@
-"""Bookkeeping of the carrier-phase ambiguities between two receivers: arcs, integers, breaks."""
+"""Arcs of the carrier phase between two receivers: their integers, and how they break."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vtff_nav.relative.common.measurements import SingleDifferences
 
 __all__ = ["Arc", "ArcBook"]
 
-# The ionosphere between the receivers may change a geometry-free phase by this much in a second.
+# Change of a geometry-free phase in a second that the ionosphere may cause, m.
 _GEOMETRY_FREE_ALLOWANCE = 0.01
 _GEOMETRY_FREE_SIGMAS = 5.0
 
@@ -25,25 +25,26 @@ class Arc:
     ----------
     key : SignalKey
     number : int
-        Counts the arcs.
+        Number of the arc; arcs are numbered in the order of their starts.
     offset_cycles : float
-        Whole cycles taken off the phase, so that the numbers in the filter are small.
+        Whole cycles subtracted from the phase, so that the ambiguity in the filter is small.
     time : GpsTime
         Last epoch with a measurement.
-    phase : float
-        Single-differenced phase then, m.
-    phase_variance : float
+    phase, phase_variance : float
+        Single-differenced phase of that epoch, m, and its variance, m2.
     lock_time : tuple of 2 float
-        Of chief and deputy then, s.
+        Lock times of chief and deputy at that epoch, s.
     half_cycles : int
-        As in `SingleDifferences`.
+        As in `SingleDifferences`, at that epoch.
     is_parity_known : bool
+        As in `SingleDifferences`, at that epoch.
     integer : float or None
-        Cycles less `offset_cycles` and those of the receiver bias of the group; None while it is a
-        real number. Half-integers occur where a receiver has lost half a cycle.
+        Ambiguity less `offset_cycles` and the receiver bias of the group, cycles; None while it is
+        a real number. Half-integers occur where a receiver has lost half a cycle.
     fixed_since : GpsTime or None
+        Epoch at which the integer was fixed.
     epochs : int
-        With a measurement that was used or could have been.
+        Number of epochs with a measurement.
     """
 
     key: SignalKey
@@ -61,12 +62,12 @@ class Arc:
 
 
 class ArcBook:
-    """All arcs that are alive.
+    """The arcs that go on, by signal.
 
     Parameters
     ----------
     longest_gap : float
-        s without a measurement after which an arc has ended whatever the lock time says.
+        Time without a measurement after which an arc ends whatever the lock time says, s.
     """
 
     def __init__(self, longest_gap: float = 30.0) -> None:
@@ -82,10 +83,10 @@ class ArcBook:
         """Return the arc of a signal."""
         return self.arcs[key]
 
-    def broken(
+    def find_breaks(
         self, time: GpsTime, measured: SingleDifferences, interval: float
     ) -> dict[SignalKey, str]:
-        """Return the arcs that have ended, and why.
+        """Return the signals whose arcs have ended, and why.
 
         Parameters
         ----------
@@ -93,38 +94,39 @@ class ArcBook:
             Epoch of the measurements.
         measured : SingleDifferences
         interval : float
-            s since the epoch before.
+            Time since the last epoch, s.
         """
         reasons: dict[SignalKey, str] = {}
-        lost, half = measured.is_lock_lost.tolist(), measured.half_cycles.tolist()
-        known, lock = measured.is_parity_known.tolist(), measured.lock_time.T.tolist()
+        is_lock_lost, half_cycles = measured.is_lock_lost.tolist(), measured.half_cycles.tolist()
+        is_parity_known = measured.is_parity_known.tolist()
+        lock_times = measured.lock_time.T.tolist()
         for row, key in enumerate(measured.keys):
             arc = self.arcs.get(key)
             if arc is None:
                 continue
             gap = time - arc.time
-            if lost[row]:
+            if is_lock_lost[row]:
                 reasons[key] = "lock was lost"
-            elif half[row] != arc.half_cycles:
+            elif half_cycles[row] != arc.half_cycles:
                 reasons[key] = "half a cycle was added"
-            elif known[row] and not arc.is_parity_known:
+            elif is_parity_known[row] and not arc.is_parity_known:
                 reasons[key] = "parity has become known"
-            elif gap > 1.5 * interval and not _has_kept_lock(lock[row], gap):
+            elif gap > 1.5 * interval and not _has_kept_lock(lock_times[row], gap):
                 reasons[key] = "gap"
-            elif _lock_restarted(lock[row], arc.lock_time, gap):
+            elif _has_restarted(lock_times[row], arc.lock_time, gap):
                 reasons[key] = "lock time has restarted"
-        reasons.update(self._geometry_free(measured, reasons))
+        reasons.update(self._find_geometry_free_jumps(measured, reasons))
         present = set(measured.keys)
         for key, arc in self.arcs.items():
             if time - arc.time > self._longest_gap and key not in present:
                 reasons[key] = "not seen any more"
         return reasons
 
-    def _geometry_free(
+    def _find_geometry_free_jumps(
         self, measured: SingleDifferences, reasons: dict[SignalKey, str]
     ) -> dict[SignalKey, str]:
-        """Return pairs of signals of a satellite whose difference has jumped."""
-        found: dict[SignalKey, str] = {}
+        """Return the signals whose difference to another one of the satellite has jumped."""
+        jumps: dict[SignalKey, str] = {}
         phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
         rows = range(len(measured.keys))
         for first, second in pairwise(rows):
@@ -141,13 +143,23 @@ class ArcBook:
                 variance[first] + variance[second] + last_a.phase_variance + last_b.phase_variance
             )
             if abs(jump) > _GEOMETRY_FREE_SIGMAS * math.sqrt(noise) + _GEOMETRY_FREE_ALLOWANCE:
-                found[a] = found[b] = "geometry-free phase has jumped"
-        return found
+                jumps[a] = jumps[b] = "geometry-free phase has jumped"
+        return jumps
 
     def start(
         self, time: GpsTime, measured: SingleDifferences, row: int, expected_phase: float
     ) -> Arc:
-        """Begin an arc; `expected_phase` (m) is what the phase would be without ambiguity."""
+        """Start an arc.
+
+        Parameters
+        ----------
+        time : GpsTime
+        measured : SingleDifferences
+        row : int
+            Row of the signal.
+        expected_phase : float
+            Phase without its ambiguity, m.
+        """
         key = measured.keys[row]
         self._count += 1
         phase = float(measured.phase[row])
@@ -170,22 +182,22 @@ class ArcBook:
         """Forget an arc."""
         self.arcs.pop(key, None)
 
-    def keep(self, time: GpsTime, measured: SingleDifferences) -> None:
-        """Remember what the signals were at this epoch."""
+    def record(self, time: GpsTime, measured: SingleDifferences) -> None:
+        """Keep the measurements of an epoch, against which the next epoch is tested."""
         phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
-        lock = measured.lock_time.T.tolist()
-        known, half = measured.is_parity_known.tolist(), measured.half_cycles.tolist()
+        lock_times, half_cycles = measured.lock_time.T.tolist(), measured.half_cycles.tolist()
+        is_parity_known = measured.is_parity_known.tolist()
         for row, key in enumerate(measured.keys):
             arc = self.arcs.get(key)
             if arc is None:
                 continue
             arc.time, arc.phase, arc.phase_variance = time, phase[row], variance[row]
-            arc.lock_time = (lock[row][0], lock[row][1])
-            arc.is_parity_known, arc.half_cycles = known[row], half[row]
+            arc.lock_time = (lock_times[row][0], lock_times[row][1])
+            arc.is_parity_known, arc.half_cycles = is_parity_known[row], half_cycles[row]
             arc.epochs += 1
 
     def fixed_groups(self) -> dict[tuple[int, int, int], list[Arc]]:
-        """Return the arcs with integers by what shares a receiver bias, oldest first."""
+        """Return the arcs with integers by `SignalKey.group`, oldest first."""
         groups: dict[tuple[int, int, int], list[Arc]] = {}
         for arc in sorted(self.arcs.values(), key=lambda arc: arc.number):
             if arc.integer is not None:
@@ -194,14 +206,14 @@ class ArcBook:
 
 
 def _has_kept_lock(lock_time: list[float], gap: float) -> bool:
-    """Return whether both receivers say that they have tracked all through a gap."""
+    """Return whether both lock times are at least as long as a gap, s."""
     return all(value >= gap for value in lock_time)
 
 
-def _lock_restarted(lock_time: list[float], before: tuple[float, float], gap: float) -> bool:
-    """Return whether a lock time has grown by less than the time that passed.
+def _has_restarted(lock_time: list[float], before: tuple[float, float], gap: float) -> bool:
+    """Return whether the lock time of a receiver is shorter than it was, or should be by now.
 
-    Lock times that saturate stay as they are; compressed logs have units of 1/32 s.
+    Lock times that saturate do not grow; compressed logs have units of 1/32 s.
     """
     return any(
         math.isfinite(now) and now < last and now < last + gap - 0.1

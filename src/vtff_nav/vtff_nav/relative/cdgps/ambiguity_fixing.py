@@ -1,10 +1,10 @@
-"""Integers for the float ambiguities of a filter: when they are certain, they leave the state.
+"""Fixing of the float ambiguities of a filter: an ambiguity with an integer leaves the state.
 
 The single-difference ambiguity of satellite i on a signal is ``A_i = wavelength N_i + beta``, beta
-being a bias of the receivers that all satellites share on that signal. While A_i is a real
-number it is a state of its own. When the integers of a signal become known, one A_i turns into
-beta and the others leave the state: the phase is then predicted from beta and N_i. Every integer
-can be given up again by adding A_i as a new, unknown state.
+being a bias of the receivers that all satellites share on that signal. While A_i is a real number
+it is a state. When the integers of a signal become known, one A_i becomes beta and the others leave
+the state: the phase is then predicted from beta and N_i. An integer is given up again by adding A_i
+as a new, unknown state.
 """
 
 from __future__ import annotations
@@ -24,23 +24,24 @@ from vtff_nav.relative.integers.validation import FixStatus, partial_fix
 
 __all__ = ["FixAttempt", "fix_ambiguities"]
 
-# A float ambiguity on an arc that lost half a cycle: the prediction must be this sure.
+# Largest sigma, and largest distance from a half integer, with which a lost half cycle is certain,
+# cycles.
 _HALF_CYCLE_SIGMA = 0.04
 _HALF_CYCLE_TOLERANCE = 0.15
 
 
 @dataclass(frozen=True)
 class FixAttempt:
-    """What an attempt has brought.
+    """Result of an attempt to fix ambiguities.
 
     Parameters
     ----------
     fixed : tuple of SignalKey
-        Arcs that have become integers.
+        Signals whose ambiguities were fixed.
     ratio, success_rate : float
-        0 if there was nothing to test.
+        Ratio and bootstrapped success rate of the search; 0 if there was nothing to test.
     reason : str
-        Why not all were fixed; empty if they were.
+        Why some ambiguities were not fixed; empty if all were.
     """
 
     fixed: tuple[SignalKey, ...]
@@ -60,24 +61,24 @@ def fix_ambiguities(
     smallest_ratio: float,
     scattered: Container[SignalKey] = (),
 ) -> FixAttempt:
-    """Try to make integers of the float ambiguities of arcs.
+    """Fix those float ambiguities of arcs that pass the tests.
 
     Parameters
     ----------
     state : GaussianState
-        With the members ``("ambiguity", key)`` (m) of the arcs and ``("phase_bias", group)`` (m)
-        of the signals that have integers already. Changed where integers are found.
+        State with the members ``("ambiguity", key)`` (m) of the arcs and ``("phase_bias", group)``
+        (m) of the signals that have integers already. It is changed where ambiguities are fixed.
     time : GpsTime
     arcs : sequence of Arc
-        Candidates.
+        Arcs whose ambiguities may be fixed.
     wavelength, elevation : dict
-        By signal; m, rad.
+        Wavelength (m) and elevation (rad) of each signal.
     success_rate, failure_rate, smallest_ratio : float
         See `vtff_nav.relative.integers.validation.partial_fix`.
     scattered : container of SignalKey, optional
-        Signals in scintillation: what lies between two integers is no lost half cycle there.
+        Signals in scintillation. A half integer is not accepted there as a lost half cycle.
     """
-    candidates, references = _pairs(state, arcs, elevation)
+    candidates, references = _choose_references(state, arcs, elevation)
     if not candidates:
         return FixAttempt((), 0.0, 0.0, "")
     design = np.zeros((len(candidates), len(state)))
@@ -98,18 +99,20 @@ def fix_ambiguities(
     values = np.rint(result.ambiguities)
     accepted = result.determined.copy()
     if result.status in (FixStatus.RATIO, FixStatus.RESIDUAL, FixStatus.WEAK):
-        accepted, values = _half_cycles(candidates, references, floats, covariance)
+        accepted, values = _round_to_half_cycles(candidates, references, floats, covariance)
         accepted &= [arc.key not in scattered for arc in candidates]
     rows = np.flatnonzero(accepted)
     ratio = float(result.ratio) if np.isfinite(result.ratio) else 0.0
     if len(rows) == 0:
         return FixAttempt((), ratio, result.success_rate, result.reason)
     state.constrain(design[rows], (values - floats)[rows], covariance[np.ix_(rows, rows)])
-    fixed = _leave_state(state, time, [candidates[row] for row in rows], values[rows], references)
+    fixed = _move_to_integers(
+        state, time, [candidates[row] for row in rows], values[rows], references
+    )
     return FixAttempt(fixed, ratio, result.success_rate, result.reason)
 
 
-def _pairs(
+def _choose_references(
     state: GaussianState, arcs: Sequence[Arc], elevation: dict[SignalKey, float]
 ) -> tuple[list[Arc], dict[tuple[int, int, int], Arc]]:
     """Return the arcs to fix and the reference of each signal that has no integers yet."""
@@ -131,22 +134,23 @@ def _pairs(
 def _reference_label(
     arc: Arc, references: dict[tuple[int, int, int], Arc]
 ) -> tuple[str, SignalKey] | tuple[str, tuple[int, int, int]]:
+    """Return the label of the member that the ambiguity of an arc is differenced with."""
     reference = references.get(arc.key.group)
     if reference is None:
         return ("phase_bias", arc.key.group)
     return ("ambiguity", reference.key)
 
 
-def _half_cycles(
+def _round_to_half_cycles(
     candidates: list[Arc],
     references: dict[tuple[int, int, int], Arc],
     floats: FloatArray,
     covariance: FloatArray,
 ) -> tuple[npt.NDArray[np.bool_], FloatArray]:
-    """Return which ambiguities are certain by prediction alone, and their (half) integers.
+    """Return which ambiguities are certain without a search, and their nearest half integers.
 
-    Only against a bias that is known already: each ambiguity is then predicted to a few
-    hundredths of a cycle, so that a lost half cycle is as plain as an integer.
+    That is possible only for signals whose bias is known already. Each ambiguity is then predicted
+    to a few hundredths of a cycle, so that a lost half cycle is as certain as an integer.
     """
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     values = 0.5 * np.rint(2.0 * floats)
@@ -156,14 +160,14 @@ def _half_cycles(
     return is_predicted & is_certain, values
 
 
-def _leave_state(
+def _move_to_integers(
     state: GaussianState,
     time: GpsTime,
     arcs: list[Arc],
     values: FloatArray,
     references: dict[tuple[int, int, int], Arc],
 ) -> tuple[SignalKey, ...]:
-    """Take the ambiguities that are integers now out of the state."""
+    """Set the integers of arcs and remove their ambiguities from the state; return the signals."""
     fixed = []
     for arc, value in zip(arcs, values.tolist(), strict=True):
         reference = references.get(arc.key.group)

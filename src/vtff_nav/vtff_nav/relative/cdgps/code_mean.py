@@ -1,8 +1,8 @@
 """Start of a carrier-phase filter: relative position from the mean of code differences.
 
 Code less carrier phase is constant but for noise, so that its mean over a minute levels the phase,
-whatever the spacecraft do meanwhile. The levelled phases give position and clock difference at an
-epoch by least squares.
+however the spacecraft move meanwhile. Position and clock difference of an epoch follow from the
+levelled phases by least squares.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ _UNKNOWNS = 4
 
 @dataclass(frozen=True, eq=False)
 class StartEpoch:
-    """What is known of an epoch before the filter runs.
+    """Single differences of an epoch before the filter runs, and the state of the chief.
 
     Parameters
     ----------
     time : GpsTime
     table : EphemerisTable
-        Of all satellites in `differences`.
+        Ephemerides of all satellites in `differences`.
     differences : SingleDifferences
     state_chief_itrf : ndarray, shape (6,)
-        m, m/s.
+        Position and Earth-fixed velocity, m and m/s.
     offsets : ndarray, shape (2,)
         Time tags of chief and deputy less `time`, less the clock of the chief, s.
     """
@@ -49,7 +49,7 @@ class StartEpoch:
 
 @dataclass(frozen=True, eq=False)
 class LevelledPosition:
-    """Deputy less chief from levelled phases.
+    """Position and clock, deputy less chief, from levelled phases.
 
     Parameters
     ----------
@@ -58,7 +58,7 @@ class LevelledPosition:
     clock : float
         Receiver clock difference, m.
     covariance : ndarray, shape (4, 4)
-        Of position and clock, m2.
+        Covariance of position and clock, m2.
     """
 
     position_itrf: FloatArray
@@ -73,18 +73,18 @@ class CodeMean:
         self._means: dict[SignalKey, tuple[int, float]] = {}
 
     def add(self, differences: SingleDifferences) -> None:
-        """Take the differences of an epoch."""
-        apart = differences.code - differences.phase
-        for key, value in zip(differences.keys, apart.tolist(), strict=True):
+        """Add the differences of an epoch to the means."""
+        code_less_phase = differences.code - differences.phase
+        for key, value in zip(differences.keys, code_less_phase.tolist(), strict=True):
             count, mean = self._means.get(key, (0, 0.0))
             self._means[key] = (count + 1, mean + (value - mean) / (count + 1))
 
     def forget(self, key: SignalKey) -> None:
-        """Begin anew with a signal whose phase has slipped."""
+        """Forget the mean of a signal whose phase has slipped."""
         self._means.pop(key, None)
 
     def solve(self, epoch: StartEpoch) -> LevelledPosition | None:
-        """Return the relative position at an epoch; None with less than four signals."""
+        """Return the relative position at an epoch; None with too few signals or bad geometry."""
         differences = epoch.differences
         rows = [row for row, key in enumerate(differences.keys) if key in self._means]
         if len(rows) < _UNKNOWNS:

@@ -373,7 +373,7 @@ def _updated(
     predicted: RelativeSolution, filter_: RelativeFilter, update: Update
 ) -> RelativeSolution:
     """Return a solution with what is known of the measurements it rests on."""
-    kind, satellites, integers = filter_.kind(update)
+    kind, satellites, integers = filter_.classify(update)
     degraded = [*predicted.degraded, *update.degraded]
     if kind < SOLUTION_FIXED and filter_.attempt.reason:
         degraded.append(f"ambiguities: {filter_.attempt.reason}")

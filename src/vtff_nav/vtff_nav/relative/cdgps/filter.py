@@ -16,7 +16,7 @@ from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.measurement_faults import Judged, without_faults
+from vtff_nav.relative.cdgps.measurement_faults import FaultSearch, reject_faults
 from vtff_nav.relative.cdgps.model import (
     DENSITY_UNIT,
     Sky,
@@ -36,39 +36,41 @@ from vtff_nav.relative.common.solution import (
 
 __all__ = ["RelativeFilter", "Update"]
 
-# Start values of what is not known at all; far above what happens, far below lost digits.
+# Sigmas of unknown states: far above the values that occur, and far below a loss of digits.
 _UNKNOWN_AMBIGUITY_SIGMA = 10.0
 _UNKNOWN_CODE_BIAS_SIGMA = 20.0
 
 _PLASMA, _MOTION = "plasma", "motion"
-# Sigmas added to the motion when it is not what was predicted: m, m/s.
-_SURPRISE_SIGMAS = (10.0, 1.0)
+# Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
+_UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 _DETECTION_PASSES = 6
 _GLOBAL_FAILURES = 2
 _FEWEST_FIXED_SATELLITES = 4
-# In scatter an ambiguity is decided when so many epochs agree and their mean is as good as this: in
-# a fade the error of a single phase is far from normal.
+# In scatter the errors of a single phase are far from normal. An ambiguity is then fixed only after
+# so many epochs, and when the sigma of their mean is below this, cycles.
 _FEWEST_EPOCHS_IN_SCATTER = 3
 _AVERAGED_CYCLES = 0.05
 
 
 @dataclass(eq=False)
 class Update:
-    """What the measurements of an epoch have brought.
+    """Result of the measurement update of an epoch.
 
     Parameters
     ----------
     measured : SingleDifferences
+        Single differences with the variances with which they were used.
     sky : Sky
     innovation : Innovation
-        As used.
+        Innovation with which the state was updated.
     excluded : dict of SignalKey to str
-        Signals whose code or integer was not used further, and why.
+        Signals whose code was left out or whose arc has ended, and why.
     degraded : list of str
+        Sentences for people on what was not as predicted.
     fixed : set of SignalKey
-        Signals whose integer was decided.
+        Signals whose integer was fixed at this epoch.
     has_failed : bool
-        The innovations are too large as a whole: nothing of the state can be trusted.
+        Whether the innovations are too large as a whole, so that the state cannot be trusted.
     """
 
     measured: SingleDifferences
@@ -81,7 +83,7 @@ class Update:
 
     @property
     def statistics(self) -> tuple[float, float, int]:
-        """Normalised RMS of the innovations, their normalised square, its degrees of freedom."""
+        """RMS of the normalised innovations, their normalised square, its degrees of freedom."""
         innovation = self.innovation
         if innovation.degrees_of_freedom <= 0:
             return 0.0, 0.0, 0
@@ -125,7 +127,7 @@ class RelativeFilter:
                 self.state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
 
     def predict(self, predicted: Prediction, interval: float) -> None:
-        """Go on by `interval` seconds with a motion that has been propagated."""
+        """Propagate the state by `interval` seconds; `predicted` is the motion."""
         state, configuration = self.state, self.configuration
         state.predict_leading(
             predicted.relative, predicted.transition_relative, predicted.noise_relative
@@ -148,49 +150,50 @@ class RelativeFilter:
         sky: Sky,
         laser: LaserMeasurement | None,
     ) -> Update:
-        """Use the single differences of an epoch.
+        """Update the state with the single differences of an epoch, and fix ambiguities.
 
         Parameters
         ----------
         time : GpsTime
         interval : float
-            s since the epoch before.
+            Time since the last epoch, s.
         measured : SingleDifferences
         sky : Sky
-            Seen for the present states and `clock`.
+            Sky for the present states and `clock`.
         laser : LaserMeasurement or None
         """
         state = self.state
         excluded: dict[SignalKey, str] = {}
         degraded: list[str] = []
-        stated, measured = measured, self.scatter.with_scatter(measured)
-        for key, reason in self.arcs.broken(time, measured, interval).items():
+        stated, measured = measured, self.scatter.add_excess(measured)
+        for key, reason in self.arcs.find_breaks(time, measured, interval).items():
             self._end_arc(key)
             if reason != "not seen any more":
                 excluded[key] = reason
         if laser is not None and ("laser_latency",) not in state:
             state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
         clock = SPEED_OF_LIGHT * self.clock
-        self._begin_arcs(time, measured, sky)
-        before = measured.phase_variance
-        innovation = self._without_faults(time, measured, sky, clock, laser, excluded, degraded)
+        self._start_arcs(time, measured, sky)
+        variance_before = measured.phase_variance
+        innovation = self._reject_faults(time, measured, sky, clock, laser, excluded, degraded)
         measured = _with_phase_noise(measured, innovation)
-        risen = self.scatter.learn(time, stated, innovation, measured.phase_variance > before)
+        is_phase_fault = measured.phase_variance > variance_before
+        missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
         state.update(innovation)
-        for key, variance in risen.items():
+        for key, variance in missing_variances.items():
             if self.arcs[key].integer is None:
                 state.add_noise(("ambiguity", key), variance)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
-        self.arcs.keep(time, measured)
+        self.arcs.record(time, measured)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         if not update.has_failed:
             update.fixed = self._fix(time, measured, sky, innovation)
         return update
 
-    def _begin_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
-        """Add arcs and states for signals that have none."""
+    def _start_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
+        """Add arcs and states for signals without an arc."""
         state = self.state
         if all(key in self.arcs for key in measured.keys):
             return
@@ -203,14 +206,14 @@ class RelativeFilter:
             label = ("code_bias", key.group)
             if key.group != self._code_reference and label not in state:
                 state.add(label, 0.0, _UNKNOWN_CODE_BIAS_SIGMA**2)
-            expected = float(sky.predicted[row] + clock)
-            arc = self.arcs.start(time, measured, row, expected)
+            expected_phase = float(sky.predicted[row] + clock)
+            arc = self.arcs.start(time, measured, row, expected_phase)
             wavelength = float(measured.wavelength[row])
-            mean = arc.phase - wavelength * arc.offset_cycles - expected
+            mean = arc.phase - wavelength * arc.offset_cycles - expected_phase
             state.add(("ambiguity", key), mean, _UNKNOWN_AMBIGUITY_SIGMA**2)
 
     def _end_arc(self, key: SignalKey) -> None:
-        """Forget an arc, its state, and the bias of its signal if no integer rests on it."""
+        """End an arc; remove its ambiguity, and the bias of its group without other integers."""
         state = self.state
         had_integer = key in self.arcs and self.arcs[key].integer is not None
         self.arcs.end(key)
@@ -218,7 +221,7 @@ class RelativeFilter:
         if had_integer and key.group not in self.arcs.fixed_groups():
             state.remove([("phase_bias", key.group)])
 
-    def _without_faults(
+    def _reject_faults(
         self,
         time: GpsTime,
         measured: SingleDifferences,
@@ -230,17 +233,17 @@ class RelativeFilter:
     ) -> Innovation:
         """Return the innovation without faulty measurements.
 
-        A phase that does not fit begins a new arc: at worst its ambiguity is decided anew. If those
-        of several satellites do not fit, a common cause is looked for first.
+        A faulty phase begins a new arc: at worst its ambiguity is fixed anew. If the phases of
+        several satellites are faulty, a common cause is tried first.
         """
-        scattered = self.scatter.scattered(measured)
+        is_scattered = self.scatter.is_scattered(measured)
         limit = self.configuration.fault_sigmas
 
-        def judged() -> Judged:
+        def search() -> FaultSearch:
             innovation = measurement_innovation(self.state, self.arcs, measured, sky, clock, laser)
-            return without_faults(innovation, measured, scattered, limit)
+            return reject_faults(innovation, measured, is_scattered, limit)
 
-        result = self._with_common_cause(judged, measured, degraded)
+        result = self._explain_faults(search, measured, degraded)
         count = len(measured)
         for _ in range(_DETECTION_PASSES):
             is_used = result.innovation.is_used
@@ -251,9 +254,9 @@ class RelativeFilter:
                 self._end_arc(key)
             if not slipped:
                 break
-            self._begin_arcs(time, measured, sky)
-            # What does not fit in the last pass is left out, so that this ends.
-            result = judged()
+            self._start_arcs(time, measured, sky)
+            # Faulty phases of the last pass are left out, so that the search ends.
+            result = search()
         innovation = result.innovation
         for row in np.flatnonzero(~innovation.is_used[:count]).tolist():
             excluded.setdefault(measured.keys[row], "code outlier")
@@ -261,45 +264,49 @@ class RelativeFilter:
             degraded.append("laser range left out")
         return innovation
 
-    def _with_common_cause(
-        self, judged: Callable[[], Judged], measured: SingleDifferences, degraded: list[str]
-    ) -> Judged:
-        """Return the judged innovation; a surprise that explains it is added to the state.
+    def _explain_faults(
+        self, search: Callable[[], FaultSearch], measured: SingleDifferences, degraded: list[str]
+    ) -> FaultSearch:
+        """Search for faults; add the noise of a common cause to the state if that explains them.
 
-        What does not fit at several satellites, or as a whole, may be plasma that has changed
-        faster than its density should, as at the edge of a bubble, or motion that is not what was
-        predicted. A cause is believed if it explains all; unknown motion also if most satellites
-        do not fit without it, and few with it.
+        Faults at several satellites, or innovations that are too large as a whole, may come from
+        plasma that changes faster than its model, as at the edge of a bubble, or from motion that
+        was not predicted. A cause is believed if no fault is left with it. Motion is also believed
+        if most satellites are faulty without it, and not most with it.
         """
-        first = judged()
+        without_cause = search()
         state, satellites = self.state, len(np.unique(measured.satellite))
-        odd = first.satellites(measured)
-        if odd < 2 and not self._is_unlikely(first.innovation):
-            return first
-        for cause, variances in self._surprises():
+        faulty = without_cause.count_satellites(measured)
+        if faulty < 2 and not self._is_unlikely(without_cause.innovation):
+            return without_cause
+        for cause, variances in self._common_causes():
             covariance = state.covariance.copy()
             for label, variance in variances.items():
                 state.add_noise(label, variance)
-            second = judged()
-            explains_all = not second.odd and not self._is_unlikely(second.innovation)
-            explains_most = 2 * odd > satellites >= 2 * second.satellites(measured)
+            with_cause = search()
+            is_likely = not self._is_unlikely(with_cause.innovation)
+            explains_all = not with_cause.faulty_phases and is_likely
+            explains_most = 2 * faulty > satellites >= 2 * with_cause.count_satellites(measured)
             if explains_all or (explains_most and cause == _MOTION):
                 degraded.append(f"the {cause} was not as predicted")
-                return second
+                return with_cause
             state.covariance = covariance
-        return first
+        return without_cause
 
-    def _surprises(self) -> list[tuple[str, dict[Label, float]]]:
-        """Return what may change at all satellites at once, and the variances it then has."""
-        configuration, surprises = self.configuration, []
+    def _common_causes(self) -> list[tuple[str, dict[Label, float]]]:
+        """Return the names of common causes, and the variances that each adds to the state."""
+        configuration = self.configuration
+        causes: list[tuple[str, dict[Label, float]]] = []
         if configuration.has_plasma:
-            sigmas = np.array(configuration.layer_sigmas) / DENSITY_UNIT
-            plasma = {("plasma", layer): s**2 for layer, s in enumerate(sigmas.tolist())}
-            surprises.append((_PLASMA, plasma))
+            sigmas = [sigma / DENSITY_UNIT for sigma in configuration.layer_sigmas]
+            layers = enumerate(sigmas)
+            causes.append((_PLASMA, {("plasma", layer): sigma**2 for layer, sigma in layers}))
         if configuration.dynamics != "static":
-            motion = {("motion", axis): _SURPRISE_SIGMAS[axis // 3] ** 2 for axis in range(6)}
-            surprises.append((_MOTION, motion))
-        return surprises
+            position_sigma, velocity_sigma = _UNPREDICTED_MOTION_SIGMAS
+            sigmas = [position_sigma] * 3 + [velocity_sigma] * 3
+            axes = enumerate(sigmas)
+            causes.append((_MOTION, {("motion", axis): sigma**2 for axis, sigma in axes}))
+        return causes
 
     def _has_failed(self, innovation: Innovation) -> bool:
         """Return whether the innovations of consecutive epochs are too large as a whole."""
@@ -321,7 +328,7 @@ class RelativeFilter:
         sky: Sky,
         innovation: Innovation,
     ) -> set[SignalKey]:
-        """Make integers of what is certain; return the signals fixed at this epoch."""
+        """Fix the ambiguities that are certain; return the signals fixed at this epoch."""
         state, configuration = self.state, self.configuration
         count = len(measured)
         is_used = innovation.is_used[count : 2 * count]
@@ -342,27 +349,27 @@ class RelativeFilter:
             candidates,
             wavelength,
             elevation,
-            configuration.success_rate,
-            configuration.failure_rate,
-            configuration.smallest_ratio,
-            {key for key in measured.keys if self.scatter.variance(key) > 0.0},
+            success_rate=configuration.success_rate,
+            failure_rate=configuration.failure_rate,
+            smallest_ratio=configuration.smallest_ratio,
+            scattered={key for key in measured.keys if self.scatter.variance(key) > 0.0},
         )
         return set(self.attempt.fixed)
 
     def _is_averaged(self, key: SignalKey, measured: SingleDifferences, row: int) -> bool:
-        """Return whether the ambiguity is still to be decided, and its scatter averaged out."""
+        """Return whether an ambiguity is float, and any scatter of its phase averaged out."""
         arc = self.arcs[key]
         if arc.integer is not None:
             return False
         if self.scatter.variance(key) == 0.0:
             return True
-        needed = epochs_to_average(
+        epochs = epochs_to_average(
             float(measured.phase_variance[row]), float(measured.wavelength[row]), _AVERAGED_CYCLES
         )
-        return arc.epochs >= max(needed, _FEWEST_EPOCHS_IN_SCATTER)
+        return arc.epochs >= max(epochs, _FEWEST_EPOCHS_IN_SCATTER)
 
-    def kind(self, update: Update) -> tuple[int, int, int]:
-        """Return the kind of solution, the satellites used and the integers it rests on."""
+    def classify(self, update: Update) -> tuple[int, int, int]:
+        """Return the kind of solution, the number of satellites used, and that of integers."""
         measured, innovation = update.measured, update.innovation
         count = len(measured)
         code_used = innovation.is_used[:count]
@@ -375,9 +382,9 @@ class RelativeFilter:
         return (SOLUTION_FLOAT if used else SOLUTION_CODE), satellites, len(with_integer)
 
     def local_density(self) -> tuple[float, float]:
-        """Return the electron density at the chief and its sigma, 1/m3; NaN if not estimated."""
+        """Return the electron density at the chief and its sigma, 1/m3; NaN without plasma."""
         state = self.state
-        layers = [place for place, label in enumerate(state.labels) if label[0] == "plasma"]
+        layers = [index for index, label in enumerate(state.labels) if label[0] == "plasma"]
         if not layers:
             return math.nan, math.nan
         variance = float(state.covariance[np.ix_(layers, layers)].sum())
@@ -385,7 +392,7 @@ class RelativeFilter:
         return DENSITY_UNIT * total, DENSITY_UNIT * math.sqrt(variance)
 
     def laser(self, measured: LaserMeasurement | None) -> tuple[float, float, float]:
-        """Return latency (s), its sigma and the range less that of the state (m); NaN without."""
+        """Return latency (s), its sigma, and measured less predicted range (m); NaN without."""
         label = ("laser_latency",)
         if label not in self.state:
             return math.nan, math.nan, math.nan
@@ -399,6 +406,6 @@ class RelativeFilter:
 
 
 def _with_phase_noise(measured: SingleDifferences, innovation: Innovation) -> SingleDifferences:
-    """Return single differences with the variances with which their phases are used."""
+    """Return single differences with the variances of the phases in an innovation."""
     count = len(measured)
     return replace(measured, phase_variance=innovation.noise[count : 2 * count].copy())

@@ -11,47 +11,55 @@ from vtff_nav.relative.cdgps.phase_scatter import SLIP_CYCLES
 from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.measurements import SingleDifferences
 
-__all__ = ["Judged", "without_faults"]
+__all__ = ["FaultSearch", "reject_faults"]
 
 
 @dataclass(eq=False)
-class Judged:
-    """An innovation without faults, and the rows of phases that were found at fault."""
-
-    innovation: Innovation
-    odd: list[int]
-
-    def satellites(self, measured: SingleDifferences) -> int:
-        """Return how many satellites had a phase at fault."""
-        return len(np.unique(measured.satellite[self.odd]))
-
-
-def without_faults(
-    innovation: Innovation,
-    measured: SingleDifferences,
-    is_scattered: npt.NDArray[np.bool_],
-    limit: float,
-) -> Judged:
-    """Leave out one measurement after the other until none is a fault.
-
-    A phase that does not fit but is nearer to its prediction than to a slip is used with more
-    noise instead.
+class FaultSearch:
+    """Result of a search for faults.
 
     Parameters
     ----------
     innovation : Innovation
-        Of n codes, n phases and possibly more; changed.
+        Innovation in which faulty measurements are left out or have more noise.
+    faulty_phases : list of int
+        Rows of the phases that were at fault.
+    """
+
+    innovation: Innovation
+    faulty_phases: list[int]
+
+    def count_satellites(self, measured: SingleDifferences) -> int:
+        """Return how many satellites had a faulty phase."""
+        return len(np.unique(measured.satellite[self.faulty_phases]))
+
+
+def reject_faults(
+    innovation: Innovation,
+    measured: SingleDifferences,
+    is_scattered: npt.NDArray[np.bool_],
+    limit: float,
+) -> FaultSearch:
+    """Leave out the worst measurement until no measurement is a fault.
+
+    A faulty phase that is nearer to its prediction than to a cycle slip is used with more noise
+    instead.
+
+    Parameters
+    ----------
+    innovation : Innovation
+        Innovation of n codes, n phases and possibly more; it is changed.
     measured : SingleDifferences
     is_scattered : ndarray of bool, shape (n,)
-        Phases known to be noisier than stated: what is nearer to a slip is one, however noisy they
-        are, if the prediction can tell.
+        Phases known to be noisier than stated. A residual that is nearer to a slip counts as a slip
+        there, however noisy the phase is, if the prediction is precise enough.
     limit : float
         Normalised residual against all others beyond which a measurement is a fault.
     """
     count = len(measured)
     phases = slice(count, 2 * count)
     slip = SLIP_CYCLES * measured.wavelength
-    odd: list[int] = []
+    faulty_phases: list[int] = []
     while innovation.degrees_of_freedom > 0:
         residual, variance = innovation.leave_one_out
         normalised = np.abs(residual) / np.sqrt(variance)
@@ -63,9 +71,9 @@ def without_faults(
             break
         row = worst - count
         if 0 <= row < count:
-            odd.append(row)
+            faulty_phases.append(row)
             if abs(residual[worst]) < slip[row]:
                 innovation.add_noise(worst, float(residual[worst] ** 2))
                 continue
         innovation.leave_out(worst)
-    return Judged(innovation, odd)
+    return FaultSearch(innovation, faulty_phases)

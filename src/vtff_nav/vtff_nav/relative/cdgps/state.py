@@ -1,4 +1,4 @@
-"""A Gaussian state whose members are found by label, and its measurement update.
+"""A Gaussian state whose members have labels, and its measurement update.
 
 Clocks are white and unknown at every epoch. They are not states but nuisance parameters: the
 update is that of an infinite prior variance, without the loss of digits of a large one.
@@ -19,12 +19,12 @@ from vtff_dynamics.vectors import FloatArray
 __all__ = ["GaussianState", "Innovation", "Label"]
 
 Label = tuple[Any, ...]
-"""Name of a member: what it is, and of what, such as ``("phase_bias", group)``."""
+"""Name of a member: its kind and what it belongs to, such as ``("phase_bias", group)``."""
 
 
 @dataclass(eq=False)
 class Innovation:
-    """Measurements of an epoch before they are used, m of them, with k nuisance parameters.
+    """The m measurements of an epoch before the update, with k nuisance parameters.
 
     Parameters
     ----------
@@ -33,17 +33,18 @@ class Innovation:
     variances : ndarray, shape (m,)
         Diagonal of the innovation covariance S.
     design : ndarray, shape (m, n)
-        H.
+        Derivatives H by the n members of the state.
     noise : ndarray, shape (m,)
-        Variances of the measurements.
+        Variances of the measurement noise.
     weight : ndarray, shape (m, m)
         S^-1 with the nuisance parameters projected out; rows of measurements left out are zero.
     cross_covariance : ndarray, shape (n, m)
-        P H'.
+        P H', covariance of the state with the innovation.
     nuisance_gain : ndarray, shape (k, m)
         ``nuisance_gain @ values`` estimates the nuisance parameters.
     nuisance_covariance : ndarray, shape (k, k)
     is_used : ndarray of bool, shape (m,)
+        False for measurements left out.
     """
 
     values: FloatArray
@@ -70,7 +71,8 @@ class Innovation:
     def leave_one_out(self) -> tuple[FloatArray, FloatArray]:
         """Residual of each measurement against all others, and its variance, shape (m,).
 
-        Infinite variance where there are too few others, or the measurement is left out.
+        The variance is infinite where there are too few other measurements, or the measurement is
+        left out.
         """
         diagonal = np.diagonal(self.weight)
         is_tested = self.is_used & (diagonal > 1e-6 / self.variances)
@@ -79,14 +81,14 @@ class Innovation:
         return residual, np.where(is_tested, 1.0 / scale, np.inf)
 
     def add_noise(self, index: int, variance: float) -> None:
-        """Make a measurement noisier by a variance."""
+        """Add a variance to the noise of a measurement."""
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / (1.0 / variance + column[index]))
         self.noise[index] += variance
         self.variances[index] += variance
 
     def leave_out(self, index: int) -> None:
-        """Take a measurement out, as if it had not been made."""
+        """Leave a measurement out, as if it had not been made."""
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / column[index])
         self.weight[index, :] = 0.0
@@ -95,12 +97,12 @@ class Innovation:
 
     @property
     def squared_norm(self) -> float:
-        """Normalised innovation squared v' S^-1 v: chi-square of `degrees_of_freedom`."""
+        """Normalised innovation squared v' S^-1 v: chi-square with `degrees_of_freedom`."""
         return float(self.values @ self.weight @ self.values)
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Measurements used less nuisance parameters."""
+        """Number of measurements used less that of nuisance parameters."""
         return int(np.count_nonzero(self.is_used)) - len(self.nuisance_gain)
 
 
@@ -123,7 +125,7 @@ class GaussianState:
         self._number_labels()
 
     def _number_labels(self) -> None:
-        self._places = {label: place for place, label in enumerate(self.labels)}
+        self._index_of = {label: index for index, label in enumerate(self.labels)}
 
     def __len__(self) -> int:
         """Return the number of members."""
@@ -131,20 +133,20 @@ class GaussianState:
 
     def __contains__(self, label: Label) -> bool:
         """Return whether there is a member of that label."""
-        return label in self._places
+        return label in self._index_of
 
     def index(self, label: Label) -> int:
-        """Return the place of a member."""
-        return self._places[label]
+        """Return the index of a member in mean and covariance."""
+        return self._index_of[label]
 
     def value(self, label: Label) -> float:
         """Return the mean of a member."""
-        return float(self.mean[self._places[label]])
+        return float(self.mean[self._index_of[label]])
 
     def sigma(self, label: Label) -> float:
         """Return the sigma of a member."""
-        place = self._places[label]
-        return float(np.sqrt(max(self.covariance[place, place], 0.0)))
+        index = self._index_of[label]
+        return float(np.sqrt(max(self.covariance[index, index], 0.0)))
 
     def add(self, label: Label, mean: float, variance: float) -> None:
         """Add a member that is independent of the others."""
@@ -155,25 +157,33 @@ class GaussianState:
         self.covariance = covariance
         self.mean = np.append(self.mean, mean)
         self.labels.append(label)
-        self._places[label] = size
+        self._index_of[label] = size
 
     def remove(self, labels: Iterable[Label]) -> None:
         """Remove members (marginalise); labels that are absent are ignored."""
-        gone = set(labels)
-        kept = [place for place, label in enumerate(self.labels) if label not in gone]
+        removed = set(labels)
+        kept = [index for index, label in enumerate(self.labels) if label not in removed]
         if len(kept) < len(self.labels):
-            self.labels = [self.labels[place] for place in kept]
+            self.labels = [self.labels[index] for index in kept]
             self.mean = self.mean[kept]
             self.covariance = self.covariance[np.ix_(kept, kept)]
             self._number_labels()
 
     def rename(self, old: Label, new: Label) -> None:
         """Give a member another label."""
-        self.labels[self._places[old]] = new
+        self.labels[self._index_of[old]] = new
         self._number_labels()
 
     def predict_leading(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
-        """Propagate the first members: their new mean, transition matrix and process noise."""
+        """Propagate the first members.
+
+        Parameters
+        ----------
+        mean : ndarray, shape (k,)
+            Propagated mean of the first k members.
+        transition, noise : ndarray, shape (k, k)
+            Transition matrix and process noise.
+        """
         count = len(mean)
         self.mean[:count] = mean
         covariance = self.covariance
@@ -182,17 +192,26 @@ class GaussianState:
         covariance[:count, :count] += noise
 
     def predict_gauss_markov(self, label: Label, decay: float, steady_variance: float) -> None:
-        """Let a member of zero steady mean decay by a factor towards its steady variance."""
-        place = self._places[label]
-        self.mean[place] *= decay
-        self.covariance[place, :] *= decay
-        self.covariance[:, place] *= decay
-        self.covariance[place, place] += (1.0 - decay**2) * steady_variance
+        """Propagate a first-order Gauss-Markov member of zero mean.
+
+        Parameters
+        ----------
+        label : Label
+        decay : float
+            Factor of the mean over the step, exp(-step / correlation time).
+        steady_variance : float
+            Variance that is reached without measurements.
+        """
+        index = self._index_of[label]
+        self.mean[index] *= decay
+        self.covariance[index, :] *= decay
+        self.covariance[:, index] *= decay
+        self.covariance[index, index] += (1.0 - decay**2) * steady_variance
 
     def add_noise(self, label: Label, variance: float) -> None:
-        """Let a member walk randomly."""
-        place = self._places[label]
-        self.covariance[place, place] += variance
+        """Add a variance to a member: process noise of a random walk."""
+        index = self._index_of[label]
+        self.covariance[index, index] += variance
 
     def innovation(
         self, design: FloatArray, values: FloatArray, variances: FloatArray, nuisance: FloatArray
@@ -205,7 +224,7 @@ class GaussianState:
         values : ndarray, shape (m,)
             Measured less predicted.
         variances : ndarray, shape (m,)
-            Of independent measurement noise.
+            Variances of the measurement noise, which is independent.
         nuisance : ndarray, shape (m, k)
             Derivatives by the nuisance parameters; k may be 0.
 
@@ -222,7 +241,7 @@ class GaussianState:
         if info != 0:
             raise ValueError("the innovation covariance is not positive definite")
         inverse, _ = lapack.dpotri(factor, lower=1)
-        # Only the lower half is filled.
+        # LAPACK fills only the lower half.
         weight = inverse + inverse.T
         weight.flat[:: len(values) + 1] *= 0.5
         if nuisance.shape[1]:
@@ -230,8 +249,8 @@ class GaussianState:
             normal = nuisance.T @ weighted
             if not np.all(np.diagonal(normal) > 0.0):
                 raise ValueError("a nuisance parameter has no measurement")
-            one = len(normal) == 1
-            nuisance_covariance = 1.0 / normal if one else np.linalg.inv(normal)
+            is_scalar = len(normal) == 1
+            nuisance_covariance = 1.0 / normal if is_scalar else np.linalg.inv(normal)
             gain = nuisance_covariance @ weighted.T
             weight = weight - weighted @ gain
         else:
@@ -249,34 +268,34 @@ class GaussianState:
         )
 
     def update(self, innovation: Innovation) -> FloatArray:
-        """Use measurements; return the change of the mean, shape (n,).
+        """Update with measurements; return the change of the mean, shape (n,).
 
-        The covariance is updated in Joseph's form, which stays positive where unknown ambiguities
-        of metres meet phases of a millimetre.
+        The covariance is updated in Joseph's form. It stays positive also where ambiguities unknown
+        to metres are updated with phases of a millimetre.
         """
         gain = innovation.cross_covariance @ innovation.weight
         change: FloatArray = gain @ innovation.values
         self.mean += change
-        left = -gain @ innovation.design
-        left.flat[:: len(self) + 1] += 1.0
+        remainder = -gain @ innovation.design
+        remainder.flat[:: len(self) + 1] += 1.0
         noise = (gain * innovation.noise) @ gain.T
-        self._set_covariance(left @ self.covariance @ left.T + noise)
+        self._set_covariance(remainder @ self.covariance @ remainder.T + noise)
         return change
 
     def constrain(self, design: FloatArray, values: FloatArray, covariance: FloatArray) -> None:
-        """Make ``design @ mean`` equal to its present value plus `values`, without any error.
+        """Add `values` to ``design @ mean`` and give it a variance of zero.
 
         Parameters
         ----------
         design : ndarray, shape (m, n)
         values : ndarray, shape (m,)
         covariance : ndarray, shape (m, m)
-            ``design @ P @ design.T``.
+            Covariance of ``design @ mean`` before: ``design @ P @ design.T``.
         """
         gain = np.linalg.solve(covariance, design @ self.covariance).T
         self.mean = self.mean + gain @ values
-        left = np.eye(len(self)) - gain @ design
-        self._set_covariance(left @ self.covariance @ left.T)
+        remainder = np.eye(len(self)) - gain @ design
+        self._set_covariance(remainder @ self.covariance @ remainder.T)
 
     def _set_covariance(self, covariance: FloatArray) -> None:
         self.covariance = 0.5 * (covariance + covariance.T)

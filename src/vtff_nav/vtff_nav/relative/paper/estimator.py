@@ -241,7 +241,7 @@ class PaperEstimator(EstimatorInputs):
         # Without parity the phase may be off by half a cycle.
         whole = [s.select(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
         differences = form_single_differences(*whole)
-        for key in self._arcs.broken(time, differences, interval):
+        for key in self._arcs.find_breaks(time, differences, interval):
             self._arcs.end(key)
             self._mean.forget(key)
         if not len(differences):
@@ -257,7 +257,7 @@ class PaperEstimator(EstimatorInputs):
         for row, key in enumerate(differences.keys):
             if key not in self._arcs:
                 self._arcs.start(time, differences, row, float(differences.code[row]))
-        self._arcs.keep(time, differences)
+        self._arcs.record(time, differences)
         self._mean.add(differences)
         epoch = StartEpoch(
             time,
@@ -353,7 +353,7 @@ class PaperEstimator(EstimatorInputs):
         if len(new):
             predicted, _, _ = self._predicted(measured)
             self._set_integers(measured, new, predicted)
-        self._arcs.keep(measured.time, differences)
+        self._arcs.record(measured.time, differences)
 
     def _set_first_integers(
         self, measured: _Measured, rows: npt.NDArray[np.intp], predicted: FloatArray
