@@ -1,0 +1,107 @@
+"""The running profile: its model, how measurements replace it, and what is scaled."""
+
+import numpy as np
+import pytest
+from formation_simulation import RADIUS
+
+from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.geometry.mapping import profile_content
+
+
+def test_the_model_is_a_chapman_layer_of_20_tecu():
+    profile = RunningProfile(350e3, 40e3, 80e3)
+    assert profile.altitude[[0, -1]].tolist() == [100e3, 2000e3]
+    assert np.diff(profile.altitude)[:700] == pytest.approx(1e3)
+    assert np.diff(profile.altitude)[-10:] == pytest.approx(20e3)
+    assert profile.altitude[np.argmax(profile.density)] == 350e3
+    peak = profile.density.max()
+    for altitude, scale in ((310e3, 40e3), (430e3, 80e3)):
+        z = (altitude - 350e3) / scale
+        value = profile.density[profile.altitude == altitude][0]
+        assert value / peak == pytest.approx(np.exp(0.5 * (1.0 - z - np.exp(-z))))
+    assert profile.content_above(100e3) == pytest.approx(20.0)
+    total = np.trapezoid(profile.density, profile.altitude) / 1e16
+    assert total == pytest.approx(20.0, rel=1e-4)
+
+
+def test_contents_are_integrals_of_the_table():
+    profile = RunningProfile()
+    elevation = np.array([0.3, 1.0, 0.5 * np.pi])
+    expected = profile_content(elevation, RADIUS + 400e3, profile.altitude, profile.density)
+    assert np.array_equal(profile.slant_content(elevation, 400e3), expected)
+    assert profile.slant_content(elevation, 400e3)[-1] == profile.content_above(400e3)
+
+
+def test_mean_density_is_that_between_altitudes():
+    profile = RunningProfile()
+    inside = (profile.altitude >= 400e3) & (profile.altitude <= 420e3)
+    mean = np.trapezoid(profile.density[inside], profile.altitude[inside]) / 20e3
+    for altitudes in ((400e3, 420e3), (420e3, 400e3)):
+        assert profile.mean_density(*altitudes) == pytest.approx(mean, rel=1e-3)
+    exact = profile.density[profile.altitude == 410e3][0]
+    assert profile.mean_density(410e3, 410e3 + 0.5) == pytest.approx(exact, rel=1e-4)
+
+
+def test_the_first_measurement_replaces_the_model():
+    profile = RunningProfile()
+    before = profile.density.copy()
+    profile.absorb(411e3, 409e3, 7e11, 1e10)
+    is_between = np.abs(profile.altitude - 410e3) <= 1e3
+    assert is_between.sum() == 3
+    assert profile.density[is_between] == pytest.approx(7e11)
+    assert np.array_equal(profile.density[~is_between], before[~is_between])
+    # Two altitudes that are the same: the row of the table that is nearest.
+    profile.absorb(430.2e3, 430.2e3, 3e11, 1e10)
+    assert np.flatnonzero(profile.density == 3e11).tolist() == [330]
+    profile.absorb(450e3, 450e3, -1e11, 1e10)
+    assert profile.density[350] == 0.0
+
+
+def test_measurements_are_weighted_with_a_short_memory():
+    """1/9 and 1 for sigmas of 3 and 1; of many, as much as ten count."""
+    profile = RunningProfile()
+    profile.absorb(410e3, 410e3, 4e11, 3e10)
+    profile.absorb(410e3, 410e3, 8e11, 1e10)
+    assert profile.density[310] == pytest.approx(8e11 - 0.1 * 4e11)
+    profile = RunningProfile()
+    for _ in range(50):
+        profile.absorb(410e3, 410e3, 4e11, 1e10)
+    profile.absorb(410e3, 410e3, 8e11, 1e10)
+    assert profile.density[310] == pytest.approx(4e11 + 4e11 / 11.0)
+
+
+def test_what_is_measured_is_not_scaled():
+    profile = RunningProfile()
+    profile.scale_model(300e3, 30.0)
+    assert profile.content_above(300e3) == pytest.approx(30.0)
+    profile.absorb(395e3, 405e3, 5e11, 1e10)
+    is_measured = profile.density == 5e11
+    assert is_measured.sum() == 11
+    content = profile.content_above(300e3)
+    before = profile.density.copy()
+    profile.scale_model(300e3, content + 2.0)
+    assert np.array_equal(profile.density[is_measured], before[is_measured])
+    # A twentieth of the difference at a time. At the edges of the measurement, between two rows,
+    # a mean of both densities counts.
+    change = profile.content_above(300e3) - content
+    assert change == pytest.approx(0.05 * 2.0, rel=0.01)
+    ratio = profile.density[~is_measured] / before[~is_measured]
+    assert np.ptp(ratio) < 1e-12 and ratio[0] > 1.0
+
+
+def test_a_content_below_the_measured_leaves_a_twentieth_to_the_model():
+    profile = RunningProfile()
+    profile.absorb(300e3, 500e3, 1e12, 1e10)
+    for _ in range(400):
+        profile.scale_model(300e3, 10.0)
+    measured = profile.density == 1e12
+    modelled = np.where(measured, 0.0, profile.density)
+    content = profile_content(0.5 * np.pi, RADIUS + 300e3, profile.altitude, modelled)
+    assert content == pytest.approx(0.05 * 10.0, rel=1e-3)
+
+
+def test_above_the_table_nothing_is_scaled():
+    profile = RunningProfile()
+    before = profile.density.copy()
+    profile.scale_model(2000e3, 5.0)
+    assert np.array_equal(profile.density, before)
