@@ -23,15 +23,19 @@ KEYS = {
     "can": "python3-can",
     "cantools": "python3-cantools-pip",
     "crccheck": "python-crccheck-pip",
+    "dask": "python3-dask-pip",
+    "distributed": "python3-distributed-pip",
     "filterpy": "python3-filterpy-pip",
     "hatanaka": "python3-hatanaka-pip",
     "hypothesis": "python3-hypothesis",
+    "jinja2": "python3-jinja2",
     "lz4": "python3-lz4-pip",
     "matplotlib": "python3-matplotlib",
     "mcap": "python3-mcap-pip",
     "numba": "python3-numba",
     "novatel_edie": "python3-novatel-edie-pip",
     "numpy": "python3-numpy",
+    "psutil": "python3-psutil",
     "pyarrow": "python3-pyarrow-pip",
     "pytest": "python3-pytest",
     "rich": "python3-rich",
@@ -45,6 +49,8 @@ KEYS = {
 #: Keys of the official list (ros/rosdistro, rosdep/python.yaml); the others are in rosdep/.
 OFFICIAL = set(KEYS.values()) - {
     "python3-brahe-pip",
+    "python3-dask-pip",
+    "python3-distributed-pip",
     "python3-hatanaka-pip",
     "python3-lz4-pip",
     "python3-mcap-pip",
@@ -60,7 +66,7 @@ ROS_PACKAGES = {
     *("sensor_msgs", "std_msgs", "std_srvs"),
 }
 #: Referees that tests of a package may use, and skip without: they have no rosdep key.
-OPTIONAL_IN_TESTS = {"czml3", "georinex", "oem", "pyrtklib"}
+OPTIONAL_IN_TESTS = {"czml3", "georinex", "oem", "pandas", "pyrtklib"}
 
 #: Package -> the vtff packages that its code may import (design: imports run one way).
 LIBRARIES = {"vtff_dynamics": set(), "vtff_gnss": {"vtff_dynamics"}}
@@ -86,7 +92,9 @@ def imports(package, *, tests):
     """Return the top-level modules that the code or the tests of a package import."""
     folder = FOLDERS[package]
     paths = [path for path in folder.rglob("*.py") if path.name != "setup.py"]
-    own = {path.stem for path in paths} if tests else set()
+    # conftest.py lets tests import the helper modules of every test folder.
+    helpers = (*ROOT.glob("test/*.py"), *ROOT.glob("src/*/test/*.py"))
+    own = {path.stem for path in (*paths, *helpers)} if tests else set()
     modules = set()
     for path in paths:
         if ("test" in path.relative_to(folder).parts) != tests:
