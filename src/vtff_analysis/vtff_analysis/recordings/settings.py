@@ -12,12 +12,15 @@ import yaml
 
 from vtff_analysis.recordings.topics import DEPUTY
 from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_parameters
+from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.vectors import FloatArray
 
 
 @dataclass(frozen=True, eq=False)
 class ControllerSettings:
-    """Settings of the controller of one deputy; None where the run's parameters have no value.
+    """Settings of the controller of one deputy; None where the run has none.
+
+    A run names only the parameters that differ from the defaults of the controller.
 
     Attributes
     ----------
@@ -95,18 +98,16 @@ def _controller_settings(
     cap: float | None = None
     try:
         target = np.array(values["target_position_rtn"], dtype=float).reshape(3)
-        cap = float(values["acceleration_cap"]) if "acceleration_cap" in values else None
+        cap = float(values.get("acceleration_cap", SdreDesign.acceleration_cap))
     except (TypeError, ValueError):
         notes.append(
             f"parameters/{name}.yaml: target_position_rtn or acceleration_cap is not numeric"
         )
-    design = values.get("design")
-    feedforward = values.get("feedforward")
     return ControllerSettings(
         target_position_rtn=target,
         acceleration_cap=cap,
-        design=None if design is None else str(design),
-        feedforward=None if feedforward is None else bool(feedforward),
+        design=str(values.get("design", SdreDesign.design)),
+        feedforward=bool(values.get("feedforward", SdreDesign.feedforward)),
     )
 
 
