@@ -1,8 +1,24 @@
 """Correct two folders of the build machine that the ROS 2 wheels' CMake targets name.
 
-The wheels were built with a Python in ``/opt/python/cp3XX-cp3XX``; their exported
-CMake files refer to its headers and to numpy's. Both are replaced by the folders
-of this environment. Running it again changes nothing.
+This is the one place that changes anything in a wheel, and `make setup` calls it after each
+installation of packages.
+
+Why: the wheels were built with a Python in ``/opt/python/cp3XX-cp3XX``. The CMake files that they
+export (``.venv/share/*/cmake``) refer to the headers of that Python and of its numpy, which no other
+machine has; the messages of vtff_msgs would not compile. Both are replaced by the folders of this
+environment. Running the script again changes nothing.
+
+When a wheel changes (a new version in ``requirements/lock.txt``):
+
+1. ``make clean setup``. If the workspace builds, nothing is to be done.
+2. If CMake or the compiler names a folder that does not exist, look for it:
+   ``grep -rhoE '/opt/[^;" ]*' .venv/share --include=*.cmake | sort -u``. A folder of the build
+   machine that is not covered below gets a pattern beside the two.
+3. If the script says that it patched no file, the wheels no longer need it: remove it and its call
+   in ``tools/setup.sh``.
+
+`tools/write_environment.py` is the other piece that knows the wheels: it names the folders of their
+shared libraries (``ros_*.libs``), so that no process has to start twice to find them.
 """
 
 from __future__ import annotations
