@@ -3,10 +3,10 @@
 This is the one place that changes anything in a wheel, and `make setup` calls it after each
 installation of packages.
 
-Why: the wheels were built with a Python in ``/opt/python/cp3XX-cp3XX``. The CMake files of the wheels
-(``.venv/share/*/cmake``) refer to the headers of that Python and of its numpy, which no other
-machine has; the messages of vtff_msgs would not compile. Both are replaced by the folders of this
-environment. Running the script again changes nothing.
+Why: the wheels were built with a Python in ``/opt/python/cp3XX-cp3XX``. The CMake files of the
+wheels (``.venv/share/*/cmake``) refer to the headers of that Python and of its numpy, which no
+other machine has; the messages of vtff_msgs would not compile. Both are replaced by the folders of
+this environment. Running the script again changes nothing.
 
 When a wheel changes (a new version in ``requirements/lock.txt``):
 
