@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import faulthandler
 import inspect
 import signal
 import sys
@@ -23,6 +24,9 @@ from vtff_node.parameters import ParameterError
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.
 SPIN_TIMEOUT = 0.1
+
+#: Longest time from the end of all nodes to the end of their process, s.
+TEARDOWN_TIMEOUT = 10.0
 
 #: Errors that making a node raises when a parameter or a ROS argument is wrong.
 USAGE_ERRORS = (
@@ -93,12 +97,13 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     finally:
         for node in nodes:
             node.close()
+        limit_teardown()
         executor.shutdown()
     return max((node.exit_code for node in nodes), default=0)
 
 
 def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[str]) -> int:
-    """Initialise ROS, make the nodes, spin them and clean up.
+    """Initialise ROS, make the nodes, spin them and clean up; the caller then ends the process.
 
     Parameters
     ----------
@@ -127,9 +132,20 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     else:
         return spin(nodes, stop)
     finally:
+        limit_teardown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def limit_teardown() -> None:
+    """End the process with code 1 if it still exists after `TEARDOWN_TIMEOUT`.
+
+    The nodes have ended and written their counts. What is left is the work of ROS, DDS and Python,
+    which has been seen to spin without end and to ignore all signals but SIGKILL. The trace on
+    stderr names the call. faulthandler needs neither the interpreter lock nor a signal handler.
+    """
+    faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=2)
 
 
 def run_node(node_class: NodeFactory) -> None:

@@ -1,0 +1,67 @@
+"""The end of a node process: bounded and with its exit code, whatever hangs after the nodes."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import textwrap
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+from domain_coordinator import domain_id  # noqa: E402
+
+LIMIT = 60.0  # s after which a test gives up
+
+PROGRAM = """
+    import re
+    import sys
+    from vtff_node import main
+    from vtff_node.node import VtffNode
+
+    main.TEARDOWN_TIMEOUT = 1.0
+
+    class EndingNode(VtffNode):
+        def __init__(self, **node_arguments):
+            super().__init__("ending", **node_arguments)
+            self.finish({exit_code})
+
+        def destroy_node(self):
+            {teardown}
+            super().destroy_node()
+
+    main.run_node(EndingNode)
+"""
+
+
+def run(teardown: str, exit_code: int = 0) -> subprocess.CompletedProcess[str]:
+    program = textwrap.dedent(PROGRAM).format(teardown=teardown, exit_code=exit_code)
+    with domain_id() as free_domain:
+        return subprocess.run(
+            [sys.executable, "-c", program],
+            env={**os.environ, "ROS_DOMAIN_ID": str(free_domain)},
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+        )
+
+
+@pytest.mark.parametrize("exit_code", [0, 1])
+def test_a_process_ends_with_the_code_of_its_node(exit_code):
+    result = run("pass", exit_code)
+    assert (result.returncode, result.stderr) == (exit_code, "")
+
+
+@pytest.mark.parametrize(
+    "teardown",
+    [
+        "while True: pass",
+        "re.match('(a+)+$', 'a' * 60 + 'b')",  # runs for ages and keeps the interpreter lock
+    ],
+)
+def test_a_teardown_that_spins_is_named_and_ended(teardown):
+    result = run(teardown)
+    assert result.returncode == 1
+    assert "Timeout (0:00:01)!" in result.stderr
+    assert "in destroy_node" in result.stderr
