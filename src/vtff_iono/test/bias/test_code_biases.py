@@ -12,6 +12,10 @@ from iono_test_support import bele_file, examples
 
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
+from vtff_gnss.orbits.nominal_constellation import (
+    nominal_galileo_constellation,
+    nominal_gps_constellation,
+)
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_iono.bias.bias_files import read_code_biases
 from vtff_iono.bias.code_biases import BiasFileError, CodeBias, CodeBiasTable, broadcast_code_biases
@@ -140,3 +144,73 @@ def test_broken_files_are_named(tmp_path):
         read_code_biases(path)
     with pytest.raises(BiasFileError, match="holds no code bias"):
         CodeBiasTable([]).require_valid(NOON)
+
+
+def test_a_chain_of_small_variances_is_preferred():
+    """A direct pair of 3 ns against two pairs of 1 ns; of two perfect ones the shorter chain."""
+
+    def bias(first, second, value, sigma):
+        return CodeBias(SYSTEM_GPS, 1, "", first, second, GpsTime(0), NOON, value, sigma)
+
+    edges = [bias("C1C", "C1W", 1e-9, 1e-9), bias("C1W", "C2W", 2e-9, 1e-9)]
+    rough = CodeBiasTable([*edges, bias("C1C", "C2W", 9e-9, 3e-9)])
+    value, sigma = rough.satellite_bias(SYSTEM_GPS, 1, "C1C", "C2W", NOON)
+    assert (value, sigma) == pytest.approx((3e-9, math.sqrt(2.0) * 1e-9))
+    fine = CodeBiasTable([*edges, bias("C1C", "C2W", 9e-9, 1.3e-9)])
+    assert fine.satellite_bias(SYSTEM_GPS, 1, "C1C", "C2W", NOON) == pytest.approx((9e-9, 1.3e-9))
+    perfect = [bias("C1C", "C1W", 1e-9, 0.0), bias("C1W", "C2W", 2e-9, 0.0)]
+    perfect = CodeBiasTable([*perfect, bias("C1C", "C2W", 9e-9, 0.0)])
+    assert perfect.satellite_bias(SYSTEM_GPS, 1, "C1C", "C2W", NOON)[0] == 9e-9
+
+
+def test_a_bias_is_valid_to_its_ends_and_a_tolerance_beyond():
+    bias = CodeBias(SYSTEM_GPS, 1, "", "C1C", "C2W", NOON, NOON + 60.0, 1e-9, 0.0)
+    biases = CodeBiasTable([bias])
+    for offset, tolerance, is_valid in (
+        (-0.1, 0.0, False),
+        (0.0, 0.0, True),
+        (60.0, 0.0, True),
+        (60.1, 0.0, False),
+        (-10.0, 10.0, True),
+        (70.0, 10.0, True),
+        (-10.1, 10.0, False),
+        (70.1, 10.0, False),
+    ):
+        time = NOON + offset
+        value, _ = biases.satellite_bias(SYSTEM_GPS, 1, "C1C", "C2W", time, tolerance)
+        assert math.isfinite(value) == is_valid
+        if is_valid:
+            biases.require_valid(time, tolerance)
+        else:
+            with pytest.raises(BiasFileError):
+                biases.require_valid(time, tolerance)
+
+
+def test_broadcast_delays_of_drawn_satellites():
+    """TGD is scaled to the difference of the signals; Galileo has two, GPS none of C1C - C1W."""
+    end = NOON + 7200.0
+    gps = nominal_gps_constellation(NOON, end)
+    galileo = nominal_galileo_constellation(NOON, end)
+    table_of_both = broadcast_code_biases([*gps, *galileo])
+    for ephemeris, first, second, delay, frequency in (
+        (gps[0], "C1W", "C2W", gps[0].group_delay, 1227.60e6),
+        (galileo[0], "C1C", "C5Q", galileo[0].group_delay, 1176.45e6),
+        (galileo[0], "C1X", "C5X", galileo[0].group_delay, 1176.45e6),
+        (galileo[0], "C1C", "C7Q", galileo[0].group_delay_secondary, 1207.14e6),
+        (galileo[0], "C1X", "C7X", galileo[0].group_delay_secondary, 1207.14e6),
+    ):
+        time = ephemeris.time_of_ephemeris
+        bias = table_of_both.satellite_bias(ephemeris.system, ephemeris.prn, first, second, time)
+        expected = delay * (1.0 - (1575.42e6 / frequency) ** 2)
+        assert bias == pytest.approx((expected, 0.5e-9))
+    coarse = table_of_both.satellite_bias(SYSTEM_GPS, gps[0].prn, "C1C", "C1W", NOON)
+    assert coarse == pytest.approx((0.0, 1.2e-9))
+    both = table_of_both.satellite_bias(SYSTEM_GPS, gps[0].prn, "C1C", "C2W", NOON)
+    assert both[1] == pytest.approx(1.3e-9)
+    half = 0.5 * gps[0].fit_interval
+    alone = broadcast_code_biases(gps[:1])
+    reference = gps[0].time_of_ephemeris
+    for offset, is_valid in ((-half, True), (half, True), (-half - 1, False), (half + 1, False)):
+        bias = alone.satellite_bias(SYSTEM_GPS, gps[0].prn, "C1W", "C2W", reference + offset)
+        assert math.isfinite(bias[0]) == is_valid
+    assert "G" in alone.origin and "none" in broadcast_code_biases([]).origin

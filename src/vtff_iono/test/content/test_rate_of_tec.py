@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from link_simulation import START, observations, pieces
+from scipy import stats
 
 from vtff_iono.content.rate_of_tec import RateOfTecMonitor
 from vtff_iono.content.slant_tec import SlantTecProcessor
@@ -68,3 +69,84 @@ def test_a_slip_between_samples_of_a_high_rate_is_never_bridged(epochs):
         found += monitor.update(processor.update(*part))
     found += monitor.flush()
     assert sum(int(one.rates.sum()) for one in found) == 119 - 1
+
+
+def test_roti_and_mean_rate_of_known_contents():
+    """Rates in TECU/min over seconds, from the last sample of the window before on."""
+    seconds = -(START // 10**9) % 60 + np.arange(120.0)
+    content = 20.0 + np.cumsum(np.random.default_rng(2).normal(0.01, 0.02, (120, 2)), axis=0)
+    rows = processed(seconds, content, phase_sigma=0.0)
+    first, second = windows(rows, 1.0, 60.0)
+    for window, rates in (
+        (first, 60.0 * np.diff(content[:60], axis=0)),
+        (second, 60.0 * np.diff(content[59:], axis=0)),
+    ):
+        assert window.interval == 1.0
+        assert window.link.tolist() == [0, 1]
+        assert window.rates.tolist() == [len(rates)] * 2
+        assert window.roti_tecu_per_minute == pytest.approx(np.std(rates, axis=0, ddof=1), rel=1e-3)
+        assert window.mean_rate_tecu_per_minute == pytest.approx(rates.mean(axis=0), rel=1e-3)
+    assert second.time - first.time == 60 * 10**9
+    assert first.time % (60 * 10**9) == 0
+
+
+@pytest.mark.parametrize(("rates", "is_enough"), [(4, False), (5, True)])
+def test_five_rates_are_enough(rates, is_enough):
+    seconds = -(START // 10**9) % 60 + np.arange(rates + 1.0)
+    content = 20.0 + np.random.default_rng(3).normal(0.0, 0.01, (rates + 1, 1))
+    (window,) = windows(processed(seconds, content), 1.0, 60.0)
+    assert window.rates.tolist() == [rates]
+    assert np.isfinite(window.roti_tecu_per_minute[0]) == is_enough
+    assert np.isfinite(window.mean_rate_tecu_per_minute[0])
+
+
+@pytest.mark.parametrize(("offset", "is_used"), [(0.019, True), (-0.019, True), (0.021, False)])
+def test_a_sample_belongs_to_an_instant_that_is_near(offset, is_used):
+    """Within a fiftieth of the interval, on either side."""
+    seconds = -(START // 10**9) % 60 + 1.0 + np.arange(30.0) + offset
+    rows = processed(seconds, np.full((30, 1), 20.0))
+    found = windows(rows, 1.0, 60.0)
+    assert sum(int(window.rates.sum()) for window in found) == (29 if is_used else 0)
+
+
+def test_a_rate_over_a_gap_does_not_count():
+    """Two seconds at 1 Hz break no arc; the next rate is that of the next second."""
+    seconds = -(START // 10**9) % 60 + np.delete(np.arange(30.0), 10)
+    rows = processed(seconds, np.full((29, 1), 20.0))
+    assert (rows.arc == 1).all()
+    (window,) = windows(rows, 1.0, 60.0)
+    assert window.rates.tolist() == [27]
+
+
+def test_a_doubtful_rate_counts_within_the_scatter_of_the_others():
+    """The bound is 99.9 % of Student's distribution about the mean of the certain rates."""
+    generator = np.random.default_rng(4)
+    steps = np.concatenate((np.zeros(9), generator.normal(0.5, 0.3, 20)))
+    for jump in (1.2, 1.4, 1.6, 1.8, 2.0, 2.4):
+        changed = steps.copy()
+        changed[19] = jump
+        content = 20.0 + np.cumsum(changed)[:, None]
+        rows = processed(FIRST + np.arange(29) * 30.0, content, phase_sigma=0.0)
+        window = windows(rows, 30.0, 600.0)
+        is_doubtful = rows.break_reason == ArcBreak.GEOMETRY_FREE
+        for one in window:
+            inside = (rows.pairs.time >= one.time - 600 * 10**9) & (rows.pairs.time < one.time)
+            index = np.flatnonzero(inside)
+            index = index[index > 0]
+            rates = 2.0 * np.diff(content[:, 0])[index - 1]
+            certain = rates[~is_doubtful[index]]
+            count = len(certain)
+            if count < 5:
+                continue
+            limit = stats.t.ppf(0.9995, count - 1) * certain.std(ddof=1) * np.sqrt(1 + 1 / count)
+            is_like = np.abs(rates - certain.mean()) <= limit
+            assert one.rates[0] == np.count_nonzero(is_like | ~is_doubtful[index])
+
+
+def test_certain_rates_are_too_few_to_judge_by():
+    """Of a window with four certain rates no doubtful one counts."""
+    content = 20.0 + np.concatenate((np.zeros(5), np.full(4, 2.0)))[:, None]
+    rows = processed(FIRST + np.arange(9) * 30.0, content, phase_sigma=0.0)
+    assert rows.break_reason[5] == ArcBreak.GEOMETRY_FREE
+    found = windows(rows, 30.0, 300.0)
+    assert sum(int(window.rates.sum()) for window in found) == 7

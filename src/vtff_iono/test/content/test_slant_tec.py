@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from link_simulation import observations, pieces
+from link_simulation import START, observations, pieces
 
 from vtff_gnss import constants as c
 from vtff_iono.content.slant_tec import ArcLevels, Rejection, SlantTecProcessor, SlantTecSettings
@@ -176,3 +176,142 @@ def test_a_satellite_bias_that_becomes_known_within_an_arc():
         assert rows.stec_tecu == pytest.approx(25.0, abs=0.05)
     whole = SlantTecProcessor(satellite_bias).update(time, columns, elevations(time, columns))
     assert np.array_equal(parts[-1].stec_tecu, whole.stec_tecu[-len(parts[-1]) :])
+
+
+def level_by_hand(difference, weight, sigma):
+    """Return level and sigma of an arc from all its samples of code minus phase at once."""
+    mean = np.average(difference, weights=weight)
+    squares = np.sum(weight * (difference - mean) ** 2)
+    per_weight = (20.0 * sigma**2 + squares) / (20.0 + len(difference))
+    return mean, math.sqrt(per_weight / weight.sum())
+
+
+def test_level_and_sigma_are_those_of_weighted_means():
+    """Weights are the squares of the sine of elevation; the assumed noise counts as 20 samples."""
+    time, columns = observations(np.arange(50.0), np.full((50, 1), 20.0), seed=5)
+    elevation = elevations(time, columns, 5e-3)
+    rows = SlantTecProcessor().update(time, columns, elevation)
+    difference = rows.stec_code_tecu - rows.stec_phase_tecu
+    weight = np.sin(elevation[::2]) ** 2
+    sigma = math.sqrt(2.0) * 0.3 * FACTOR
+    phase_sigma = math.sqrt(2.0) * 0.001 * FACTOR
+    for last in (0, 1, 7, 30):
+        level, level_sigma = level_by_hand(difference[: last + 1], weight[: last + 1], sigma)
+        assert rows.stec_tecu[last] - rows.stec_phase_tecu[last] == pytest.approx(level, abs=1e-6)
+        expected = math.hypot(level_sigma, phase_sigma)
+        assert rows.stec_sigma_tecu[last] == pytest.approx(expected, rel=1e-4)
+
+
+def test_scatter_of_minutes_is_in_the_sigma():
+    """Multipath of a period of minutes: the means of whole minutes scatter more than samples."""
+    seconds = np.arange(600.0)
+    time, columns = observations(seconds, np.full((600, 1), 20.0), code_sigma=0.01, seed=6)
+    second = columns["band"] == 2
+    columns["pseudorange"][second] += np.sin(2.0 * np.pi * seconds / 400.0)
+    elevation = np.full(len(time), 1.0)
+    rows = SlantTecProcessor().update(time, columns, elevation)
+    difference = rows.stec_code_tecu - rows.stec_phase_tecu
+    minute = rows.pairs.time // 60_000_000_000
+    phase_sigma = math.sqrt(2.0) * 0.001 * FACTOR
+    for last in (400, 599):
+        # The minute that is not over yet does not count.
+        means = [
+            difference[: last + 1][minute[: last + 1] == number].mean()
+            for number in np.unique(minute[: last + 1])[:-1]
+        ]
+        expected = np.std(means, ddof=1) / math.sqrt(len(means))
+        assert rows.stec_sigma_tecu[last] == pytest.approx(math.hypot(expected, phase_sigma))
+
+
+def test_single_samples_count_before_the_fourth_minute():
+    seconds = -(START // 10**9) % 60 + np.arange(300.0)
+    time, columns = observations(seconds, np.full((300, 1), 20.0), code_sigma=0.01, seed=6)
+    columns["pseudorange"][columns["band"] == 2] += np.sin(2.0 * np.pi * seconds / 400.0)
+    rows = SlantTecProcessor().update(time, columns, np.full(len(time), 1.0))
+    # The fourth minute ends with the sample at 240 s.
+    assert rows.stec_sigma_tecu[240] > 2.0 * rows.stec_sigma_tecu[239]
+
+
+def test_the_limit_of_an_outlier():
+    """Five sigmas of a sample about the level, both with the assumed noise of 20 samples."""
+    sigma = math.sqrt(2.0) * 0.3 * FACTOR
+    for factor, is_outlier in ((0.999, False), (1.001, True)):
+        time, columns = observations(np.arange(30.0), np.full((30, 1), 20.0), code_sigma=0.0)
+        elevation = np.full(len(time), 0.8)
+        weight = math.sin(0.8) ** 2
+        per_weight = 20.0 * sigma**2 / (20.0 + 25.0)
+        limit = 5.0 * math.sqrt(per_weight / weight + per_weight / (25.0 * weight))
+        columns["pseudorange"][2 * 25 + 1] += factor * limit / FACTOR
+        rows = SlantTecProcessor().update(time, columns, elevation)
+        assert (rows.rejected[25] == Rejection.CODE_OUTLIER) == is_outlier
+
+
+def test_eleven_outliers_in_a_row_begin_the_level_anew():
+    """Codes that leave the wide lane as it is, so that the arc goes on."""
+    for count, is_new in ((10, False), (11, True)):
+        time, columns = observations(np.arange(60.0), np.full((60, 1), 20.0), code_sigma=0.0)
+        second = np.flatnonzero(columns["band"] == 2)
+        columns["pseudorange"][second[40 : 40 + count]] += 30.0
+        columns["pseudorange"][second[40 : 40 + count] - 1] -= 30.0 * 1227.60 / 1575.42
+        rows = SlantTecProcessor().update(time, columns, np.full(len(time), 1.0))
+        assert (rows.arc == 1).all()
+        level = rows.stec_tecu - 20.0
+        assert np.abs(level[:50]).max() < 0.5
+        assert (abs(level[50]) > 200.0) == is_new
+        outliers = np.count_nonzero(rows.rejected & Rejection.CODE_OUTLIER)
+        assert outliers >= 10
+
+
+def test_limits_of_elevation_and_power():
+    for elevation_deg, cn0_dbhz, reason in (
+        (10.1, 20.1, 0),
+        (9.9, 20.1, Rejection.LOW_ELEVATION),
+        (10.1, 19.9, Rejection.LOW_CN0),
+    ):
+        time, columns = observations(np.arange(3.0), np.full((3, 1), 20.0))
+        columns["cn0_dbhz"][columns["band"] == 1] = cn0_dbhz
+        rows = SlantTecProcessor().update(
+            time, columns, np.full(len(time), math.radians(elevation_deg))
+        )
+        expected = reason | (Rejection.NOT_LEVELLED if reason else 0)
+        assert (rows.rejected == expected).all()
+
+
+def test_biases_are_looked_up_once_an_hour():
+    """Also a bias that changes at the hour, and one that is looked up again while unknown."""
+    start = 3600 - (START // 10**9) % 3600 - 5
+    time, columns = observations(start + np.arange(10.0), np.full((10, 1), 25.0))
+    asked = []
+
+    def satellite_bias(link, when):
+        asked.append(when.nanoseconds)
+        return (1e-9, 2e-10) if len(asked) == 1 else (3e-9, 4e-10)
+
+    processor = SlantTecProcessor(satellite_bias)
+    parts = [processor.update(*part) for part in pieces(time, columns, np.ones(len(time)), 1)]
+    biases = [part.satellite_bias_tecu[0] for part in parts]
+    scale = 299_792_458.0 * FACTOR
+    assert biases == pytest.approx([scale * 1e-9] * 5 + [scale * 3e-9] * 5, rel=1e-5)
+    sigmas = [part.satellite_bias_sigma_tecu[0] for part in parts]
+    assert sigmas == pytest.approx([scale * 2e-10] * 5 + [scale * 4e-10] * 5, rel=1e-5)
+    assert len(asked) == 2
+    assert [when % (3600 * 10**9) for when in asked] == [0, 0]
+    assert asked[1] - asked[0] == 3600 * 10**9
+    # In one call the numbers are the same.
+    asked.clear()
+    whole = SlantTecProcessor(satellite_bias).update(time, columns, np.ones(len(time)))
+    assert whole.satellite_bias_tecu.tolist() == biases
+
+
+def test_arcs_without_a_level_have_no_content():
+    """Levels at the end of the arcs: an arc whose samples are all too low has none."""
+    time, columns = observations(np.arange(40.0), np.full((40, 2), 20.0), seed=7)
+    elevation = np.where(columns["prn"] == 1, 1.0, math.radians(5.0))
+    rows = SlantTecProcessor().update(time, columns, elevation)
+    levels = ArcLevels(rows)
+    is_high = rows.elevation > 0.5
+    assert np.isnan(levels.stec_tecu[~is_high]).all()
+    assert np.isnan(levels.stec_sigma_tecu[~is_high]).all()
+    level = rows.stec_tecu[is_high][-1] - rows.stec_phase_tecu[is_high][-1]
+    assert levels.stec_tecu[is_high] == pytest.approx(rows.stec_phase_tecu[is_high] + level)
+    assert levels.stec_sigma_tecu[is_high] == pytest.approx(rows.stec_sigma_tecu[is_high][-1])
