@@ -1,4 +1,4 @@
-"""Between the relative navigation filters and the messages of vtff_msgs."""
+"""Conversion between solutions and measurements of the relative filters and their messages."""
 
 from __future__ import annotations
 
@@ -67,10 +67,10 @@ def ambiguities_to_message(solution: RelativeSolution, chief: str) -> AmbiguityS
 def differential_tec_to_message(solution: RelativeSolution, chief: str) -> SlantTec:
     """Return the message of the differential TEC of a solution.
 
-    What a difference does not have (TEC from code, vertical TEC, pierce points) is NaN.
+    Columns without a value for a difference (TEC from code, vertical TEC, pierce points) are NaN.
     """
     table = solution.differential_tec
-    nothing = np.full(len(table), np.nan)
+    not_a_number = np.full(len(table), np.nan)
     message = SlantTec()
     _set_header(message, solution, chief)
     _set_columns(
@@ -82,12 +82,12 @@ def differential_tec_to_message(solution: RelativeSolution, chief: str) -> Slant
             "band_second": (table.band_second, np.uint8),
             "stec_tecu": (table.stec_tecu, np.float64),
             "stec_sigma_tecu": (table.stec_sigma_tecu, np.float32),
-            "stec_code_tecu": (nothing, np.float64),
-            "vtec_tecu": (nothing, np.float32),
+            "stec_code_tecu": (not_a_number, np.float64),
+            "vtec_tecu": (not_a_number, np.float32),
             "elevation": (table.elevation, np.float32),
             "azimuth": (table.azimuth, np.float32),
-            "pierce_latitude_deg": (nothing, np.float32),
-            "pierce_longitude_deg": (nothing, np.float32),
+            "pierce_latitude_deg": (not_a_number, np.float32),
+            "pierce_longitude_deg": (not_a_number, np.float32),
             "arc": (table.arc, np.uint32),
             "rejected": (np.zeros(len(table)), np.uint16),
         },
@@ -96,7 +96,7 @@ def differential_tec_to_message(solution: RelativeSolution, chief: str) -> Slant
 
 
 def laser_from_message(message: LaserRange) -> LaserMeasurement | None:
-    """Return the measurement of a message, None without an echo."""
+    """Return the measurement of a message; None without an echo."""
     if not (message.valid and np.isfinite(message.range)):
         return None
     return LaserMeasurement(

@@ -1,4 +1,4 @@
-"""Node `relative_ekf`: the state of a deputy relative to its chief from both receivers."""
+"""Node `relative_ekf`: state of a deputy relative to its chief from the epochs of both."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import functools
 import math
 import time
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, cast
 
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
@@ -25,7 +25,7 @@ from vtff_msgs.msg import (
 )
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
-from vtff_nav.relative.common.dynamics import DYNAMICS, MotionNoise
+from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics, MotionNoise
 from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.signal_bands import parse_bands
 from vtff_nav.relative.common.solution import (
@@ -52,7 +52,7 @@ from vtff_node.parameters import ParameterError, parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
-LOCKSTEP_PATIENCE = 0.05  # s for messages that the end of their step has overtaken
+LOCKSTEP_PATIENCE = 0.05  # s of wall time for messages that arrive after the end of their step
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
 
@@ -176,10 +176,10 @@ def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
         common["bands"] = parse_bands(given.signals)
     if given.estimator == "paper":
         return PaperEstimator(PaperConfiguration(**common))
-    compile_kernels()  # takes seconds where nothing is cached: now, not at the first epoch
+    compile_kernels()  # takes seconds without a cache, which the first epoch cannot wait
     return CdgpsEstimator(
         CdgpsConfiguration(
-            dynamics=given.dynamics,
+            dynamics=cast(Dynamics, given.dynamics),  # one of the choices of the parameter
             integrator=given.integrator,
             longest_step=given.longest_step,
             noise_relative=MotionNoise(given.empirical_acceleration_sigma),
@@ -197,8 +197,8 @@ class RelativeEkfNode(VtffNode):
     <deputy>/propulsion/thrust_applied, /clock, and formation/laser_range if asked for. Publishes
     once an epoch formation/relative_state (RelativeState, m and m/s in the chief's RTN frame),
     formation/ambiguities (AmbiguityStatus) and formation/differential_tec (SlantTec, TECU).
-    Every epoch of /clock is answered: without measurements by a prediction, without any knowledge
-    by SOLUTION_NONE.
+    Every epoch of /clock is answered: without measurements by a prediction, before the filter has
+    started by SOLUTION_NONE.
     """
 
     Parameters = RelativeEkfParameters
@@ -226,7 +226,7 @@ class RelativeEkfNode(VtffNode):
         self._ambiguity_publisher = self.publisher(AmbiguityStatus, "formation/ambiguities")
         self._tec_publisher = self.publisher(SlantTec, "formation/differential_tec")
         self._subscribe(given)
-        self.create_timer(JOIN_INTERVAL, self._look, clock=self.steady_clock)
+        self.create_timer(JOIN_INTERVAL, self._check_inputs, clock=self.steady_clock)
 
     def _sources_by_node(self, nodes: list[str]) -> dict[str, str]:
         if nodes and len(nodes) != len(self._sources):
@@ -283,7 +283,7 @@ class RelativeEkfNode(VtffNode):
 
     def _on_clock(self, message: Clock) -> None:
         stamp = to_nanoseconds(message.clock)
-        self._follow(stamp)
+        self._restart_after_jump_back(stamp)
         self._join.expect(stamp, time.monotonic())
         self._process_complete()
 
@@ -294,12 +294,12 @@ class RelativeEkfNode(VtffNode):
             self._process_complete()
 
     def _add(self, source: str, stamp: int, measurement: Any) -> None:
-        self._follow(stamp)
+        self._restart_after_jump_back(stamp)
         self._join.add(source, stamp, measurement, time.monotonic())
         self._process_complete()
 
-    def _follow(self, stamp: int) -> None:
-        """Start anew when time has jumped back, as in a log that begins again."""
+    def _restart_after_jump_back(self, stamp: int) -> None:
+        """Start navigation anew when time has jumped back, as in a log that begins again."""
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: navigation starts anew")
             self._estimator.reset()
@@ -307,13 +307,13 @@ class RelativeEkfNode(VtffNode):
             self._newest = -1
         self._newest = max(self._newest, stamp)
 
-    def _look(self) -> None:
+    def _check_inputs(self) -> None:
         if self.common.reports_ready and self._inputs_since != math.inf:
             self._report_when_connected()
         self._process_complete()
 
     def _report_when_connected(self) -> None:
-        """Report readiness a moment after all inputs have publishers: nothing may be missed."""
+        """Report readiness a moment after all inputs have publishers, so that none is missed."""
         given: RelativeEkfParameters = self.parameters
         topics = [f"{craft}/gnss/epoch" for craft in (given.chief, given.deputy)]
         topics += ["formation/laser_range"] if given.use_laser else []
@@ -376,14 +376,15 @@ class RelativeEkfNode(VtffNode):
                     "measurements too late": self._join.late,
                     "thrust not finite": self._refused_thrust,
                     "compute time of the last epoch": self._compute_time,
-                    **(_numbers(solution) if solution is not None else {}),
+                    **(_diagnostic_values(solution) if solution is not None else {}),
                 },
                 hardware_id=self.parameters.deputy,
             )
         ]
 
 
-def _numbers(solution: RelativeSolution) -> dict[str, object]:
+def _diagnostic_values(solution: RelativeSolution) -> dict[str, object]:
+    """Return the values of a solution for /diagnostics; estimates that are NaN are left out."""
     estimated = {
         "laser latency, s": solution.laser_latency,
         "sigma of laser latency, s": solution.laser_latency_sigma,

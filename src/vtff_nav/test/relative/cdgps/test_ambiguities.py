@@ -29,7 +29,6 @@ def measured(keys, phase=0.0, **columns) -> SingleDifferences:
         "phase": np.full(count, phase) if np.isscalar(phase) else np.asarray(phase, float),
         "code_variance": np.full(count, 0.18),
         "phase_variance": np.full(count, 2e-6),
-        "range_rate": np.zeros(count),
         "is_parity_known": np.ones(count, dtype=bool),
         "half_cycles": np.zeros(count, dtype=np.int64),
         "is_lock_lost": np.zeros(count, dtype=bool),

@@ -47,7 +47,6 @@ def differences(phase: np.ndarray) -> SingleDifferences:
         phase=phase,
         code_variance=np.full(COUNT, 1e4),
         phase_variance=np.full(COUNT, STATED),
-        range_rate=empty,
         is_parity_known=np.ones(COUNT, dtype=bool),
         half_cycles=np.zeros(COUNT, dtype=np.int64),
         is_lock_lost=np.zeros(COUNT, dtype=bool),

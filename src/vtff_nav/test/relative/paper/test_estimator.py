@@ -114,7 +114,7 @@ def test_update_of_any_size_agrees_with_the_information_form():
         variances = generator.uniform(0.5, 2.0, count)
         residual = generator.normal(size=count)
         estimate = CarrierPhaseFilter(mean.copy(), prior.copy())
-        estimate.use(residual, direction, variances)
+        estimate.update_phases(residual, direction, variances)
         design = np.zeros((count, STATES))
         design[:, :3], design[:, CLOCK] = direction, 1.0
         information = np.linalg.inv(prior) + design.T @ np.diag(1.0 / variances) @ design
@@ -135,7 +135,7 @@ def test_millimetres_after_a_start_from_codes():
     prior = np.diag([1.0, 1.0, 1.0, 30.0**2, 1.0, 1.0, 1.0, 1.0])
     estimate = CarrierPhaseFilter(np.zeros(STATES), prior.copy())
     direction = np.vstack((np.eye(3), -np.eye(3), np.full((1, 3), 3**-0.5)))
-    estimate.use(np.zeros(7), direction, np.full(7, 2e-6))
+    estimate.update_phases(np.zeros(7), direction, np.full(7, 2e-6))
     design = np.zeros((7, STATES))
     design[:, :3], design[:, CLOCK] = direction, 1.0
     expected = np.linalg.inv(np.linalg.inv(prior) + design.T @ design / 2e-6)

@@ -23,38 +23,40 @@ class CdgpsConfiguration:
         ``orbital``: both spacecraft in orbit; ``kinematic``: the deputy moves freely on or near
         the ground; ``static``: it does not move.
     dynamics_chief : str or None
-        Of the chief where the deputy is not in orbit; ``static`` by default.
+        Motion of the chief where the deputy is not in orbit; ``static`` by default.
     position_chief_itrf : tuple of 3 float or None
-        Surveyed antenna of a static chief, m.
+        Surveyed position of the antenna of a static chief, m.
     force_model, force_model_deputy : ForceModel
         Forces on the chief, and on the deputy if they differ.
     integrator : str
         ``euler`` where the motion is simulated with explicit Euler steps, which no force explains.
     longest_step : float
-        Of integration, s; with ``euler`` the step of the simulation.
+        Longest step of integration, s; with ``euler`` the step of the simulation.
     noise_chief, noise_relative : MotionNoise
-        Process noise of the chief's motion and of the relative motion. That of the chief must
-        cover the forces left out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2 for J2 alone
-        (velocities of the chief wrong by 5 mm/s turn its RTN frame by 0.6 mm at 1 km).
+        Process noise of the chief's motion and of the relative motion. The noise of the chief must
+        cover the forces that the model leaves out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2
+        for J2 alone (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at
+        1 km).
     thrust_relative_sigma : float
-        Error of the known thrust relative to its magnitude.
+        Error of the thrust, relative to its magnitude.
     measurement_noise : MeasurementNoise
-        Of each receiver.
+        Noise of each receiver.
     bands : mapping of int to tuple of int
         RINEX frequency digits used of each system.
     elevation_mask_deg : float
-        Above the horizontal plane.
+        Satellites lower above the horizontal plane are not used.
     ephemeris_sigma : float
-        Error of broadcast orbit and clock in a range, m; matters to the chief's orbit only.
+        Error of broadcast orbit and clock in a range, m; used for the chief's orbit only.
     ephemeris_phase_sigma : float
-        Its change over minutes, m: keeps the chief's phase from being trusted to the millimetre.
+        Change of that error over minutes, m. With it the chief's orbit does not follow its phases
+        to the millimetre.
     estimate_plasma : bool or None
         Estimate the plasma between and above the two altitudes; None: in orbit only.
     electron_density_sigma, electron_density_time : float
         Steady-state sigma (electrons/m3) and correlation time (s) of the density of each layer.
     layer_content_sigma_tecu : float
-        The sigma of the density of a thick layer is so much smaller that its vertical content has
-        this one, TECU.
+        Largest sigma of the vertical content of a layer, TECU. The sigma of the density of a thick
+        layer is reduced to it.
     plasma_layers : tuple of float
         Thicknesses above the chief of the layers of constant density whose sum stands for the
         profile, m.
@@ -63,17 +65,17 @@ class CdgpsConfiguration:
     troposphere : bool or None
         Model the troposphere (receivers below 20 km); None: unless in orbit.
     success_rate : float
-        Bootstrapped success rate that integers must have.
+        Smallest bootstrapped success rate with which integers are accepted.
     failure_rate : float
-        Of the ratio test: 0.001 or 0.01.
+        Failure rate of the ratio test: 0.001 or 0.01.
     smallest_ratio : float
-        Ratio of second to best squared norm that is asked for in any case.
+        Smallest ratio of second to best squared norm with which integers are accepted.
     fault_sigmas : float
-        A measurement is a fault beyond this normalised innovation.
+        A measurement with a larger normalised innovation is a fault.
     global_probability : float
         The filter starts anew when innovations of consecutive epochs are less likely than this.
     longest_prediction : float
-        s without measurements after which the solution is given up.
+        Time without measurements after which the solution is given up, s.
     laser_latency_sigma : float
         A priori sigma of the latency of the laser, s.
     """
@@ -138,7 +140,10 @@ class CdgpsConfiguration:
     def layer_sigmas(self) -> tuple[float, ...]:
         """Steady-state sigma of the density of each layer, electrons per m3."""
         content = self.layer_content_sigma_tecu * ELECTRONS_PER_TECU
-        return tuple(min(self.electron_density_sigma, content / t) for t in self.plasma_layers)
+        return tuple(
+            min(self.electron_density_sigma, content / thickness)
+            for thickness in self.plasma_layers
+        )
 
     @property
     def has_plasma(self) -> bool:

@@ -1,8 +1,8 @@
 """Carrier-phase differential filter: the position of one receiver relative to another.
 
-Single differences of code and phase on any mix of signals, relative motion by nonlinear
-propagation of both spacecraft, integers fixed and held, faults found by innovation. Sources: Kroes
-(2006), Precise relative positioning of formation flying spacecraft using GPS; Leung and
+The filter uses single differences of code and phase on any mix of signals and propagates both
+spacecraft with all forces. Integers are fixed and held; faults show in the innovations. Sources:
+Kroes (2006), Precise relative positioning of formation flying spacecraft using GPS; Leung and
 Montenbruck (2005), Real-time navigation of formation-flying spacecraft using GPS (JGCD 28, 2);
 Teunissen (1995) for the integers.
 """
@@ -25,7 +25,7 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
-from vtff_nav.relative.cdgps.model import sky_of
+from vtff_nav.relative.cdgps.model import make_sky
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.cdgps.output import (
     ambiguity_table,
@@ -58,12 +58,12 @@ from vtff_nav.relative.common.solution import (
 
 __all__ = ["CdgpsEstimator"]
 
-# Codes begin both the state and its first update: the start counts for little.
+# The same codes give the first state and its first update: the first state counts for little.
 _START_INFLATION = 25.0
 _START_VELOCITY_SIGMA = 30.0
 
-# The clocks used for the times of reception are set anew beyond this, s: below, their error is
-# corrected exactly enough by the derivative of the range.
+# The clocks with which the times of reception are computed are replaced if they are off by more, s.
+# Smaller errors are corrected well enough by the derivative of the range.
 _CLOCK_TOLERANCE = 3e-7
 
 
@@ -88,18 +88,19 @@ class CdgpsEstimator(EstimatorInputs):
         self._signal_reader = SignalReader(
             self.configuration.measurement_noise, self.configuration.bands
         )
-        self._known: tuple[EphemerisTable, npt.NDArray[np.bool_]] | None = None
-        self._subset: tuple[EphemerisTable, npt.NDArray[np.bool_], EphemerisTable] | None = None
+        self._mask_of_table: tuple[EphemerisTable, npt.NDArray[np.bool_]] | None = None
+        self._table_in_view: tuple[EphemerisTable, npt.NDArray[np.bool_], EphemerisTable] | None
+        self._table_in_view = None
         self.reset()
 
     def reset(self) -> None:
-        """Forget every estimate; ephemerides are kept."""
+        """Forget every estimate; keep the ephemerides."""
         self._absolute.reset()
         self._time: GpsTime | None = None
-        self._start_anew()
+        self._forget_relative()
         self._last_update: GpsTime | None = None
 
-    def _start_anew(self) -> None:
+    def _forget_relative(self) -> None:
         """Forget the relative state."""
         self._relative: RelativeFilter | None = None
 
@@ -110,18 +111,18 @@ class CdgpsEstimator(EstimatorInputs):
         deputy: ObservationEpoch | None,
         laser: LaserMeasurement | None = None,
     ) -> RelativeSolution:
-        """Go on to an epoch and use what was measured there; see `RelativeEstimator.process`.
+        """Process the measurements of an epoch; see `RelativeEstimator.process`.
 
         Raises
         ------
         ValueError
-            If `time` is not after the epoch before.
+            If `time` is not after the last epoch.
         """
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
             raise ValueError(f"time {time}: not after the epoch before, {self._time}")
         table = self._ephemeris_table(time)
-        signals = [self._signals(epoch, table) for epoch in (chief, deputy)]
+        signals = [self._read_signals(epoch, table) for epoch in (chief, deputy)]
         if self._absolute.state is not None and self._time is not None:
             self._predict(self._time, interval)
         self._time = time
@@ -131,7 +132,7 @@ class CdgpsEstimator(EstimatorInputs):
         reasons = self._start(time, (chief, deputy), signals, table)
         if self._absolute.state is None or self._relative is None:
             return RelativeSolution.none(time, tuple(reasons), self._age(time))
-        return self._use(time, interval, (chief, deputy), signals, table, laser)
+        return self._update(time, interval, (chief, deputy), signals, table, laser)
 
     def _is_outdated(self, time: GpsTime) -> bool:
         """Return whether the last measurement is too old to go on from."""
@@ -141,27 +142,31 @@ class CdgpsEstimator(EstimatorInputs):
     def _age(self, time: GpsTime) -> float:
         return 0.0 if self._last_update is None else time - self._last_update
 
-    def _signals(self, epoch: ObservationEpoch | None, table: EphemerisTable) -> SignalTable | None:
-        """Return the signals of a receiver whose satellites have an ephemeris."""
+    def _read_signals(
+        self, epoch: ObservationEpoch | None, table: EphemerisTable
+    ) -> SignalTable | None:
+        """Return the signals of a receiver whose satellites have an ephemeris; None without."""
         if epoch is None:
             return None
-        if self._known is None or self._known[0] is not table:
-            self._known = (table, satellite_mask(satellite_numbers(table)))
-        signals = self._signal_reader.read(epoch, self._known[1])
+        if self._mask_of_table is None or self._mask_of_table[0] is not table:
+            self._mask_of_table = (table, satellite_mask(satellite_numbers(table)))
+        signals = self._signal_reader.read(epoch, self._mask_of_table[1])
         return signals if len(signals) else None
 
-    def _table_of(self, table: EphemerisTable, signals: list[SignalTable | None]) -> EphemerisTable:
-        """Return the rows of a table that are in view; the same object as long as they are."""
+    def _select_in_view(
+        self, table: EphemerisTable, signals: list[SignalTable | None]
+    ) -> EphemerisTable:
+        """Return a table of the satellites in view; the same object while they are the same."""
         satellites = np.concatenate([s.satellite for s in signals if s is not None])
-        if self._subset is not None:
-            whole, is_there, subset = self._subset
-            if whole is table and is_there[satellites].all():
-                return subset
-        needed = np.unique(satellites)
-        rows = np.searchsorted(satellite_numbers(table), needed)
-        subset = EphemerisTable([table.ephemerides[row] for row in rows.tolist()])
-        self._subset = (table, satellite_mask(needed), subset)
-        return subset
+        if self._table_in_view is not None:
+            whole, is_in_view, in_view = self._table_in_view
+            if whole is table and is_in_view[satellites].all():
+                return in_view
+        satellites = np.unique(satellites)
+        rows = np.searchsorted(satellite_numbers(table), satellites)
+        in_view = EphemerisTable([table.ephemerides[row] for row in rows.tolist()])
+        self._table_in_view = (table, satellite_mask(satellites), in_view)
+        return in_view
 
     def _start(
         self,
@@ -170,10 +175,10 @@ class CdgpsEstimator(EstimatorInputs):
         signals: list[SignalTable | None],
         table: EphemerisTable,
     ) -> list[str]:
-        """Begin with the chief and with the difference as far as they have not begun."""
+        """Initialise the filters that are not running; return why one could not be."""
         chief, deputy = epochs
         if self._absolute.state is None:
-            self._start_anew()
+            self._forget_relative()
             if chief is None or signals[0] is None:
                 return ["no observations of the chief"]
             if not self._absolute.start(time, chief.time, signals[0], table):
@@ -191,8 +196,7 @@ class CdgpsEstimator(EstimatorInputs):
         received = deputy.time - point.clock / SPEED_OF_LIGHT
         state_itrf = self._motion.state_itrf(time, self._absolute.mean[:6])
         position = point.position_itrf + (time - received) * state_itrf[3:]
-        # Where the chief's position is known better than by its codes, what is wrong with the
-        # codes of both is taken off.
+        # With a surveyed chief the error that the codes of both receivers share is known.
         position -= self._absolute.code_error(chief, state_itrf)
         mean = np.zeros(DYNAMIC_STATES)
         mean[:3] = self._motion.to_itrf(time).T @ (position - state_itrf[:3])
@@ -203,9 +207,9 @@ class CdgpsEstimator(EstimatorInputs):
             covariance[3:6, 3:6] = _START_VELOCITY_SIGMA**2 * np.eye(3)
         if self.configuration.dynamics == "orbital":
             if np.isfinite(point.velocity_itrf).all():
-                # Of the Doppler; not in the covariance, where it would count twice.
-                found = np.concatenate((point.position_itrf, point.velocity_itrf))
-                velocity = state_itrf_to_gcrf(received, found)[3:]
+                # The velocity from Doppler has no part in the covariance of the start.
+                state_deputy = np.concatenate((point.position_itrf, point.velocity_itrf))
+                velocity = state_itrf_to_gcrf(received, state_deputy)[3:]
                 mean[3:6] = velocity - self._absolute.mean[3:6]
             sigma = self.configuration.noise_relative.empirical_sigma
             covariance[6:, 6:] = sigma**2 * np.eye(3)
@@ -214,7 +218,7 @@ class CdgpsEstimator(EstimatorInputs):
         return []
 
     def _predict(self, time: GpsTime, interval: float) -> None:
-        """Propagate both filters from `time` on."""
+        """Propagate both filters by an interval (s) that begins at `time`."""
         absolute = self._absolute
         relative = np.zeros(DYNAMIC_STATES)
         if self._relative is not None:
@@ -227,7 +231,7 @@ class CdgpsEstimator(EstimatorInputs):
         if self._relative is not None:
             self._relative.predict(predicted, interval)
 
-    def _use(
+    def _update(
         self,
         time: GpsTime,
         interval: float,
@@ -239,19 +243,19 @@ class CdgpsEstimator(EstimatorInputs):
         """Update both filters with the observations of an epoch and return the solution."""
         degraded = [
             f"no observations of the {name}"
-            for name, of_one in zip(("chief", "deputy"), signals, strict=True)
-            if of_one is None
+            for name, signals_of_receiver in zip(("chief", "deputy"), signals, strict=True)
+            if signals_of_receiver is None
         ]
         seen, states = None, np.zeros((2, 6))
         if signals[0] is not None or signals[1] is not None:
-            table = self._table_of(table, signals)
+            table = self._select_in_view(table, signals)
             states = self._states_itrf(time)
-            seen = self._synchronised(time, epochs, signals, table, states)
+            seen = self._synchronise(time, epochs, signals, table, states)
         if seen is not None and signals[0] is not None:
             before = self._absolute.mean[:3].copy()
             self._absolute.update(time, signals[0], table, seen)
             if self._absolute.state is None:
-                self._start_anew()
+                self._forget_relative()
                 return RelativeSolution.none(
                     time, ("the orbit of the chief has been given up",), self._age(time)
                 )
@@ -266,24 +270,24 @@ class CdgpsEstimator(EstimatorInputs):
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)
-        sky = sky_of(measured, seen, states[:, :3], self.configuration)
+        sky = make_sky(measured, seen, states[:, :3], self.configuration)
         assert self._relative is not None
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
         if update.has_failed:
-            self._start_anew()
+            self._forget_relative()
             reason = "innovations too large: starting anew"
             return RelativeSolution.none(time, (reason,), self._age(time))
         return self._solution(time, update, degraded, laser)
 
     def _states_itrf(self, time: GpsTime) -> FloatArray:
-        """Return position and Earth-fixed velocity of both, shape (2, 6)."""
+        """Return position and Earth-fixed velocity of chief and deputy, shape (2, 6)."""
         assert self._relative is not None
         chief = self._absolute.mean[:6]
         deputy = chief + self._relative.state.mean[:6]
         return np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
 
-    def _synchronised(
+    def _synchronise(
         self,
         time: GpsTime,
         epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
@@ -291,7 +295,7 @@ class CdgpsEstimator(EstimatorInputs):
         table: EphemerisTable,
         states: FloatArray,
     ) -> Geometry:
-        """Return the lines of sight at the true times of reception; sets the clocks."""
+        """Set the receiver clocks from codes; return the geometry at the times of reception."""
         to_itrf = self._motion.to_itrf(time)
         assert self._relative is not None
         clocks = [self._absolute.clock, self._absolute.clock + self._relative.clock]
@@ -303,14 +307,14 @@ class CdgpsEstimator(EstimatorInputs):
                 ]
             )
             seen = compute_geometry(table, time, offsets, states, to_itrf)
-            changed = False
-            for receiver, of_one in enumerate(signals):
-                if of_one is None:
+            has_changed = False
+            for receiver, signals_of_receiver in enumerate(signals):
+                if signals_of_receiver is None:
                     continue
-                clock = _code_clock(of_one, seen, receiver)
+                clock = _clock_from_codes(signals_of_receiver, seen, receiver)
                 if abs(clock - clocks[receiver]) > _CLOCK_TOLERANCE:
-                    clocks[receiver], changed = clock, True
-            if not changed:
+                    clocks[receiver], has_changed = clock, True
+            if not has_changed:
                 break
         self._absolute.clock = clocks[0]
         self._relative.clock = clocks[1] - clocks[0]
@@ -323,16 +327,16 @@ class CdgpsEstimator(EstimatorInputs):
         degraded: list[str],
         laser: LaserMeasurement | None,
     ) -> RelativeSolution:
-        """Return the solution of an epoch; without `update` it is predicted."""
+        """Return the solution of an epoch; without `update` it is a prediction."""
         filter_, absolute = self._relative, self._absolute
         assert filter_ is not None
         state = filter_.state
         chief, relative = self._gcrf(time)
         covariance_chief, covariance = absolute.covariance, state.covariance[:6, :6]
         if self.configuration.dynamics != "orbital":
-            both = np.kron(np.eye(2), OrbitalMotion.to_itrf(time).T)
-            covariance_chief = both @ covariance_chief @ both.T
-            covariance = both @ covariance @ both.T
+            to_gcrf = np.kron(np.eye(2), OrbitalMotion.to_itrf(time).T)
+            covariance_chief = to_gcrf @ covariance_chief @ to_gcrf.T
+            covariance = to_gcrf @ covariance @ to_gcrf.T
         state_rtn, covariance_rtn = relative_rtn(chief, relative, covariance_chief, covariance)
         to_itrf = self._motion.to_itrf(time)
         density, density_sigma = filter_.local_density()
@@ -357,7 +361,7 @@ class CdgpsEstimator(EstimatorInputs):
             laser_latency_sigma=latency_sigma,
             laser_residual=residual,
         )
-        return predicted if update is None else _updated(predicted, filter_, update)
+        return predicted if update is None else _add_update(predicted, filter_, update)
 
     def _gcrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray]:
         """Return chief and difference in GCRF, each (6,)."""
@@ -365,14 +369,14 @@ class CdgpsEstimator(EstimatorInputs):
         chief, relative = self._absolute.mean[:6], self._relative.state.mean[:6]
         if self.configuration.dynamics == "orbital":
             return chief.copy(), relative.copy()
-        first = state_itrf_to_gcrf(time, chief)
-        return first, state_itrf_to_gcrf(time, chief + relative) - first
+        chief_gcrf = state_itrf_to_gcrf(time, chief)
+        return chief_gcrf, state_itrf_to_gcrf(time, chief + relative) - chief_gcrf
 
 
-def _updated(
+def _add_update(
     predicted: RelativeSolution, filter_: RelativeFilter, update: Update
 ) -> RelativeSolution:
-    """Return a solution with what is known of the measurements it rests on."""
+    """Return a solution with the kind, statistics and tables of a measurement update."""
     kind, satellites, integers = filter_.classify(update)
     degraded = [*predicted.degraded, *update.degraded]
     if kind < SOLUTION_FIXED and filter_.attempt.reason:
@@ -400,21 +404,26 @@ def _updated(
 
 def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMotion:
     """Return the motion model of a configuration."""
-    noises = configuration.noise_chief, configuration.noise_relative
     if configuration.dynamics == "orbital":
         return OrbitalMotion(
             configuration.force_model,
-            *noises,
+            configuration.noise_chief,
+            configuration.noise_relative,
             thrust_relative_sigma=configuration.thrust_relative_sigma,
             force_model_deputy=configuration.force_model_deputy,
             integrator=configuration.integrator,
             longest_step=configuration.longest_step,
         )
-    return TerrestrialMotion(configuration.chief_motion, configuration.dynamics, *noises)
+    return TerrestrialMotion(
+        configuration.chief_motion,
+        configuration.dynamics,
+        configuration.noise_chief,
+        configuration.noise_relative,
+    )
 
 
-def _code_clock(signals: SignalTable, seen: Geometry, receiver: int) -> float:
-    """Return the receiver clock that codes tell, s; good to the ionosphere."""
+def _clock_from_codes(signals: SignalTable, seen: Geometry, receiver: int) -> float:
+    """Return the receiver clock from the codes, s; it is in error by the ionosphere."""
     rows = seen.columns(signals.satellite)
     residual = signals.pseudorange - seen.range[receiver, rows] + seen.clock[receiver, rows]
     return upper_median(residual) / SPEED_OF_LIGHT

@@ -1,4 +1,4 @@
-"""Linear measurement model of the relative filter: what each state does to code and phase."""
+"""Linear measurement model of the relative filter for code, phase and laser range."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ __all__ = [
     "code_biases",
     "measurement_innovation",
     "plasma_paths",
-    "sky_of",
+    "make_sky",
 ]
 
 DENSITY_UNIT = 1e12
@@ -34,24 +34,22 @@ DENSITY_UNIT = 1e12
 
 @dataclass(frozen=True, eq=False)
 class Sky:
-    """What the relative filter needs of the geometry, for each single difference, shape (n,).
+    """Geometry of n single differences as the relative filter needs it; columns have shape (n,).
 
     Parameters
     ----------
     predicted : ndarray
-        Range, satellite clock and troposphere of the deputy less those of the chief, m, for the
-        predicted states; without receiver clocks.
+        Range, satellite clock and troposphere of the deputy less those of the chief, for the
+        predicted states and without receiver clocks, m.
     direction : ndarray, shape (n, 3)
-        From the deputy to the satellite, navigation axes.
+        Unit vectors from the deputy to the satellites, navigation axes.
     clock_rate : ndarray
-        Derivative of the single difference by the receiver clock of the deputy (m by m): less
-        than 1 because the time of reception, and so the range, depends on it.
+        Derivative of the single difference by the receiver clock of the deputy (m by m). It is not
+        1 because the time of reception, and so the range, depends on the clock.
     plasma : ndarray, shape (n, layers)
         Differential slant content of each layer, TECU, for a density of `DENSITY_UNIT`.
     elevation, azimuth : ndarray
-        At the chief, rad.
-    range_rate : ndarray
-        Predicted single difference of range rate and satellite clock drift, m/s.
+        Direction of the satellites at the chief, rad.
     """
 
     predicted: FloatArray
@@ -60,12 +58,11 @@ class Sky:
     plasma: FloatArray
     elevation: FloatArray
     azimuth: FloatArray
-    range_rate: FloatArray
 
 
-def sky_of(
+def make_sky(
     measured: SingleDifferences,
-    seen: Geometry,
+    geometry: Geometry,
     positions_itrf: FloatArray,
     configuration: CdgpsConfiguration,
 ) -> Sky:
@@ -74,23 +71,23 @@ def sky_of(
     Parameters
     ----------
     measured : SingleDifferences
-    seen : Geometry
+    geometry : Geometry
     positions_itrf : ndarray, shape (2, 3)
-        Chief, deputy.
+        Positions of chief and deputy, m.
     configuration : CdgpsConfiguration
     """
-    rows = seen.columns(measured.satellite)
+    columns = geometry.columns(measured.satellite)
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
-    elevation = seen.elevation[:, rows]
-    predicted = (seen.range[1] - seen.range[0] - seen.clock[1] + seen.clock[0])[rows]
+    elevation = geometry.elevation[:, columns]
+    ranges = geometry.range[1] - geometry.range[0]
+    predicted = (ranges - geometry.clock[1] + geometry.clock[0])[columns]
     if configuration.has_troposphere:
         predicted = predicted + troposphere_delay(positions_itrf[1], elevation[1])
         predicted = predicted - troposphere_delay(positions_itrf[0], elevation[0])
-    rate = seen.range_rate[1] - seen.range_rate[0] - seen.clock_drift[1] + seen.clock_drift[0]
     return Sky(
         predicted=predicted,
-        direction=seen.direction[1, rows],
-        clock_rate=1.0 - seen.range_rate[1, rows] / SPEED_OF_LIGHT,
+        direction=geometry.direction[1, columns],
+        clock_rate=1.0 - geometry.range_rate[1, columns] / SPEED_OF_LIGHT,
         plasma=plasma_paths(
             float(np.linalg.norm(positions_itrf[0])),
             height_deputy - height_chief,
@@ -98,8 +95,7 @@ def sky_of(
             configuration.plasma_layers,
         ),
         elevation=elevation[0],
-        azimuth=seen.azimuth[0, rows],
-        range_rate=rate[rows],
+        azimuth=geometry.azimuth[0, columns],
     )
 
 
@@ -111,13 +107,13 @@ def plasma_paths(
     Parameters
     ----------
     radius : float
-        Of the chief, m.
+        Distance of the chief from the centre of the Earth, m.
     rise : float
         Height of the deputy above the chief, m.
     elevation : ndarray, shape (2, n)
-        At chief and deputy, rad.
+        Elevation at chief and deputy, rad.
     layers : sequence of float
-        Their thicknesses above the chief, m.
+        Thicknesses of the layers above the chief, m.
 
     Returns
     -------
@@ -127,10 +123,11 @@ def plasma_paths(
 
     Notes
     -----
-    The whole effect of a spherical layer that reaches below both receivers: the path between the
-    two altitudes, which at high elevations is all, ``-rise / sin E``, and what differs above
-    because elevation and altitude do. Four layers reproduce Chapman profiles and constant ones to
-    0.1 mTECU at 250 m and 2 mTECU at 5 km above 5 deg; the plane slab alone is wrong by 75 mTECU.
+    This is the whole effect of a spherical layer that reaches below both receivers. One part is the
+    path between the two altitudes, ``-rise / sin E``, which is all at high elevations. The other
+    part comes from the path above, which differs because elevation and altitude do. Four layers
+    reproduce Chapman and constant profiles above 5 deg to 0.1 mTECU at 250 m and 2 mTECU at 5 km;
+    the plane slab alone is wrong by 75 mTECU.
     """
     receiver = np.array([[radius], [radius + rise]])
     perigee_squared = (receiver * np.cos(elevation)) ** 2
@@ -166,11 +163,11 @@ def measurement_innovation(
     ----------
     state : GaussianState
     arcs : ArcBook
-        With an arc for each phase.
+        Arcs of all phases.
     measured : SingleDifferences
     sky : Sky
     clock : float
-        Clock difference for which the sky was seen, m.
+        Clock difference for which the sky was computed, m.
     laser : LaserMeasurement, optional
     """
     count = len(measured)
@@ -181,13 +178,13 @@ def measurement_innovation(
     predicted = np.empty(size)
     predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)
-    columns, code_columns, shift = _biases(state, arcs, measured)
+    columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
     design[rows + count, columns] = 1.0
     has_bias = code_columns >= 0
     design[rows[has_bias], code_columns[has_bias]] = 1.0
     predicted[code] += np.where(has_bias, state.mean[code_columns], 0.0)
-    predicted[phase] += state.mean[columns] + shift * measured.wavelength
+    predicted[phase] += state.mean[columns] + cycles * measured.wavelength
     values = np.empty(size)
     values[code], values[phase] = measured.code, measured.phase
     variances = np.empty(size)
@@ -209,34 +206,44 @@ def _add_plasma(
     measured: SingleDifferences,
     sky: Sky,
 ) -> None:
-    """Add the layers of the ionosphere: codes are late, phases early."""
+    """Add the layers of the ionosphere, which delay codes and advance phases."""
     if ("plasma", 0) not in state:
         return
     count = len(measured)
     scale = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2
     delay = scale[:, None] * sky.plasma
-    places = [state.index(("plasma", layer)) for layer in range(delay.shape[1])]
-    design[:count, places] = delay
-    design[count : 2 * count, places] = -delay
-    total = delay @ state.mean[places]
+    columns = [state.index(("plasma", layer)) for layer in range(delay.shape[1])]
+    design[:count, columns] = delay
+    design[count : 2 * count, columns] = -delay
+    total = delay @ state.mean[columns]
     predicted[:count] += total
     predicted[count : 2 * count] -= total
 
 
-def _biases(
+def _bias_columns(
     state: GaussianState, arcs: ArcBook, measured: SingleDifferences
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], FloatArray]:
-    """Return the columns of each phase's ambiguity or bias and code's bias, and known cycles."""
+    """Return the columns of phase and code biases, and the known cycles of the phases.
+
+    Returns
+    -------
+    columns : ndarray of intp, shape (n,)
+        Column of the ambiguity of each phase, or of the bias of its group if it has an integer.
+    code_columns : ndarray of intp, shape (n,)
+        Column of the bias of each code; -1 for codes of the reference group.
+    cycles : ndarray, shape (n,)
+        Offset and integer of each phase.
+    """
     columns, code_columns, cycles = [], [], []
     for key in measured.keys:
         arc = arcs[key]
-        known = arc.offset_cycles
+        phase_cycles = arc.offset_cycles
         if arc.integer is None:
             columns.append(state.index(("ambiguity", key)))
         else:
             columns.append(state.index(("phase_bias", key.group)))
-            known += arc.integer
-        cycles.append(known)
+            phase_cycles += arc.integer
+        cycles.append(phase_cycles)
         label = ("code_bias", key.group)
         code_columns.append(state.index(label) if label in state else -1)
     return (
@@ -247,25 +254,25 @@ def _biases(
 
 
 def _laser_row(design: FloatArray, state: GaussianState) -> float:
-    """Fill the row of the laser and return the predicted measurement, m."""
+    """Fill the row of the laser in the design matrix; return the predicted measurement, m."""
     position, velocity = state.mean[:3], state.mean[3:6]
     distance = float(np.linalg.norm(position))
     along = position / distance
     rate = float(along @ velocity)
-    place = state.index(("laser_latency",))
-    latency = float(state.mean[place])
+    latency_index = state.index(("laser_latency",))
+    latency = float(state.mean[latency_index])
     design[:3] = along + latency * (velocity - rate * along) / distance
     design[3:6] = latency * along
-    design[place] = rate
+    design[latency_index] = rate
     return distance + latency * rate
 
 
 def _laser_curvature(state: GaussianState) -> float:
-    """Return the variance (m2) of what the linear row of the laser leaves out.
+    """Return the variance of the second-order terms that the row of the laser leaves out, m2.
 
     While position and velocity are known to metres only, the curvature of the range and the
-    product of the errors of latency and velocity are far above the noise of a laser; used as if
-    it were exact, it would tie the latency to a wrong value for good.
+    product of the errors of latency and velocity are far above the noise of a laser. Without them
+    the filter would trust a wrong latency for good.
     """
     variance = np.diagonal(state.covariance)
     across = float(variance[:3].sum()) / float(np.linalg.norm(state.mean[:3]))

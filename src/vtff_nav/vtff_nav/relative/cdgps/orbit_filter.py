@@ -1,8 +1,8 @@
 """Absolute motion of one receiver from its own observations, aided by its dynamics.
 
-No ionosphere model: with two frequencies the ionosphere-free combinations of code and phase are
-used, with one GRAPHIC, the mean of code and phase (Yunck 1993), in which the delay cancels. The
-ambiguities of the phases are real numbers.
+There is no ionosphere model. With two frequencies the ionosphere-free combinations of code and
+phase are used, with one frequency GRAPHIC, the mean of code and phase (Yunck 1993), in which the
+ionospheric delay cancels. The ambiguities of the phases are real numbers.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ __all__ = ["AbsoluteFilter"]
 
 _LONGEST_ARC_GAP = 5.0
 _UNKNOWN_AMBIGUITY_SIGMA = 30.0
-# Vertical delay of a code on one frequency in low orbit or on the ground, one sigma, m.
+# Sigma of the delay of a code on one frequency in low orbit or on the ground, m.
 _SINGLE_FREQUENCY_DELAY_SIGMA = 5.0
 _RESTART_EPOCHS = 5
 _DETECTION_PASSES = 5
-# Sigmas added to the motion when it is not what was predicted: m, m/s.
-_SURPRISE_SIGMAS = (10.0, 1.0)
+# Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
+_UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
 
 class AbsoluteFilter:
@@ -61,7 +61,7 @@ class AbsoluteFilter:
         self.state: GaussianState | None = None
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
-        self._seen: dict[tuple[str, int, int], GpsTime] = {}
+        self._last_seen: dict[tuple[str, int, int], GpsTime] = {}
         self._failures = 0
 
     @property
@@ -72,19 +72,19 @@ class AbsoluteFilter:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of position and velocity, navigation axes, shape (6, 6)."""
+        """Covariance of position and velocity (navigation axes), shape (6, 6)."""
         assert self.state is not None
         return self.state.covariance[:6, :6]
 
     def start(
         self, time: GpsTime, tag: GpsTime, signals: SignalTable, table: EphemerisTable
     ) -> bool:
-        """Try to begin with the codes of one epoch, or of two where there is no Doppler.
+        """Start from the codes of one epoch, or of two epochs without Doppler; return whether.
 
         Parameters
         ----------
         time : GpsTime
-            Epoch of the state to be.
+            Epoch of the first state.
         tag : GpsTime
             Time tag of the observations.
         signals : SignalTable
@@ -104,12 +104,11 @@ class AbsoluteFilter:
         mean = np.zeros(DYNAMIC_STATES)
         received = tag - point.clock / SPEED_OF_LIGHT
         if self._is_orbital:
-            state = self._orbital_start(received, point, last, covariance)
+            state = self._first_orbital_state(received, point, last, covariance)
             if state is None:
                 return False
-            late = time - received
             mean[:6] = state
-            mean[:3] += late * state[3:]
+            mean[:3] += (time - received) * state[3:]
         else:
             mean[:3] = point.position_itrf
             if configuration.chief_motion == "kinematic":
@@ -119,15 +118,19 @@ class AbsoluteFilter:
                 covariance[:3, :3] = 1e-8 * np.eye(3)
         self.clock = point.clock / SPEED_OF_LIGHT
         self.state = GaussianState([("motion", i) for i in range(DYNAMIC_STATES)], mean, covariance)
-        self._seen = {}
+        self._last_seen = {}
         self._failures = 0
         return True
 
     @staticmethod
-    def _orbital_start(
+    def _first_orbital_state(
         time: GpsTime, point: SinglePoint, last: SinglePoint | None, covariance: FloatArray
     ) -> FloatArray | None:
-        """Return the state in GCRF and set the covariance of its velocity."""
+        """Return position and velocity in GCRF; set the covariance of the velocity.
+
+        Without Doppler the velocity comes from the positions of two epochs; None if the last
+        position is missing or too old.
+        """
         if np.isfinite(point.velocity_itrf).all():
             covariance[3:6, 3:6] = point.velocity_sigma**2 * np.eye(3)
             return state_itrf_to_gcrf(
@@ -136,17 +139,20 @@ class AbsoluteFilter:
         if last is None or not 0.0 < point.time - last.time < 30.0:
             return None
         zero = np.zeros(3)
-        before_time = last.time - last.clock / SPEED_OF_LIGHT
-        duration = time - before_time
+        time_before = last.time - last.clock / SPEED_OF_LIGHT
+        duration = time - time_before
         now = state_itrf_to_gcrf(time, np.concatenate((point.position_itrf, zero)))[:3]
-        before = state_itrf_to_gcrf(before_time, np.concatenate((last.position_itrf, zero)))[:3]
-        fall = -GM_EARTH * now / float(now @ now) ** 1.5
-        velocity = (now - before) / duration + 0.5 * duration * fall
+        before = state_itrf_to_gcrf(time_before, np.concatenate((last.position_itrf, zero)))[:3]
+        gravity = -GM_EARTH * now / float(now @ now) ** 1.5
+        velocity = (now - before) / duration + 0.5 * duration * gravity
         covariance[3:6, 3:6] = 2.0 * covariance[:3, :3] / duration**2
         return np.concatenate((now, velocity))
 
     def code_error(self, epoch: ObservationEpoch | None, state_itrf: FloatArray) -> FloatArray:
-        """Return how far the codes of a surveyed chief are off at the epoch it began with, m."""
+        """Return the error of the position from codes of a surveyed chief, m, shape (3,).
+
+        It is known at the epoch of the start only, and zero otherwise.
+        """
         point = self._last_point
         is_surveyed = self._configuration.position_chief_itrf is not None
         if not is_surveyed or epoch is None or point is None or point.time != epoch.time:
@@ -154,14 +160,14 @@ class AbsoluteFilter:
         return point.position_itrf - state_itrf[:3]
 
     def predict(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
-        """Go on to the next epoch."""
+        """Propagate the state to the next epoch; see `GaussianState.predict_leading`."""
         assert self.state is not None
         self.state.predict_leading(mean, transition, noise)
 
     def update(
         self, time: GpsTime, signals: SignalTable, table: EphemerisTable, seen: Geometry
     ) -> None:
-        """Use the observations of an epoch.
+        """Update the state with the observations of an epoch.
 
         Parameters
         ----------
@@ -169,7 +175,7 @@ class AbsoluteFilter:
         signals : SignalTable
         table : EphemerisTable
         seen : Geometry
-            For the present state and `clock`.
+            Geometry for the present state and `clock`.
         """
         state = self.state
         assert state is not None
@@ -185,7 +191,7 @@ class AbsoluteFilter:
             delay = troposphere_delay(state.mean[:3], seen.elevation[0, rows])
             predicted = predicted + delay
         labels = self._ambiguities(time, measured, predicted)
-        was_surprised = self._configuration.chief_motion == "static"
+        may_doubt_motion = self._configuration.chief_motion != "static"
         for _ in range(_DETECTION_PASSES):
             innovation, design_rows = self._innovation(measured, rows, seen, predicted, labels)
             normalised = np.abs(innovation.normalised)
@@ -202,15 +208,16 @@ class AbsoluteFilter:
             ]
             if not slipped:
                 break
-            if not was_surprised and 2 * len(slipped) > len(measured):
-                # Not slips: the motion is not what was predicted.
-                was_surprised = True
+            if may_doubt_motion and 2 * len(slipped) > len(measured):
+                # So many phases do not slip at once: the motion was not as predicted.
+                may_doubt_motion = False
                 for axis in range(6):
-                    state.add_noise(("motion", axis), _SURPRISE_SIGMAS[axis // 3] ** 2)
+                    sigma = _UNPREDICTED_MOTION_SIGMAS[axis // 3]
+                    state.add_noise(("motion", axis), sigma**2)
                 continue
             for row in slipped:
                 state.remove([labels[row]])
-                self._seen.pop(labels[row], None)
+                self._last_seen.pop(labels[row], None)
             labels = self._ambiguities(time, measured, predicted)
         is_bad = np.count_nonzero(~innovation.is_used) > 0.5 * len(innovation.is_used)
         self._failures = self._failures + 1 if is_bad else 0
@@ -223,7 +230,7 @@ class AbsoluteFilter:
     def _ambiguities(
         self, time: GpsTime, measured: Combinations, predicted: FloatArray
     ) -> list[tuple[str, int, int]]:
-        """Return the labels of the ambiguities; new ones are added, old ones forgotten."""
+        """Return the labels of the ambiguities; add new ambiguities and remove old ones."""
         state = self.state
         assert state is not None
         labels = []
@@ -238,23 +245,23 @@ class AbsoluteFilter:
         ):
             label = ("ambiguity", satellite, band)
             labels.append(label)
-            last = self._seen.get(label)
+            last = self._last_seen.get(label)
             if is_lost and last is not None and last < time:
                 state.remove([label])
             if label not in state:
                 if band:
                     state.add(label, float(residual[row]), _UNKNOWN_AMBIGUITY_SIGMA**2)
                 else:
-                    # Where the code is now, but for its delay and noise.
+                    # Phase less code, whose errors are the ionospheric delay and the code noise.
                     mean = float(measured.phase[row] - measured.code[row])
                     sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
                     state.add(label, mean, sigma**2)
-            self._seen[label] = time
-        gone = [k for k, last in self._seen.items() if time - last > _LONGEST_ARC_GAP]
-        if gone:
-            state.remove(gone)
-            for label in gone:
-                del self._seen[label]
+            self._last_seen[label] = time
+        old = [k for k, last in self._last_seen.items() if time - last > _LONGEST_ARC_GAP]
+        if old:
+            state.remove(old)
+            for label in old:
+                del self._last_seen[label]
         return labels
 
     def _innovation(
@@ -265,7 +272,10 @@ class AbsoluteFilter:
         predicted: FloatArray,
         labels: list[tuple[str, int, int]],
     ) -> tuple[Innovation, list[int]]:
-        """Return the innovation of codes (two frequencies only) and phases."""
+        """Return the innovation of codes and phases, and the row of `measured` of each.
+
+        Codes are used of satellites with two frequencies only; they come before the phases.
+        """
         state = self.state
         assert state is not None
         count = len(measured)
@@ -275,13 +285,13 @@ class AbsoluteFilter:
         design = np.zeros((size, len(state)))
         direction = -seen.direction[0, rows]
         design[:, :3] = direction[order]
-        places = [state.index(label) for label in labels]
+        columns = [state.index(label) for label in labels]
         phase = np.arange(len(code_rows), size)
-        design[phase, places] = 1.0
+        design[phase, columns] = 1.0
         values = np.concatenate(
             (
                 (measured.code - predicted)[code_rows],
-                measured.phase - predicted - state.mean[places],
+                measured.phase - predicted - state.mean[columns],
             )
         )
         configuration = self._configuration

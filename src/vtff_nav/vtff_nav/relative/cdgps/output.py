@@ -1,4 +1,4 @@
-"""From the state of the relative filter to the tables that are published."""
+"""Tables of a solution from the state of the relative filter."""
 
 from __future__ import annotations
 
@@ -35,10 +35,10 @@ def relative_rtn(
     Parameters
     ----------
     chief_gcrf, relative_gcrf : ndarray, shape (6,)
-        Chief, and deputy less chief.
+        State of the chief, and deputy less chief, m and m/s.
     covariance_chief, covariance_relative : ndarray, shape (6, 6)
-        Errors of the chief turn the frame and are part of the result; they are taken as
-        independent of those of the difference.
+        Covariances of these states, taken as independent. Errors of the chief turn the frame and
+        are part of the result.
     """
     state = relative_state_rtn(chief_gcrf, chief_gcrf + relative_gcrf)
     rotation = rotation_gcrf_to_rtn(chief_gcrf)
@@ -48,16 +48,17 @@ def relative_rtn(
     from_difference = np.zeros((6, 6))
     from_difference[:3, :3] = from_difference[3:, 3:] = rotation
     from_difference[3:, :3] = -spin @ rotation
-    # A frame turned by theta shows a vector turned by -theta; circular orbit.
-    turn = np.zeros((3, 6))
-    turn[0, 5] = 1.0 / max(norm(chief_gcrf[3:]), 1.0)
-    turn[1, 2] = -1.0 / radius
-    turn[2, 1] = 1.0 / radius
+    # Rotation of the RTN frame by errors of the chief on a circular orbit. In a frame turned by
+    # theta a vector appears turned by -theta.
+    frame_turn = np.zeros((3, 6))
+    frame_turn[0, 5] = 1.0 / max(norm(chief_gcrf[3:]), 1.0)
+    frame_turn[1, 2] = -1.0 / radius
+    frame_turn[2, 1] = 1.0 / radius
     in_rtn = np.zeros((6, 6))
     in_rtn[:3, :3] = in_rtn[3:, 3:] = rotation
     from_chief = np.zeros((6, 6))
-    from_chief[:3] = skew(state[:3]) @ turn @ in_rtn
-    from_chief[3:] = skew(state[3:]) @ turn @ in_rtn
+    from_chief[:3] = skew(state[:3]) @ frame_turn @ in_rtn
+    from_chief[3:] = skew(state[3:]) @ frame_turn @ in_rtn
     covariance = (
         from_difference @ covariance_relative @ from_difference.T
         + from_chief @ covariance_chief @ from_chief.T
@@ -80,7 +81,7 @@ def ambiguity_table(
     arcs : ArcBook
     measured : SingleDifferences
     sigmas : ndarray, shape (n,)
-        Of the innovations of the phases, m: what one epoch tells of a held ambiguity.
+        Sigmas of the innovations of the phases, m: one epoch gives a held ambiguity to this sigma.
     is_new : set of SignalKey
         Signals whose integer was decided at this epoch.
     """
@@ -124,7 +125,7 @@ def differential_tec_table(
     The geometry-free phase less its integers is
     ``40.3 STEC (1 / f2^2 - 1 / f1^2) + beta_1 - beta_2``; the biases come from the state.
     """
-    pairs = _fixed_pairs(arcs, measured)
+    pairs = _find_fixed_pairs(arcs, measured)
     if not pairs:
         return DifferentialTecTable()
     values, sigmas = [], []
@@ -135,11 +136,12 @@ def differential_tec_table(
             cycles = arc.offset_cycles + (arc.integer or 0.0)
             total += sign * (measured.phase[row] - measured.wavelength[row] * cycles)
             variance += measured.phase_variance[row]
-        one = state.index(("phase_bias", measured.keys[first].group))
-        two = state.index(("phase_bias", measured.keys[second].group))
-        total -= state.mean[one] - state.mean[two]
+        bias1 = state.index(("phase_bias", measured.keys[first].group))
+        bias2 = state.index(("phase_bias", measured.keys[second].group))
+        total -= state.mean[bias1] - state.mean[bias2]
         covariance = state.covariance
-        variance += covariance[one, one] + covariance[two, two] - 2.0 * covariance[one, two]
+        variance += covariance[bias1, bias1] + covariance[bias2, bias2]
+        variance -= 2.0 * covariance[bias1, bias2]
         scale = (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (
             measured.frequency_hz[second] ** -2 - measured.frequency_hz[first] ** -2
         )
@@ -160,10 +162,10 @@ def differential_tec_table(
     )
 
 
-def _fixed_pairs(arcs: ArcBook, measured: SingleDifferences) -> list[tuple[int, int]]:
+def _find_fixed_pairs(arcs: ArcBook, measured: SingleDifferences) -> list[tuple[int, int]]:
     """Return the rows of the first two carriers of each satellite that have integers."""
-    by_satellite: dict[tuple[int, int], list[int]] = {}
+    rows_of_satellite: dict[tuple[int, int], list[int]] = {}
     for row, key in enumerate(measured.keys):
         if arcs[key].integer is not None:
-            by_satellite.setdefault(key.satellite, []).append(row)
-    return [(rows[0], rows[1]) for rows in by_satellite.values() if len(rows) > 1]
+            rows_of_satellite.setdefault(key.satellite, []).append(row)
+    return [(rows[0], rows[1]) for rows in rows_of_satellite.values() if len(rows) > 1]

@@ -42,7 +42,6 @@ class Innovation:
         P H', covariance of the state with the innovation.
     nuisance_gain : ndarray, shape (k, m)
         ``nuisance_gain @ values`` estimates the nuisance parameters.
-    nuisance_covariance : ndarray, shape (k, k)
     is_used : ndarray of bool, shape (m,)
         False for measurements left out.
     """
@@ -54,7 +53,6 @@ class Innovation:
     weight: FloatArray
     cross_covariance: FloatArray
     nuisance_gain: FloatArray
-    nuisance_covariance: FloatArray
     is_used: npt.NDArray[np.bool_]
 
     @property
@@ -249,12 +247,12 @@ class GaussianState:
             normal = nuisance.T @ weighted
             if not np.all(np.diagonal(normal) > 0.0):
                 raise ValueError("a nuisance parameter has no measurement")
-            is_scalar = len(normal) == 1
-            nuisance_covariance = 1.0 / normal if is_scalar else np.linalg.inv(normal)
-            gain = nuisance_covariance @ weighted.T
+            # `numpy.linalg.inv` takes ten times as long on the usual single nuisance parameter.
+            inverse_normal = 1.0 / normal if len(normal) == 1 else np.linalg.inv(normal)
+            gain = inverse_normal @ weighted.T
             weight = weight - weighted @ gain
         else:
-            gain, nuisance_covariance = np.zeros((0, len(values))), np.zeros((0, 0))
+            gain = np.zeros((0, len(values)))
         return Innovation(
             values=values,
             variances=np.diagonal(covariance).copy(),
@@ -263,7 +261,6 @@ class GaussianState:
             weight=weight,
             cross_covariance=cross,
             nuisance_gain=gain,
-            nuisance_covariance=nuisance_covariance,
             is_used=np.ones(len(values), dtype=bool),
         )
 

@@ -287,8 +287,6 @@ class SingleDifferences:
         Single differences of pseudorange and carrier range, m.
     code_variance, phase_variance : ndarray
         Variances of these differences, m2.
-    range_rate : ndarray
-        Single difference of the range rates from Doppler, m/s.
     is_parity_known : ndarray of bool
         Whether both receivers know the parity: the ambiguity is then a whole number.
     half_cycles : ndarray of int64
@@ -307,7 +305,6 @@ class SingleDifferences:
     phase: FloatArray
     code_variance: FloatArray
     phase_variance: FloatArray
-    range_rate: FloatArray
     is_parity_known: npt.NDArray[np.bool_]
     half_cycles: npt.NDArray[np.int64]
     is_lock_lost: npt.NDArray[np.bool_]
@@ -346,7 +343,6 @@ def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDi
         phase=b.carrier_range - a.carrier_range,
         code_variance=a.code_sigma**2 + b.code_sigma**2,
         phase_variance=a.phase_sigma**2 + b.phase_sigma**2,
-        range_rate=b.range_rate - a.range_rate,
         is_parity_known=(a.flags & b.flags & c.FLAG_PARITY_KNOWN) > 0,
         half_cycles=half_cycles,
         is_lock_lost=((a.flags | b.flags) & c.FLAG_LOCK_LOST) > 0,

@@ -19,25 +19,26 @@ class PaperConfiguration:
     Parameters
     ----------
     force_model : ForceModel
-        Of both spacecraft.
+        Forces on both spacecraft.
     bands : mapping of int to tuple of int
         RINEX frequency digits of the phases used, for each system; the paper uses GPS L1.
     measurement_noise : MeasurementNoise
-        R comes from the receivers' own sigmas unless they state none.
+        Noise where the receivers state no sigmas; otherwise R comes from their sigmas.
     elevation_mask_deg : float
-        Above the local horizon of either spacecraft.
+        Satellites lower above the local horizon of either spacecraft are not used.
     start_duration : float
-        s over which code differences are averaged before the filter begins.
+        Time over which code differences are averaged before the filter starts, s.
     acceleration_noise : float
         Root of the spectral density of the white relative acceleration in Q, m/s2/sqrt(Hz).
     clock_noise, clock_rate_noise : float
-        The same of the clock difference, m/sqrt(s), and of its rate, m/s/sqrt(s): two TCXO.
+        Roots of the spectral densities of the noise of the clock difference, m/sqrt(s), and of its
+        rate, m/s/sqrt(s), for two TCXO.
     velocity_sigma : float
-        Of each axis of the first velocity, m/s.
+        Sigma of each axis of the first velocity, m/s.
     clock_sigma : float
-        Of the clock difference after the start or a jump, m, and of its first rate, m/s.
+        Sigma of the clock difference after the start or a jump, m, and of its first rate, m/s.
     longest_prediction : float
-        s without measurements after which the filter begins anew.
+        Time without measurements after which the filter starts anew, s.
     """
 
     force_model: ForceModel = field(default_factory=ForceModel)

@@ -2,10 +2,10 @@
 
 The ambiguities are no states: they are set to integers when a signal comes into view, from the
 state at that time, and then held. A start that is wrong by decimetres therefore stays wrong, and
-the paper names "poor initial EKF estimations" as the cause of its keeping error. Here the start
-takes the part that all first ambiguities have in common as belonging to the clock, which leaves
-the integers right as long as the start is better than about half a cycle along each line of sight.
-Nothing tests the integers, and the covariance takes them as certain.
+the paper names "poor initial EKF estimations" as the cause of its station-keeping error. Here the
+fraction of a cycle that all first ambiguities share is given to the clock. The integers are then
+right if the start is better than about half a cycle along each line of sight. No test is made of
+the integers, and the covariance takes them as certain.
 
 References
 ----------
@@ -70,13 +70,13 @@ from vtff_nav.relative.paper.filter import (
 __all__ = ["PaperConfiguration", "PaperEstimator"]
 
 _CLOCK_JUMP = 30.0
-"""m; codes tell a clock to below 1 m, steered clocks change by less in a second. A clock that
-changes by more, or is known worse after an outage, is taken from the codes."""
+"""A clock that changes by more (m), or has a larger sigma after an outage, is taken from the codes.
+Codes give a clock to below 1 m, and steered clocks change by less in a second."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Measured:
-    """Differences of an epoch with what is needed to predict them."""
+    """Single differences of an epoch, with ephemerides and time tags (less `time`, s)."""
 
     time: GpsTime
     table: EphemerisTable
@@ -113,7 +113,7 @@ class PaperEstimator(EstimatorInputs):
         self.reset()
 
     def reset(self) -> None:
-        """Forget every estimate; ephemerides are kept."""
+        """Forget every estimate; keep the ephemerides."""
         self._chief.reset()
         self._thrust.clear()
         self._time: GpsTime | None = None
@@ -126,7 +126,7 @@ class PaperEstimator(EstimatorInputs):
         self._mean = CodeMean()
         self._mean_since: GpsTime | None = None
         self._last_start: StartEpoch | None = None
-        self._used: GpsTime | None = None
+        self._last_update: GpsTime | None = None
 
     def process(
         self,
@@ -135,14 +135,14 @@ class PaperEstimator(EstimatorInputs):
         deputy: ObservationEpoch | None,
         laser: LaserMeasurement | None = None,
     ) -> RelativeSolution:
-        """Go on to an epoch and use its carrier phases; see `RelativeEstimator.process`.
+        """Process the carrier phases of an epoch; see `RelativeEstimator.process`.
 
         A laser range is not used: the paper has none.
 
         Raises
         ------
         ValueError
-            If `time` is not after the epoch before.
+            If `time` is not after the last epoch.
         """
         interval = 1.0 if self._time is None else time - self._time
         if not interval > 0.0:
@@ -154,12 +154,12 @@ class PaperEstimator(EstimatorInputs):
         if self._chief.state is None:
             self._restart()
             return RelativeSolution.none(time, ("the chief has no position yet",))
-        measured = self._measured(time, interval, chief, deputy, table)
+        measured = self._form_differences(time, interval, chief, deputy, table)
         if self._filter is None:
             self._start(measured)
         elif measured is not None:
             self._update(measured)
-        age = 0.0 if self._used is None else time - self._used
+        age = 0.0 if self._last_update is None else time - self._last_update
         if age > self.configuration.longest_prediction:
             self._restart()
         if self._filter is None:
@@ -200,7 +200,7 @@ class PaperEstimator(EstimatorInputs):
     def _update_chief(
         self, time: GpsTime, epoch: ObservationEpoch | None, table: EphemerisTable
     ) -> None:
-        """Improve the chief's orbit and clock, or begin with them."""
+        """Update the chief's orbit and clock, or initialise them."""
         if epoch is None:
             return
         signals = self._chief_signals.read(epoch, satellite_mask(satellite_numbers(table)))
@@ -225,7 +225,7 @@ class PaperEstimator(EstimatorInputs):
             table, time, offsets, np.array([state] * 2), rotation_gcrf_to_itrf(time)
         )
 
-    def _measured(
+    def _form_differences(
         self,
         time: GpsTime,
         interval: float,
@@ -233,14 +233,16 @@ class PaperEstimator(EstimatorInputs):
         deputy: ObservationEpoch | None,
         table: EphemerisTable,
     ) -> _Measured | None:
-        """Return the phases in common view; ambiguities of those that slipped are forgotten."""
+        """Return the signals in common view; forget the ambiguities of signals that slipped."""
         if chief is None or deputy is None:
             return None
-        is_known = satellite_mask(satellite_numbers(table))
-        both = [self._signals.read(epoch, is_known) for epoch in (chief, deputy)]
+        has_ephemeris = satellite_mask(satellite_numbers(table))
+        signals = [self._signals.read(epoch, has_ephemeris) for epoch in (chief, deputy)]
         # Without parity the phase may be off by half a cycle.
-        whole = [s.select(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in both]
-        differences = form_single_differences(*whole)
+        chief_signals, deputy_signals = (
+            s.select(np.flatnonzero(s.flags & c.FLAG_PARITY_KNOWN)) for s in signals
+        )
+        differences = form_single_differences(chief_signals, deputy_signals)
         for key in self._arcs.find_breaks(time, differences, interval):
             self._arcs.end(key)
             self._mean.forget(key)
@@ -250,7 +252,7 @@ class PaperEstimator(EstimatorInputs):
         return _Measured(time, table, differences, tags)
 
     def _start(self, measured: _Measured | None) -> None:
-        """Average code differences; when that has lasted long enough, begin to filter."""
+        """Average code differences; initialise the filter when that has lasted long enough."""
         if measured is None:
             return
         time, differences = measured.time, measured.differences
@@ -276,7 +278,7 @@ class PaperEstimator(EstimatorInputs):
             return
         mean, covariance = np.zeros(STATES), np.zeros((STATES, STATES))
         mean[POSITION], mean[CLOCK] = now.position_itrf, now.clock
-        mean[VELOCITY] = self._first_velocity(last, before.position_itrf, time, now.position_itrf)
+        mean[VELOCITY] = self._solve_velocity(last, before.position_itrf, time, now.position_itrf)
         mean[CLOCK_RATE] = (now.clock - before.clock) / (time - last.time)
         given = self.configuration
         covariance[:4, :4] = now.covariance
@@ -287,7 +289,7 @@ class PaperEstimator(EstimatorInputs):
         self._arcs = ArcBook()
         self._update(measured)
 
-    def _first_velocity(
+    def _solve_velocity(
         self, last: StartEpoch, before: FloatArray, time: GpsTime, now: FloatArray
     ) -> FloatArray:
         """Return the Earth-fixed relative velocity that leads from one position to the next."""
@@ -295,7 +297,7 @@ class PaperEstimator(EstimatorInputs):
         chief, relative = np.zeros(DYNAMIC_STATES), np.zeros(DYNAMIC_STATES)
         chief[:6] = state_itrf_to_gcrf(last.time, last.state_chief_itrf)
         velocity = (now - before) / duration
-        # What the straight line misses: gravity gradient, rotation of the Earth, thrust.
+        # The path is not straight: gravity gradient, rotation of the Earth and thrust bend it.
         for _ in range(2):
             relative[:6] = state_itrf_to_gcrf(last.time, np.concatenate((before, velocity)))
             prediction = self._motion.predict(last.time, duration, chief, relative, self._thrust)
@@ -304,10 +306,12 @@ class PaperEstimator(EstimatorInputs):
         arrival: FloatArray = predicted[3:] + (now - predicted[:3]) / duration
         return arrival
 
-    def _predicted(self, measured: _Measured) -> tuple[FloatArray, npt.NDArray[np.intp], Geometry]:
-        """Return range differences without clocks (m), columns of the satellites, geometry.
+    def _predict_differences(
+        self, measured: _Measured
+    ) -> tuple[FloatArray, npt.NDArray[np.intp], Geometry]:
+        """Return range differences without receiver clocks (m), their columns, and the geometry.
 
-        Directions are in ITRF.
+        The directions of the geometry are in ITRF.
         """
         assert self._filter is not None
         chief = state_gcrf_to_itrf(measured.time, self._chief.mean[:6])
@@ -323,45 +327,45 @@ class PaperEstimator(EstimatorInputs):
         return distance[1] - distance[0], columns, seen
 
     def _update(self, measured: _Measured) -> None:
-        """Use the phases whose integers are known, then set the integers of the others."""
+        """Update with the phases that have integers, then set the integers of the others."""
         filter_, differences = self._filter, measured.differences
         assert filter_ is not None
-        predicted, columns, seen = self._predicted(measured)
+        predicted, columns, seen = self._predict_differences(measured)
         jump = float(np.median(differences.code - predicted)) - float(filter_.x[CLOCK])
         if max(abs(jump), float(np.sqrt(filter_.P[CLOCK, CLOCK]))) > _CLOCK_JUMP:
             filter_.release_clock(jump, self.configuration.clock_sigma)
-            predicted, columns, seen = self._predicted(measured)
+            predicted, columns, seen = self._predict_differences(measured)
         mask = np.radians(self.configuration.elevation_mask_deg)
         is_high = (seen.elevation[:, columns] > mask).all(axis=0)
-        is_known = np.array([key in self._arcs for key in differences.keys])
-        if not (is_high & is_known).any():
+        has_integer = np.array([key in self._arcs for key in differences.keys])
+        if not (is_high & has_integer).any():
             self._set_first_integers(measured, np.flatnonzero(is_high), predicted)
-            is_known = is_high
-        rows = np.flatnonzero(is_high & is_known)
+            has_integer = is_high
+        rows = np.flatnonzero(is_high & has_integer)
         if len(rows):
             cycles = np.array(
                 [self._arcs[differences.keys[row]].offset_cycles for row in rows.tolist()]
             )
             ranges = differences.phase[rows] - differences.wavelength[rows] * cycles
-            filter_.use(
+            filter_.update_phases(
                 ranges - predicted[rows] - filter_.x[CLOCK],
                 -seen.direction[1, columns[rows]],
                 differences.phase_variance[rows],
             )
-            self._used = measured.time
-        new = np.flatnonzero(is_high & ~is_known)
+            self._last_update = measured.time
+        new = np.flatnonzero(is_high & ~has_integer)
         if len(new):
-            predicted, _, _ = self._predicted(measured)
+            predicted, _, _ = self._predict_differences(measured)
             self._set_integers(measured, new, predicted)
         self._arcs.record(measured.time, differences)
 
     def _set_first_integers(
         self, measured: _Measured, rows: npt.NDArray[np.intp], predicted: FloatArray
     ) -> None:
-        """Set the integers of all signals, and let the clock take what they have in common.
+        """Give the fraction that all phases share to the clock, then set all integers.
 
         Receivers start their phases with any fraction of a cycle, and the first clock comes from
-        the codes: that fraction is the same for all satellites. It is averaged on the circle.
+        the codes. The fraction is the same for all satellites; it is averaged on the circle.
         """
         assert self._filter is not None
         if len(rows):
@@ -374,7 +378,7 @@ class PaperEstimator(EstimatorInputs):
     def _set_integers(
         self, measured: _Measured, rows: npt.NDArray[np.intp], predicted: FloatArray
     ) -> None:
-        """Round the ambiguities that the state gives."""
+        """Set the integers of rows to the rounded ambiguities of the state."""
         assert self._filter is not None
         expected = predicted + self._filter.x[CLOCK]
         for row in rows.tolist():
@@ -382,13 +386,13 @@ class PaperEstimator(EstimatorInputs):
             arc.fixed_since = measured.time
 
     def _solution(self, measured: _Measured | None, age: float) -> RelativeSolution:
-        """Return the state in the form that all estimators share."""
+        """Return the solution of an epoch."""
         filter_, time = self._filter, self._time
         assert filter_ is not None and time is not None
-        chief, place = self._chief.mean[:6].copy(), list(MOTION)
+        chief, motion = self._chief.mean[:6].copy(), list(MOTION)
         to_gcrf = np.array([state_itrf_to_gcrf(time, column) for column in np.eye(6)]).T
-        covariance = to_gcrf @ filter_.P[np.ix_(place, place)] @ to_gcrf.T
-        relative = to_gcrf @ filter_.x[place]
+        covariance = to_gcrf @ filter_.P[np.ix_(motion, motion)] @ to_gcrf.T
+        relative = to_gcrf @ filter_.x[motion]
         state, covariance = relative_rtn(chief, relative, self._chief.covariance, covariance)
         is_updated = age == 0.0
         squared, count = filter_.innovation if is_updated else (0.0, 0)
@@ -414,7 +418,7 @@ class PaperEstimator(EstimatorInputs):
         )
 
     def _ambiguity_table(self, measured: _Measured | None) -> AmbiguityTable:
-        """Return the integers of the signals in view; nothing has tested them: state float."""
+        """Return the integers of the signals in view, as float because no test was made of them."""
         keys = [] if measured is None else measured.differences.keys
         arcs = [self._arcs[key] for key in keys if key in self._arcs]
         columns = np.array([arc.key for arc in arcs], dtype=np.uint8).reshape(-1, 4)

@@ -28,10 +28,10 @@ __all__ = [
 
 STATES = 8
 POSITION, CLOCK, VELOCITY, CLOCK_RATE = slice(0, 3), 3, slice(4, 7), 7
-"""Places in the state: m, m, m/s, m/s; position and velocity Earth-fixed, deputy less chief."""
+"""Indices of the states, deputy less chief; position (m) and velocity (m/s) are Earth-fixed."""
 
 MOTION = (0, 1, 2, 4, 5, 6)
-"""Places of position and velocity."""
+"""Indices of position and velocity."""
 
 
 def state_jacobian(position_gcrf: npt.ArrayLike, to_itrf: FloatArray) -> FloatArray:
@@ -40,9 +40,9 @@ def state_jacobian(position_gcrf: npt.ArrayLike, to_itrf: FloatArray) -> FloatAr
     Parameters
     ----------
     position_gcrf : array_like, shape (3,)
-        Between the two spacecraft, m; the gravity gradient is that of a point mass there.
+        Position at which the gravity gradient of a point mass is taken, m.
     to_itrf : ndarray, shape (3, 3)
-        From GCRF.
+        Rotation from GCRF to ITRF.
 
     References
     ----------
@@ -87,10 +87,15 @@ def process_noise(
 
 
 class CarrierPhaseFilter(ExtendedKalmanFilter):  # type: ignore[misc]
-    """filterpy's filter with a nonlinear prediction that is computed outside.
+    """Filter of filterpy with a nonlinear prediction that the caller computes.
 
     All vectors are one-dimensional: with a column state filterpy broadcasts one-dimensional
-    measurements into a matrix. R is given with every update, because its size changes.
+    measurements into a matrix. Every update has an R of its own, because its size changes.
+
+    Parameters
+    ----------
+    mean : ndarray, shape (8,)
+    covariance : ndarray, shape (8, 8)
     """
 
     def __init__(self, mean: FloatArray, covariance: FloatArray) -> None:
@@ -100,21 +105,23 @@ class CarrierPhaseFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         self._predicted = mean
 
     def predict_to(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
-        """Go on to a mean that the dynamics give."""
+        """Predict with a mean that was propagated by the dynamics."""
         self._predicted, self.F, self.Q = mean, transition, noise
         self.predict()
 
     def predict_x(self, u: object = 0) -> None:
-        """Take the mean of `predict_to` instead of F x."""
+        """Set the state to the mean of `predict_to` instead of F x; filterpy calls this."""
         self.x = self._predicted
 
     def release_clock(self, jump: float, sigma: float) -> None:
-        """Let the clock difference jump by about `jump`, m, known to a sigma."""
+        """Add `jump` to the clock difference and set its sigma, m, without correlations."""
         self.x[CLOCK] += jump
         self.P[CLOCK, :] = self.P[:, CLOCK] = 0.0
         self.P[CLOCK, CLOCK] = sigma**2
 
-    def use(self, residual: FloatArray, direction: FloatArray, variances: FloatArray) -> None:
+    def update_phases(
+        self, residual: FloatArray, direction: FloatArray, variances: FloatArray
+    ) -> None:
         """Update with carrier phases, Joseph form.
 
         Parameters
@@ -122,14 +129,14 @@ class CarrierPhaseFilter(ExtendedKalmanFilter):  # type: ignore[misc]
         residual : ndarray, shape (n,)
             Measured less predicted, m.
         direction : ndarray, shape (n, 3)
-            Derivatives by the relative position, Earth-fixed.
+            Derivatives by the relative position, ITRF.
         variances : ndarray, shape (n,)
             m2.
         """
         design = np.zeros((len(residual), STATES))
         design[:, POSITION] = direction
         design[:, CLOCK] = 1.0
-        # The measurements are predicted exactly at the prior, which is where h(x) is wanted.
+        # `residual` is already measured less predicted, so that h(x) is zero.
         self.update(
             residual,
             lambda _state: design,
