@@ -3,17 +3,21 @@
 The deputy flies dh above the chief (below it for a negative dh). The slant content of a satellite
 differs between them for three reasons:
 
-    S_deputy - S_chief = b + (1 + a) G - N dh / sin(E),
+    S_deputy - S_chief = b + (1 + a) G - N dh / sin(E).
 
-b one constant for all satellites (inter-frequency phase biases of the receivers, and integers of
-the reference satellite), G what two elevations of the same ray make of the layer above, and the
-last term the electrons between the two altitudes: a layer that begins at the receiver is crossed at
-its own elevation E, with 1 / sin(E), and not with the mapping factor of all that is above.
+- b is one constant for all satellites: inter-frequency phase biases of the receivers, and integers
+  of the reference satellite.
+- G is the difference that the layer above makes, because the two spacecraft see a satellite at
+  different elevations.
+- The last term contains the electrons between the two altitudes. A layer that begins at the
+  receiver is crossed at the elevation E of the ray there, along dh / sin(E), and not along the
+  mapping factor of everything above.
 
 G is computed through the running profile: measured densities where the orbit has been, a layer
-model elsewhere. Its error is taken as a common factor 1 + a, which is estimated, and a noise in
-proportion to G. A Kalman filter holds b, constant, and a, slowly changing, and estimates N afresh
-each second. Low satellites tell b and N apart; satellites ahead and behind tell a.
+model elsewhere. The error of G is modelled as a common factor 1 + a, which is estimated, and as a
+noise in proportion to G. A Kalman filter estimates b, which is constant, a, which changes slowly,
+and N, which is new each second. Low satellites separate b from N; satellites ahead and behind show
+a.
 
 A density well below zero is impossible: it is pulled to zero, which is information about b.
 """
@@ -35,22 +39,22 @@ __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator"]
 
 @dataclass(frozen=True)
 class DensitySettings:
-    """What the filter assumes.
+    """Assumptions of the filter.
 
     Parameters
     ----------
     elevation_minimum : float
-        rad; of both spacecraft.
+        Lowest elevation of a satellite at both spacecraft, rad.
     bias_sigma_tecu, bias_walk_tecu : float
-        Of b: at first, and its random walk, TECU per square root of s.
+        Sigma of b at first, TECU, and its random walk, TECU per square root of s.
     mapping_sigma, mapping_walk : float
-        The same of the factor a.
+        Sigma of a at first, and its random walk per square root of s.
     mapping_noise : float
-        Error of G that is not common to all satellites, as a part of G.
+        Sigma of the error of G that is not common to all satellites, as a fraction of G.
     separation_minimum : float
-        Smallest vertical separation that gives a density, m.
+        Smallest vertical separation at which a density is estimated, m.
     negative_sigmas : float
-        How many sigmas below zero a density is impossible.
+        A density this many sigmas below zero is impossible.
     """
 
     elevation_minimum: float = math.radians(10.0)
@@ -65,20 +69,22 @@ class DensitySettings:
 
 @dataclass(frozen=True, eq=False)
 class DensityEpoch:
-    """Density between the spacecraft at one epoch; arrays of shape (n,), one row a satellite.
+    """Density between the spacecraft at one epoch; arrays of shape (n,), a row for each satellite.
 
     Parameters
     ----------
     altitude : float
-        Of the middle, m.
+        Altitude of the middle of the two spacecraft, m.
     separation : float
-        Deputy less chief, m.
+        Altitude of the deputy less that of the chief, m.
     density, sigma : float
-        All satellites combined, electrons per cubic metre; NaN where there is no estimate.
+        Density from all satellites and its sigma, electrons per cubic metre; NaN where there is no
+        estimate.
     density_satellite, sigma_satellite : ndarray
-        From each satellite alone, with the common b and a; NaN for one not used.
+        Density from each satellite alone, with the common b and a, and its sigma; NaN for a
+        satellite that is not used.
     bias_tecu, bias_sigma_tecu : float
-        b.
+        The constant b and its sigma, TECU.
     """
 
     altitude: float
@@ -98,7 +104,7 @@ class ElectronDensityEstimator:
     ----------
     settings : DensitySettings
     profile : RunningProfile, optional
-        Where to start from; a model layer by default.
+        Profile to start from; a model layer by default.
     """
 
     def __init__(
@@ -115,7 +121,7 @@ class ElectronDensityEstimator:
         self.reset_bias()
 
     def reset_bias(self) -> None:
-        """Forget b: another reference satellite, or integers that have changed."""
+        """Forget b, because the integers have another datum."""
         self._state[0] = 0.0
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
@@ -138,15 +144,18 @@ class ElectronDensityEstimator:
         Parameters
         ----------
         time : float
-            s; any origin, increasing.
+            s from any origin, increasing.
         altitude_chief, altitude_deputy : float
-            Above the ellipsoid, m.
+            Altitudes above the ellipsoid, m.
         elevation_chief, elevation_deputy : array_like, shape (n,)
-            Of the satellites from both, above the plane normal to the ellipsoid normal, rad.
+            Elevations of the satellites at both spacecraft, above the plane normal to the
+            ellipsoid normal, rad.
         differential_stec_tecu, sigma_tecu : array_like, shape (n,)
-            Deputy less chief, TECU; NaN for a satellite without.
+            Slant content of the deputy less that of the chief, and its sigma, TECU; NaN for a
+            satellite without.
         vtec_chief_tecu : float
-            Absolute vertical content above the chief, TECU; NaN if unknown. It sizes the model.
+            Absolute vertical content above the chief, TECU; NaN if unknown. The model layer is
+            scaled to it.
         """
         settings = self._settings
         if math.isfinite(vtec_chief_tecu) and vtec_chief_tecu > 0.0:
@@ -175,9 +184,8 @@ class ElectronDensityEstimator:
         density_sigma = math.sqrt(self._covariance[2, 2]) * ELECTRONS_PER_TECU
         if math.isfinite(density_sigma):
             self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
-        single, single_sigma = nothing, nothing.copy()
-        single = nothing.copy()
-        single[used], single_sigma[used] = self._single(design, residual, variance)
+        single, single_sigma = nothing.copy(), nothing.copy()
+        single[used], single_sigma[used] = self._satellite_densities(design, residual, variance)
         return self._result(middle, separation, density, density_sigma, single, single_sigma)
 
     def predicted_stec(
@@ -187,7 +195,7 @@ class ElectronDensityEstimator:
         elevation_chief: npt.ArrayLike,
         elevation_deputy: npt.ArrayLike,
     ) -> FloatArray:
-        """Return the differential content that the last update makes of other satellites, TECU.
+        """Return the differential contents that the last estimate predicts, TECU, shape (n,).
 
         Arguments as in `update`.
         """
@@ -198,7 +206,11 @@ class ElectronDensityEstimator:
     def _design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
     ) -> FloatArray:
-        """Return the derivatives with respect to b, a and density; a's is what is modelled."""
+        """Return the derivatives of the contents with respect to b, a and density, shape (n, 3).
+
+        The derivative with respect to a is the modelled content: G, and the density of the profile
+        between the spacecraft.
+        """
         separation = altitude_deputy - altitude_chief
         modelled = self.profile.mean_density(altitude_chief, altitude_deputy)
         path = separation / np.sin(elevations.mean(axis=0))
@@ -209,7 +221,7 @@ class ElectronDensityEstimator:
     def _geometric(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
     ) -> FloatArray:
-        """Return what the running profile makes of two altitudes and elevations, TECU."""
+        """Return the difference of the contents above both spacecraft in the profile, TECU."""
         deputy = self.profile.slant_content(elevations[1], altitude_deputy)
         return deputy - self.profile.slant_content(elevations[0], altitude_chief)
 
@@ -220,13 +232,13 @@ class ElectronDensityEstimator:
         self._covariance[0, 0] += settings.bias_walk_tecu**2 * elapsed
         self._covariance[1, 1] += settings.mapping_walk**2 * elapsed
         self._covariance[1, 1] = min(self._covariance[1, 1], settings.mapping_sigma**2)
-        # The density is new each time: nothing is known of it but that it is below 1e14 / m3.
+        # The density is new at each epoch; it is below 1e14 / m3 with certainty.
         self._state[2] = 0.0
         self._covariance[2, :] = self._covariance[:, 2] = 0.0
         self._covariance[2, 2] = (1e14 / ELECTRONS_PER_TECU) ** 2
 
     def _correct(self, design: FloatArray, residual: FloatArray, variance: FloatArray) -> None:
-        """Kalman update with uncorrelated observations, in the form that keeps symmetry."""
+        """Update the state with uncorrelated observations; the covariance stays symmetric."""
         predicted = self._covariance @ design.T
         innovation = design @ predicted + np.diag(variance)
         gain = np.linalg.solve(innovation, predicted.T).T
@@ -235,15 +247,15 @@ class ElectronDensityEstimator:
         self._covariance = left @ self._covariance @ left.T + (gain * variance) @ gain.T
 
     def _keep_positive(self) -> None:
-        """Pull a density that is impossible to zero."""
+        """Pull an impossible density to zero."""
         sigma = math.sqrt(self._covariance[2, 2])
         if self._state[2] < -self._settings.negative_sigmas * sigma:
             self._correct(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.array([sigma**2]))
 
-    def _single(
+    def _satellite_densities(
         self, design: FloatArray, residual: FloatArray, variance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return density and sigma of each satellite alone, electrons per cubic metre."""
+        """Return the density from each satellite alone and its sigma, electrons per cubic metre."""
         common = design[:, :2]
         density = (residual - common @ self._state[:2]) / design[:, 2]
         spread = np.einsum("ni,ij,nj->n", common, self._covariance[:2, :2], common)

@@ -299,7 +299,7 @@ class FormationDensity:
             links.append(link[row])
             # One number for each epoch and link; times count from the end of the second.
             sample_numbers.append((rows.pairs.time[row] - end) * len(self._links) + link[row])
-        _, chief, deputy = np.intersect1d(*sample_numbers, return_indices=True)
+        _, chief, deputy = np.intersect1d(sample_numbers[0], sample_numbers[1], return_indices=True)
         return usable[0][chief], usable[1][deputy], links[0][chief]
 
     # ---- density of a second -----------------------------------------------------------------
@@ -312,7 +312,7 @@ class FormationDensity:
         positions = np.concatenate([track.positions(np.array([time])) for track in tracks])
         if not np.isfinite(positions).all():
             return None
-        altitudes = geodetic_from_itrf(positions)[:, 2].tolist()
+        altitude_chief, altitude_deputy = geodetic_from_itrf(positions)[:, 2].tolist()
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
@@ -328,7 +328,8 @@ class FormationDensity:
             sigma[~proved] = np.nan
         epoch = self._estimator.update(
             time / NANOSECONDS_PER_SECOND,
-            *altitudes,
+            altitude_chief,
+            altitude_deputy,
             fixed.elevation_chief,
             fixed.elevation_deputy,
             fixed.stec,
@@ -337,7 +338,7 @@ class FormationDensity:
         )
         if math.isfinite(epoch.density):
             predicted = self._estimator.predicted_stec(
-                *altitudes, means.elevation_chief, means.elevation_deputy
+                altitude_chief, altitude_deputy, means.elevation_chief, means.elevation_deputy
             )
             error = means.stec - predicted
             self._examine_integers(fixed, error[has_integers].tolist())
