@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+import atexit
+import dataclasses
 import functools
 import pathlib
+import shutil
+import tempfile
 
 import numpy as np
 from shared_data import require_shared, shared_folder
 
-from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.time.timescales import GpsTime, parse_epoch
+from vtff_gnss.orbits.nominal_constellation import nominal_gps_constellation
 from vtff_gnss.rinex.navigation import RinexNavigation, read_rinex_navigation
+from vtff_gnss.rinex.write.navigation import write_rinex_navigation
 
 SPIRENT = shared_folder() / "data/navigation/spirent_dynamic/RINEX_GN_Spirent.23N"
 BRDC = shared_folder() / "data/ionosphere/bele_2024010/BRDC00IGS_R_20240100000_01D_MN.rnx.gz"
@@ -25,6 +31,35 @@ def shared_file(path: pathlib.Path) -> pathlib.Path:
 @functools.lru_cache(maxsize=2)
 def navigation(path: pathlib.Path) -> RinexNavigation:
     return read_rinex_navigation(shared_file(path))
+
+
+@functools.lru_cache(maxsize=1)
+def drawn_navigation() -> RinexNavigation:
+    """Return what stands in `drawn_navigation_file`."""
+    return read_rinex_navigation(drawn_navigation_file())
+
+
+@functools.lru_cache(maxsize=1)
+def drawn_navigation_file() -> pathlib.Path:
+    """Return a RINEX file of 31 GPS satellites whose orbital corrections are all drawn by seed."""
+    start = parse_epoch("2016-03-21T01:00:00 GPS")
+    generator = np.random.default_rng(11)
+    scales = {
+        **dict.fromkeys(("cuc", "cus"), 3e-6),
+        **dict.fromkeys(("crc", "crs"), 200.0),
+        **dict.fromkeys(("cic", "cis"), 2e-7),
+        "mean_motion_difference": 5e-9,
+        "inclination_rate": 3e-10,
+        "af2": 1e-18,
+    }
+    ephemerides = [
+        dataclasses.replace(e, **{n: float(generator.normal(0.0, s)) for n, s in scales.items()})
+        for e in nominal_gps_constellation(start, start)
+    ]
+    path = pathlib.Path(tempfile.mkdtemp(prefix="vtff_test_")) / "drawn.rnx"
+    atexit.register(shutil.rmtree, path.parent, ignore_errors=True)
+    write_rinex_navigation(path, ephemerides)
+    return path
 
 
 def rtklib_time(pyrtklib, time: GpsTime, offset: float = 0.0):

@@ -29,7 +29,7 @@ _BUS_ERRORS = (can.CanError, OSError)
 
 @dataclass
 class LinkCounters:
-    """What has happened on the link so far.
+    """Counts of events on the link since its start.
 
     Attributes
     ----------
@@ -209,7 +209,7 @@ class ThrusterLink:
                 continue
             frame = self._receive(min(deadline, self._resend_at) - now)
             report = None if frame is None else self._take(frame)
-            if report is not None and self._answers(report):
+            if report is not None and self._is_awaited(report):
                 self._open_command = None
                 self.counters.reports += 1
                 return report
@@ -235,7 +235,7 @@ class ThrusterLink:
             self._bus.shutdown()
             self._bus = None
 
-    def _answers(self, report: ThrustReport) -> bool:
+    def _is_awaited(self, report: ThrustReport) -> bool:
         """Return whether a report answers the open command; count one that answers another."""
         wanted = (self._sequence, self._open_time_of_week)
         if (report.sequence, report.time_of_week_milliseconds) == wanted:

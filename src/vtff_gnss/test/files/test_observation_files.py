@@ -8,7 +8,7 @@ import shutil
 import hatanaka
 import numpy as np
 import pytest
-from constellation_test_support import BRDC, SPIRENT, shared_file
+from constellation_test_support import BRDC, SPIRENT, drawn_navigation_file, shared_file
 from gnss_test_support import examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -152,14 +152,18 @@ def test_arbitrary_files_give_one_exception(tmp_path_factory, content, start):
             function(path)
 
 
-def test_ephemerides_of_navigation_files_and_logs(tmp_path):
+def test_ephemerides_of_a_navigation_file(tmp_path):
+    assert len(open_ephemerides(drawn_navigation_file())) == 31
+    small = tmp_path / "small.rnx"
+    small.write_text(SMALL)
+    with pytest.raises(ObservationFileError, match="file type 'O'"):
+        open_ephemerides(small)
+
+
+def test_ephemerides_of_real_navigation_files_and_logs(tmp_path):
     assert len(open_ephemerides(shared_file(SPIRENT))) == 31
     assert len(open_ephemerides(oem_file("gavlab_test2_rcvr1.dat"))) == 13
     packed = tmp_path / "brdc.Z"
     packed.write_bytes(hatanaka.compress(gzip.decompress(shared_file(BRDC).read_bytes()),
                                          compression="Z"))  # fmt: skip
     assert len(open_ephemerides(packed)) == 435 + 9784
-    small = tmp_path / "small.rnx"
-    small.write_text(SMALL)
-    with pytest.raises(ObservationFileError, match="file type 'O'"):
-        open_ephemerides(small)

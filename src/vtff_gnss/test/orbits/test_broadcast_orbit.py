@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from constellation_test_support import (
     BRDC,
-    SPIRENT,
     doubles,
+    drawn_navigation,
+    drawn_navigation_file,
     independent_position_itrf,
     navigation,
     rtklib_time,
-    shared_file,
 )
 from gnss_test_support import examples
 from hypothesis import given
@@ -48,8 +48,8 @@ def table(nominal):
 def test_position_and_clock_equal_rtklib():
     pyrtklib = pytest.importorskip("pyrtklib")
     nav, obs, station = pyrtklib.nav_t(), pyrtklib.obs_t(), pyrtklib.sta_t()
-    assert pyrtklib.readrnx(str(shared_file(SPIRENT)), 1, "", obs, nav, station) == 1
-    ephemerides = navigation(SPIRENT).ephemerides
+    assert pyrtklib.readrnx(str(drawn_navigation_file()), 1, "", obs, nav, station) == 1
+    ephemerides = drawn_navigation().ephemerides
     assert nav.n == len(ephemerides) == 31
     table = EphemerisTable(ephemerides)
     time = ephemerides[0].time_of_ephemeris

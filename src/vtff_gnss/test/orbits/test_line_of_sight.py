@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from constellation_test_support import (
     LONG,
-    SPIRENT,
     doubles,
+    drawn_navigation,
+    drawn_navigation_file,
     independent_position_itrf,
     navigation,
     rtklib_time,
-    shared_file,
 )
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
@@ -96,8 +96,8 @@ def test_light_time_is_consistent(table):
 def test_range_and_angles_equal_rtklib():
     pyrtklib = pytest.importorskip("pyrtklib")
     nav, obs, station = pyrtklib.nav_t(), pyrtklib.obs_t(), pyrtklib.sta_t()
-    pyrtklib.readrnx(str(shared_file(SPIRENT)), 1, "", obs, nav, station)
-    table = EphemerisTable(navigation(SPIRENT).ephemerides)
+    pyrtklib.readrnx(str(drawn_navigation_file()), 1, "", obs, nav, station)
+    table = EphemerisTable(drawn_navigation().ephemerides)
     time = table.ephemerides[0].time_of_ephemeris
     for receiver in (LEO, GROUND):
         sight = lines_of_sight(table, time, 300.0, receiver, np.zeros(3))

@@ -7,7 +7,14 @@ import gzip
 import math
 
 import pytest
-from constellation_test_support import BRDC, SPIRENT, navigation, seconds_of, shared_file
+from constellation_test_support import (
+    BRDC,
+    SPIRENT,
+    drawn_navigation_file,
+    navigation,
+    seconds_of,
+    shared_file,
+)
 
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss import constants as c
@@ -44,11 +51,14 @@ def gps_seconds(time: GpsTime) -> float:
     return time.nanoseconds / 1e9
 
 
-@pytest.mark.parametrize(("path", "counts"), [(SPIRENT, {0: 31}), (BRDC, {0: 435, 3: 9784})])
+@pytest.mark.parametrize(
+    ("path", "counts"),
+    [(drawn_navigation_file(), {0: 31}), (SPIRENT, {0: 31}), (BRDC, {0: 435, 3: 9784})],
+    ids=["drawn", "spirent", "brdc"],
+)
 def test_every_field_equals_rtklib(path, counts, tmp_path):
     pyrtklib = pytest.importorskip("pyrtklib")
-    shared_file(path)
-    plain = path
+    plain = shared_file(path)
     if path.suffix == ".gz":
         plain = tmp_path / "navigation.rnx"
         plain.write_bytes(gzip.decompress(path.read_bytes()))

@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from constellation_test_support import BRDC, SPIRENT, navigation, seconds_of
+from constellation_test_support import BRDC, drawn_navigation_file, navigation, seconds_of
 from gnss_test_support import examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -201,7 +201,7 @@ def rtklib_ephemerides(pyrtklib, path):
     return nav
 
 
-@pytest.mark.parametrize("source", [SPIRENT, BRDC])
+@pytest.mark.parametrize("source", [drawn_navigation_file(), BRDC], ids=["drawn", "brdc"])
 def test_navigation_files_survive_writing(source, tmp_path):
     original = navigation(source)
     ephemerides = original.ephemerides[:: max(len(original.ephemerides) // 500, 1)]

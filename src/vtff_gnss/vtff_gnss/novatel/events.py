@@ -1,4 +1,4 @@
-"""What a receiver log stream yields."""
+"""Events that a receiver log stream yields."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ class Frame(NamedTuple):
 
 @dataclass
 class StreamCounters:
-    """What happened in a stream so far.
+    """Counts of frames and logs of a stream since its start.
 
     Parameters
     ----------

@@ -268,7 +268,7 @@ def _motion_in_axes_of_reception(
     angle = EARTH_ROTATION_RATE_BROADCAST * _TYPICAL_TRAVEL_TIME
     cosine, sine = np.cos(angle), np.sin(angle)
 
-    def turned(vector: FloatArray) -> FloatArray:
+    def rotate(vector: FloatArray) -> FloatArray:
         x, y, z = vector
         result = np.empty_like(vector)
         np.add(cosine * x, sine * y, out=result[0])
@@ -276,7 +276,7 @@ def _motion_in_axes_of_reception(
         result[2] = z
         return result
 
-    return turned(position), -turned(velocity_fixed), turned(acceleration_fixed)
+    return rotate(position), -rotate(velocity_fixed), rotate(acceleration_fixed)
 
 
 def _components(vectors: FloatArray, axes: int) -> FloatArray:

@@ -47,7 +47,7 @@ class RinexNavigation:
 
 
 class _Content:
-    """What has been read so far."""
+    """Content of a navigation file, filled line by line."""
 
     def __init__(self) -> None:
         self.version = 0.0

@@ -25,7 +25,7 @@ def reference_ranges(run: support.Run, measured: Measurements, index: int, motio
     """Return range less satellite clock, m, of all satellites at an epoch of the last second."""
     last = measured.first_epoch + len(measured.signals.clock_offset) - 1
     before = (measured.first_epoch + index - last) / 20.0 - measured.signals.clock_offset[index]
-    state = motion.extrapolated(before + 1.0)
+    state = motion.extrapolate(before + 1.0)
     time = run.start + last / 20.0
     table = EphemerisTable(measured.signals.plan.ephemerides)
     result = []
@@ -176,7 +176,7 @@ def test_slant_tec_delays_code_and_advances_phase(motions):
 def ray_integrals(run, motions, profile) -> dict[tuple[int, int], float]:
     """Return slant TEC at epoch 77 by summing the density along straight rays, TECU."""
     index, second = 77, 3
-    state = motions[second][0].extrapolated(index / 20.0 - second)
+    state = motions[second][0].extrapolate(index / 20.0 - second)
     receiver = np.array(state.position_itrf)
     measured = run.measurements("chief")
     table = EphemerisTable(measured.signals.plan.ephemerides)

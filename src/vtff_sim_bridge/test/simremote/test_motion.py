@@ -31,7 +31,7 @@ def body_to_ned(heading_elevation_bank: tuple[float, float, float]) -> Rotation:
 
 @given(st.lists(vectors, min_size=4, max_size=4), st.floats(-5.0, 5.0))
 def test_position_is_the_taylor_polynomial(parts: list, seconds: float) -> None:
-    state = MotionState(*parts).extrapolated(seconds)
+    state = MotionState(*parts).extrapolate(seconds)
     for axis in range(3):
         # numpy wants the highest power first: position + v t + a t2/2 + j t3/6.
         factors = [1.0 / math.factorial(order) for order in (3, 2, 1, 0)]
@@ -45,11 +45,11 @@ def test_position_is_the_taylor_polynomial(parts: list, seconds: float) -> None:
 def test_constant_rate_turns_exactly(angles: tuple, rate: tuple, seconds: float) -> None:
     angles = (angles[0] / 3.2, angles[1] / 7.0, angles[2] / 3.2)
     state = MotionState((0.0, 0.0, 0.0), heading_elevation_bank=angles, angular_velocity_body=rate)
-    turned = body_to_ned(state.extrapolated(seconds).heading_elevation_bank)
+    turned = body_to_ned(state.extrapolate(seconds).heading_elevation_bank)
     expected = body_to_ned(angles) * Rotation.from_rotvec(np.multiply(rate, seconds))
     # Near +-90 deg elevation the arc sine loses half of the digits.
     assert (turned.inv() * expected).magnitude() < 1e-5
-    heading, elevation, bank = state.extrapolated(seconds).heading_elevation_bank
+    heading, elevation, bank = state.extrapolate(seconds).heading_elevation_bank
     assert abs(heading) <= math.pi and abs(elevation) <= math.pi / 2 and abs(bank) <= math.pi
 
 
@@ -78,9 +78,9 @@ def test_changing_rate_is_followed_to_third_order() -> None:
             rtol=1e-12,
             atol=1e-13,
         ).y[:, -1]
-        turned = body_to_ned(state.extrapolated(seconds).heading_elevation_bank)
+        turned = body_to_ned(state.extrapolate(seconds).heading_elevation_bank)
         errors.append(np.abs(turned.as_matrix().ravel() - exact).max())
-        assert state.extrapolated(seconds).angular_velocity_body == pytest.approx(
+        assert state.extrapolate(seconds).angular_velocity_body == pytest.approx(
             np.array(rate) + seconds * np.array(acceleration) + seconds**2 / 2 * np.array(jerk)
         )
     # A third-order method: half the time leaves a sixteenth of the error.
@@ -94,13 +94,13 @@ def test_vertical_attitude_has_no_bank() -> None:
         heading_elevation_bank=(0.4, 0.0, 0.0),
         angular_velocity_body=(0.0, math.pi / 2.0, 0.0),
     )
-    assert state.extrapolated(1.0).heading_elevation_bank == pytest.approx((0.4, math.pi / 2, 0.0))
+    assert state.extrapolate(1.0).heading_elevation_bank == pytest.approx((0.4, math.pi / 2, 0.0))
 
 
 def test_rotation_that_is_not_finite_is_refused() -> None:
     state = MotionState((0.0, 0.0, 0.0), angular_velocity_body=(1e308, 1e308, 0.0))
     with pytest.raises(MotionError, match="not finite"):
-        state.extrapolated(100.0)
+        state.extrapolate(100.0)
 
 
 @given(

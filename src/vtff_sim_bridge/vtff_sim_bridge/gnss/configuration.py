@@ -241,7 +241,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receiver_defaults", "a mapping of fields expected")
     constellation = ConstellationConfiguration()
     if "constellation" in top:
-        constellation = _filled(top.section("constellation"), ConstellationConfiguration)
+        constellation = _fill_group(top.section("constellation"), ConstellationConfiguration)
     if constellation.source != "nominal":
         source = str(path.parent / constellation.source)
         constellation = dataclasses.replace(constellation, source=source)
@@ -253,7 +253,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
     if not isinstance(entries, list) or not entries:
         raise top.error("receivers", "a list of at least one mapping expected")
     receivers = tuple(
-        _receiver(Section(str(path), f"receivers[{index}]", _merged(top, index, defaults, entry)))
+        _receiver(Section(str(path), f"receivers[{index}]", _merge(top, index, defaults, entry)))
         for index, entry in enumerate(entries)
     )
     names = [receiver.name for receiver in receivers]
@@ -261,7 +261,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receivers", f"names are given twice: {', '.join(names)}")
     faults: tuple[Fault, ...] = ()
     if top.value("faults") if "faults" in top else None:
-        faults = tuple(_filled(section, Fault) for section in top.sections("faults"))
+        faults = tuple(_fill_group(section, Fault) for section in top.sections("faults"))
     for index, fault in enumerate(faults):
         if fault.receiver not in names:
             raise top.error(f"faults[{index}].receiver", f"there is no {fault.receiver!r}")
@@ -278,7 +278,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
     return configuration
 
 
-def _merged(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> dict[Any, Any]:
+def _merge(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> dict[Any, Any]:
     if not isinstance(entry, dict):
         raise top.error(f"receivers[{index}]", "a mapping of fields expected")
     return {**defaults, **entry}
@@ -293,7 +293,7 @@ def _receiver(section: Section) -> ReceiverConfiguration:
         ("multipath", MultipathModel),
     ):
         if name in section:
-            groups[name] = _filled(section.section(name), kind)
+            groups[name] = _fill_group(section.section(name), kind)
     if "antenna" in section and section.value("antenna") is not None:
         groups["antenna"] = _antenna(section.section("antenna"))
     if "biases" in section:
@@ -362,7 +362,7 @@ def _profile(section: Section, path: Path) -> ElectronDensityProfile:
         except OSError as error:
             raise section.error("table", f"{table}: {error.strerror or error}") from None
     else:
-        layers = [_filled(layer, ChapmanLayer) for layer in section.sections("chapman")]
+        layers = [_fill_group(layer, ChapmanLayer) for layer in section.sections("chapman")]
         profile = section.checked("chapman", lambda: chapman_profile(layers))
     if "scale" in section:
         profile = profile.scaled(section.number("scale", 0.0))
@@ -387,7 +387,7 @@ def _region(section: Section) -> IrregularityRegion:
     return region
 
 
-def _filled(section: Section, kind: type[_Group]) -> _Group:
+def _fill_group(section: Section, kind: type[_Group]) -> _Group:
     """Return a dataclass of plain fields from a section; absent fields keep their default."""
     hints = typing.get_type_hints(kind)
     given: dict[str, Any] = {}

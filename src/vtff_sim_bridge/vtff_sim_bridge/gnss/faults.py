@@ -144,7 +144,7 @@ class ByteFaults:
         self._receiver = receiver
         self.changed_bytes = 0
 
-    def applied(self, content: bytes, epoch: int) -> bytes:
+    def apply(self, content: bytes, epoch: int) -> bytes:
         """Return what is left of the bytes of an epoch."""
         for number, fault in enumerate(self._faults):
             if content and fault.is_active(epoch):

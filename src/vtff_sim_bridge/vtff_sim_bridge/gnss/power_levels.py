@@ -90,8 +90,8 @@ class PowerLevels:
         return offsets
 
     def _apply(self, command: PowerCommand) -> None:
-        place = self._place(command)
-        if place is None or command.value is None:
+        satellites = self._satellites_of(command)
+        if satellites is None or command.value is None:
             LOGGER.warning(
                 "%s,%s: no effect, only all frequencies of satellites by number are emulated",
                 command.verb,
@@ -100,12 +100,12 @@ class PowerLevels:
             return
         self._has_changed = True
         if command.verb == "POW_ON":
-            self._is_on[place] = command.value > 0.0
+            self._is_on[satellites] = command.value > 0.0
         else:
-            self._level_db[place] = command.value
+            self._level_db[satellites] = command.value
 
     @staticmethod
-    def _place(command: PowerCommand) -> tuple[slice | int, slice | int] | None:
+    def _satellites_of(command: PowerCommand) -> tuple[slice | int, slice | int] | None:
         """Return the satellites that a command concerns; None if it is not emulated."""
         texts = command.arguments[2:]
         names, numbers = texts[:1], texts[1:]

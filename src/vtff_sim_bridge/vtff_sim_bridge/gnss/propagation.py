@@ -1,4 +1,4 @@
-"""What the ionosphere does to the signals of one receiver: slant TEC and scintillation."""
+"""Effects of the ionosphere on the signals of one receiver: slant TEC and scintillation."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class Ionosphere:
         elapsed: FloatArray,
         stream: npt.NDArray[np.integer],
     ) -> list[RegionCrossing]:
-        """Return what the regions that rays cross do to them.
+        """Return the scintillation of rays in each region that they cross.
 
         Parameters
         ----------
@@ -138,7 +138,7 @@ class ScintillatedLinks:
         crossings : sequence of RegionCrossing
             At least one.
         satellite, row : ndarray of int
-            Of each link: column in the crossings, and place among all links.
+            Column of each link in the crossings, and its row among all links.
         emitted : slice
             Epochs that are measured now: only these lead the phase on.
         """
@@ -156,10 +156,9 @@ class ScintillatedLinks:
         return np.abs(gain), phase
 
     def calm(self) -> None:
-        """Let no ray be scintillated: whole turns left from the last region are forgotten.
+        """Leave the regions: keep only the whole cycles that have slipped in fades.
 
-        The phase then has no fractional part, so that nothing jumps but for cycles that have
-        slipped in a fade; those are kept.
+        The phase then has no fractional part, so that it does not jump when a ray enters a region.
         """
         self._phase = 2.0 * math.pi * np.round(self._phase / (2.0 * math.pi))
 

@@ -141,7 +141,7 @@ class Sky:
     orbits: InterpolatedOrbits
 
     @classmethod
-    def refreshed(
+    def refresh(
         cls,
         sky: Sky | None,
         constellation: Constellation,

@@ -49,7 +49,7 @@ def vehicle_track(motion: VehicleMotion, second: int, emitted: slice) -> Vehicle
         count = next(
             (k for k in range(first, len(times)) if commands[k][1] is not state), len(times)
         )
-        parts.append(_extrapolated(state, elapsed[first:count] / NANOSECONDS_PER_SECOND))
+        parts.append(_extrapolate(state, elapsed[first:count] / NANOSECONDS_PER_SECOND))
         first = count
     vectors = parts[0] if len(parts) == 1 else np.concatenate(parts)
     nearest = np.clip(np.arange(EPOCHS_PER_SECOND), indices[0], indices[-1]) - indices[0]
@@ -61,8 +61,8 @@ def vehicle_track(motion: VehicleMotion, second: int, emitted: slice) -> Vehicle
     return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight)
 
 
-def _extrapolated(state: MotionState, seconds: FloatArray) -> FloatArray:
-    """Return position, velocity, acceleration (k, 3, 3), as `MotionState.extrapolated` does."""
+def _extrapolate(state: MotionState, seconds: FloatArray) -> FloatArray:
+    """Return position, velocity, acceleration (k, 3, 3), as `MotionState.extrapolate` does."""
     position, velocity, acceleration, jerk = np.array(state[:4])
     seconds = seconds[:, None]
     half, third = seconds / 2.0, seconds / 3.0

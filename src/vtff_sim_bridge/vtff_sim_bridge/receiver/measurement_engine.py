@@ -31,7 +31,7 @@ from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
-from vtff_sim_bridge.receiver.navigation_solution import navigation_solution
+from vtff_sim_bridge.receiver.navigation_solution import solve_navigation
 from vtff_sim_bridge.receiver.observables import (
     LinkPlan,
     MeasurementNoise,
@@ -63,7 +63,7 @@ class _Channels(NamedTuple):
 
 
 class MeasurementEngine:
-    """One receiver on one vehicle; makes the outputs that an `ReceiverFirmware` logs.
+    """Tracks signals, measures and solves for position: the outputs that a `ReceiverFirmware` logs.
 
     Parameters
     ----------
@@ -71,11 +71,11 @@ class MeasurementEngine:
     constellation : Constellation
     ionosphere : Ionosphere
     power_levels : PowerLevels
-        At its vehicle.
+        Levels at the vehicle of the receiver.
     faults : sequence of Fault
-        Of this receiver.
+        Faults of this receiver.
     seed : int
-        Of the run.
+        Seed of the run.
     start : GpsTime
         Start of the run: a whole second.
     truth : TruthFile
@@ -83,9 +83,9 @@ class MeasurementEngine:
     Attributes
     ----------
     measurements : Measurements or None
-        Those of the last `measure`.
+        Measurements of the last `measure`.
     time_status : int
-        Of the headers of all logs of their epochs.
+        Quality of the time in the headers of the logs of these epochs.
     """
 
     def __init__(
@@ -140,20 +140,21 @@ class MeasurementEngine:
             Number of the second: its epochs are those after ``second - 1`` s up to and including
             ``second`` s into the run; not before that of the last call.
         emitted : slice
-            Which of the 20, later than all before. The motion at the others does not matter.
+            Which of the 20 epochs are measured: later ones than in all calls before. The motion
+            at the others does not matter.
         track : VehicleTrack
 
         Notes
         -----
-        Whatever part is asked for, the geometry of the whole second is computed; so an epoch is
+        The geometry of the whole second is computed for any choice of epochs, so that an epoch is
         the same to the last bit however a run is cut into calls.
         """
         is_up = self._knows_time(second)
         self.time_status = TIME_STATUS_FINE_STEERING if is_up else TIME_STATUS_UNKNOWN
-        signals = self._arriving_signals(second, emitted, track).at(emitted)
+        signals = self._receive_signals(second, emitted, track).at(emitted)
         plan = signals.plan
         first_epoch = (second - 1) * EPOCHS_PER_SECOND + 1 + range(EPOCHS_PER_SECOND)[emitted][0]
-        has_channel, channel = self._channels(signals)
+        has_channel, channel = self._assign_channels(signals)
         is_strong = signals.cn0_dbhz > self.configuration.tracking.threshold_dbhz
         if not is_up:
             has_channel = np.zeros_like(has_channel)
@@ -166,7 +167,7 @@ class MeasurementEngine:
             first_epoch=first_epoch,
             signals=signals,
             tracks=tracks,
-            observables=self._observables(second, emitted, signals, tracks),
+            observables=self._measure_observables(second, emitted, signals, tracks),
             channel=channel,
         )
         if (first_epoch + signals.epoch_count - 1) % EPOCHS_PER_SECOND == 0:
@@ -174,14 +175,12 @@ class MeasurementEngine:
             self._write_truth(second)
         return self.measurements
 
-    def _arriving_signals(
-        self, second: int, emitted: slice, track: VehicleTrack
-    ) -> ArrivingSignals:
+    def _receive_signals(self, second: int, emitted: slice, track: VehicleTrack) -> ArrivingSignals:
         """Return the signals at all 20 epochs of a second; true only at the `emitted` ones."""
         time = self._start + second
         offset, drift = self._clock.second(second)
         position, velocity = _at_reception(track, offset)
-        sky, plan = self._refreshed(second, position[emitted][0])
+        sky, plan = self._refresh_sky(second, position[emitted][0])
         line_of_sight = sky.lines_of_sight(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
         stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position)
@@ -225,14 +224,14 @@ class MeasurementEngine:
         duration = self.configuration.tracking.cold_start_duration
         return second > duration or duration == 0.0
 
-    def _refreshed(self, second: int, position: FloatArray) -> tuple[Sky, LinkPlan]:
+    def _refresh_sky(self, second: int, position: FloatArray) -> tuple[Sky, LinkPlan]:
         """Return satellites and links of a second, chosen when its first epoch is measured."""
         if self._sky is not None and self._plan is not None and second == self._sky_second:
             return self._sky, self._plan
         self._sky_second = second
         mask = math.radians(self.configuration.tracking.elevation_mask_deg)
         time = self._start + second
-        sky = Sky.refreshed(self._sky, self._constellation, time, position, mask)
+        sky = Sky.refresh(self._sky, self._constellation, time, position, mask)
         if sky is not self._sky or self._plan is None:
             self._plan = LinkPlan.of_sky(
                 sky, self._constellation, self._links, self._rows_of, self.configuration
@@ -243,7 +242,7 @@ class MeasurementEngine:
     def _scintillation(
         self, crossings: Sequence[RegionCrossing], plan: LinkPlan, emitted: slice
     ) -> tuple[FloatArray, FloatArray] | None:
-        """Return amplitude and phase; None where there is nothing and was nothing."""
+        """Return amplitude and phase of the links; None if no link was ever scintillated."""
         if crossings:
             return self._scintillated.second(crossings, plan.satellite, plan.row, emitted)
         self._scintillated.calm()
@@ -253,7 +252,7 @@ class MeasurementEngine:
         shape = (EPOCHS_PER_SECOND, len(phase))
         return np.ones(shape), np.broadcast_to(phase, shape).copy()
 
-    def _channels(
+    def _assign_channels(
         self, signals: ArrivingSignals
     ) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.uint8]]:
         """Return which satellites have a channel, and its number, shape (k, n)."""
@@ -280,7 +279,7 @@ class MeasurementEngine:
             np.array([epoch.number for epoch in epochs]),
         )
 
-    def _observables(
+    def _measure_observables(
         self, second: int, emitted: slice, signals: ArrivingSignals, tracks: Tracks
     ) -> Observables:
         """Return what the receiver measures of its signals."""
@@ -339,22 +338,22 @@ class MeasurementEngine:
     # What an ReceiverFirmware asks for
 
     def _index(self, time: GpsTime) -> int:
-        """Return the place of an epoch in the last measurements."""
-        measured = self._last()
+        """Return the index of an epoch in the last measurements."""
+        measured = self._last_measurements()
         since = (time.nanoseconds - self._start.nanoseconds) * EPOCHS_PER_SECOND
         index = since // 1_000_000_000 - measured.first_epoch
         if not 0 <= index < measured.signals.epoch_count:
             raise ValueError(f"time: {time} was not measured last")
         return index
 
-    def _last(self) -> Measurements:
+    def _last_measurements(self) -> Measurements:
         if self.measurements is None:
             raise ValueError("nothing was measured yet")
         return self.measurements
 
     def observations(self, time: GpsTime) -> EpochOfSeries:
         """Return the observations of an epoch of the last `measure`."""
-        return EpochOfSeries(self._last().series, self._index(time))
+        return EpochOfSeries(self._last_measurements().series, self._index(time))
 
     def ephemerides(self, time: GpsTime) -> tuple[BroadcastEphemeris, ...]:
         """Return the ephemerides received so far; the same object while none is received."""
@@ -370,14 +369,14 @@ class MeasurementEngine:
 
     def fix(self, time: GpsTime) -> Fix:
         """Return the least-squares solution of an epoch of the last `measure`."""
-        return self._solved(time)[0]
+        return self._solve(time)[0]
 
     def receiver_time(self, time: GpsTime) -> ReceiverTime:
         """Return the clock of the solution of an epoch of the last `measure`."""
-        return self._solved(time)[1]
+        return self._solve(time)[1]
 
     def _receive_ephemerides(self, time: GpsTime) -> None:
-        measured = self._last()
+        measured = self._last_measurements()
         plan, tracks = measured.signals.plan, measured.tracks
         old_enough = tracks.is_tracked[-1] & (
             tracks.lock_time[-1] >= self.configuration.tracking.ephemeris_delay
@@ -387,8 +386,8 @@ class MeasurementEngine:
         for column in np.flatnonzero(np.bincount(plan.satellite[old_enough])).tolist():
             source = plan.ephemerides[column]
             key = (source.system, source.prn, source.source)
-            known = self._received.get(key)
-            if known is None or known[0] is not source or is_repeated:
+            received = self._received.get(key)
+            if received is None or received[0] is not source or is_repeated:
                 has_new = True
                 sets = [replace(source, time=time)]
                 if source.system == c.SYSTEM_GALILEO:
@@ -401,12 +400,15 @@ class MeasurementEngine:
 
     # Solution
 
-    def _solved(self, time: GpsTime) -> tuple[Fix, ReceiverTime]:
+    def _solve(self, time: GpsTime) -> tuple[Fix, ReceiverTime]:
         index = self._index(time)
-        epoch = self._last().first_epoch + index
+        epoch = self._last_measurements().first_epoch + index
         if self._solution is None or self._solution[0] != epoch:
             received = {key[:2] for key in self._received}
-            self._solution = (epoch, *navigation_solution(self._last(), index, time, received))
+            self._solution = (
+                epoch,
+                *solve_navigation(self._last_measurements(), index, time, received),
+            )
         return self._solution[1:]
 
     # Truth
@@ -417,7 +419,7 @@ class MeasurementEngine:
 
     def _write_truth(self, second: int) -> None:
         if self._truth.is_wanted:
-            record = second_record(self._last(), second)
+            record = second_record(self._last_measurements(), second)
             self._truth.write("second", receiver=self.configuration.name, **record)
 
 

@@ -14,12 +14,12 @@ from vtff_gnss.fix import STATUS_NONE, STATUS_SINGLE, Fix, ReceiverTime
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.point_solution import RangeEquations, ionosphere_free, solve_point
 
-__all__ = ["navigation_solution"]
+__all__ = ["solve_navigation"]
 
 _SOLUTION_TYPE_SINGLE = 16
 
 
-def navigation_solution(
+def solve_navigation(
     measured: Measurements, index: int, time: GpsTime, received: Collection[tuple[int, int]]
 ) -> tuple[Fix, ReceiverTime]:
     """Return the solution of an epoch.
@@ -35,7 +35,7 @@ def navigation_solution(
         Satellites (system, number) whose ephemeris the receiver has.
     """
     tracked = measured.tracked_satellites(index)
-    positions, rates = _equations(measured, index, received)
+    positions, rates = _build_equations(measured, index, received)
     solution, motion = solve_point(positions), solve_point(rates)
     utc_offset = -float(leap_seconds(time))
     nan = (math.nan,) * 3
@@ -76,7 +76,7 @@ def navigation_solution(
     return fix, ReceiverTime(time, True, solution.clock, solution.clock_sigma, utc_offset)
 
 
-def _equations(
+def _build_equations(
     measured: Measurements, index: int, received: Collection[tuple[int, int]]
 ) -> tuple[RangeEquations, RangeEquations]:
     """Return the equations of position and velocity, linear about the true state.

@@ -88,7 +88,7 @@ class _LogRequest:
         since = time_of_week_nanoseconds - self.offset_nanoseconds
         return since % self.period_nanoseconds == 0
 
-    def chosen(self, items: Sequence[Any]) -> list[Any]:
+    def choose(self, items: Sequence[Any]) -> list[Any]:
         """Return the items to send: with ONNEW and ONCHANGED those not sent before."""
         is_event = self.trigger in EVENT_TRIGGERS
         if is_event:
@@ -106,7 +106,7 @@ class _LogRequest:
         last = self.last_items.get(key)
         self.last_items[key] = item
         if last is None and self.trigger == "ONNEW" and self.since is not None:
-            # Received before the log was asked for; what has no time of its own was so too.
+            # Data without a time of reception were received before the LOG command.
             return is_ephemeris and item.time > self.since
         if is_ephemeris and last is not None and self.trigger == "ONCHANGED":
             last = replace(last, time=item.time)
@@ -136,7 +136,7 @@ class _Line:
         self._account(time.nanoseconds, sum(map(len, frames)))
         if not self.is_limited:
             return b"".join(frames), False
-        carried = self._carried(time.nanoseconds)
+        carried = self._carry(time.nanoseconds)
         dropped = self.dropped_frames
         for frame in frames:
             if len(self.waiting) + len(frame) <= self._buffer_bytes:
@@ -149,7 +149,7 @@ class _Line:
         """Return the bits asked for in the last second of scenario time, relative to the rate."""
         return 100.0 * self._recent_bytes * self.bits_per_byte / self.baud
 
-    def _carried(self, nanoseconds: int) -> bytes:
+    def _carry(self, nanoseconds: int) -> bytes:
         if self._time_nanoseconds is not None:
             self._credit += self.baud * (nanoseconds - self._time_nanoseconds)
         self._time_nanoseconds = nanoseconds
@@ -171,12 +171,12 @@ class _Line:
 class ReceiverFirmware:
     """One port of a receiver: obeys commands and sends the logs that are due.
 
-    A second LOG of a log replaces the first and is answered with OK, also if it is the same: that
-    it were refused is known of one other simulator only, and NovAtel's table of answers has no
-    text for it. Logs asked for on other ports are accepted and go nowhere. ONCE is answered at the
-    next epoch, VERSION at once. ONCHANGED sends what there is at the next epoch and then what has
-    changed; ONNEW only what is received after the command (a new `time` counts, as every satellite
-    repeats its ephemeris every 30 s).
+    A second LOG command for a log replaces the first and is answered with OK, even if the two are
+    the same: one other simulator refuses it, but NovAtel's table of answers has no text for a
+    refusal. LOG commands for other ports are accepted, and their logs are not sent. The log of a
+    ONCE command is sent at the next epoch, VERSION at once. ONCHANGED sends the present data at the
+    next epoch and from then on every change. ONNEW sends only data received after the command; an
+    ephemeris that a satellite repeats after 30 s is new.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class ReceiverFirmware:
     transmit_buffer_bytes : int
         Size of the transmit buffer.
     versions : sequence of ComponentVersion
-        What VERSION tells.
+        Components that VERSION lists.
     definitions : sequence of LogDefinition
         The logs, in the order of sending.
 
@@ -322,9 +322,9 @@ class ReceiverFirmware:
         frames: list[bytes] = []
         done = []
         time_of_week = time.time_of_week_nanoseconds
-        for key, request in self._scheduled():
+        for key, request in self._requests_in_order():
             if request.is_due(time_of_week):
-                items = request.chosen(request.definition.items(outputs, time))
+                items = request.choose(request.definition.items(outputs, time))
                 frames += [self._frame(request, item) for item in items]
                 if request.trigger == "ONCE":
                     done.append(key)
@@ -335,7 +335,7 @@ class ReceiverFirmware:
         self._has_overrun |= is_dropped
         return carried
 
-    def _scheduled(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
+    def _requests_in_order(self) -> list[tuple[tuple[str, str, str], _LogRequest]]:
         """Return the logs of this port in the order of sending."""
         if self._schedule is None:
             requests = [entry for entry in self._requests.items() if entry[0][0] == self.port_name]

@@ -47,7 +47,7 @@ class EpochOfSeries:
 
 
 class ReceiverOutputs(Protocol):
-    """What a receiver has to log at an epoch; asked for only when a log that needs it is due."""
+    """Data that a receiver has for its logs at an epoch; computed only when a log is due."""
 
     def observations(self, time: GpsTime) -> EpochOfSeries:
         """Return the observations of the epoch, with those of the epochs around it."""
@@ -66,7 +66,7 @@ class ReceiverOutputs(Protocol):
 
 
 class LogContext(NamedTuple):
-    """What all logs of an epoch have in common; `time` is None before the first epoch."""
+    """Header fields common to all logs of an epoch; `time` is None before the first epoch."""
 
     time: GpsTime | None
     settings: HeaderSettings
@@ -80,18 +80,18 @@ LogEncoder = Callable[[Any, LogContext], bytes]
 
 @dataclass(frozen=True)
 class LogDefinition:
-    """How a log is made.
+    """How a log is encoded, and what triggers it.
 
     Parameters
     ----------
     name : str
         Without format suffix.
     triggers : frozenset of str
-        What it can be logged on.
+        Triggers that a LOG command may name.
     items : callable
-        ``items(outputs, time)``: what to encode.
+        ``items(outputs, time)`` returns the data to encode.
     accepts : callable or None
-        Tells which of them belong to this log, all of them if None; each is one frame.
+        Returns whether an item belongs to this log; None: every item. An item is one frame.
     make_encoder : callable
         Returns the encoder of one series of the log: ``encoder(item, context)`` is a frame.
     is_static : bool

@@ -55,7 +55,7 @@ class Arc:
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
-    """State of links at epochs; all of shape (k, links asked for)."""
+    """State of m links at k epochs; all of shape (k, m)."""
 
     is_tracked: BoolArray
     lock_time: FloatArray
@@ -72,11 +72,11 @@ class Tracker:
         All signals of all satellites that may ever be tracked.
     model : TrackingModel
     faults : sequence of Fault
-        Of this receiver.
+        Faults of this receiver.
     seed, receiver : int
-        Of the run; number of the receiver.
+        Seed of the run; number of the receiver.
     report : callable
-        Is given every `Arc`.
+        Called with every `Arc`.
     """
 
     def __init__(
@@ -181,10 +181,13 @@ class Tracker:
         while start < count:
             self._step(first_epoch + start, rows, can_track[start])
             end = self._next_change(first_epoch, start, rows, can_track)
-            part = slice(start, end)
-            tracked[part], half[part] = self._is_tracked[rows], self._is_half_added[rows]
-            parity[part] = self._has_parity[rows]
-            cycles[part], lock[part] = self._cycles[rows], self._lock_epoch[rows]
+            unchanged = slice(start, end)
+            tracked[unchanged], half[unchanged] = (
+                self._is_tracked[rows],
+                self._is_half_added[rows],
+            )
+            parity[unchanged] = self._has_parity[rows]
+            cycles[unchanged], lock[unchanged] = self._cycles[rows], self._lock_epoch[rows]
             start = end
         epochs = first_epoch + np.arange(count)[:, None]
         flags = np.where(parity, _LOCKED | c.FLAG_PARITY_KNOWN, _LOCKED)
@@ -244,8 +247,10 @@ class Tracker:
         locks &= epoch >= self._available_since + self._acquisition_epochs
         for row in np.flatnonzero(locks).tolist():
             self._lock(epoch, row)
-        known = np.flatnonzero(self._is_tracked & ~self._has_parity & (self._parity_epoch <= epoch))
-        for row in known.tolist():
+        resolved = np.flatnonzero(
+            self._is_tracked & ~self._has_parity & (self._parity_epoch <= epoch)
+        )
+        for row in resolved.tolist():
             self._resolve_parity(epoch, row)
         if epoch in self._fault_epochs:
             self._apply_phase_faults(epoch)
@@ -270,7 +275,7 @@ class Tracker:
         self._report(Arc(epoch, link, "lock", float(self._cycles[row])))
 
     def _resolve_parity(self, epoch: int, row: int) -> None:
-        """Add the half cycle that the carrier loop was off by, and tell so in the status."""
+        """Add the half cycle that the carrier loop was off by, and set its bit in the status."""
         self._has_parity[row] = True
         self._is_half_added[row] = self._parity_offset[row] != 0.0
         self._cycles[row] += self._parity_offset[row]

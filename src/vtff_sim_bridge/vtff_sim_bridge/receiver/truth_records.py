@@ -69,7 +69,7 @@ class SatelliteTruth:
     truth : TruthFile
     constellation : Constellation
     receivers : iterable of ReceiverConfiguration
-        Their signals are told.
+        Receivers whose signals are written.
     start : GpsTime
         Of the run.
     """
@@ -86,20 +86,20 @@ class SatelliteTruth:
         self._constellation = constellation
         self._signals = [signal for name, signal in SIGNALS.items() if name in names]
         self._start = start
-        self._told: Sequence[BroadcastEphemeris] = ()
+        self._written: Sequence[BroadcastEphemeris] = ()
 
     def write(self, second: int) -> None:
         """Write what is new at a second of the run."""
         if not self._truth.is_wanted:
             return
         ephemerides = self._constellation.table(self._start + second).ephemerides
-        if ephemerides is self._told:
+        if ephemerides is self._written:
             return
-        known = {id(ephemeris) for ephemeris in self._told}
+        written = {id(ephemeris) for ephemeris in self._written}
         for ephemeris in ephemerides:
-            if id(ephemeris) not in known:
+            if id(ephemeris) not in written:
                 self._truth.write("satellite", time=second, **self._record(ephemeris))
-        self._told = ephemerides
+        self._written = ephemerides
 
     def _record(self, ephemeris: BroadcastEphemeris) -> dict[str, Any]:
         system, prn = ephemeris.system, ephemeris.prn

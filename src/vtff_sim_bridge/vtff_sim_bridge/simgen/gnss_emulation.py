@@ -86,19 +86,19 @@ class ReceiverSet:
         self.receivers: dict[str, MeasurementEngine] = {}
         self._byte_faults: dict[str, ByteFaults] = {}
         for receiver in configuration.receivers:
-            own = [fault for fault in faults if fault.receiver == receiver.name]
+            receiver_faults = [fault for fault in faults if fault.receiver == receiver.name]
             self.receivers[receiver.name] = MeasurementEngine(
                 receiver,
                 constellation,
                 ionosphere,
                 PowerLevels(power_commands, receiver.vehicle),
-                own,
+                receiver_faults,
                 seed,
                 start,
                 truth,
             )
             number = receiver_number(receiver.name)
-            self._byte_faults[receiver.name] = ByteFaults(own, seed, number)
+            self._byte_faults[receiver.name] = ByteFaults(receiver_faults, seed, number)
             truth.write("receiver", **receiver_record(receiver))
         for region in configuration.regions:
             truth.write("region", **vars(region))
@@ -154,7 +154,7 @@ class ReceiverSet:
         parts = []
         for epoch in range(first, last + 1):
             time = GpsTime(self._start.nanoseconds + epoch * EPOCH_NANOSECONDS)
-            parts.append(faults.applied(emulated.advance(time, receiver), epoch))
+            parts.append(faults.apply(emulated.advance(time, receiver), epoch))
         return b"".join(parts)
 
 
@@ -197,9 +197,9 @@ class GnssEmulation:
     ) -> None:
         for receiver in configuration.receivers:
             if receiver.vehicle not in machine.motions:
-                known = ", ".join(machine.motions)
+                vehicles = ", ".join(machine.motions)
                 raise ValueError(
-                    f"receiver {receiver.name}: vehicle {receiver.vehicle} is none of {known}"
+                    f"receiver {receiver.name}: vehicle {receiver.vehicle} is none of {vehicles}"
                 )
             if link_directory is None and receiver.tcp_port is None:
                 raise ValueError(f"receiver {receiver.name}: neither link directory nor tcp_port")
@@ -263,15 +263,15 @@ class GnssEmulation:
         self._emulated[receiver.name] = emulated
         self.ports[receiver.name] = port
         self._epoll.register(port.fileno(), select.EPOLLIN)
-        places = [] if link is None else [str(link)]
+        addresses = [] if link is None else [str(link)]
         if port.tcp_port is not None:
-            places.append(f"TCP port {port.tcp_port}")
-        LOGGER.info("receiver %s on %s", receiver.name, " and ".join(places))
+            addresses.append(f"TCP port {port.tcp_port}")
+        LOGGER.info("receiver %s on %s", receiver.name, " and ".join(addresses))
 
     def _advance(self, time_nanoseconds: int) -> None:
         machine = self._machine
         if time_nanoseconds == 0:
-            self._set = self._begun()
+            self._set = self._start_receivers()
         if self._set is not None:
             self._set.advance(time_nanoseconds, machine.motions.__getitem__, self._send)
 
@@ -279,7 +279,8 @@ class GnssEmulation:
         if content:
             self.ports[name].send(content)
 
-    def _begun(self) -> ReceiverSet:
+    def _start_receivers(self) -> ReceiverSet:
+        """Return the receivers of a run that begins; those of a run before start anew."""
         machine = self._machine
         if self._set is not None:
             LOGGER.info("a new run begins: the receivers are switched off and on")

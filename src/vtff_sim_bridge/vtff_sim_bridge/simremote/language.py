@@ -143,10 +143,10 @@ def format_timestamp(time_nanoseconds: int | None) -> str:
     if time_nanoseconds is None:
         return "-"
     seconds, fraction = divmod(time_nanoseconds, NANOSECONDS_PER_SECOND)
-    return f"{seconds}.{_decimals(fraction)}"
+    return f"{seconds}.{_format_fraction(fraction)}"
 
 
-def _decimals(nanoseconds: int) -> str:
+def _format_fraction(nanoseconds: int) -> str:
     """Return a fraction of a second as three to nine decimals."""
     return f"{nanoseconds:09d}".rstrip("0").ljust(3, "0")
 
@@ -377,7 +377,7 @@ def parse_reply(text: str) -> Reply:
         if not child:
             raise SimRemoteSyntaxError(f"reply: unknown element in {shown(text[position:end])}")
         content = child[2].strip()
-        texts[child[1]] = content if "<" in content else _unescaped(content)
+        texts[child[1]] = content if "<" in content else _unescape(content)
         position = child.end()
     return Reply(status, texts.get("data"), texts.get("error"), texts.get("fatal"))
 
@@ -388,17 +388,17 @@ def format_reply(reply: Reply) -> str:
     parts = [f"<msg><status> {reply.status:d} </status>"]
     for name, text in zip(("data", "error", "fatal"), reply[1:], strict=True):
         if text is not None:
-            parts.append(f"<{name}> {_escaped(text)} </{name}>")
+            parts.append(f"<{name}> {_escape(text)} </{name}>")
     parts.append("</msg>")
     return "".join(parts)
 
 
 # xml.sax.saxutils has these two, but importing it takes longer than all the rest of the emulator.
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
 
-def _unescaped(text: str) -> str:
+def _unescape(text: str) -> str:
     return text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
 
 

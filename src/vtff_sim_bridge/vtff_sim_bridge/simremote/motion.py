@@ -54,7 +54,7 @@ class MotionState(NamedTuple):
     angular_acceleration_body: Vector = _ZERO
     angular_jerk_body: Vector = _ZERO
 
-    def extrapolated(self, seconds: float) -> MotionState:
+    def extrapolate(self, seconds: float) -> MotionState:
         """Return the motion a time later, extrapolated with the given derivatives.
 
         Position is the third-order Taylor polynomial. Attitude is turned by the rotation vector of
@@ -79,7 +79,7 @@ class MotionState(NamedTuple):
             _polynomial(seconds, velocity, acceleration, jerk),
             _polynomial(seconds, acceleration, jerk),
             jerk,
-            _rotated(seconds, *self[4:]),
+            _rotate(seconds, *self[4:]),
             _polynomial(seconds, *self[5:]),
             _polynomial(seconds, *self[6:]),
             self.angular_jerk_body,
@@ -197,7 +197,7 @@ class VehicleMotion:
             If no command holds at that time.
         """
         since, state = self.command_at(time_nanoseconds)
-        return state.extrapolated((time_nanoseconds - since) / NANOSECONDS_PER_SECOND)
+        return state.extrapolate((time_nanoseconds - since) / NANOSECONDS_PER_SECOND)
 
     def command_at(self, time_nanoseconds: int) -> tuple[int, MotionState]:
         """Return the command that holds at a time, and the time since which it does, ns.
@@ -242,7 +242,7 @@ def _polynomial(
     return (x, y, z)
 
 
-def _rotated(
+def _rotate(
     seconds: float,
     heading_elevation_bank: Vector,
     rate: Vector,

@@ -44,7 +44,7 @@ class _Signal(NamedTuple):
 
 
 class _Difference(NamedTuple):
-    """What a differential block refers to: the values that the decoder has."""
+    """Values of a reference block as the decoder has them; differential blocks refer to them."""
 
     pseudorange: float
     phase_range: float
@@ -100,7 +100,7 @@ class RangeCmp4Encoder:
             self._references.clear()
             self._second = second
         bits = _Bits()
-        systems = _grouped(epoch)
+        systems = _group_signals(epoch)
         bits.add_mask(sorted(systems), 16)
         for system_number, satellites in sorted(systems.items()):
             numbers = sorted({s.number for signals in satellites.values() for s in signals})
@@ -184,7 +184,7 @@ class RangeCmp4Encoder:
         return rows
 
 
-def _grouped(epoch: ObservationEpoch) -> dict[int, dict[int, list[_Signal]]]:
+def _group_signals(epoch: ObservationEpoch) -> dict[int, dict[int, list[_Signal]]]:
     """Return the signals by system number and satellite number, all in ascending order."""
     grouped: dict[int, dict[int, list[_Signal]]] = {}
     if not len(epoch):

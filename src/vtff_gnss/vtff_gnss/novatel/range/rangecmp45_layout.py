@@ -100,7 +100,7 @@ class FieldWidths(NamedTuple):
 
 @dataclass(frozen=True)
 class CompressedLayout:
-    """What differs between the logs.
+    """Fields in which the layouts of the logs differ.
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ RANGECMP5 = CompressedLayout(
 )
 PRIMARY_DIFFERENCE = FieldWidths(19, 16, 18)
 SECONDARY_DIFFERENCE = FieldWidths(19, 16, 14)
-"""Of the blocks of RANGECMP4 that hold differences."""
+"""Layout of the blocks of RANGECMP4 that hold differences."""
 
 
 def scaled(value: int | None, scale: float, origin: float) -> float:
