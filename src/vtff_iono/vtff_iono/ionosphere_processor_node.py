@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +33,7 @@ from vtff_iono.formation_ionosphere import (
 )
 from vtff_iono.scintillation.indices import ORBIT_PHASE_CUTOFF_HZ, ScintillationSettings
 from vtff_iono.spacecraft.formation_second import FormationSecond
-from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftSettings
+from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftIonosphere, SpacecraftSettings
 from vtff_msgs.msg import (
     AmbiguityStatus,
     ElectronDensity,
@@ -64,13 +65,17 @@ RELATIVE_STATE = "relative state"
 class IonosphereProcessorParameters:
     """Parameters of `ionosphere_processor`."""
 
-    chief: str = parameter("chief", "spacecraft that the other one is compared with")
-    deputy: str = parameter("deputy", "the other spacecraft")
+    chief: str = parameter("chief", "name of the spacecraft that the deputy is compared with")
+    deputy: str = parameter("deputy", "name of the other spacecraft")
     elevation_mask_deg: float = parameter(
-        10.0, "satellites below are marked and not used", unit="deg", minimum=0.0, maximum=60.0
+        10.0,
+        "satellites below this elevation are marked and not used",
+        unit="deg",
+        minimum=0.0,
+        maximum=60.0,
     )
     cn0_minimum_dbhz: float = parameter(
-        15.0, "signals below are marked and not used", unit="dB-Hz", minimum=0.0
+        15.0, "signals below this C/N0 are marked and not used", unit="dB-Hz", minimum=0.0
     )
     code_sigma: float = parameter(0.3, "noise of a pseudorange", unit="m", minimum=1e-3)
     phase_sigma: float = parameter(
@@ -131,7 +136,7 @@ def formation_settings(given: IonosphereProcessorParameters) -> FormationSetting
 
 
 class IonosphereProcessorNode(VtffNode):
-    """The ionosphere that two spacecraft see.
+    """Computes the ionosphere that two spacecraft observe.
 
     Subscribes to <craft>/gnss/high_rate, <craft>/gnss/ephemeris and <craft>/gnss/fix of chief and
     deputy, formation/ambiguities and formation/relative_state, and /clock. Publishes
@@ -334,29 +339,9 @@ class IonosphereProcessorNode(VtffNode):
         )
 
     def _receiver_bias_status(self) -> diagnostics.DiagnosticStatus:
-        """Report the receiver biases, and why an estimate has failed."""
+        """Report the receiver biases, and why one is missing or old."""
         spacecraft = dict(zip(self._crafts, self._formation.spacecraft, strict=True))
-        errors = {
-            craft: ionosphere.bias_error
-            for craft, ionosphere in spacecraft.items()
-            if ionosphere.bias_error is not None
-        }
-        missing = [
-            craft for craft, ionosphere in spacecraft.items() if not ionosphere.receiver_biases
-        ]
-        level, text = diagnostics.OK, "receiver biases estimated"
-        if errors:
-            level = diagnostics.WARN
-            text = "; ".join(
-                f"{craft}: {'no receiver bias' if craft in missing else 'receiver bias is old'}: "
-                f"{error}"
-                for craft, error in errors.items()
-            )
-        elif missing:
-            text = (
-                f"no receiver bias of {' and '.join(missing)} yet: the first estimate follows "
-                f"{self.parameters.bias_delay:g} s after the first observation (bias_delay)"
-            )
+        level, text = describe_receiver_biases(spacecraft, self.parameters.bias_delay)
         biases = {
             f"receiver bias {craft} {first}-{second} (TECU)": round(bias.bias_tecu, 3)
             for craft, ionosphere in spacecraft.items()
@@ -369,6 +354,35 @@ class IonosphereProcessorNode(VtffNode):
             biases,
             hardware_id=self.parameters.deputy,
         )
+
+
+def describe_receiver_biases(
+    spacecraft: Mapping[str, SpacecraftIonosphere], bias_delay: float
+) -> tuple[bytes, str]:
+    """Return level and text of a diagnostic status of the receiver biases.
+
+    Parameters
+    ----------
+    spacecraft : mapping of str to SpacecraftIonosphere
+        The processing of each spacecraft, by its name.
+    bias_delay : float
+        Time from the first observation to the first estimate, s.
+    """
+    missing = [name for name, ionosphere in spacecraft.items() if not ionosphere.receiver_biases]
+    errors = [
+        f"{name} has {'no receiver bias' if name in missing else 'an old receiver bias'} "
+        f"({ionosphere.bias_error})"
+        for name, ionosphere in spacecraft.items()
+        if ionosphere.bias_error is not None
+    ]
+    if errors:
+        return diagnostics.WARN, "; ".join(errors)
+    if missing:
+        return diagnostics.OK, (
+            f"no receiver bias of {' and '.join(missing)} yet: the first estimate follows "
+            f"{bias_delay:g} s after the first observation (parameter 'bias_delay')"
+        )
+    return diagnostics.OK, "receiver biases estimated"
 
 
 def _fix(craft: str) -> str:

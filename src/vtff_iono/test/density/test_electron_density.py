@@ -235,3 +235,23 @@ def test_the_analysis_of_the_paper_with_75_db():
     assert errors[1e3] == pytest.approx(6e4, rel=0.05)
     assert errors[100.0] == pytest.approx(10.0 * errors[1e3], rel=0.05)
     assert errors[100.0] > errors[1e3] > errors[3e3] > errors[10e3]
+
+
+def test_the_sigma_contains_the_noise_of_the_mapping():
+    """Satellites whose geometric term is large count less, and their sigma says so."""
+    estimator = ElectronDensityEstimator()
+    chief = np.radians([20.0, 40.0, 80.0, 30.0])
+    deputy = chief + np.radians([0.0, 0.0, 0.0, 0.4])
+    epochs = [
+        estimator.update(
+            float(second), 400e3, 401e3, chief, deputy, np.zeros(4), np.full(4, 0.001), 20.0
+        )
+        for second in range(3)
+    ]
+    sigma = epochs[-1].sigma_satellite * 1e3 / 1e16 / np.sin(0.5 * (chief + deputy))
+    profile = estimator.profile
+    geometric = profile.slant_content(deputy[3:], 401e3) - profile.slant_content(chief[3:], 400e3)
+    assert abs(geometric[0]) > 0.2
+    # 1 % of the geometric term, far above the noise of the phases.
+    assert sigma[3] == pytest.approx(0.01 * abs(geometric[0]), rel=1.0)
+    assert sigma[3] > 0.008 * abs(geometric[0]) > 2.0 * sigma[2]
