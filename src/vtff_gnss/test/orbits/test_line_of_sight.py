@@ -10,7 +10,6 @@ from constellation_test_support import (
     drawn_navigation,
     drawn_navigation_file,
     independent_position_itrf,
-    navigation,
     rtklib_time,
 )
 
