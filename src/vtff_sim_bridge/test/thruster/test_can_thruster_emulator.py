@@ -1,8 +1,11 @@
 """The emulated thruster, frame by frame: cap, quantum, watchdog, counters."""
 
+import functools
 import pathlib
+from unittest import mock
 
 import can
+import cantools
 import numpy as np
 import pytest
 from hypothesis import given
@@ -24,6 +27,14 @@ FRAMES = ThrusterFrames(DBC_FILE)
 START = GpsTime.from_week_tow(1889, 90_000.0)
 
 accelerations = st.lists(st.floats(-5.0, 5.0), min_size=3, max_size=3)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def dbc_file_is_parsed_once():
+    """The property tests make hundreds of thrusters, and to parse the file takes 10 ms."""
+    load_once = functools.cache(cantools.database.load_file)
+    with mock.patch.object(cantools.database, "load_file", load_once):
+        yield
 
 
 def thruster(**options: object) -> CanThruster:
