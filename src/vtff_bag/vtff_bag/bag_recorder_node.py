@@ -186,7 +186,7 @@ NODE_CLASS = BagRecorderNode
 
 
 def main() -> None:
-    """Run the recorder until it is told to stop."""
+    """Run the recorder until a signal ends it."""
     run_node(BagRecorderNode)
 
 

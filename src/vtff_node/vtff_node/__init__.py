@@ -1,1 +1,1 @@
-"""What every vtff node shares: parameters, QoS, diagnostics, lockstep, main loop."""
+"""Base of every vtff node: parameters, QoS, diagnostics, lockstep, conversions, main loop."""

@@ -1,4 +1,4 @@
-"""One diagnostic_msgs/DiagnosticStatus, built in one call."""
+"""Levels of diagnostics, and a diagnostic_msgs/DiagnosticStatus built in one call."""
 
 from __future__ import annotations
 

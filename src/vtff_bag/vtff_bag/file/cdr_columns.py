@@ -43,7 +43,7 @@ _NUMBERS = {
     "double": "<f8",
 }
 _DECLARED = re.compile(
-    r"^(?:sequence<(?P<sequence>\w+)(?:, \d+)?>|(?P<fixed>\w+)\[(?P<size>\d+)\]|(?P<one>\w+))$"
+    r"^(?:sequence<(?P<sequence>\w+)(?:, \d+)?>|(?P<fixed>\w+)\[(?P<size>\d+)\]|(?P<number>\w+))$"
 )
 _STRING = re.compile(r"^string(?:<\d+>)?$")
 
@@ -231,7 +231,7 @@ def _list_fields(message_type: Any, prefix: str = "") -> Iterator[_Field]:
         path = f"{prefix}{name}"
         match = _DECLARED.match(declared)
         number = (
-            _NUMBERS.get(match["sequence"] or match["fixed"] or match["one"]) if match else None
+            _NUMBERS.get(match["sequence"] or match["fixed"] or match["number"]) if match else None
         )
         if _STRING.match(declared):
             yield _Field(path, "text", np.dtype("u1"))

@@ -27,7 +27,7 @@ class BagPlayerParameters(StepSourceParameters):
     topics: list[str] = parameter([], "full names of the topics to replay; all if empty")
     exclude_topics: list[str] = parameter([], "full names of topics to leave out")
     publish_clock: bool = parameter(
-        True, "publish /clock where no recorded one is replayed; never with pacing clock"
+        True, "publish /clock where no recorded /clock is replayed; never with pacing clock"
     )
     rate: float = parameter(
         1.0,
