@@ -9,6 +9,7 @@ import pathlib
 
 import numpy as np
 import pytest
+from sample_files import export_sample
 from shared_data import require_shared
 from typer.testing import CliRunner
 
@@ -22,6 +23,7 @@ from vtff_bag.file.metadata import offered_qos
 from vtff_bag.file.writer import BagWriter
 from vtff_bringup.cli import make_app
 from vtff_dynamics.time.timescales import parse_epoch
+from vtff_gnss.constants import SYSTEM_GALILEO
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.rinex.observation import read_rinex_observation
@@ -40,6 +42,12 @@ MOTION = f"{SPIRENT}/Rover-dynamic_motion_Spirent.csv.gz"
 
 def shared(*paths):
     return tuple(require_shared(path) for path in paths)
+
+
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """Return the sample bag as RINEX files: two receivers in orbit."""
+    return export_sample(tmp_path_factory.mktemp("sample"))
 
 
 def vtff(*arguments):
@@ -140,10 +148,8 @@ def test_leo_pair_reaches_the_bound_of_issue_4(tmp_path):
     assert found["counts"]["fixed"] == 6000
 
 
-def test_epochs_of_a_bag_give_what_the_files_give(tmp_path):
-    pytest.importorskip("rclpy")
-    files = shared(f"{LEO}/250m_B.obs.gz", f"{LEO}/250m_A.obs.gz", NAVIGATION)
-    sources = from_files(*files[:2], files[2:])
+def test_epochs_of_a_bag_give_what_the_files_give(tmp_path, sample):
+    sources = from_files(sample.rover, sample.base, [sample.navigation])
     write_sample_bag(tmp_path / "pair", sources, 20)
     options = BaselineOptions(dynamics="orbital", elevation_mask_deg=5.0)
     start = sources.base.time(0)
@@ -186,23 +192,23 @@ def write_sample_bag(directory, sources, count):
     writer.close()
 
 
-def test_limits_and_unpaired_epochs(tmp_path):
+def test_limits_and_unpaired_epochs(tmp_path, sample):
     base, rover = tmp_path / "base.rnx", tmp_path / "rover.rnx"
-    for source, path, rows in zip(
-        shared(BASE, ROVER), (base, rover), (range(0, 40, 2), range(30)), strict=True
+    for source, path, rows in (
+        (sample.base, base, range(0, 40, 2)),
+        (sample.rover, rover, range(30)),
     ):
-        content = read_rinex_observation(source)
-        table = ObservationTable.from_epochs(content.table.epoch(i) for i in rows)
-        write_rinex_observation(
-            path, table, approximate_position=content.header.approximate_position
-        )
-    found, output = computed(tmp_path / "all", rover, base, *shared(NAVIGATION))
+        epochs = read_rinex_observation(source).table
+        table = ObservationTable.from_epochs(epochs.epoch(i) for i in rows)
+        write_rinex_observation(path, table)
+    navigation = sample.navigation
+    found, output = computed(tmp_path / "all", rover, base, navigation)
     assert found["epochs"] == 15
     assert "15 in 28 s, 15 + 5 without partner" in output
-    options = ("--start", "10", "--end", "2023-01-08T10:00:20")
-    found, _ = computed(tmp_path / "some", rover, base, NAVIGATION, *options)
+    options = ("--start", "10", "--end", "2016-03-21T01:00:20")
+    found, _ = computed(tmp_path / "some", rover, base, navigation, *options)
     assert (found["epochs"], found["duration"]) == (6, 10.0)
-    result = vtff("baseline", rover, base, NAVIGATION, "--start", "9000", "--out", tmp_path / "no")
+    result = vtff("baseline", rover, base, navigation, "--start", "9000", "--out", tmp_path / "no")
     assert result.exit_code == 2 and "within --start and --end" in result.output
     assert not (tmp_path / "no").exists()
 
@@ -302,12 +308,21 @@ def test_wrong_arguments_are_named(arguments, message, tmp_path, monkeypatch):
     assert not list(tmp_path.glob("baseline_*"))
 
 
-def test_wrong_arguments_with_good_files(tmp_path):
-    files = shared(ROVER, BASE, NAVIGATION)
+def test_wrong_arguments_with_good_files(tmp_path, sample):
+    files = [*sample]
+    galileo = [tmp_path / "rover_e.rnx", tmp_path / "base_e.rnx"]
+    for source, path in zip(files[:2], galileo, strict=True):
+        table = open_observations(source, signals=("1C",)).table
+        systems = np.full_like(table.columns["system"], SYSTEM_GALILEO)
+        columns = {**table.columns, "system": systems}
+        write_rinex_observation(path, dataclasses.replace(table, columns=columns))
     for arguments, message in (
         (files[:2], "no ephemerides: "),
-        ([*files, "--signals", "E1"], "no ephemerides of the systems E"),
-        ([*files, "--estimator", "paper"], "for receivers in orbit only"),
+        ([*galileo, files[2], "--signals", "E1"], "no ephemerides of the systems E"),
+        (
+            [*files, "--estimator", "paper", "--dynamics", "kinematic"],
+            "for receivers in orbit only",
+        ),
         ([*files, "--start", "soon"], "--start: epoch 'soon GPS'"),
         ([*files, "--estimate-base", "--base-position", "1", "2", "3"], "contradict each other"),
     ):

@@ -8,21 +8,25 @@ import numpy as np
 import pytest
 from bag_samples import sample_messages, write_bag
 from formation_recording import formation_seconds
-from pyarrow import csv, parquet
+from pyarrow import compute, csv, parquet
+from sample_files import export_sample, require_sample_bag
 from shared_data import require_shared
 from typer.testing import CliRunner
 
+from vtff_analysis.tec.processing import phase_cutoff_hz
 from vtff_bag.file.message_definitions import installed_type_hash, message_definition
 from vtff_bag.file.metadata import offered_qos
 from vtff_bag.file.reader import BagReader
 from vtff_bag.file.writer import BagWriter
 from vtff_bringup.cli import make_app
+from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.rinex.compressed_file import decompress_hatanaka
 from vtff_gnss.rinex.write.observation import write_rinex_observation
 from vtff_gnss.signals import satellite_name
 from vtff_iono.content.slant_tec import Rejection
 from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.ionosphere_processor_node import IonosphereProcessorParameters, formation_settings
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 OBSERVATIONS = "vtff_msgs/msg/GnssObservations"
@@ -55,6 +59,21 @@ def hours(tmp_path_factory):
     return path
 
 
+@pytest.fixture(scope="module")
+def sample(tmp_path_factory):
+    """Return the sample bag as RINEX files of receivers in orbit."""
+    return export_sample(tmp_path_factory.mktemp("sample"))
+
+
+@pytest.fixture(scope="module")
+def bag_run(tmp_path_factory):
+    """Return what `vtff tec` wrote about the sample bag, and its result."""
+    folder = tmp_path_factory.mktemp("bag") / "out"
+    result = run(require_sample_bag(), "--format", "parquet", "--out", folder)
+    assert result.exit_code == 0, result.output
+    return folder
+
+
 def test_a_batch_with_broken_files(tmp_path, hours):
     """The good file is processed; each of the others has one message that names it."""
     junk = tmp_path / "junk.obs"
@@ -84,15 +103,17 @@ def test_a_batch_with_broken_files(tmp_path, hours):
     assert (out / "bele_roti.csv").is_file() and (out / "bele_tec.png").stat().st_size > 20_000
 
 
-def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, hours):
+def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, sample):
     """Three at once; what is printed and summed up stands in the order of the arguments."""
     paths = [tmp_path / folder / "same.rnx" for folder in ("one", "two", "three")]
-    for path, text in zip(paths, (hours.read_text(), "no RINEX\n", hours.read_text()), strict=True):
+    good = sample.rover.read_text()
+    for path, text in zip(paths, (good, "no RINEX\n", good), strict=True):
         path.parent.mkdir()
         path.write_text(text)
-    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
     out = tmp_path / "out"
-    result = run(*paths, "--nav", nav, "--biases", "none", "--format", "parquet", "--out", out)
+    result = run(
+        *paths, "--nav", sample.navigation, "--biases", "none", "--format", "parquet", "--out", out
+    )
     assert result.exit_code == 1 and "2 receivers, 1 failed" in result.output
     told = [line for line in result.output.splitlines() if "same.rnx" in line]
     assert ["error" in line for line in told] == [False, True, False]
@@ -110,36 +131,31 @@ def test_biases_of_another_year(tmp_path, hours):
     assert "valid from 2023-01-10" in result.output and "2024-01-10" in result.output
 
 
-def test_one_frequency_is_not_enough(tmp_path, hours):
+def test_one_frequency_is_not_enough(tmp_path, sample):
     path = tmp_path / "single.rnx"
-    write_rinex_observation(path, open_observations(hours, signals=("1C", "1X")).table)
+    write_rinex_observation(path, open_observations(sample.rover, signals=("1C", "1X")).table)
     result = run(path, "--out", tmp_path / "out")
     assert result.exit_code == 1
     assert "single.rnx" in result.output and "no second frequency" in result.output
 
 
-def test_what_is_asked_for_wrongly(tmp_path, hours):
-    assert run(hours, "--format", "xlsx").exit_code == 2
-    result = run(hours, "--nav", tmp_path / "absent.nav")
+def test_what_is_asked_for_wrongly(tmp_path, sample):
+    assert run(sample.rover, "--format", "xlsx").exit_code == 2
+    result = run(sample.rover, "--nav", tmp_path / "absent.nav")
     assert result.exit_code == 2 and "absent.nav" in result.output
-    result = run(hours, "--out", tmp_path / "out")
+    result = run(sample.rover, "--out", tmp_path / "out")
     assert result.exit_code == 1 and "--nav" in result.output
 
 
-def test_a_bag_of_two_receivers(tmp_path):
-    bag = ROOT / "bags" / "sample"
-    if not bag.is_dir():
-        pytest.skip("the sample bag is not there")
-    out = tmp_path / "out"
-    result = run(bag, "--format", "parquet", "--out", out)
-    assert result.exit_code == 0, result.output
+def test_a_bag_of_two_receivers(bag_run):
+    out = bag_run
     assert len(json.loads((out / "tec.json").read_text())) == 2
     for name in ("sample_chief", "sample_deputy"):
         assert parquet.read_table(out / f"{name}_tec.parquet").num_rows > 1000
         assert parquet.read_table(out / f"{name}_scintillation.parquet").num_rows >= 0
 
 
-def test_folders_and_bags_without_observations(tmp_path, hours):
+def test_folders_and_bags_without_observations(tmp_path, sample):
     """One line for each; the good file among them is processed."""
     (tmp_path / "folder").mkdir()
     write_bag(tmp_path / "other", sample_messages(10))
@@ -153,10 +169,10 @@ def test_folders_and_bags_without_observations(tmp_path, hours):
     )
     silent.close()
     (tmp_path / "empty.obs").touch()
-    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
     names = ("folder", "other", "silent", "empty.obs")
     paths = [tmp_path / name for name in names]
-    result = run(*paths, hours, "--nav", nav, "--out", tmp_path / "out")
+    files = (*paths, sample.rover)
+    result = run(*files, "--nav", sample.navigation, "--out", tmp_path / "out")
     assert result.exit_code == 1, result.output
     errors = [line for line in result.output.splitlines() if line.startswith("error:")]
     assert len(errors) == 4
@@ -178,13 +194,10 @@ def test_compact_rinex_that_is_compressed(tmp_path):
     assert table.num_rows > 100_000
 
 
-def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(tmp_path):
+def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(bag_run):
     """Online and offline level an arc with the same samples."""
-    bag = ROOT / "bags" / "sample"
-    if not bag.is_dir():
-        pytest.skip("the sample bag is not there")
-    assert run(bag, "--format", "parquet", "--out", tmp_path / "out").exit_code == 0
-    table = parquet.read_table(tmp_path / "out" / "sample_deputy_tec.parquet")
+    bag = require_sample_bag()
+    table = parquet.read_table(bag_run / "sample_deputy_tec.parquet")
     offline = {
         key: (content, code, arc)
         for *key_parts, content, code, arc in zip(
@@ -222,3 +235,38 @@ def test_content_of_a_bag_is_that_of_the_node_without_receiver_bias(tmp_path):
                 assert epoch.stec_tecu[row] + removed == pytest.approx(content, abs=1e-3)
                 compared += 1
     assert compared > 100
+
+
+def test_sigma_phi_of_a_bag_is_that_of_the_node(bag_run):
+    """A recording has one sigma-phi, whoever computes it: its cut-off is that of orbit."""
+    bag = require_sample_bag()
+    table = parquet.read_table(bag_run / "sample_deputy_scintillation.parquet")
+    formation = FormationIonosphere(formation_settings(IonosphereProcessorParameters()))
+    online = []
+    for ephemerides, second in formation_seconds(BagReader(bag)):
+        for ephemeris in ephemerides:
+            formation.add_ephemeris(ephemeris)
+        deputy = formation.process(second).spacecraft[1]
+        online += [window for window, _ in deputy.scintillation]
+    assert len(online) >= 2
+    compared = 0
+    for window in online:
+        assert window.phase_cutoff_hz == 1.0
+        time = np.datetime64("1980-01-06", "ms") + np.timedelta64(window.time // 1_000_000, "ms")
+        offline = table.filter(compute.equal(table["gps_time_end"], time.item()))
+        names = [satellite_name(*key) for key in zip(window.system, window.prn, strict=True)]
+        assert offline["satellite"].to_pylist() == names
+        assert offline["phase_cutoff_hz"].unique().to_pylist() == [1.0]
+        sigma_phi = offline["sigma_phi"].to_numpy()
+        assert np.array_equal(sigma_phi, window.sigma_phi, equal_nan=True)
+        compared += np.count_nonzero(np.isfinite(sigma_phi))
+    assert compared > 20
+
+
+@pytest.mark.parametrize(("altitude", "expected"), [(50.0, 0.1), (149e3, 0.1), (151e3, 1.0)])
+def test_cut_off_of_sigma_phi_follows_the_motion_of_the_receiver(altitude, expected):
+    """The custom of ground receivers below the ionosphere, that of the node in orbit."""
+    position = itrf_from_geodetic(np.array([[0.1, 0.2, altitude]] * 3))
+    position[1] = np.nan
+    assert phase_cutoff_hz(position) == expected
+    assert phase_cutoff_hz(position[0]) == expected
