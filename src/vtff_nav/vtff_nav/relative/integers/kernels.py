@@ -1,6 +1,7 @@
 """Compiled inner loops of integer least squares: factorisation, decorrelation, search.
 
-Use them through `integer_least_squares`, which checks arguments and explains failures.
+Call them through `vtff_nav.relative.integers.least_squares`, which checks the arguments and gives
+reasons for failures.
 """
 
 from __future__ import annotations
@@ -18,10 +19,10 @@ KERNEL_SINGULAR = 1
 KERNEL_OVERFLOW = 2
 
 _SINGULAR = 32.0 * float(np.finfo(float).eps)
-"""A conditional variance below this part of its variance, per ambiguity, is rounding error."""
+"""A conditional variance below this fraction of the variance, times n, is rounding error."""
 
 _EXCHANGE = 1.0 - 1e-6
-"""Neighbours change places only for a gain of more than this, so that the reduction ends."""
+"""Neighbours are exchanged only if that reduces a variance by more, so that the reduction ends."""
 
 _LARGEST_ENTRY = 2**31
 """Limit of the entries of the transformation: products of two of them still fit into int64."""
@@ -29,11 +30,11 @@ _LARGEST_ENTRY = 2**31
 
 @compiled
 def factorise(covariance, lower, variances, order):  # type: ignore[no-untyped-def]
-    """Factorise Q = L^T D L with symmetric pivoting; return a ``KERNEL_*`` and a place.
+    """Factorise Q = L^T D L with symmetric pivoting; return a ``KERNEL_*`` and an ambiguity.
 
-    The smallest conditional variance of those left goes last, which leaves little to the
-    reduction. `covariance` is overwritten, `lower`, `variances` and `order` are filled; the place
-    is the ambiguity at which a matrix is not positive definite.
+    Each step puts the smallest remaining conditional variance last, which leaves little to the
+    reduction. `covariance` is overwritten; `lower`, `variances` and `order` are filled. The
+    ambiguity returned is the one at which a matrix is not positive definite.
 
     References
     ----------
@@ -51,13 +52,13 @@ def factorise(covariance, lower, variances, order):  # type: ignore[no-untyped-d
                 smallest = k
         if smallest != i:
             for k in range(n):
-                held = covariance[i, k]
+                kept = covariance[i, k]
                 covariance[i, k] = covariance[smallest, k]
-                covariance[smallest, k] = held
+                covariance[smallest, k] = kept
             for k in range(n):
-                held = covariance[k, i]
+                kept = covariance[k, i]
                 covariance[k, i] = covariance[k, smallest]
-                covariance[k, smallest] = held
+                covariance[k, smallest] = kept
             for k in range(i + 1, n):
                 lower[k, i], lower[k, smallest] = lower[k, smallest], lower[k, i]
             order[i], order[smallest] = order[smallest], order[i]
@@ -146,24 +147,25 @@ def reduce(lower, variances, transformation, inverse_transposed):  # type: ignor
 
 
 @compiled
-def search(center, lower, variances, found, norms, node_limit):  # type: ignore[no-untyped-def]
+def search(center, lower, variances, candidates, norms, node_limit):  # type: ignore[no-untyped-def]
     """Find the integer vectors nearest to `center` in the metric of L^T D L, depth first.
 
     Every level is visited in the order of distance (Schnorr and Euchner); the ellipsoid shrinks to
-    the worst candidate held. `found` (m, n) and `norms` (m,) are filled in rising order. Returns
-    the number of nodes, or -1 if `node_limit` was not enough to prove the result.
+    the worst candidate so far. `candidates` (m, n) and `norms` (m,) are filled in rising order of
+    the norms. Returns the number of nodes, or -1 if `node_limit` was reached before the search
+    ended.
 
     References
     ----------
     Chang, Yang and Zhou (2005), MLAMBDA, section 4.3; Teunissen (1995), eq. 3.
     """
-    wanted, n = found.shape
+    wanted, n = candidates.shape
     partial = np.zeros((n + 1, n))
     distance = np.zeros(n + 1)
     conditional = np.empty(n)
     chosen = np.empty(n)
     step = np.empty(n)
-    held = 0
+    count = 0
     bound = math.inf
     nodes = 0
     k = n - 1
@@ -174,7 +176,7 @@ def search(center, lower, variances, found, norms, node_limit):  # type: ignore[
     while True:
         nodes += 1
         if nodes > node_limit:
-            norms[held:] = math.inf
+            norms[count:] = math.inf
             return -1
         new_distance = distance[k + 1] + offset * offset / variances[k]
         if new_distance < bound:
@@ -188,15 +190,15 @@ def search(center, lower, variances, found, norms, node_limit):  # type: ignore[
                 offset = conditional[k] - chosen[k]
                 step[k] = 1.0 if offset >= 0.0 else -1.0
                 continue
-            place = held if held < wanted else wanted - 1
-            while place > 0 and norms[place - 1] > new_distance:
-                norms[place] = norms[place - 1]
-                found[place] = found[place - 1]
-                place -= 1
-            norms[place] = new_distance
-            found[place] = chosen
-            held = min(held + 1, wanted)
-            if held == wanted:
+            rank = count if count < wanted else wanted - 1
+            while rank > 0 and norms[rank - 1] > new_distance:
+                norms[rank] = norms[rank - 1]
+                candidates[rank] = candidates[rank - 1]
+                rank -= 1
+            norms[rank] = new_distance
+            candidates[rank] = chosen
+            count = min(count + 1, wanted)
+            if count == wanted:
                 bound = norms[wanted - 1]
         else:
             if k == n - 1:

@@ -2,8 +2,8 @@
 
 A float solution a with covariance Q is transformed by an integer matrix of determinant +-1 to
 z = Z^T a whose covariance is nearly diagonal, and the integer vectors that are nearest in the
-metric of Q are found by a depth-first search. Nothing is approximated: the candidates are the
-best ones or the status says why there are none.
+metric of Q are found by a depth-first search. The search is exact: the candidates are the best
+integer vectors, or the status tells why there are none.
 
 References
 ----------
@@ -29,7 +29,6 @@ __all__ = [
     "Decorrelation",
     "IntegerSolution",
     "IntegerStatus",
-    "bootstrap",
     "bootstrapped_success_rate",
     "compile_kernels",
     "component_success_rates",
@@ -44,14 +43,14 @@ _LARGEST_AMBIGUITY = 2.0**52
 """Cycles; a double above it has no fraction of a cycle."""
 
 _DEFAULT_NODE_LIMIT = 20_000_000
-"""About 0.5 s of search. Ambiguities that can be fixed need less than 1e5 nodes at n = 40."""
+"""About 0.5 s of search; ambiguities that can be fixed need less than 1e5 nodes at n = 40."""
 
 _TIE = 1e-12
-"""Relative difference of squared norms that rounding can make."""
+"""Relative difference of squared norms that may come from rounding."""
 
 
 class IntegerStatus(enum.Enum):
-    """What became of a decorrelation or search."""
+    """Outcome of a decorrelation or a search."""
 
     OK = "ok"
     NOT_FINITE = "not finite"
@@ -68,9 +67,9 @@ class Decorrelation:
     Parameters
     ----------
     status : IntegerStatus
-        If it is not OK, the arrays are NaN or 0 and `reason` says which ambiguity is the cause.
+        If it is not OK, the arrays are NaN or 0.
     reason : str
-        Empty if OK.
+        Which ambiguity is the cause of the status; empty if OK.
     transformation : ndarray of int64, shape (n, n)
         Z, determinant +1 or -1.
     inverse_transposed : ndarray of int64, shape (n, n)
@@ -78,8 +77,8 @@ class Decorrelation:
     lower : ndarray, shape (n, n)
         L, unit lower triangular.
     conditional_variances : ndarray, shape (n,)
-        Diagonal of D, cycles^2: variance of z_i given z_i+1 to z_n. The last ones are the smallest
-        but for the pairs that an exchange does not improve.
+        Diagonal of D, cycles^2: variance of z_i given z_i+1 to z_n. They fall towards the last one,
+        but for pairs of which an exchange would not reduce the variance.
     """
 
     status: IntegerStatus
@@ -91,7 +90,7 @@ class Decorrelation:
 
     @property
     def success_rate(self) -> float:
-        """Success rate of bootstrapping all; 0 if the status is not OK."""
+        """Success rate of bootstrapping all ambiguities; 0 if the status is not OK."""
         if self.status is not IntegerStatus.OK:
             return 0.0
         return bootstrapped_success_rate(self.conditional_variances)
@@ -99,7 +98,7 @@ class Decorrelation:
 
 @dataclass(frozen=True, eq=False)
 class IntegerSolution:
-    """Best integer vectors.
+    """The best integer vectors and their norms.
 
     Parameters
     ----------
@@ -109,14 +108,16 @@ class IntegerSolution:
     squared_norms : ndarray, shape (m,)
         (a - z)^T Q^-1 (a - z).
     ratio : float
-        Second squared norm over first; infinite for an exact hit, NaN with less than 2 candidates.
+        Second squared norm over the first; infinite if the first is zero, NaN with less than two
+        candidates.
     success_rate : float
-        Bootstrapped in the decorrelated space: a lower bound of that of integer least squares.
+        Success rate of bootstrapping in the decorrelated space, a lower bound of the success rate
+        of integer least squares.
     status : IntegerStatus
     reason : str
-        Empty if OK.
+        Cause of the status; empty if OK.
     nodes : int
-        Of the search tree.
+        Number of nodes visited in the search tree.
     """
 
     candidates: IntegerArray
@@ -129,7 +130,7 @@ class IntegerSolution:
 
 
 def component_success_rates(conditional_variances: npt.ArrayLike) -> FloatArray:
-    """Return the probability that each ambiguity is rounded rightly, given those after it.
+    """Return the probability that each ambiguity is rounded rightly, given the later ones.
 
     Parameters
     ----------
@@ -156,41 +157,18 @@ def bootstrapped_success_rate(conditional_variances: npt.ArrayLike) -> float:
     return float(np.prod(component_success_rates(conditional_variances)))
 
 
-def bootstrap(float_ambiguities: npt.ArrayLike, lower: npt.ArrayLike) -> IntegerArray:
-    """Round one ambiguity after the other, from the last to the first, given those before.
-
-    Parameters
-    ----------
-    float_ambiguities : array_like, shape (n,)
-        cycles, decorrelated or not.
-    lower : array_like, shape (n, n)
-        L of their covariance L^T D L.
-
-    References
-    ----------
-    Teunissen (1998), as for `bootstrapped_success_rate`, eq. 17.
-    """
-    conditional = np.array(float_ambiguities, dtype=float)
-    factor = np.asarray(lower, dtype=float)
-    integers = np.zeros(len(conditional), dtype=np.int64)
-    for i in range(len(conditional) - 1, -1, -1):
-        integers[i] = int(np.floor(conditional[i] + 0.5))
-        conditional[:i] -= factor[i, :i] * (conditional[i] - integers[i])
-    return integers
-
-
 def decorrelate(covariance: npt.ArrayLike) -> Decorrelation:
     """Decorrelate ambiguities.
 
     Parameters
     ----------
     covariance : array_like, shape (n, n)
-        cycles^2; its symmetric part counts.
+        Covariance, cycles^2; only its symmetric part is used.
 
     Raises
     ------
     ValueError
-        If the covariance is not a square matrix. Bad numbers in it make a status.
+        If the covariance is not a square matrix. Bad numbers in it give a status instead.
     """
     matrix = np.asarray(covariance, dtype=float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1]:
@@ -204,12 +182,12 @@ def decorrelate(covariance: npt.ArrayLike) -> Decorrelation:
     lower = np.zeros((n, n))
     variances = np.empty(n)
     order = np.empty(n, dtype=np.int64)
-    code, place = kernels.factorise(0.5 * (matrix + matrix.T), lower, variances, order)
+    code, index = kernels.factorise(0.5 * (matrix + matrix.T), lower, variances, order)
     if code != kernels.KERNEL_OK:
         return _failed(
             n,
             IntegerStatus.NOT_POSITIVE_DEFINITE,
-            f"ambiguity {place}: variance {matrix[place, place]:.6g} cycles^2 is not positive or "
+            f"ambiguity {index}: variance {matrix[index, index]:.6g} cycles^2 is not positive or "
             "is that of a combination of the others within rounding",
         )
     transformation = np.zeros((n, n), dtype=np.int64)
@@ -232,14 +210,14 @@ def search_decorrelated(
     Parameters
     ----------
     float_ambiguities : array_like, shape (n,)
-        cycles; small enough that their fractions are exact, as `search` and
-        `integer_validation` prepare them.
+        cycles; small enough that their fractions are exact, as `search` and `partial_fix` prepare
+        them.
     lower, conditional_variances : array_like, shapes (n, n) and (n,)
         Factors of their covariance L^T D L, for example the trailing part of a `Decorrelation`.
     candidates : int
         m >= 1.
     node_limit : int
-        Work after which the search gives up.
+        Number of nodes after which the search gives up.
     """
     center = np.asarray(float_ambiguities, dtype=float)
     factor = np.ascontiguousarray(lower, dtype=float)
@@ -251,14 +229,14 @@ def search_decorrelated(
     if n == 0:
         empty = np.zeros((1, 0), dtype=np.int64)
         return IntegerSolution(empty, np.zeros(1), np.nan, 1.0, IntegerStatus.OK, "", 0)
-    found = np.zeros((candidates, n))
+    vectors = np.zeros((candidates, n))
     norms = np.zeros(candidates)
-    nodes = kernels.search(center, factor, variances, found, norms, node_limit)
+    nodes = kernels.search(center, factor, variances, vectors, norms, node_limit)
     if nodes < 0:
         reason = f"not finished after {node_limit} nodes, success rate {success_rate:.3g}"
         return _unsolved(n, IntegerStatus.SEARCH_LIMIT, reason, success_rate, node_limit)
     return IntegerSolution(
-        candidates=found.astype(np.int64),
+        candidates=vectors.astype(np.int64),
         squared_norms=norms,
         ratio=_ratio(norms),
         success_rate=success_rate,
@@ -281,16 +259,16 @@ def search(
     float_ambiguities : array_like, shape (n,)
         a, cycles; any size up to 4.5e15.
     covariance : array_like, shape (n, n)
-        Q, cycles^2; its symmetric part counts.
+        Q, cycles^2; only its symmetric part is used.
     candidates : int
-        Number m of vectors wanted, at least 1.
+        Number m of vectors, at least 1.
     node_limit : int
-        Work after which the search gives up with `IntegerStatus.SEARCH_LIMIT`.
+        Number of nodes after which the search gives up with `IntegerStatus.SEARCH_LIMIT`.
 
     Raises
     ------
     ValueError
-        If shapes do not fit. Bad numbers make a status and a reason instead.
+        If shapes do not fit. Bad numbers give a status and a reason instead.
 
     References
     ----------
@@ -301,17 +279,17 @@ def search(
     if ambiguities.shape != (n,):
         raise ValueError(f"float_ambiguities: shape ({n},) expected, got {ambiguities.shape}")
     if not np.isfinite(ambiguities).all():
-        place = int(np.argmin(np.isfinite(ambiguities)))
-        reason = f"float_ambiguities[{place}] is {ambiguities[place]}"
+        index = int(np.argmin(np.isfinite(ambiguities)))
+        reason = f"float_ambiguities[{index}] is {ambiguities[index]}"
         return _unsolved(n, IntegerStatus.NOT_FINITE, reason)
     if n and np.abs(ambiguities).max() > _LARGEST_AMBIGUITY:
-        place = int(np.abs(ambiguities).argmax())
-        reason = f"float_ambiguities[{place}] is {ambiguities[place]} cycles"
+        index = int(np.abs(ambiguities).argmax())
+        reason = f"float_ambiguities[{index}] is {ambiguities[index]} cycles"
         return _unsolved(n, IntegerStatus.OUT_OF_RANGE, reason)
     decorrelation = decorrelate(covariance)
     if decorrelation.status is not IntegerStatus.OK:
         return _unsolved(n, decorrelation.status, decorrelation.reason)
-    # Without the integer parts nothing is lost when the fractions are combined.
+    # Integer parts are taken off first, so that combining the fractions loses no digits.
     nearest = np.rint(ambiguities)
     center = decorrelation.transformation.T @ (ambiguities - nearest)
     solution = search_decorrelated(
@@ -323,8 +301,8 @@ def search(
     )
     if solution.status is not IntegerStatus.OK:
         return solution
-    back = solution.candidates @ decorrelation.inverse_transposed.T
-    integers = back + nearest.astype(np.int64)
+    fractions = solution.candidates @ decorrelation.inverse_transposed.T
+    integers = fractions + nearest.astype(np.int64)
     order = _order_of_ties(solution.squared_norms, integers)
     return IntegerSolution(
         candidates=integers[order],
@@ -338,7 +316,7 @@ def search(
 
 
 def compile_kernels() -> float:
-    """Compile what `search` needs, or load it from the cache, and return the seconds it took.
+    """Compile the kernels of `search`, or load them from the cache; return the time taken, s.
 
     The first search does this too; a node calls it before the first epoch is due.
     """

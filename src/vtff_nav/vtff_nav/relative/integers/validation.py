@@ -1,4 +1,4 @@
-"""Which integers may be believed: ratio test with a fixed failure rate, partial resolution.
+"""Acceptance of integers: ratio test with a fixed failure rate, partial resolution.
 
 References
 ----------
@@ -34,14 +34,14 @@ __all__ = ["FixStatus", "PartialFix", "partial_fix", "ratio_threshold"]
 IntegerArray = npt.NDArray[np.int64]
 
 _LARGEST_FAILURE_RATE = 0.2
-"""Up to it the published critical values hold; a worse model is never fixed."""
+"""The published critical values hold up to this rate; a worse model is never fixed."""
 
 _NODE_LIMIT = 1_000_000
-"""About 20 ms of search; what needs more is not going to pass a test."""
+"""About 20 ms of search; ambiguities that need more nodes do not pass a test."""
 
 
 class FixStatus(enum.Enum):
-    """What became of the ambiguities."""
+    """Outcome of an attempt to fix ambiguities."""
 
     FIXED = "all fixed"
     PARTIAL = "some fixed"
@@ -53,29 +53,29 @@ class FixStatus(enum.Enum):
 
 @dataclass(frozen=True, eq=False)
 class PartialFix:
-    """Integer combinations of the ambiguities that passed the tests, and what follows from them.
+    """Integer combinations that passed the tests, and the ambiguities given these integers.
 
     Parameters
     ----------
     status : FixStatus
         k = n with FIXED, 0 < k < n with PARTIAL, otherwise k = 0.
     reason : str
-        For people; empty with FIXED.
+        Sentence for people; empty with FIXED.
     transformation : ndarray of int64, shape (n, k)
         ``transformation.T @ ambiguities == integers``: constraints for a filter.
     integers : ndarray of int64, shape (k,)
     ambiguities : ndarray, shape (n,)
         Float ambiguities given the integers, cycles; whole numbers where `determined`.
     covariance : ndarray, shape (n, n)
-        Of `ambiguities`, cycles^2; zero where `determined`.
+        Covariance of `ambiguities`, cycles^2; zero where `determined`.
     determined : ndarray of bool, shape (n,)
-        Ambiguities that the integers determine one by one.
+        Whether the integers determine an ambiguity by itself.
     success_rate : float
-        Bootstrapped, of what is fixed, or of all ambiguities if nothing is.
+        Bootstrapped success rate of the combinations fixed, or of all ambiguities if none is.
     ratio, ratio_threshold : float
-        Of the last test made; NaN without one.
+        Ratio and threshold of the last test; NaN if there was none.
     squared_norm : float
-        Of the integers fixed: chi-square with k degrees of freedom if they are right.
+        Squared norm of the integers: chi-square with k degrees of freedom if they are right.
     """
 
     status: FixStatus
@@ -116,8 +116,8 @@ def ratio_threshold(
     Hou, Verhagen and Wu (2016): coefficients of `failure_rate_table`.
     """
     if failure_rate not in FAILURE_RATES:
-        known = " or ".join(str(rate) for rate in FAILURE_RATES)
-        raise ValueError(f"failure_rate: {known} expected, got {failure_rate}")
+        rates = " or ".join(str(rate) for rate in FAILURE_RATES)
+        raise ValueError(f"failure_rate: {rates} expected, got {failure_rate}")
     if ambiguities < 1:
         raise ValueError(f"ambiguities: at least 1 expected, got {ambiguities}")
     if failure_rate_least_squares < failure_rate:
@@ -143,9 +143,9 @@ def partial_fix(
 ) -> PartialFix:
     """Fix all ambiguities that can be fixed reliably.
 
-    First all of them, by integer least squares with the ratio test; if that is refused, the
-    largest set of the most precise decorrelated ambiguities whose success rate suffices, with the
-    same tests.
+    The first attempt is to fix all of them by integer least squares with the ratio test. If that is
+    refused, the largest set of the most precise decorrelated ambiguities whose success rate
+    suffices is fixed, with the same tests.
 
     Parameters
     ----------
@@ -154,19 +154,19 @@ def partial_fix(
     covariance : array_like, shape (n, n)
         cycles^2.
     success_rate : float
-        Bootstrapped success rate that a part must have.
+        Smallest bootstrapped success rate of a subset.
     failure_rate : float
-        Of the ratio test, for each of the two attempts; see `ratio_threshold`.
+        Failure rate of the ratio test, for each of the two attempts; see `ratio_threshold`.
     residual_probability : float
-        Integers whose squared norm is exceeded by chance with less than this are refused: then
-        the covariance or the measurements are wrong, and no test based on them means anything.
+        Integers are refused if their squared norm would be exceeded by chance with a smaller
+        probability: the covariance or the measurements are wrong then, and the tests are void.
     minimum_ratio : float
-        Ratio to ask for in any case, against models that promise too much.
+        Smallest ratio that is accepted in any case, against models that are too optimistic.
 
     Raises
     ------
     ValueError
-        If shapes or parameters do not fit. Bad numbers make `FixStatus.BAD_INPUT`.
+        If shapes or parameters do not fit. Bad numbers give `FixStatus.BAD_INPUT` instead.
     """
     ambiguities = np.asarray(float_ambiguities, dtype=float)
     matrix = np.asarray(covariance, dtype=float)
@@ -188,16 +188,16 @@ def partial_fix(
     rate_of_all = decorrelation.success_rate
     attempt = _Attempt(FixStatus.WEAK, f"success rate {rate_of_all:.4f}", None, np.nan)
     refused = ""
-    for all_of_them in (True, False):
-        first = 0 if all_of_them else _first_of_part(decorrelation, success_rate)
-        if not all_of_them and first in (0, n):
+    for is_subset in (False, True):
+        first = _first_of_subset(decorrelation, success_rate) if is_subset else 0
+        if is_subset and first in (0, n):
             break
-        attempt = _attempt(
+        attempt = _test_integers(
             decorrelation, center, first, failure_rate, residual_probability, minimum_ratio
         )
         if attempt.status is FixStatus.FIXED:
             assert attempt.solution is not None
-            return _conditioned(decorrelation, center, nearest, first, attempt, refused)
+            return _condition_on_integers(decorrelation, center, nearest, first, attempt, refused)
         refused = attempt.reason
     return _float_solution(
         ambiguities, matrix, attempt.status, attempt.reason, rate_of_all, attempt
@@ -206,7 +206,7 @@ def partial_fix(
 
 @dataclass(frozen=True, eq=False)
 class _Attempt:
-    """Result of the tests of one set; `status` FIXED says that it passed."""
+    """Result of the tests of a set of ambiguities; the status is FIXED if it passed."""
 
     status: FixStatus
     reason: str
@@ -214,14 +214,14 @@ class _Attempt:
     threshold: float
 
 
-def _first_of_part(decorrelation: Decorrelation, success_rate: float) -> int:
-    """Return where the largest trailing part with the success rate begins; n if there is none."""
+def _first_of_subset(decorrelation: Decorrelation, success_rate: float) -> int:
+    """Return the first index of the largest trailing subset with a success rate; n without."""
     rates = component_success_rates(decorrelation.conditional_variances)
     sufficient = np.multiply.accumulate(rates[::-1]) >= success_rate
     return len(rates) - int(np.count_nonzero(sufficient))
 
 
-def _attempt(
+def _test_integers(
     decorrelation: Decorrelation,
     center: FloatArray,
     first: int,
@@ -229,13 +229,13 @@ def _attempt(
     residual_probability: float,
     minimum_ratio: float,
 ) -> _Attempt:
-    """Search and test the decorrelated ambiguities from `first` on."""
+    """Search the integers of the decorrelated ambiguities from `first` on, and test them."""
     variances = decorrelation.conditional_variances[first:]
     fixed = len(variances)
-    failure_rate_here = 1.0 - bootstrapped_success_rate(variances)
-    threshold = max(minimum_ratio, ratio_threshold(failure_rate_here, fixed, failure_rate))
+    failure_rate_untested = 1.0 - bootstrapped_success_rate(variances)
+    threshold = max(minimum_ratio, ratio_threshold(failure_rate_untested, fixed, failure_rate))
     if not np.isfinite(threshold):
-        reason = f"success rate {1.0 - failure_rate_here:.4f} of {fixed}"
+        reason = f"success rate {1.0 - failure_rate_untested:.4f} of {fixed}"
         return _Attempt(FixStatus.WEAK, reason, None, threshold)
     solution = search_decorrelated(
         center[first:],
@@ -255,7 +255,7 @@ def _attempt(
     return _Attempt(FixStatus.FIXED, "", solution, threshold)
 
 
-def _conditioned(
+def _condition_on_integers(
     decorrelation: Decorrelation,
     center: FloatArray,
     nearest: FloatArray,
@@ -263,7 +263,7 @@ def _conditioned(
     attempt: _Attempt,
     refused: str,
 ) -> PartialFix:
-    """Return the ambiguities given that those from `first` on are integers.
+    """Return the ambiguities given the integers of the decorrelated ones from `first` on.
 
     With Q_z = L^T D L and the fixed ones last, Q_11|2 = L_11^T D_1 L_11 and the gain is
     L_21^T L_22^-T.
@@ -275,7 +275,7 @@ def _conditioned(
     lower, back = decorrelation.lower, decorrelation.inverse_transposed
     shift = np.linalg.solve(lower[first:, first:].T, integers - center[first:])
     free = center[:first] + lower[first:, :first].T @ shift
-    # Integers stay integers: whole and broken parts are transformed apart.
+    # Whole and fractional parts are transformed apart, so that integers stay exact.
     whole = nearest.astype(np.int64) + back[:, first:] @ integers
     spread = back[:, :first] @ lower[:first, :first].T
     transformation = decorrelation.transformation[:, first:]
