@@ -48,5 +48,5 @@ def test_a_complete_flight_is_not_flown_again(study, tmp_path):
         "study", "radial_offset", "--offset", 3000, "--runs", study / "runs", "--out", again
     )
     assert outcome.returncode == 0, outcome.stdout + outcome.stderr
-    assert "flown already" in outcome.stdout
+    assert "1 of 1 cases are finished already" in outcome.stdout
     assert rows_of(again)["flown", 3000.0] == rows_of(study)["flown", 3000.0]

@@ -12,7 +12,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    package_data={package_name: ["py.typed", "report/report.css", "view/web/**"]},
+    package_data={package_name: ["py.typed", "report/report.css", "studies/*.j2", "view/web/**"]},
     install_requires=["setuptools"],
     zip_safe=True,
     maintainer="vtff developers",

@@ -20,6 +20,7 @@ setup(
             for folder in (
                 "config/system",
                 "config/scenario",
+                "config/campaign",
                 "config/params",
                 "config/dds",
                 "config/can",

@@ -21,6 +21,7 @@ def make_app() -> typer.Typer:
     from vtff_bringup.commands import (
         bag,
         baseline,
+        campaign,
         compare,
         export,
         replay,
@@ -48,6 +49,7 @@ def make_app() -> typer.Typer:
     app.command("export", no_args_is_help=True)(export.export)
     app.command("view", no_args_is_help=True)(view.view)
     app.command("baseline", no_args_is_help=True)(baseline.baseline)
+    app.command("campaign", no_args_is_help=True)(campaign.campaign)
     app.command("tec", no_args_is_help=True)(tec.tec)
     app.add_typer(bag.app, name="bag")
     app.add_typer(study.app, name="study")

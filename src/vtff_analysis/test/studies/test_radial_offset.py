@@ -6,17 +6,13 @@ import csv
 import math
 import pathlib
 
-import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
-from full_run_samples import START, BagOfMessages  # noqa: E402
 from rich.console import Console  # noqa: E402
-from typer.testing import CliRunner  # noqa: E402
 
-from vtff_analysis.studies.offset_flights import complete_flight, write_offset_scenario  # noqa: E402
 from vtff_analysis.studies.radial_offset import OFFSETS, flown_offset, run_offsets  # noqa: E402
 from vtff_analysis.studies.radial_offset_output import (  # noqa: E402
     results_table,
@@ -25,16 +21,10 @@ from vtff_analysis.studies.radial_offset_output import (  # noqa: E402
     write_spectra_plot,
 )
 from vtff_bag.file.errors import BagReadError  # noqa: E402
-from vtff_bag.run.description import RunDescription  # noqa: E402
-from vtff_bringup.commands.study import app  # noqa: E402
-from vtff_dynamics.frames.rtn import relative_state_rtn
-from vtff_msgs.msg import SimulatorStatus  # noqa: E402
 from vtff_sim_bridge.atmosphere.electron_density import read_profile  # noqa: E402
-from vtff_sim_bridge.truth.scenario import load_scenario  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 TABLE = ROOT / "config" / "ionosphere" / "plumex.csv"
-SCENARIO = ROOT / "config" / "scenario" / "plumex.yaml"
 SAMPLE = ROOT / "bags" / "sample"
 
 
@@ -71,42 +61,9 @@ def test_the_best_offsets_are_those_of_the_paper(results):
     assert {result.offset for result in best} == {1000.0, 3000.0}
 
 
-@pytest.mark.parametrize("offset", OFFSETS)
-def test_the_deputy_starts_on_its_offset(offset, tmp_path):
-    file = write_offset_scenario(SCENARIO, offset, 7, tmp_path / "offset.yaml")
-    scenario, base = load_scenario(file), load_scenario(SCENARIO)
-    deputy = scenario.deputies[0]
-    start = relative_state_rtn(scenario.chief.state_gcrf, deputy.state_gcrf)
-    assert start[:3] == pytest.approx([-offset, -15e3, 0.0], abs=1e-6)
-    assert start[3:] == pytest.approx(np.zeros(3), abs=1e-9)
-    assert deputy.target_rtn == pytest.approx([-offset, -15e3, 0.0, 0.0, 0.0, 0.0], abs=1e-12)
-    assert scenario.seed == 7
-    assert (scenario.epoch, scenario.duration) == (base.epoch, base.duration)
-    assert scenario.chief.state_gcrf == pytest.approx(base.chief.state_gcrf, abs=0.0)
-
-
-def test_a_run_that_is_not_of_the_study_is_refused(tmp_path):
+def test_a_run_that_is_not_of_the_study_is_refused():
     with pytest.raises(BagReadError, match="/formation/electron_density"):
         flown_offset(SAMPLE, 1000.0)
-    (tmp_path / "offset_1000m").symlink_to(SAMPLE, target_is_directory=True)
-    (tmp_path / "offset_1000m_2").mkdir()
-    assert complete_flight(tmp_path, 1000.0, 1) is None
-
-
-@pytest.mark.parametrize("ended", [True, False])
-def test_only_a_complete_flight_of_the_same_offset_and_seed_counts(ended, tmp_path):
-    scenario = write_offset_scenario(SCENARIO, 3000.0, 7, tmp_path / "offset.yaml")
-    described = RunDescription(scenario_text=scenario.read_text())
-    folder = tmp_path / "offset_3000m_2"
-    bag = BagOfMessages(folder / "bag", described.as_custom_data())
-    for state in (SimulatorStatus.STATE_RUNNING, SimulatorStatus.STATE_ENDED)[: 1 + ended]:
-        bag.add("/sim/status", START + state, SimulatorStatus(state=state))
-    bag.writer.close()
-    assert complete_flight(tmp_path, 3000.0, 7) == (folder if ended else None)
-    assert complete_flight(tmp_path, 3000.0, 8) is None
-    # A folder may have been renamed.
-    folder.rename(tmp_path / "offset_1000m")
-    assert complete_flight(tmp_path, 1000.0, 7) is None
 
 
 def test_table_and_plots(results, tmp_path):
@@ -120,18 +77,3 @@ def test_table_and_plots(results, tmp_path):
     for write, name in ((write_profiles_plot, "profiles.png"), (write_spectra_plot, "spectra.png")):
         write(results, tmp_path / name)
         assert (tmp_path / name).stat().st_size > 10_000
-
-
-def test_command_with_the_model_alone(tmp_path):
-    arguments = ["radial_offset", "--model", "--offset", "3000", "--out", str(tmp_path / "study")]
-    outcome = CliRunner().invoke(app, arguments)
-    assert outcome.exit_code == 0, outcome.output
-    names = {path.name for path in (tmp_path / "study").iterdir()}
-    assert names == {"radial_offset.csv", "profiles_model.png", "spectra_model.png"}
-
-
-def test_command_refuses_an_offset_above_the_chief(tmp_path):
-    arguments = ["radial_offset", "--offset", "-3", "--out", str(tmp_path / "study")]
-    outcome = CliRunner().invoke(app, arguments)
-    assert outcome.exit_code == 2
-    assert "--offset" in outcome.output

@@ -6,19 +6,24 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
+from vtff_analysis.studies.closed_loop import simulate_closed_loop
+from vtff_analysis.studies.closed_loop_summary import summarise_closed_loop
 from vtff_analysis.studies.thrust_cap import (
     ThrustCapFindings,
     ThrustCapPoint,
-    default_caps,
     find_landmarks,
-    run_thrust_cap_study,
+    thrust_cap_point,
     write_csv,
     write_plot,
 )
+from vtff_control.tracking.sdre import SdreDesign
 from vtff_sim_bridge.truth.scenario import load_scenario
 
-REFERENCE = Path(__file__).resolve().parents[4] / "config" / "scenario" / "reference.yaml"
+CONFIGURATION = Path(__file__).resolve().parents[4] / "config"
+REFERENCE = CONFIGURATION / "scenario" / "reference.yaml"
+CAMPAIGN = CONFIGURATION / "campaign" / "thrust_cap.yaml"
 CAPS = (
     *(0.01, 0.018, 0.019, 0.02, 0.021, 0.1, 1.0, 1.15, 1.175, 1.2, 1.3),
     *(1.35, 1.4, 1.42, 1.44, 1.46, 1.6, 1.9, 1.95, 2.0, 10.0),
@@ -27,7 +32,14 @@ CAPS = (
 
 @pytest.fixture(scope="module")
 def points() -> list[ThrustCapPoint]:
-    return run_thrust_cap_study(load_scenario(REFERENCE), CAPS)
+    scenario = load_scenario(REFERENCE)
+    return [
+        thrust_cap_point(
+            cap,
+            summarise_closed_loop(simulate_closed_loop(scenario, SdreDesign(acceleration_cap=cap))),
+        )
+        for cap in CAPS
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -57,19 +69,18 @@ def test_large_caps(findings: ThrustCapFindings) -> None:
     assert findings.asymptotic_delta_v == pytest.approx(97.2, abs=0.5)
 
 
-def test_default_caps_cover_the_paper_s_range_and_landmarks() -> None:
-    caps = default_caps()
+def test_the_campaign_s_caps_cover_the_paper_s_range_and_landmarks() -> None:
+    campaign = yaml.safe_load(CAMPAIGN.read_text(encoding="utf-8"))
+    caps = campaign["vary"]["thrust_cap"]["values"]
     assert caps[0] == 0.01 and caps[-1] == 10.0 and np.all(np.diff(caps) > 0.0)
     assert {0.02, 1.2, 1.4, 1.95} <= set(caps)
 
 
-def test_progress_is_told_after_every_run() -> None:
-    scenario = dataclasses.replace(load_scenario(REFERENCE), duration=5.0)
-    calls: list[tuple[int, int, float]] = []
-    run_thrust_cap_study(
-        scenario, (0.1, 1.0), progress=lambda done, total, p: calls.append((done, total, p.cap))
-    )
-    assert calls == [(1, 2, 0.1), (2, 2, 1.0)]
+def test_a_run_without_a_number_is_named() -> None:
+    figures = {f"delta_v_total_{axis}_m_per_s": 1.0 for axis in ("radial", "in_track")}
+    figures |= {"delta_v_total_cross_track_m_per_s": None, "settling_time_s": 1.0}
+    with pytest.raises(ValueError, match="no delta_v_total_cross_track_m_per_s"):
+        thrust_cap_point(1.0, figures)
 
 
 def test_csv_holds_every_point(points: list[ThrustCapPoint], tmp_path: Path) -> None:

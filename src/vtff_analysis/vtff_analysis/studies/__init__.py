@@ -1,1 +1,1 @@
-"""Parameter studies on the in-process closed loop."""
+"""Studies on many runs: the closed loop without ROS, tables of cases, and two of the paper."""

@@ -2,9 +2,9 @@
 
 For each offset the density of a PLUMEX-like profile is retrieved twice: with the simplified model
 of the paper (75 dB of noise on the vertical TEC), and from the bag of a flight with receivers and
-navigation in the loop (`offset_flights`). What an offset resolves shows in the wavenumber spectra:
-below the departure scale the average over the offset hides structures, below the noise scale noise
-does.
+navigation in the loop (config/campaign/radial_offset.yaml). What an offset resolves shows in the
+wavenumber spectra: below the departure scale the average over the offset hides structures, below
+the noise scale noise does.
 """
 
 from __future__ import annotations

@@ -1,26 +1,23 @@
 """Sensitivity of formation acquisition to the thrust cap (Peng and others, appendix A, figure A2).
 
-Each point is one closed-loop run of the reference scenario with another cap on the commanded
-acceleration of every axis.
+Each point is one closed-loop run of the reference scenario with another cap on the acceleration of
+every axis: the campaign config/campaign/thrust_cap.yaml.
 """
 
 from __future__ import annotations
 
 import csv
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
-from vtff_control.tracking.sdre import SdreDesign
-from vtff_sim_bridge.truth.scenario import Scenario
+from vtff_analysis.recordings.history import AXES
 
 PAPER_SMALLEST_OPERABLE_CAP = 0.02
 """Cap in m/s2 below which the paper's formation is never reached (appendix A.1)."""
@@ -107,62 +104,36 @@ class ThrustCapFindings:
     asymptotic_delta_v: float
 
 
-def default_caps() -> npt.NDArray[np.float64]:
-    """Caps from 0.01 to 10 m/s2: logarithmic, and finer where the paper has landmarks."""
-    return np.unique(
-        np.round(
-            np.concatenate(
-                (
-                    np.geomspace(0.01, 10.0, 31),
-                    np.arange(0.016, 0.0241, 0.001),
-                    np.arange(1.10, 1.251, 0.025),
-                    np.arange(1.30, 1.501, 0.02),
-                    np.arange(1.85, 2.051, 0.025),
-                )
-            ),
-            5,
-        )
-    )
-
-
-def run_thrust_cap_study(
-    scenario: Scenario,
-    caps: Iterable[float] | None = None,
-    design: SdreDesign | None = None,
-    progress: Callable[[int, int, ThrustCapPoint], None] | None = None,
-) -> list[ThrustCapPoint]:
-    """Fly the scenario once with every cap.
+def thrust_cap_point(cap: float, figures: Mapping[str, float | None]) -> ThrustCapPoint:
+    """Return the point of a run.
 
     Parameters
     ----------
-    scenario
-        The reference scenario, or another with a controlled deputy.
-    caps
-        Caps in m/s2, by default `default_caps`.
-    design
-        Controller, of which the cap is replaced; by default the paper's.
-    progress
-        Called after every run with the number of runs done, their total, and the newest point.
-
-    Returns
-    -------
-    list of ThrustCapPoint
-        In the order of the caps.
+    cap
+        Thrust cap of the run in m/s2.
+    figures
+        Figures of the run by the names of docs/summary.md.
     """
-    design = design or SdreDesign(sample_time=scenario.step)
-    all_caps = [float(cap) for cap in (default_caps() if caps is None else caps)]
-    points: list[ThrustCapPoint] = []
-    for cap in all_caps:
-        result = simulate_closed_loop(scenario, dataclasses.replace(design, acceleration_cap=cap))
-        radial, in_track, cross_track = result.total_delta_v().tolist()
-        minimum, minimum_time = result.minimum_in_track()
-        settling_time = result.settling_time(tolerance=1.0)
-        points.append(
-            ThrustCapPoint(cap, radial, in_track, cross_track, minimum, minimum_time, settling_time)
-        )
-        if progress is not None:
-            progress(len(points), len(all_caps), points[-1])
-    return points
+    settling_time = figures["settling_time_s"]
+    radial, in_track, cross_track = (
+        _number(figures, f"delta_v_total_{axis}_m_per_s") for axis in AXES
+    )
+    return ThrustCapPoint(
+        cap=cap,
+        delta_v_radial=radial,
+        delta_v_in_track=in_track,
+        delta_v_cross_track=cross_track,
+        minimum_in_track=_number(figures, "minimum_in_track_m"),
+        minimum_in_track_time=_number(figures, "minimum_in_track_time_s"),
+        settling_time=float("inf") if settling_time is None else settling_time,
+    )
+
+
+def _number(figures: Mapping[str, float | None], name: str) -> float:
+    value = figures[name]
+    if value is None:
+        raise ValueError(f"thrust caps: a run has no {name}")
+    return value
 
 
 def find_landmarks(points: Sequence[ThrustCapPoint]) -> ThrustCapFindings:

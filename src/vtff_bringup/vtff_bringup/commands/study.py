@@ -2,26 +2,26 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
-from collections.abc import Sequence
-from typing import TYPE_CHECKING, Annotated, Optional
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
 from vtff_bag.file.errors import BagError
-from vtff_bag.run.description import write_arguments
-from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder
+from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder, remove_if_empty
+from vtff_bringup.commands.campaign import conclude_campaign, fly_campaign_visibly, stop
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.system.system_file import RunSettings, find_system_file, load_system
 from vtff_node.executables import ExecutableNotFoundError, share_file
 
 if TYPE_CHECKING:
     from vtff_analysis.studies.radial_offset import OffsetResult
-    from vtff_analysis.studies.thrust_cap import ThrustCapFindings, ThrustCapPoint
+    from vtff_analysis.studies.thrust_cap import ThrustCapFindings
+    from vtff_bringup.campaign.campaign import CampaignResult
 
 _LARGEST_OFFSET = 50e3  # m; farther down the deputy would be in the dense atmosphere
 
@@ -44,40 +44,37 @@ def thrust_cap(
         typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2)."""
+    """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2).
+
+    The caps are those of the campaign config/campaign/thrust_cap.yaml.
+    """
     # Imported here, because numpy and matplotlib take a while.
     from vtff_analysis.studies.thrust_cap import (
-        default_caps,
         find_landmarks,
-        run_thrust_cap_study,
+        thrust_cap_point,
         write_csv,
         write_plot,
     )
-    from vtff_sim_bridge.truth.scenario import ScenarioError, load_scenario
 
     console = Console(highlight=False)
+    fixed = {} if scenario is None else {"scenario": str(scenario.resolve())}
     try:
-        file = scenario or share_file("vtff_bringup", "config/scenario/reference.yaml")
-        flown = load_scenario(file)
         folder = output_folder(out, "thrust_cap", parent="studies")
-    except (ScenarioError, ExecutableNotFoundError, RunFolderError) as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}")
-        raise typer.Exit(EXIT_USAGE) from error
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("flying", total=len(default_caps()))
-
-        def show(done: int, total: int, point: ThrustCapPoint) -> None:
-            bar.update(task, completed=done, total=total, description=f"cap {point.cap:g} m/s2")
-
-        points = run_thrust_cap_study(flown, progress=show)
+    except RunFolderError as error:
+        stop(console, error, EXIT_USAGE)
+    result = _fly(console, "thrust_cap", {"fixed": fixed}, folder, f"--out {folder}")
+    points = [
+        thrust_cap_point(record["inputs"]["thrust_cap"], record["figures"])
+        for record in result.records
+    ]
     try:
         write_csv(points, folder / "thrust_cap.csv")
         write_plot(points, folder / "thrust_cap.png")
-    except OSError as error:
-        console.print(f"[red]error:[/red] {escape(str(error))}")
-        raise typer.Exit(EXIT_FAILURE) from error
-    console.print(_findings_table(find_landmarks(points)))
-    console.print(f"{len(points)} caps; plot and table: {folder}", markup=False)
+        landmarks = find_landmarks(points)
+    except (OSError, ValueError) as error:
+        stop(console, error, EXIT_FAILURE)
+    console.print(_findings_table(landmarks))
+    console.print(f"{len(points)} caps; plot and table: {folder}", markup=False, soft_wrap=True)
 
 
 @app.command("radial_offset")
@@ -92,7 +89,7 @@ def radial_offset(
     seed: Annotated[int, typer.Option(help="Seed of every random stream.", min=0)] = 1,
     runs: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the flights; complete ones there are not flown again."),
+        typer.Option(help="Folder of the flights; finished ones there are not flown again."),
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
@@ -102,13 +99,15 @@ def radial_offset(
     """Retrieve the PLUMEX-like density with offsets of 0.1 to 10 km (paper 000, section 4.4).
 
     Each offset is flown for an hour, receivers and navigation in the loop, as vtff run plumex does;
-    the deputy starts on its offset. That takes about 3 minutes each on two cores. Beside it stands
-    the paper's simplified model: 75 dB of noise on the vertical TEC.
+    the deputy starts on its offset: the campaign config/campaign/radial_offset.yaml. A flight takes
+    some minutes of a core. Beside it stands the paper's simplified model: 75 dB of noise on the
+    vertical TEC.
 
     Exit code: 0 complete, 1 a flight failed, 2 a file or an option is wrong, 130 interrupted by
     Ctrl-C: complete flights are kept, --runs goes on from there.
     """
     from vtff_analysis.studies.radial_offset import OFFSETS, OffsetError, flown_offset, run_offsets
+    from vtff_bringup.campaign.worker import COMPLETE
     from vtff_sim_bridge.atmosphere.electron_density import ProfileError, read_profile
 
     console = Console(highlight=False)
@@ -120,59 +119,80 @@ def radial_offset(
         folder = output_folder(out, "radial_offset", parent="studies")
         flights = None if model else chosen_folder(runs or folder / "runs", empty=False)
     except (ProfileError, OSError, ValueError, ExecutableNotFoundError) as error:
-        raise _stopped(console, error, EXIT_USAGE) from error
-    flown = [] if flights is None else _fly(console, flights, offsets, seed)
+        stop(console, error, EXIT_USAGE)
+    flown: list[tuple[float, pathlib.Path]] = []
+    if flights is not None:
+        result = _fly_offsets(console, flights, offsets, seed)
+        flown = [
+            (-record["inputs"]["radial_position"], flights / record["run_folder"])
+            for record in result.records
+            if record["status"] == COMPLETE
+        ]
     with Progress(console=console, transient=True) as bar:
         task = bar.add_task("retrieving", total=len(offsets) + len(flown))
         try:
             results = run_offsets(
                 profile, offsets, lambda done, _: bar.update(task, completed=done), seed
             )
-            for one, run in zip(offsets, flown, strict=False):
-                results.append(flown_offset(run, one))
+            for flown_at, run in flown:
+                results.append(flown_offset(run, flown_at))
                 bar.advance(task)
         except (OffsetError, BagError, OSError) as error:
-            raise _stopped(console, error, EXIT_FAILURE) from error
+            stop(console, error, EXIT_FAILURE)
     _write_offsets(console, results, folder)
 
 
-def _fly(
-    console: Console, runs: pathlib.Path, offsets: Sequence[float], seed: int
-) -> list[pathlib.Path]:
-    """Return the run folder of each offset; those that are not there are flown."""
-    from vtff_analysis.studies.offset_flights import (
-        SYSTEM,
-        complete_flight,
-        flight_folder,
-        write_offset_scenario,
+def _fly_offsets(
+    console: Console, flights: pathlib.Path, offsets: Sequence[float], seed: int
+) -> CampaignResult:
+    """Fly the offsets that are not finished in the folder of the flights."""
+    from vtff_bringup.campaign.campaign_file import (
+        CampaignError,
+        find_campaign_file,
+        load_campaign,
     )
-    from vtff_bringup.commands.run import conclude_run, run_system
 
-    found = []
-    for number, offset in enumerate(offsets, 1):
-        folder = complete_flight(runs, offset, seed)
-        if folder is not None:
-            console.print(f"{offset:g} m: flown already, {folder}", markup=False, soft_wrap=True)
-            found.append(folder)
-            continue
-        console.print(f"[bold]{offset:g} m[/bold], flight {number} of {len(offsets)}")
-        try:
-            folder = flight_folder(runs, offset)
-            base = share_file("vtff_bringup", f"config/scenario/{SYSTEM}.yaml")
-            scenario = write_offset_scenario(base, offset, seed, runs / f"{folder.name}.yaml")
-            settings = RunSettings(run_directory=folder, seed=seed)
-            system = load_system(find_system_file(SYSTEM), [f"scenario:={scenario}"], settings)
-            write_arguments(folder, {"system": system.name, **system.arguments})
-            result = run_system(console, system, settings, composed=True, verbose=False)
-        except (ExecutableNotFoundError, OSError, ValueError) as error:
-            raise _stopped(console, error, EXIT_USAGE) from error
-        exit_code, _ = conclude_run(console, folder, result)
-        if exit_code:
-            again = f"complete flights are kept; go on with --runs {runs}"
-            console.print(again, markup=False, soft_wrap=True)
-            raise typer.Exit(exit_code)
-        found.append(folder)
-    return found
+    try:
+        (variable,) = load_campaign(find_campaign_file("radial_offset")).variables
+    except CampaignError as error:
+        stop(console, error, EXIT_USAGE)
+    entry = {
+        "sets": list(variable.keys),
+        "unit": variable.unit,
+        "values": [-offset for offset in offsets],
+    }
+    chosen = {"seeds": [seed], "vary": {variable.name: entry}}
+    return _fly(console, "radial_offset", chosen, flights, f"--runs {flights}")
+
+
+def _fly(
+    console: Console,
+    name: str,
+    overrides: Mapping[str, Any],
+    folder: pathlib.Path,
+    option: str,
+) -> CampaignResult:
+    """Fly the campaign of a study in a folder; ends the command where a case failed."""
+    from vtff_bringup.campaign.campaign import Execution, prepare_campaign
+    from vtff_bringup.campaign.campaign_file import (
+        CampaignError,
+        find_campaign_file,
+        load_campaign,
+    )
+
+    try:
+        campaign = load_campaign(find_campaign_file(name), overrides)
+        prepared = prepare_campaign(campaign, folder, "bags")
+    except CampaignError as error:
+        remove_if_empty(folder)
+        stop(console, error, EXIT_USAGE)
+    execution = Execution(os.cpu_count() or 1, resume=True)
+    again = f"vtff study {name} {option}"
+    result = fly_campaign_visibly(console, prepared, execution, again)
+    if not result.holds:
+        conclude_campaign(console, prepared, result)
+        raise typer.Exit(EXIT_FAILURE)
+    return result
 
 
 def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pathlib.Path) -> None:
@@ -191,18 +211,13 @@ def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pa
             write_profiles_plot(mine, folder / f"profiles_{source}.png")
             write_spectra_plot(mine, folder / f"spectra_{source}.png")
     except OSError as error:
-        raise _stopped(console, error, EXIT_FAILURE) from error
+        stop(console, error, EXIT_FAILURE)
     console.print(results_table(results))
     console.print(
         "mean error: of single samples, against the truth averaged over the separation. departs: "
         "squared spectrum ratio below -3.9 dB. resolved: neither averaged away nor in the noise."
     )
     console.print(f"plots and table: {folder}", markup=False, soft_wrap=True)
-
-
-def _stopped(console: Console, error: Exception, exit_code: int) -> typer.Exit:
-    console.print(f"[red]error:[/red] {escape(str(error))}", soft_wrap=True)
-    return typer.Exit(exit_code)
 
 
 def _findings_table(found: ThrustCapFindings) -> Table:

@@ -1,0 +1,56 @@
+"""The studies of the paper as commands: campaigns with plots and tables."""
+
+from __future__ import annotations
+
+import csv
+
+import pytest
+from campaign_samples import ROOT
+from typer.testing import CliRunner
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+
+from vtff_bringup.commands.study import app  # noqa: E402
+
+
+def test_radial_offset_with_the_model_alone(tmp_path):
+    arguments = ["radial_offset", "--model", "--offset", "3000", "--out", str(tmp_path / "study")]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 0, outcome.output
+    names = {path.name for path in (tmp_path / "study").iterdir()}
+    assert names == {"radial_offset.csv", "profiles_model.png", "spectra_model.png"}
+
+
+def test_radial_offset_refuses_an_offset_above_the_chief(tmp_path):
+    arguments = ["radial_offset", "--offset", "-3", "--out", str(tmp_path / "study")]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 2
+    assert "--offset" in outcome.output
+
+
+def test_a_scenario_that_cannot_be_flown_is_named_and_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    scenario = tmp_path / "bad.yaml"
+    scenario.write_text("name: bad\n")
+    out = tmp_path / "study"
+    arguments = ["thrust_cap", "--scenario", str(scenario), "--out", str(out)]
+    outcome = CliRunner().invoke(app, arguments)
+    assert outcome.exit_code == 2
+    assert outcome.output.startswith("error: ") and "spacecraft" in outcome.output
+    assert not out.exists()
+
+
+@pytest.mark.slow
+def test_thrust_cap_finds_the_landmarks_of_the_paper(tmp_path, monkeypatch):
+    monkeypatch.chdir(ROOT)
+    out = tmp_path / "study"
+    outcome = CliRunner().invoke(app, ["thrust_cap", "--out", str(out)])
+    assert outcome.exit_code == 0, outcome.output
+    assert "69.03" in outcome.output and "75.41" in outcome.output
+    with (out / "thrust_cap.csv").open() as stream:
+        rows = {float(row["cap_m_per_s2"]): row for row in csv.DictReader(stream)}
+    assert len(rows) == 67
+    assert float(rows[1.95]["minimum_in_track_m"]) == pytest.approx(69.03, abs=0.01)
+    assert (out / "thrust_cap.png").is_file()
+    again = CliRunner().invoke(app, ["thrust_cap", "--out", str(out)])
+    assert "67 of 67 cases are finished already" in again.output
