@@ -6,7 +6,7 @@ from orbit_simulation import BIAS, PER_NS, PROFILES, samples, seen
 
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_iono.bias.bias_samples import BiasSamples
-from vtff_iono.bias.profile_bias import profile_biases
+from vtff_iono.bias.profile_bias import knot_weights, profile_biases
 from vtff_iono.bias.receiver_bias import estimate_receiver_biases
 from vtff_iono.geometry.mapping import pierce_point
 
@@ -128,3 +128,19 @@ def test_arcs_are_required():
     without = BiasSamples(**{**vars(noisy(rows, 0)), "arc": None})
     with pytest.raises(ValueError, match="arcs are required"):
         profile_biases(without, altitude_of(rows))
+
+
+@pytest.mark.parametrize(
+    ("duration", "knots"),
+    [(0.0, 2), (300.0, 2), (301.0, 3), (3600.0, 13), (10500.0, 36), (3e4, 36)],
+)
+def test_weights_of_knots(duration, knots):
+    """Linear in between: a knot is recovered, weights are positive and their sum is 1."""
+    time = 50.0 + np.linspace(0.0, duration, 241)
+    weights = knot_weights(time)
+    assert weights.shape == (241, knots)
+    assert weights.sum(axis=1) == pytest.approx(1.0)
+    assert weights.min() >= 0.0
+    if duration > 0.0:
+        assert weights @ np.linspace(0.0, duration, knots) == pytest.approx(time - 50.0)
+        assert (np.count_nonzero(weights > 1e-9, axis=1) <= 2).all()

@@ -150,3 +150,17 @@ def test_certain_rates_are_too_few_to_judge_by():
     assert rows.break_reason[5] == ArcBreak.GEOMETRY_FREE
     found = windows(rows, 30.0, 300.0)
     assert sum(int(window.rates.sum()) for window in found) == 7
+
+
+def test_a_block_without_rows_changes_nothing():
+    """Also the shortest interval of epochs, which is found between blocks of one row."""
+    seconds = -(START // 10**9) % 60 + np.arange(30.0)
+    time, columns = observations(seconds, np.full((30, 1), 20.0))
+    processor, monitor, found = SlantTecProcessor(), RateOfTecMonitor(1.0, 60.0), []
+    for number, part in enumerate(pieces(time, columns, np.full(len(time), 1.0), 1)):
+        if number % 5 == 0:
+            nothing = {name: column[:0] for name, column in columns.items()}
+            found += monitor.update(processor.update(time[:0], nothing, np.zeros(0)))
+        found += monitor.update(processor.update(*part))
+    (window,) = [*found, *monitor.flush()]
+    assert window.rates.tolist() == [29]

@@ -397,3 +397,65 @@ def test_numbers_of_arcs_and_links_make_one_key():
     assert len(set(keys.tolist())) == 5
     assert keys.tolist() == sorted(keys.tolist())
     assert arc_keys(np.array([-1]), np.array([0]))[0] < 0
+
+
+def geometry_free_limits(content, interval):
+    """Return prediction and limit of a sample after a series, by the formulas of the module."""
+    value = rate = scatter = 0.0
+    for count, sample in enumerate(content):
+        if count == 0:
+            value = sample
+            continue
+        innovation = sample - value - rate * interval
+        if count == 1:
+            value, rate = sample, innovation / interval
+            continue
+        gain_value = max(0.5, (4 * count + 2) / ((count + 1) * (count + 2)))
+        gain_rate = max(0.2, 6 / ((count + 1) * (count + 2)))
+        value += rate * interval + gain_value * innovation
+        rate += gain_rate * innovation / interval
+        if count >= 4:
+            scatter += max(1 / 30, 1 / (count - 3)) * (innovation**2 - scatter)
+    limit = max(0.15 + 0.03 * interval, 5.5 * np.sqrt(scatter))
+    return value + rate * interval, min(limit, 0.18 + 0.25 * interval)
+
+
+@pytest.mark.parametrize("count", [5, 6, 9, 14, 25, 33, 34, 50, 120])
+def test_the_limit_of_noisy_contents(count):
+    """Scatter of all innovations at first, then of about thirty."""
+    noise = np.random.default_rng(count).normal(0.0, 0.35, count)
+    prediction, limit = geometry_free_limits(noise, 30.0)
+    for factor, reason in ((0.999, ArcBreak.NONE), (1.001, ArcBreak.GEOMETRY_FREE)):
+        for sign in (1.0, -1.0):
+            content = np.append(noise, prediction + sign * factor * limit)
+            found = reasons_of(30.0, content)
+            assert not found[1:-1].any()
+            assert found[-1] == reason
+
+
+def wide_lane_limits(wide_lane, interval):
+    """Return mean and limit of a sample after a series whose interval exceeds the average."""
+    mean = spread = 0.0
+    for count, sample in enumerate(wide_lane):
+        if count == 0:
+            mean = sample
+            continue
+        deviation = sample - mean
+        gain = max(1 / (count + 1), min(1.0, interval / 1800.0))
+        mean += gain * deviation
+        spread += gain * (deviation**2 - spread)
+    return mean, max(0.6, 5.0 * np.sqrt(spread))
+
+
+@pytest.mark.parametrize("count", [20, 40, 59, 60, 100, 300])
+def test_the_limit_of_a_noisy_wide_lane(count):
+    """Mean and spread of all samples at first, then of half an hour."""
+    wide_lane = 7.0 + np.random.default_rng(count).normal(0.0, 0.3, count)
+    wide_lane[count // 2 :] += 0.5
+    mean, limit = wide_lane_limits(wide_lane, 30.0)
+    assert limit > 0.6
+    for factor, reason in ((0.999, ArcBreak.NONE), (1.001, ArcBreak.WIDE_LANE)):
+        changed = np.append(wide_lane, mean + factor * limit)
+        found = reasons_of(30.0, np.zeros(count + 1), changed)
+        assert not found[1:-1].any()
+        assert found[-1] == reason

@@ -50,7 +50,7 @@ from vtff_iono.bias.bias_samples import BiasSamples
 from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solve_profile
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
-__all__ = ["ProfileBiases", "profile_biases"]
+__all__ = ["ProfileBiases", "knot_weights", "profile_biases"]
 
 IntArray = npt.NDArray[np.integer]
 
@@ -196,7 +196,7 @@ class _Problem:
         self._paths = shell_paths(
             samples.position_receiver_itrf, samples.direction_itrf, altitude, self.edges
         )
-        self._hats = _hats(samples.time)
+        self._knot_weights = knot_weights(samples.time)
         self._pierce_offset = _pierce_offsets(samples, altitude)
         arc = np.unique(samples.arc, return_inverse=True)[1]
         stated = np.zeros(len(self.stec))
@@ -211,7 +211,7 @@ class _Problem:
         if samples.link is not None:
             numbers.append(np.unique(samples.link, return_inverse=True)[1])
         self._indicators = _indicator_columns(numbers)
-        knots = self._hats.shape[1]
+        knots = self._knot_weights.shape[1]
         self.scales, self.gradients = slice(0, knots), slice(knots, 3 * knots)
         self.groups = slice(3 * knots, 3 * knots + int(samples.group.max()) + 1)
         self.levels = slice(self.groups.stop, self.groups.stop + len(self._level_variance))
@@ -307,7 +307,7 @@ class _Problem:
     def _gradient_columns(self, solution: ProfileSolution) -> FloatArray:
         """Return the columns of scale and gradients for the contents of a solution."""
         content = self._paths @ np.exp(solution.log_density)
-        scale = content[:, np.newaxis] * self._hats
+        scale = content[:, np.newaxis] * self._knot_weights
         east, north = self._pierce_offset[:, :1], self._pierce_offset[:, 1:]
         return np.hstack((scale, scale * east, scale * north))
 
@@ -324,8 +324,12 @@ def _indicator_columns(numbers: list[IntArray]) -> sparse.csr_matrix:
     return sparse.csr_matrix((ones, (rows, np.concatenate(columns))), shape=(count, width))
 
 
-def _hats(time: FloatArray) -> FloatArray:
-    """Return the weights of evenly spaced knots, linear in between, shape (n, knots)."""
+def knot_weights(time: FloatArray) -> FloatArray:
+    """Return the weights of evenly spaced knots at times, linear in between, shape (n, knots).
+
+    The first and the last knot are at the first and the last time (s); between them is a knot each
+    300 s or less, up to 36 knots.
+    """
     span = max(float(np.ptp(time)), 1.0)
     intervals = min(math.ceil(span / _KNOT_INTERVAL), _MOST_KNOTS - 1)
     position = (time - time.min()) / span * intervals
