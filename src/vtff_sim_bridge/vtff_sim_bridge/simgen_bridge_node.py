@@ -25,6 +25,7 @@ from vtff_node.step_source import StepSource, StepSourceParameters
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
 from vtff_sim_bridge.simremote.client import SimRemoteClient, SimRemoteError
+from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 from vtff_sim_bridge.truth.scenario import Scenario, ScenarioError, load_scenario
 
 START_POLL = 0.05  # s
@@ -45,7 +46,7 @@ class SimgenBridgeParameters(StepSourceParameters):
         "scenario", "integrator of the truth", choices=("scenario", "rk4", "euler")
     )
     simgen_host: str = parameter("127.0.0.1", "address of SimGEN; empty runs without it")
-    simgen_port: int = parameter(15650, "TCP port of SimREMOTE", minimum=1, maximum=65535)
+    simgen_port: int = parameter(DEFAULT_PORT, "TCP port of SimREMOTE", minimum=1, maximum=65535)
     simgen_scenario: str = parameter(
         "", "SimGEN scenario file to select (SC), empty = <name of the scenario>.scn"
     )
