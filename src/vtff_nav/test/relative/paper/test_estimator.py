@@ -39,6 +39,7 @@ from vtff_nav.relative.paper.filter import (
     process_noise,
     state_jacobian,
 )
+from vtff_sim_bridge.gnss.faults import Fault
 
 NAVIGATION = "data/navigation"
 PAPER_RMS = np.array([0.49, 0.19, 0.18])  # m; table A1: what the closed loop kept
@@ -184,9 +185,9 @@ class Flight:
     baseline_itrf: np.ndarray
 
     @classmethod
-    def emulated(cls, seconds: int) -> Flight:
+    def emulated(cls, seconds: int, faults: Sequence[Fault] = ()) -> Flight:
         """Return a flight of the emulated receivers."""
-        scenario = simulate(seconds)
+        scenario = simulate(seconds, faults=faults)
         difference = scenario.deputy_gcrf - scenario.chief_gcrf
         times = [scenario.start + float(second) for second in range(seconds)]
         return cls(
@@ -352,6 +353,22 @@ def test_without_common_satellites_the_prediction_goes_on(flight, silent):
     back = {index: solutions[index] for index in range(163, 190)}
     assert all(s.solution == SOLUTION_FLOAT for s in back.values())
     assert np.abs(flight.errors_rtn(back)).max() < 0.02
+
+
+@pytest.mark.parametrize("jump", [1e-3, -1e-3])
+def test_times_of_reception_follow_the_clocks(jump):
+    """Clocks jump by 1 ms, in which the spacecraft fly 7.6 m, and are then steered back."""
+    faults = [
+        Fault("clock_jump", name, 90.0, seconds=sign * jump)
+        for name, sign in (("chief", 1.0), ("deputy", -1.0))
+    ]
+    flight = Flight.emulated(120, faults)
+    estimator = flight.estimator()
+    solutions = {index: flight.process(estimator, index) for index in range(120)}
+    after = {index: s for index, s in solutions.items() if index >= 90}
+    assert all(s.solution == SOLUTION_FLOAT for s in after.values())
+    assert max(abs(s.clock_difference) for s in after.values()) > 1.5 * abs(jump)
+    assert (np.sqrt(np.mean(flight.errors_rtn(after) ** 2, axis=0)) <= PAPER_RMS / 10.0).all()
 
 
 def test_long_outages_end_the_solution(flight):
