@@ -83,7 +83,7 @@ def test_arcs_that_break_every_minute_of_a_day_are_forgotten():
         stretches.forget_ended(stretch.number for stretch in current.values())
         resolver.keep_only(stretches.numbers())
         most = max(most, len(stretches))
-        most_unresolved = max(most_unresolved, resolver.unresolved_arcs)
+        most_unresolved = max(most_unresolved, len(resolver))
         if second % 60 == 0:
             newest = max(stretch.number for stretch in current.values())
             assert newest > number

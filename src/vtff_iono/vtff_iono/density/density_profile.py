@@ -71,7 +71,7 @@ def binned_profile(
     altitude, density, sigma : array_like, shape (n,)
         Samples in any order, m and electrons per cubic metre; NaN is left out.
     width : float
-        Of the bins, m; their edges are multiples of it.
+        Width of the bins, m; the edges of the bins are multiples of it.
     """
     altitude, density, sigma = (np.asarray(a, dtype=float) for a in (altitude, density, sigma))
     good = np.isfinite(altitude) & np.isfinite(density) & np.isfinite(sigma)
@@ -101,11 +101,11 @@ def deconvolved_profile(
     Parameters
     ----------
     altitude_low, altitude_high : array_like, shape (n,)
-        Between which each sample is an average, m.
+        Altitudes between which each sample is an average, m.
     density, sigma : array_like, shape (n,)
         Electrons per cubic metre; NaN is left out. Noise is taken as independent.
     spacing : float, optional
-        Of the result, m; a quarter of the median separation by default.
+        Spacing of the result, m; by default a quarter of the median separation.
 
     Raises
     ------
@@ -187,14 +187,15 @@ def wavenumber_spectrum(
     Parameters
     ----------
     altitude, density : array_like, shape (n,)
-        At even steps, m and electrons per cubic metre.
+        Profile at even steps, m and electrons per cubic metre.
 
     Returns
     -------
     wavenumber : ndarray, shape (n // 2,)
-        Without zero.
+        Wavenumbers without zero.
     transform : ndarray of complex
-        Of the profile less a straight line, under a Hann window; ``|N(k)|^2`` is the spectrum.
+        Transform of the profile less a straight line, under a Hann window; ``|N(k)|^2`` is the
+        spectrum.
 
     Raises
     ------
@@ -232,7 +233,7 @@ def departure_scale(
     wavenumber, measured, reference
         From `wavenumber_spectrum`, on one grid of altitudes.
     level_db : float
-        Squared ratio at which it departs, dB.
+        Squared ratio below which the spectrum departs, dB.
     bins_per_octave : int
     noise : float
         Mean |N(k)|^2 of the noise of `measured`, see `white_noise_spectrum`. Bins in which it alone
@@ -351,14 +352,15 @@ def model_profile(
         True profile at even steps, m and electrons per cubic metre; reaching to where the density
         has become small.
     separation : float
-        Of the two spacecraft, m.
+        Vertical separation of the two spacecraft, m.
     signal_to_noise_db : float
-        Of the vertical TEC over its noise.
+        Ratio of the vertical TEC to its noise.
     content_tecu : float
-        Vertical TEC that the ratio refers to: 30 TECU in the paper, which makes 0.0053 TECU.
+        Vertical TEC that the ratio refers to: 30 TECU in the paper, a noise of 0.0053 TECU.
     altitude_limits : tuple of float
-        m.
+        Lowest and highest altitude of the analysis, m.
     seed : int
+        Seed of the noise.
 
     References
     ----------

@@ -73,9 +73,8 @@ class IntegerResolver:
         # Mean wide lane and mean excess content of each arc without integers.
         self._unresolved: dict[Hashable, tuple[_WeightedMean, _WeightedMean]] = {}
 
-    @property
-    def unresolved_arcs(self) -> int:
-        """Number of arcs whose samples are kept because they have no integers yet."""
+    def __len__(self) -> int:
+        """Return the number of arcs whose samples are kept because they have no integers yet."""
         return len(self._unresolved)
 
     def reset(self) -> None:

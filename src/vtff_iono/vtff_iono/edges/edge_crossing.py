@@ -36,11 +36,12 @@ _LARGEST_LAG = 5.0
 # Second differences over this time show scintillation; a change of slope is short in them.
 _DIFFERENCE = 0.5
 _LEAST_CORRELATION = 0.5
-# Part of the window in which a satellite must be seen, and mean of noise that is formed of it.
+# Fraction of the window in which a satellite must have contents.
 _COVERAGE = 0.7
+# s; residuals are averaged over this time to find the density of their noise at low frequencies.
 _NOISE_INTERVAL = 1.0
-# Polynomial of each satellite in time, besides a constant of each arc: what lies above the layer,
-# and its mapping.
+# Degree of the polynomial in time that each satellite has besides a constant of each arc. It stands
+# for the content above the layer and its mapping.
 _DEGREE = 2
 _FITS = 3
 _SEARCH = 500.0
@@ -48,7 +49,8 @@ _SEARCH_STEP = 50.0
 # The fit has gone astray if it ends farther from where the density has shown the edge.
 _FARTHEST = 1000.0
 _LEAST_SIGNIFICANCE = 5.0
-# What the model leaves out, m: an edge 100 m wide, and the third order of density with depth.
+# m; error of the altitude from what the model leaves out: the width of the edge, 100 m, and the
+# third order of density with depth.
 _MODEL_SIGMA = 5.0
 # Depths are in km and altitudes in units of 100 m, so that all parameters are near one.
 _DEPTH_UNIT = 1e3
@@ -57,14 +59,14 @@ _ALTITUDE_UNIT = 100.0
 
 @dataclass(frozen=True, eq=False)
 class ContentSeries:
-    """Contents that one spacecraft sees of m satellites at n even instants.
+    """Contents that one spacecraft observes with m satellites at n even instants.
 
     Parameters
     ----------
     altitude : ndarray, shape (n,)
-        Of the spacecraft above the ellipsoid, m; NaN where unknown.
+        Altitude of the spacecraft above the ellipsoid, m; NaN where unknown.
     stec : ndarray, shape (m, n)
-        From phases, TECU; each arc has a constant of its own. NaN where there is none.
+        Contents from phases, TECU; each arc has a constant of its own. NaN where there is no phase.
     arc : ndarray of int, shape (m, n)
         Positive; 0 where there is no phase.
     elevation : ndarray, shape (m, n)
@@ -84,15 +86,17 @@ class EdgeCrossing:
     Parameters
     ----------
     time, time_sigma : ndarray, shape (2,)
-        s, in the origin of the samples.
+        Times of the crossings, counted as the times of the samples are, and their sigmas, s.
     altitude : ndarray, shape (2,)
-        m.
+        Altitudes of the crossings, m.
     density : float
-        Next to the edge, on its dense side, less that of the other side, electrons per cubic metre.
+        Density next to the edge on its dense side less that on the other side, electrons per cubic
+        metre.
     significance : float
         Square root of the drop of chi-square that the edge makes.
     lag : float
-        At which the deputy meets the pattern of the chief, s; 0 without scintillation.
+        Time after which the deputy meets the scintillation of the chief, s; 0 without
+        scintillation.
     """
 
     time: FloatArray
@@ -105,16 +109,16 @@ class EdgeCrossing:
 
 @dataclass(frozen=True, eq=False)
 class _Satellite:
-    """Lagged difference and mean of a satellite with what they depend on; k samples.
+    """Lagged difference D and mean M of the contents of a satellite, and their model; k samples.
 
     Parameters
     ----------
     nuisance : ndarray, shape (k, p)
-        Orthonormal: constants of the arcs and polynomial.
+        Orthonormal basis of the constants of the arcs and the polynomial.
     observed : ndarray, shape (2, k)
         D and M, the nuisance removed, TECU.
     altitude, path : ndarray, shape (2, k)
-        Of chief and deputy: altitude, m, and path of the ray in a layer over its height.
+        Altitudes of chief and deputy, m, and paths of their rays through a layer over its height.
     """
 
     nuisance: FloatArray
@@ -123,7 +127,7 @@ class _Satellite:
     path: FloatArray
 
     def change(self, altitude: FloatArray, dense_side: float, power: int) -> FloatArray:
-        """Return what a density that grows with a power of depth adds to D and M, (2, k)."""
+        """Return what a density that is a power of depth adds to D and M, shape (2, k)."""
         depth = np.maximum(dense_side * (self.altitude - altitude[:, np.newaxis]), 0.0)
         single = self.path * (depth / _DEPTH_UNIT) ** power
         return _without(self.nuisance, _difference_and_mean(single))
@@ -146,11 +150,11 @@ def fit_edge_crossings(
     chief, deputy : ContentSeries
         The same satellites in the same rows.
     altitude : float
-        Where the edge is, to some hundred metres, m.
+        Altitude of the edge to some hundred metres, m.
     is_dense_above : bool
         Whether the dense side of the edge is above it.
     half_window : float
-        How far the fit reaches, s.
+        Time before and after the crossing whose contents are fitted, s.
     """
     instants = np.asarray(time, dtype=float)
     if len(instants) < 3 or not len(chief.stec):
@@ -221,7 +225,7 @@ def _second_difference(series: ContentSeries, step: int) -> FloatArray:
 
 
 def _lagged(series: ContentSeries, samples: float) -> ContentSeries:
-    """Return a series so many samples later, between samples by straight lines."""
+    """Return a series shifted by a number of samples, linearly interpolated between samples."""
     whole = math.floor(samples)
     part = samples - whole
 
@@ -269,7 +273,7 @@ def _satellites(
     window: npt.NDArray[np.bool_],
     half_window: float,
 ) -> list[_Satellite]:
-    """Return what both spacecraft have seen of each satellite in a window."""
+    """Return the contents of each satellite that both spacecraft observe in a window."""
     found = []
     altitudes = np.stack((chief.altitude, later.altitude))
     usable = window & np.isfinite(altitudes).all(axis=0)
@@ -330,7 +334,7 @@ def _solution(
 ) -> tuple[FloatArray, float, float]:
     """Return residuals over their sigmas, change of content per km and significance.
 
-    The density next to the edge and its gradient are estimated; they are common to all.
+    The density next to the edge and its gradient are estimated, common to all satellites.
     """
     observed = np.concatenate(
         [
