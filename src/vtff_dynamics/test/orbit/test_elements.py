@@ -167,7 +167,8 @@ def test_node_precesses_under_j2_as_theory_says():
 
 @pytest.mark.parametrize(
     ("field", "value"),
-    [("semi_major_axis", -1.0), ("eccentricity", 1.0), ("eccentricity", -0.1)]
+    [("semi_major_axis", -1.0), ("semi_major_axis", 0.0), ("eccentricity", 1.0)]
+    + [("eccentricity", -0.1)]
     + [("inclination", 4.0), ("true_anomaly", math.nan)],
 )
 def test_errors_name_the_element(field, value):
