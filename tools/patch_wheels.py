@@ -14,7 +14,7 @@ When a wheel changes (a new version in ``requirements/lock.txt``):
 2. If CMake or the compiler names a folder that does not exist, look for it:
    ``grep -rhoE '/opt/[^;" ]*' .venv/share --include=*.cmake | sort -u``. A folder of the build
    machine that is not covered below gets a pattern beside the two.
-3. If the script says that it patched no file, the wheels no longer need it: remove it and its call
+3. If it patches no file in a fresh set-up, the wheels no longer need it: remove it and its call
    in ``tools/setup.sh``.
 
 `tools/write_environment.py` is the other piece that knows the wheels: it names the folders of their
