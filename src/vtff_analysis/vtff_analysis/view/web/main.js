@@ -14,7 +14,8 @@ const DRAWN_LEAST = 100; // ms: what stands still is drawn this often, as sizes 
 async function start() {
   const answer = await fetch("scene.json");
   if (!answer.ok) throw new Error(`the scene did not load: ${answer.status}`);
-  const scene = new Scene(await answer.json());
+  const content = await answer.json();
+  const scene = new Scene(content);
   const timeline = new Timeline(scene);
   const state = { scene, timeline, globe: null, errors: [] };
   window.vtff = state; // for tests, and for the curious
@@ -23,7 +24,7 @@ async function start() {
   element("state").textContent = scene.live ? "live" : scene.notes.join("; ");
   bindControls(timeline, {
     play: element("play"), speed: element("speed"), scrub: element("scrub"), follow: element("follow"),
-  }, command(scene, timeline));
+  }, command(scene, timeline, content.command_token));
   element("follow").hidden = !scene.live;
   const panels = [
     new HillPanel(element("hill"), scene),
@@ -97,11 +98,12 @@ function listen(state) {
 }
 
 // In a live scene the controls also move a replay that runs: vtff replay.
-function command(scene, timeline) {
+function command(scene, timeline, token) {
   const post = (name, value) => {
     if (!scene.live) return;
     const body = JSON.stringify({ command: name, value: value ?? 0 });
-    fetch("command", { method: "POST", body }).then((answer) => answer.json())
+    const headers = { "X-Vtff-Token": token }; // shows the server that its own page asks
+    fetch("command", { method: "POST", body, headers }).then((answer) => answer.json())
       .then(({ message }) => { element("state").textContent = message; }, () => {});
   };
   element("play").addEventListener("click", () => post(timeline.playing ? "resume" : "pause"));
