@@ -4,11 +4,8 @@ from __future__ import annotations
 
 import faulthandler
 import inspect
-import signal
 import sys
-import threading
 from collections.abc import Callable, Sequence
-from types import FrameType
 from typing import Any
 
 import rclpy
@@ -18,8 +15,10 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from vtff_node import parameters
+from vtff_node.lifeline import watch_lifeline
 from vtff_node.node import EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
+from vtff_node.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.
@@ -50,32 +49,6 @@ def make_executor() -> Any:
 
         return SingleThreadedExecutor()
     return EventsExecutor()
-
-
-class StopRequest:
-    """A request to end, made by SIGINT or SIGTERM.
-
-    The handlers replace those of rclpy, which would invalidate the publishers before the nodes are
-    closed.
-    """
-
-    def __init__(self) -> None:
-        self._event = threading.Event()
-
-    def install(self) -> None:
-        """Install the handlers; only the main thread of a process may do that."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._handle)
-        # `vtff run` starts its processes with both blocked, until they can be handled.
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
-
-    def _handle(self, number: int, frame: FrameType | None) -> None:
-        self._event.set()
-
-    @property
-    def requested(self) -> bool:
-        """Whether a signal has asked for the end."""
-        return self._event.is_set()
 
 
 def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
@@ -119,6 +92,7 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     """
     stop = StopRequest()
     stop.install()
+    watch_lifeline()
     nodes: list[VtffNode] = []
     try:
         if stop.requested:  # a signal came while Python was still starting

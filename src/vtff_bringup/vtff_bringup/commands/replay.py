@@ -74,7 +74,8 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
     from rclpy.signals import SignalHandlerOptions
 
     from vtff_bag.bag_player_node import BagPlayerNode
-    from vtff_node.main import USAGE_ERRORS, StopRequest
+    from vtff_node.main import USAGE_ERRORS
+    from vtff_node.stop_signals import StopRequest
 
     stop = StopRequest()
     stop.install()

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
+from collections.abc import Sequence
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 
-__all__ = ["describe_os_error", "exit_with_error", "print_error", "print_note"]
+__all__ = [
+    "describe_os_error",
+    "discard_output",
+    "exit_with_error",
+    "print_error",
+    "print_note",
+]
 
 
 def print_error(console: Console, error: Exception | str) -> None:
@@ -32,3 +40,11 @@ def describe_os_error(error: OSError, path: str | pathlib.Path = "") -> str:
     file = error.filename or path
     reason = error.strerror or str(error)
     return f"{file}: {reason}" if file else reason
+
+
+def discard_output(descriptors: Sequence[int]) -> None:
+    """Discard all further output to file descriptors: their terminal or pipe is gone."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    for descriptor in descriptors:
+        os.dup2(nowhere, descriptor)
+    os.close(nowhere)

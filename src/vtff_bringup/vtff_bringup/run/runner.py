@@ -17,11 +17,13 @@ from typing import Any
 
 import yaml
 
+from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.processes import ManagedProcess, end_together
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path, share_file
+from vtff_node.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 
 POLL_INTERVAL = 0.05  # s
 NODE_RECORDS = "nodes"  # folder in which each node writes its message counts
@@ -127,6 +129,7 @@ class Runner:
             self._handle_signals(),
             _reserve_domain() as environment,
             _open_pipe() as (progress_read, progress_write),
+            contextlib.closing(Lifelines()) as lifelines,
         ):
             # Imported after the handlers are set: rclpy takes a while, and Ctrl-C has to wait.
             from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
@@ -135,7 +138,7 @@ class Runner:
             environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
             environment[PROGRESS_VARIABLE] = str(progress_write)
             try:
-                self._start(environment, progress_write)
+                self._start(environment, progress_write, lifelines)
                 failure = self._follow(progress_read)
             finally:
                 failures = self._end_all()
@@ -149,20 +152,25 @@ class Runner:
             return RunResult(failure.exit_code, failure.reason, output, wall_time, self._progress)
         return RunResult(0, "", (), wall_time, self._progress)
 
-    def _start(self, environment: dict[str, str], progress_descriptor: int) -> None:
-        def start(name: str, command: Sequence[str]) -> ManagedProcess:
+    def _start(
+        self, environment: dict[str, str], progress_descriptor: int, lifelines: Lifelines
+    ) -> None:
+        def start(name: str, command: Sequence[str], stage: Stage) -> ManagedProcess:
+            log_path = self._directory / "logs" / f"{name}.log"
+            own = {**lifelines.environment(stage), LOG_FILE_VARIABLE: str(log_path)}
             return ManagedProcess(
                 name,
                 command,
-                self._directory / "logs" / f"{name}.log",
-                environment,
+                log_path,
+                {**environment, **own},
                 (progress_descriptor,),
                 self._pass_on,
             )
 
         for process in self._system.processes:
             path = executable_path(process.package, process.executable)
-            self._helpers.append(start(process.name, [str(path), *process.arguments]))
+            command = [str(path), *process.arguments]
+            self._helpers.append(start(process.name, command, Stage.HELPERS))
         composed = []
         for node in self._system.nodes:
             if self._interrupted:
@@ -174,16 +182,16 @@ class Runner:
                 continue
             path = executable_path(node.package, node.executable)
             name = node.qualified_name.strip("/").replace("/", "__")
-            managed = start(name, [str(path), *arguments])
+            command = [str(path), *arguments]
             if node.own_process:
-                self._recorders.append(managed)
+                self._recorders.append(start(name, command, Stage.RECORDERS))
             else:
-                self._nodes.append((managed, node.ends_run))
+                self._nodes.append((start(name, command, Stage.NODES), node.ends_run))
         if composed:
             file = self._directory / "composed.json"
             file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
             command = [sys.executable, "-m", "vtff_bringup.system.composed", str(file)]
-            self._nodes.append((start("composed", command), True))
+            self._nodes.append((start("composed", command, Stage.NODES), True))
 
     def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
         name = node.qualified_name.strip("/").replace("/", "__")
@@ -197,7 +205,15 @@ class Runner:
 
     def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:
         if self._on_line is not None and not self._interrupted:
-            self._on_line(name, line, noteworthy)
+            self._show(self._on_line, name, line, noteworthy)
+
+    def _show(self, show: Callable[..., None], *shown: Any) -> None:
+        """Call a function that prints; end the run when nothing takes its output any more."""
+        try:
+            show(*shown)
+        except (OSError, SystemExit):  # rich turns a broken pipe into SystemExit
+            self._interrupted = True
+            discard_output((1, 2))
 
     def _follow(self, progress_read: int) -> _Failure | None:
         """Wait for the end of the run; return the failure that ended it, if there was one."""
@@ -233,8 +249,8 @@ class Runner:
             # A line may be cut at the end of the pipe's buffer; the next line replaces it.
             with contextlib.suppress(json.JSONDecodeError):
                 self._progress = json.loads(line)
-                if self._on_progress is not None:
-                    self._on_progress(self._progress)
+                if self._on_progress is not None and not self._interrupted:
+                    self._show(self._on_progress, self._progress)
 
     def _drain_progress(self, descriptor: int) -> None:
         os.set_blocking(descriptor, False)
@@ -243,10 +259,17 @@ class Runner:
 
     @contextlib.contextmanager
     def _handle_signals(self) -> Iterator[None]:
+        terminals = [descriptor for descriptor in (1, 2) if os.isatty(descriptor)]
+
         def interrupt(number: int, frame: FrameType | None) -> None:
             self._interrupted = True
+            if number == signal.SIGHUP:
+                discard_output(terminals)
 
-        previous = {n: signal.signal(n, interrupt) for n in (signal.SIGINT, signal.SIGTERM)}
+        numbers = [signal.SIGINT, signal.SIGTERM]
+        if signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # as under nohup
+            numbers.append(signal.SIGHUP)
+        previous = {number: signal.signal(number, interrupt) for number in numbers}
         try:
             yield
         finally:

@@ -12,13 +12,23 @@ import pathlib
 import shlex
 from typing import Any
 
+from vtff_bringup.run.processes import ESCALATION
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, RunSettings
 from vtff_bringup.system.system_file import find_system_file, load_system
 from vtff_node.executables import executable_path, share_file
+from vtff_node.lifeline import Lifelines, Stage
 from vtff_node.node import RUN_DIRECTORY_VARIABLE
 
 DEFAULT_SYSTEM = "reference_software"
+
+#: Time between the signals that end a process, s, as launch wants them: the same as in `vtff run`.
+TEARDOWN = {
+    name: str(patience)
+    for name, (_, patience) in zip(
+        ("sigterm_timeout", "sigkill_timeout"), ESCALATION[:2], strict=True
+    )
+}
 
 #: Default and description of the launch arguments; every launch file has these.
 ARGUMENTS = {
@@ -116,18 +126,22 @@ def launch_actions(
     description = load_system(path, shlex.split(overrides), settings)
     directory.mkdir(parents=True, exist_ok=True)
     environment = _additional_environment(directory)
+    lifelines = Lifelines()  # `ros2 launch` holds them as long as it lives
     actions: list[Any] = []
     for process in description.processes:
         program = executable_path(process.package, process.executable)
         action = ExecuteProcess(
             cmd=[str(program), *process.arguments],
             name=process.name,
-            additional_env=environment,
+            additional_env={**environment, **lifelines.environment(Stage.HELPERS)},
             output="screen",
+            **TEARDOWN,
         )
         actions += [action, _make_exit_handler(action, process.name, ends_run=False)]
     for node in description.nodes:
-        action = _make_node_action(node, environment)
+        stage = Stage.RECORDERS if node.own_process else Stage.NODES
+        own = lifelines.environment(stage)
+        action = _make_node_action(node, {**environment, **own})
         actions += [action, _make_exit_handler(action, node.qualified_name, ends_run=node.ends_run)]
     return actions
 
@@ -167,6 +181,7 @@ def _make_node_action(node: NodeDescription, environment: dict[str, str]) -> Any
         remappings=list(node.remaps.items()),
         additional_env=environment,
         output="screen",
+        **TEARDOWN,
     )
 
 

@@ -11,6 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vtff_node.lifeline import watch_lifeline
+from vtff_node.stop_signals import handle_stop_signals
 from vtff_sim_bridge.simgen.emulator_state import CLOCK_MODES, ScenarioMachine
 from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
@@ -50,7 +52,7 @@ receivers:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the emulator until SIGINT or SIGTERM; return the exit code."""
+    """Run the emulator until SIGINT, SIGTERM or SIGHUP; return the exit code."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(
         level=options.log_level.upper(), format="%(name)s: %(levelname)s: %(message)s"
@@ -73,10 +75,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             receivers.close()
         return 1
     signal.set_wakeup_fd(server.wakeup_descriptor)
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda _number, _frame: server.stop())
-    # `vtff run` starts its processes with both blocked, until they can be handled.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
+    handle_stop_signals(server.stop)
+    watch_lifeline()
     try:
         if options.port_file is not None:
             write_port_file(options.port_file, server.port)

@@ -10,7 +10,6 @@ from __future__ import annotations
 import argparse
 import logging
 import math
-import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -20,6 +19,9 @@ from typing import Any
 import can
 import cantools
 from crccheck.crc import Crc8SaeJ1850
+
+from vtff_node.lifeline import watch_lifeline
+from vtff_node.stop_signals import StopRequest
 
 LOGGER = logging.getLogger("can_thruster_emulator")
 
@@ -348,16 +350,14 @@ def _serve_bus(thruster: CanThruster, bus: can.BusABC, stopped: Callable[[], boo
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the emulator until SIGINT or SIGTERM; return the exit code."""
+    """Run the emulator until SIGINT, SIGTERM or SIGHUP; return the exit code."""
     options = _parser().parse_args(arguments)
     logging.basicConfig(
         level=options.log_level.upper(), format="%(name)s: %(levelname)s: %(message)s"
     )
-    signals: list[int] = []
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda received, _frame: signals.append(received))
-    # `vtff run` starts its processes with both blocked, until they can be handled.
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, (signal.SIGINT, signal.SIGTERM))
+    stop = StopRequest()
+    stop.install()
+    watch_lifeline()
     try:
         thruster = CanThruster(
             options.dbc,
@@ -366,7 +366,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.watchdog_timeout,
             options.clock,
         )
-        serve(thruster, lambda: _open_bus(options), lambda: bool(signals))
+        serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
     except (ValueError, can.CanInterfaceNotImplementedError) as error:
         LOGGER.error("%s", error)
         return 1
