@@ -6,13 +6,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_analysis.recordings.observation_recording import (
     observation_columns,
     observation_table,
-    stamps,
 )
 from vtff_analysis.recordings.topics import ESTIMATE_TOPIC
+from vtff_bag.file.cdr_columns import MessageColumns
 from vtff_bag.file.reader import BagReader, DecodedMessage, RawMessage
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
@@ -74,7 +75,7 @@ def formation_seconds(
                 ),
                 relative.get(second),
                 integers.get(second),
-                [part.get(second) for part in fixes],
+                [fixes_of_craft.get(second) for fixes_of_craft in fixes],
             ),
         )
 
@@ -100,18 +101,18 @@ class _FormationBag:
 
     def by_second(self, topic: str) -> dict[int, Any]:
         """Return the messages of a topic whose stamps are whole seconds, by their second."""
-        found = {}
+        messages = {}
         for item in self.messages(topic):
             second, rest = divmod(to_nanoseconds(item.message.header.stamp), NANOSECONDS_PER_SECOND)
             if rest == 0:
-                found[second] = item.message
-        return found
+                messages[second] = item.message
+        return messages
 
     def observations(self, topic: str) -> dict[int, ObservationBlock]:
         """Return the epochs of a topic by the end of the second in which their stamps lie."""
         columns = self._columns.pop(topic).columns()
         table = observation_table(columns)
-        second = -(-stamps(columns) // NANOSECONDS_PER_SECOND)
+        second = -(-_stamps_nanoseconds(columns) // NANOSECONDS_PER_SECOND)
         if (np.diff(second) < 0).any():
             order = np.argsort(second, kind="stable")
             second, table = second[order], table.epochs_at(order)
@@ -120,9 +121,16 @@ class _FormationBag:
         edges = table.first_row[np.append(first, len(second))].tolist()
         return {
             number: ObservationBlock(
-                time[start:end], {name: part[start:end] for name, part in table.columns.items()}
+                time[start:end], {name: column[start:end] for name, column in table.columns.items()}
             )
             for number, start, end in zip(
                 second[first].tolist(), edges[:-1], edges[1:], strict=True
             )
         }
+
+
+def _stamps_nanoseconds(columns: MessageColumns) -> npt.NDArray[np.int64]:
+    """Return the stamps of messages with a header, ns since 1970, shape (m,)."""
+    seconds = columns.numbers["header.stamp.sec"].astype(np.int64)
+    nanoseconds = columns.numbers["header.stamp.nanosec"].astype(np.int64)
+    return np.asarray(seconds * NANOSECONDS_PER_SECOND + nanoseconds)

@@ -22,7 +22,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density.density_profile import binned_profile
-from vtff_iono.edges.boundary_scores import score_minutes
+from vtff_iono.edges.minute_scores import score_minutes
 from vtff_iono.formation_ionosphere import FormationIonosphere
 from vtff_iono.ionosphere_processor_node import (
     IonosphereProcessorParameters,

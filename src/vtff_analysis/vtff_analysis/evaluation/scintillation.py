@@ -13,7 +13,7 @@ from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import satellite_number
-from vtff_iono.edges.boundary_scores import score_minutes
+from vtff_iono.edges.minute_scores import score_minutes
 
 __all__ = [
     "MINUTE",

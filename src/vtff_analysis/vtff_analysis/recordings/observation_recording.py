@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import numpy.typing as npt
 
 from vtff_bag.file.cdr_columns import ColumnCollector, MessageColumns
 from vtff_bag.file.errors import BagReadError
@@ -12,7 +11,7 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_WEEK
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import OBSERVATION_COLUMNS
 
-__all__ = ["observation_columns", "observation_table", "recorded_observations", "stamps"]
+__all__ = ["observation_columns", "observation_table", "recorded_observations"]
 
 _OBSERVATIONS_TYPE = "vtff_msgs/msg/GnssObservations"
 
@@ -73,10 +72,3 @@ def observation_table(columns: MessageColumns) -> ObservationTable:
         receiver_status=columns.numbers["receiver_status"],
         log_name="",
     )
-
-
-def stamps(columns: MessageColumns) -> npt.NDArray[np.int64]:
-    """Return the stamps of messages with a header, ns since 1970, shape (m,)."""
-    seconds = columns.numbers["header.stamp.sec"].astype(np.int64)
-    nanoseconds = columns.numbers["header.stamp.nanosec"].astype(np.int64)
-    return np.asarray(seconds * NANOSECONDS_PER_SECOND + nanoseconds)

@@ -8,13 +8,13 @@ from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
 
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
-from vtff_iono.edges.boundary_scores import score_minutes
 from vtff_iono.edges.edge_detectors import (
     DensityEdgeDetector,
     ExceedanceDetector,
     edge_position,
     intensity_variance,
 )
+from vtff_iono.edges.minute_scores import score_minutes
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
 BOTTOM, TOP = 290e3, 350e3
