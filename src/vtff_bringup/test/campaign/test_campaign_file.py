@@ -31,6 +31,7 @@ WRONG = [
     (changed("seeds", 0), "seeds: 1 or more"),
     (changed("samples", None), "samples: field is missing"),
     (changed("samples", 5, changed("design", "sobol")), "samples: a power of two"),
+    (changed("vary", {"sdre_controller.design": ["paper"]}), "samples: only with a distribution"),
     (changed("design", "halton"), "design: one of random, latin_hypercube, sobol"),
     (changed("composed", 1), "composed: true or false expected"),
     (changed("figures", None), "figures: field is missing"),

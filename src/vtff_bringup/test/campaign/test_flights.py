@@ -209,7 +209,7 @@ def test_a_run_dies_with_its_worker(tmp_path):
 @pytest.mark.slow
 def test_a_case_that_ends_its_workers_is_named_and_the_others_complete(tmp_path):
     content = changed("vary", {"scenario.duration": [60.0, 360000.0]})
-    content = changed("timeout", 3.0, changed("duration", None, content))
+    content = changed("timeout", 3.0, changed("duration", None, changed("samples", None, content)))
     flown = prepared(tmp_path, content)
     result = flown.fly(Execution(workers=2))
     first, second = result.records

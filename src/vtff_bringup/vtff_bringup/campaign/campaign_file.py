@@ -152,6 +152,9 @@ def _campaign(path: pathlib.Path, root: Section) -> Campaign:
         design = root.choice("design", DESIGNS) if "design" in root else "random"
         if design == "sobol" and samples & (samples - 1):
             raise root.error("samples", f"a power of two expected with sobol, got {samples}")
+    for name in ("samples", "design"):
+        if name in root and not sampled:
+            raise root.error(name, "only with a distribution under 'vary'")
     figures = _figures(root)
     clashing = [variable.name for variable in variables if variable.name in figures]
     if clashing:

@@ -16,7 +16,10 @@ from vtff_bringup.campaign.plan import FlightPlan
 from vtff_bringup.campaign.run_flight import end_flights
 from vtff_bringup.campaign.worker import LOST, fly_cases, make_record
 
-__all__ = ["fly_campaign"]
+__all__ = ["Flight", "fly_campaign"]
+
+Flight = Callable[[FlightPlan, Sequence[Case]], list[dict[str, Any]]]
+"""Flies cases and returns their records, on a worker."""
 
 _TASKS_PER_THREAD = 2
 """Tasks given to the scheduler for each thread of its workers: the next is there when one ends."""
@@ -32,6 +35,7 @@ def fly_campaign(
     cases: Sequence[Case],
     on_record: Callable[[dict[str, Any]], None],
     batch: int = 1,
+    fly: Flight = fly_cases,
 ) -> None:
     """Fly cases; `on_record` gets the record of each when it is done, in any order.
 
@@ -47,6 +51,8 @@ def fly_campaign(
         Called in this thread.
     batch
         Cases of a task of Dask.
+    fly
+        What a worker does with a batch of cases.
 
     Raises
     ------
@@ -56,7 +62,7 @@ def fly_campaign(
         Passed on, after what is in the air has been ended.
     """
     batches = [tuple(cases[start : start + batch]) for start in range(0, len(cases), batch)]
-    flights = _Flights(client, plan, batches)
+    flights = _Flights(client, plan, batches, fly)
     try:
         for records in flights.completed():
             for record in records:
@@ -71,8 +77,11 @@ def fly_campaign(
 class _Flights:
     """The tasks of a campaign that a scheduler knows."""
 
-    def __init__(self, client: Any, plan: FlightPlan, batches: Iterable[tuple[Case, ...]]) -> None:
+    def __init__(
+        self, client: Any, plan: FlightPlan, batches: Iterable[tuple[Case, ...]], fly: Flight
+    ) -> None:
         self._client = client
+        self._fly = fly
         self._plan = plan
         self._waiting = deque(batches)
         self._flying: dict[str, tuple[Any, tuple[Case, ...]]] = {}
@@ -109,7 +118,7 @@ class _Flights:
             batch = self._waiting.popleft()
             self._submitted += 1
             key = f"{self._prefix}-{batch[0].number}-{self._submitted}"
-            future = self._client.submit(fly_cases, self._plan, batch, key=key, pure=False)
+            future = self._client.submit(self._fly, self._plan, batch, key=key, pure=False)
             self._flying[key] = (future, batch)
             future.add_done_callback(lambda done: self._done.put(done.key))
 
