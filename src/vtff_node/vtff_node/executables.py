@@ -22,7 +22,8 @@ def executable_path(package: str, executable: str) -> pathlib.Path:
         If no prefix in ``AMENT_PREFIX_PATH`` holds the package or the executable.
     """
     path = _prefix(package) / "lib" / package / executable
-    if not path.is_file():
+    # Only what the package installs: a path would lead to any program of the machine.
+    if pathlib.PurePath(executable).name != executable or not path.is_file():
         raise ExecutableNotFoundError(f"package '{package}' has no executable '{executable}'")
     return path
 
@@ -54,6 +55,8 @@ def share_folder(package: str) -> pathlib.Path:
 
 def _prefix(package: str) -> pathlib.Path:
     marker = pathlib.Path("share/ament_index/resource_index/packages") / package
+    if pathlib.PurePath(package).name != package:
+        raise ExecutableNotFoundError(f"'{package}' is not the name of a package")
     for text in os.environ.get("AMENT_PREFIX_PATH", "").split(":"):
         if text and (pathlib.Path(text) / marker).is_file():
             return pathlib.Path(text)

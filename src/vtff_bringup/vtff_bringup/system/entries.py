@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import pathlib
+import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
 
 __all__ = ["EntryReader", "describe_entry"]
+
+PLAIN_NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
+PLAIN_FILE = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 
 
 def describe_entry(kind: str, entry: Any, number: int) -> str:
@@ -67,10 +71,31 @@ class EntryReader:
     def check_texts(self, entry: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
         """Raise SystemFileError unless the values under these keys are texts or absent."""
         for key in keys:
-            if not isinstance(entry.get(key) or "", str):
+            value = entry.get(key)
+            if value is not None and not isinstance(value, str):
                 raise SystemFileError(
                     f"{self._path}: {where}: '{key}' must be a text, not {entry[key]!r}"
                 )
+
+    def check_names(self, entry: Mapping[str, Any], keys: Sequence[str], where: str) -> None:
+        """Raise SystemFileError unless the texts under these keys are plain names or absent.
+
+        Names become parts of file names and ROS names: letters, digits and ``_``, no digit first.
+        """
+        for key in keys:
+            name = entry.get(key)
+            if name and not PLAIN_NAME.fullmatch(name):
+                raise SystemFileError(
+                    f"{self._path}: {where}: '{key}' must be letters, digits and '_', not {name!r}"
+                )
+
+    def check_executable(self, entry: Mapping[str, Any], where: str) -> None:
+        """Raise SystemFileError unless ``executable`` names a file in the folder of its package."""
+        if not PLAIN_FILE.fullmatch(entry["executable"]):
+            raise SystemFileError(
+                f"{self._path}: {where}: 'executable' must be the name of a program of the "
+                f"package, not {entry['executable']!r}"
+            )
 
     def check_keys(
         self, entry: Any, allowed: set[str], where: str, needed: Sequence[str] = ()

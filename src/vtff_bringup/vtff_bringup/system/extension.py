@@ -51,7 +51,7 @@ def _join(
         return content
     base_path = path.parent / str(content["extends"])
     base = _join(base_path, read, (*chain, path.resolve()))
-    _make_paths_absolute(base, base_path.parent.resolve())
+    _make_paths_absolute(base, base_path)
     joined = {**base, **content}
     del joined["extends"]
     arguments = dict(_require_kind(base.get("arguments"), dict, base_path, "arguments"))
@@ -95,12 +95,13 @@ def _merge(base: Any, entry: Any) -> Any:
     return {**base, **{key: _merge(base.get(key), value) for key, value in entry.items()}}
 
 
-def _make_paths_absolute(content: dict[str, Any], folder: pathlib.Path) -> None:
+def _make_paths_absolute(content: dict[str, Any], path: pathlib.Path) -> None:
     """Make the paths of an extended file independent of the folder of the extending one."""
-    for entry in (content.get("arguments") or {}).values():
+    folder = path.parent.resolve()
+    for entry in _require_kind(content.get("arguments"), dict, path, "arguments").values():
         if isinstance(entry, dict) and entry.get("file") and "default" in entry:
             entry["default"] = str(folder / str(entry["default"]))
-    for entry in content.get("nodes") or []:
+    for entry in _require_kind(content.get("nodes"), list, path, "nodes"):
         if isinstance(entry, dict) and isinstance(entry.get("parameter_files"), list):
             # A path that comes from an argument is absolute when it is resolved.
             entry["parameter_files"] = [

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any
 
-import yaml
-
 from vtff_bringup.system.errors import SystemFileError
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 __all__ = ["parse_override", "sort_overrides"]
 
@@ -24,8 +23,8 @@ def parse_override(text: str) -> tuple[str, Any]:
     if not separator or not key:
         raise SystemFileError(f"'{text}' is not of the form key:=value")
     try:
-        return key.strip(), yaml.safe_load(value) if value.strip() else ""
-    except yaml.YAMLError as error:
+        return key.strip(), parse_yaml(value) if value.strip() else ""
+    except PlainYamlError as error:
         raise SystemFileError(f"'{text}': the value is not valid YAML ({error})") from error
 
 

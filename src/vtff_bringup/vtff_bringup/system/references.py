@@ -82,7 +82,7 @@ class References:
         entry: Any = self._scenario
         for key in name.split(".")[1:]:
             if isinstance(entry, list):  # scenario.spacecraft.deputy: the item of that name
-                entry = {item.get("name"): item for item in entry if isinstance(item, dict)}
+                entry = {str(item.get("name")): item for item in entry if isinstance(item, dict)}
             if not isinstance(entry, dict) or key not in entry:
                 raise SystemFileError(
                     f"{self._path}: {where}: {self.values['scenario']} has no "

@@ -45,7 +45,7 @@ from vtff_bringup.system.description import (
     RunSettings,
     SystemDescription,
 )
-from vtff_bringup.system.entries import EntryReader, describe_entry
+from vtff_bringup.system.entries import PLAIN_NAME, EntryReader, describe_entry
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
 from vtff_bringup.system.overrides import sort_overrides
@@ -206,6 +206,8 @@ class _Loader:
                 entry, PROCESS_KEYS, where, needed=("name", "package", "executable")
             )
             self._entries.check_texts(entry, ("name", "package", "executable"), where)
+            self._entries.check_names(entry, ("name", "package"), where)
+            self._entries.check_executable(entry, where)
             conditions = self._entries.mapping(entry, "when", where)
             if any(str(values.get(key)) != str(value) for key, value in conditions.items()):
                 continue
@@ -277,9 +279,15 @@ class _Loader:
         return dict(remaps)
 
     def _namespace(self, entry: Mapping[str, Any]) -> str:
-        return "/" + str(self._references.resolve(entry.get("namespace", ""), "namespace")).strip(
-            "/"
-        )
+        where = f"node '{entry.get('name') or entry['executable']}'"
+        given = str(self._references.resolve(entry.get("namespace") or "", where))
+        namespace = given.strip("/")
+        if namespace and not all(PLAIN_NAME.fullmatch(name) for name in namespace.split("/")):
+            raise SystemFileError(
+                f"{self._path}: {where}: 'namespace' must be names of letters, digits and '_' "
+                f"with '/' between them, not {given!r}"
+            )
+        return f"/{namespace}"
 
     def _qualified_name(self, entry: Mapping[str, Any]) -> str:
         name = entry.get("name") or entry["executable"]
@@ -317,3 +325,7 @@ class _Loader:
         where = describe_entry("node", entry, number)
         self._entries.check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
         self._entries.check_texts(entry, ("package", "executable", "name", "namespace"), where)
+        # Without a name the node is called like its executable.
+        named = ("package", "name") if entry.get("name") else ("package", "executable")
+        self._entries.check_names(entry, named, where)
+        self._entries.check_executable(entry, where)

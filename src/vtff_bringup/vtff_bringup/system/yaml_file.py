@@ -5,9 +5,8 @@ from __future__ import annotations
 import pathlib
 from typing import Any
 
-import yaml
-
 from vtff_bringup.system.errors import SystemFileError
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 __all__ = ["read_mapping", "ros_parameters"]
 
@@ -21,12 +20,12 @@ def read_mapping(path: pathlib.Path) -> dict[str, Any]:
         If the file cannot be read, is not valid YAML or holds no mapping.
     """
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        content = parse_yaml(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise SystemFileError(f"cannot read {path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise SystemFileError(f"{path} is not a text file: {error}") from error
-    except yaml.YAMLError as error:
+    except PlainYamlError as error:
         raise SystemFileError(f"{path} is not valid YAML: {error}") from error
     if not isinstance(content, dict):
         raise SystemFileError(f"{path} is empty or not a mapping")

@@ -14,6 +14,7 @@ import numpy as np
 import yaml
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 _Value = TypeVar("_Value")
 
@@ -62,10 +63,10 @@ def read_yaml(path: Path) -> Any:
         If the file cannot be read, is not YAML, or gives a field twice.
     """
     try:
-        return yaml.load(path.read_text(encoding="utf-8"), Loader=_Loader)
+        return parse_yaml(path.read_text(encoding="utf-8"), _Loader)
     except OSError as error:
         raise ScenarioError(f"{path}: {error.strerror or error}") from None
-    except (UnicodeDecodeError, yaml.YAMLError) as error:
+    except (UnicodeDecodeError, PlainYamlError) as error:
         raise ScenarioError(
             f"{path}: not readable as YAML: {' '.join(str(error).split())}"
         ) from None

@@ -1,0 +1,80 @@
+"""YAML texts of bounded depth and size: a hostile or damaged file is one line, not a traceback."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+__all__ = ["PlainYamlError", "parse_yaml"]
+
+#: Levels of lists and mappings within each other that a file may have.
+MAXIMUM_DEPTH = 32
+#: Values that a file may hold, those that an alias stands for counted each time.
+MAXIMUM_VALUES = 100_000
+
+#: What the constructors of PyYAML raise on tagged values of the wrong form, such as a 13th month.
+_CONSTRUCTION_ERRORS = (ValueError, LookupError, TypeError, AttributeError, OverflowError)
+
+
+class PlainYamlError(ValueError):
+    """A text is not YAML or nested or repeated too much; the message is one line."""
+
+
+def parse_yaml(text: str, loader: Any = yaml.SafeLoader) -> Any:
+    """Return what a YAML text holds.
+
+    Parameters
+    ----------
+    text
+        One YAML document.
+    loader
+        Class of the loader, one of those that construct plain values only.
+
+    Raises
+    ------
+    PlainYamlError
+        If the text is not YAML, holds a value of the wrong form, or is deeper than
+        `MAXIMUM_DEPTH` or larger than `MAXIMUM_VALUES`.
+    """
+    try:
+        _check_size(text, loader)
+        return yaml.load(text, Loader=loader)
+    except PlainYamlError:
+        raise
+    except yaml.YAMLError as error:
+        raise PlainYamlError(" ".join(str(error).split())) from error
+    except _CONSTRUCTION_ERRORS as error:
+        raise PlainYamlError(
+            f"a value has the wrong form: {' '.join(str(error).split())}"
+        ) from error
+
+
+def _check_size(text: str, loader: Any) -> None:
+    """Check depth and size before anything is built; the parser of events does not recurse."""
+    sizes = [0]  # values in each collection that is open, the document first
+    anchors: list[str | None] = []  # of the open collections
+    size_of_anchor: dict[str, int] = {}
+    for event in yaml.parse(text, Loader=loader):
+        line = event.start_mark.line + 1
+        if isinstance(event, yaml.CollectionStartEvent):
+            sizes.append(1)
+            anchors.append(event.anchor)
+            if len(anchors) > MAXIMUM_DEPTH:
+                raise PlainYamlError(f"line {line}: nested deeper than {MAXIMUM_DEPTH} levels")
+            continue
+        if isinstance(event, yaml.CollectionEndEvent):
+            size, anchor = sizes.pop(), anchors.pop()
+        elif isinstance(event, yaml.ScalarEvent):
+            size, anchor = 1, event.anchor
+        elif isinstance(event, yaml.AliasEvent):
+            if event.anchor in anchors:
+                raise PlainYamlError(f"line {line}: '*{event.anchor}' stands within itself")
+            size, anchor = size_of_anchor.get(event.anchor, 1), None
+        else:
+            continue
+        if anchor is not None:
+            size_of_anchor[anchor] = size
+        sizes[-1] += size
+        if sum(sizes) > MAXIMUM_VALUES:
+            raise PlainYamlError(f"line {line}: more than {MAXIMUM_VALUES} values")
