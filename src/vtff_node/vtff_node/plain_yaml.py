@@ -56,7 +56,7 @@ def _check_size(text: str, loader: Any) -> None:
     anchors: list[str | None] = []  # of the open collections
     size_of_anchor: dict[str, int] = {}
     for event in yaml.parse(text, Loader=loader):
-        line = event.start_mark.line + 1
+        line = event.start_mark.line + 1 if event.start_mark else 0
         if isinstance(event, yaml.CollectionStartEvent):
             sizes.append(1)
             anchors.append(event.anchor)
@@ -70,7 +70,7 @@ def _check_size(text: str, loader: Any) -> None:
         elif isinstance(event, yaml.AliasEvent):
             if event.anchor in anchors:
                 raise PlainYamlError(f"line {line}: '*{event.anchor}' stands within itself")
-            size, anchor = size_of_anchor.get(event.anchor, 1), None
+            size, anchor = size_of_anchor.get(str(event.anchor), 1), None
         else:
             continue
         if anchor is not None:

@@ -124,7 +124,7 @@ def test_a_bag_alone_gives_the_numbers_of_its_run_folder(bag, page, tmp_path, mo
     (run / "parameters").mkdir()
     for name, text in texts_of_run(run / "scenario.yaml").items():
         (run / "parameters" / f"{name}.yaml").write_text(text)
-    write_arguments(run, {"system": "test_system", "gnss": "<none>"})
+    write_arguments(run, {"system": "test_system", "gnss": "<none>"}, {"ros_domain_id": 7})
     assert describe_run_folder(run).scenario_text == SCENARIO
     folder = write_report(run, Console(file=io.StringIO()))
     assert folder == run / "report"

@@ -18,6 +18,10 @@ import yaml
 RUN_FILE = "run.json"
 PARAMETER_FOLDER = "parameters"
 
+#: Keys of the run file that are no arguments: they differ between equal runs, and so stay out of
+#: the bag. ROS domain; in real time, steps that began late and the largest delay of one in s.
+MEASURED_KEYS = ("ros_domain_id", "late_steps", "largest_lag_s")
+
 #: Keys of the bag's custom data.
 ARGUMENTS_KEY = "run"
 ENVIRONMENT_KEY = "environment"
@@ -81,8 +85,19 @@ def _without_paths(text: str, run_directory: str, current_folder: str) -> str:
     return text
 
 
-def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -> None:
+def write_arguments(
+    run_directory: pathlib.Path, arguments: Mapping[str, Any], measured: Mapping[str, Any]
+) -> None:
     """Write system and arguments into the run folder.
+
+    Parameters
+    ----------
+    run_directory
+        The folder; made if it does not exist.
+    arguments
+        Arguments of the run, with the name of the system under ``system``.
+    measured
+        How the run goes on this machine, with keys of `MEASURED_KEYS`.
 
     Raises
     ------
@@ -90,8 +105,20 @@ def write_arguments(run_directory: pathlib.Path, arguments: Mapping[str, Any]) -
         If the folder cannot be written.
     """
     run_directory.mkdir(parents=True, exist_ok=True)
-    text = json.dumps(dict(arguments), indent=1, default=str)
+    text = json.dumps({**arguments, **measured}, indent=1, default=str)
     (run_directory / RUN_FILE).write_text(text + "\n", encoding="utf-8")
+
+
+def add_measured(run_directory: pathlib.Path, measured: Mapping[str, Any]) -> None:
+    """Add what was measured, with keys of `MEASURED_KEYS`, to the run file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    content = _parse_mapping(_read_text(run_directory / RUN_FILE))
+    write_arguments(run_directory, content, measured)
 
 
 def describe_run_folder(run_directory: pathlib.Path) -> RunDescription:
@@ -102,7 +129,11 @@ def describe_run_folder(run_directory: pathlib.Path) -> RunDescription:
         if (text := _read_text(path))
     }
     return RunDescription(
-        arguments=_parse_mapping(_read_text(run_directory / RUN_FILE)),
+        arguments={
+            key: value
+            for key, value in _parse_mapping(_read_text(run_directory / RUN_FILE)).items()
+            if key not in MEASURED_KEYS
+        },
         parameter_texts=parameters,
         scenario_text=_read_scenario(parameters.values()),
     )

@@ -13,7 +13,6 @@ from rich.table import Table
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
-from vtff_bag.run.description import write_arguments
 from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -74,9 +73,13 @@ def reprocess(
     overrides = [f"{BAG_ARGUMENT}:={recorded.path.resolve()}", *(settings or [])]
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides, run_settings)
-        _prepare_folder(recorded, run_directory, description)
         result = run_system(
-            console, description, run_settings, composed=not distributed, verbose=verbose
+            console,
+            description,
+            run_settings,
+            composed=not distributed,
+            verbose=verbose,
+            prepare=lambda: _carry_over_parameters(recorded, run_directory),
         )
     exit_code, message_count = conclude_run(console, run_directory, result)
     if exit_code == 0:
@@ -86,12 +89,9 @@ def reprocess(
     raise typer.Exit(exit_code)
 
 
-def _prepare_folder(
-    recorded: BagReader, run_directory: pathlib.Path, description: SystemDescription
-) -> None:
+def _carry_over_parameters(recorded: BagReader, run_directory: pathlib.Path) -> None:
     from vtff_bringup.run.reprocess import carry_over_parameters
 
-    write_arguments(run_directory, {"system": description.name, **description.arguments})
     carry_over_parameters(recorded, run_directory)
 
 

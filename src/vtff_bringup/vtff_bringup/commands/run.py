@@ -8,7 +8,6 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from vtff_bag.run.description import write_arguments
 from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
@@ -74,7 +73,6 @@ def run(
     )
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides or [], settings)
-        write_arguments(run_directory, {"system": description.name, **description.arguments})
         result = run_system(console, description, settings, composed=composed, verbose=verbose)
     exit_code, message_count = conclude_run(console, run_directory, result)
     if report and message_count and exit_code in (0, EXIT_INTERRUPTED):

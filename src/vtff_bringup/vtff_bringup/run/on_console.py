@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import contextlib
 import pathlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from rich.console import Console
 from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
+from vtff_bag.run.description import write_arguments
 from vtff_bag.run.folder import remove_if_empty
+from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.progress import RunProgress
@@ -27,12 +29,12 @@ __all__ = ["conclude_run", "exit_on_run_errors", "report_run", "run_system"]
 def exit_on_run_errors(console: Console, run_directory: pathlib.Path) -> Iterator[None]:
     """End the command with one line where a system cannot be loaded or started.
 
-    A wrong system file or an executable that is not installed ends it with exit code 2 and leaves
-    no empty run folder, a folder that cannot be written with exit code 1.
+    A wrong system file, an executable that is not installed or an occupied ROS domain ends it with
+    exit code 2 and leaves no empty run folder, a folder that cannot be written with exit code 1.
     """
     try:
         yield
-    except (SystemFileError, ExecutableNotFoundError) as error:
+    except (SystemFileError, ExecutableNotFoundError, DomainOccupiedError) as error:
         remove_if_empty(run_directory)
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
@@ -46,17 +48,41 @@ def run_system(
     *,
     composed: bool,
     verbose: bool,
+    prepare: Callable[[], None] | None = None,
 ) -> RunResult:
     """Run a loaded system in its run folder, with its progress on the console.
 
+    The system, its arguments and the ROS domain are written into the folder.
+
+    Parameters
+    ----------
+    console, description, settings
+        Where to print, what to run, and how.
+    composed
+        Whether all nodes that allow it share one process.
+    verbose
+        Whether every line of the processes is shown.
+    prepare
+        Writes further files into the run folder before the first process starts.
+
     Raises
     ------
+    DomainOccupiedError
+        If another run is in the ROS domain; then nothing is written.
     ExecutableNotFoundError
         If an executable of the system is not installed.
     OSError
         If the run folder cannot be written.
     """
     console.print(f"[bold]{description.name}[/bold]: {escape(description.description)}")
+
+    def begin(domain: int) -> None:
+        console.print(f"{DOMAIN_VARIABLE} {domain}")
+        arguments = {"system": description.name, **description.arguments}
+        write_arguments(settings.run_directory, arguments, {"ros_domain_id": domain})
+        if prepare is not None:
+            prepare()
+
     with RunProgress(console) as progress:
 
         def show_line(name: str, line: str, noteworthy: bool) -> None:
@@ -67,6 +93,7 @@ def run_system(
             description,
             settings.run_directory,
             composed=composed,
+            on_domain=begin,
             on_progress=progress.update,
             on_line=show_line,
         )

@@ -17,6 +17,7 @@ from typing import Any
 
 import yaml
 
+from vtff_bringup.run.domain import DOMAIN_VARIABLE, reserve_domain
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.processes import ManagedProcess, end_together
@@ -85,6 +86,8 @@ class Runner:
         Folder for bag, logs, counts and parameters; created.
     composed
         Whether all nodes that allow it run in one process and one executor.
+    on_domain
+        Function that is called with the ROS domain of the run before the first process starts.
     on_progress
         Function that is called with each progress report.
     on_line
@@ -98,12 +101,14 @@ class Runner:
         run_directory: pathlib.Path,
         *,
         composed: bool = False,
+        on_domain: Callable[[int], None] | None = None,
         on_progress: Callable[[dict[str, Any]], None] | None = None,
         on_line: Callable[[str, str, bool], None] | None = None,
     ) -> None:
         self._system = system
         self._directory = run_directory
         self._composed = composed
+        self._on_domain = on_domain
         self._on_progress = on_progress
         self._on_line = on_line
         self._interrupted = False
@@ -118,6 +123,8 @@ class Runner:
 
         Raises
         ------
+        DomainOccupiedError
+            If another run is in the ROS domain; nothing has been started then.
         ExecutableNotFoundError
             If an executable of the system is not installed.
         OSError
@@ -125,9 +132,10 @@ class Runner:
         """
         started = time.monotonic()
         failure: _Failure | None = None
+        environment = _child_environment()
         with (
             self._handle_signals(),
-            _reserve_domain() as environment,
+            reserve_domain(environment, self._node_names()) as domain,
             _open_pipe() as (progress_read, progress_write),
             contextlib.closing(Lifelines()) as lifelines,
         ):
@@ -135,6 +143,9 @@ class Runner:
             from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 
             self._directory.mkdir(parents=True, exist_ok=True)
+            if self._on_domain is not None:
+                self._on_domain(domain)
+            environment[DOMAIN_VARIABLE] = str(domain)
             environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
             environment[PROGRESS_VARIABLE] = str(progress_write)
             try:
@@ -151,6 +162,9 @@ class Runner:
             output = tuple(failure.process.tail())
             return RunResult(failure.exit_code, failure.reason, output, wall_time, self._progress)
         return RunResult(0, "", (), wall_time, self._progress)
+
+    def _node_names(self) -> list[str]:
+        return [node.qualified_name for node in self._system.nodes]
 
     def _start(
         self, environment: dict[str, str], progress_descriptor: int, lifelines: Lifelines
@@ -306,23 +320,14 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
     return lines
 
 
-@contextlib.contextmanager
-def _reserve_domain() -> Iterator[dict[str, str]]:
-    """Yield the environment of the children, with a DDS domain no other run uses."""
-    environment = dict(os.environ)
+def _child_environment() -> dict[str, str]:
+    """Return the environment of the children, without what is particular to one of them."""
+    environment = {**ONE_BLAS_THREAD, **os.environ}
     environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     environment.setdefault("PYTHONUNBUFFERED", "1")
     profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
     environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
-    environment = {**ONE_BLAS_THREAD, **environment}
-    if "ROS_DOMAIN_ID" in environment:
-        yield environment
-        return
-    from domain_coordinator import domain_id
-
-    with domain_id() as free_domain:
-        environment["ROS_DOMAIN_ID"] = str(free_domain)
-        yield environment
+    return environment
 
 
 @contextlib.contextmanager
