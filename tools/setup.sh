@@ -201,8 +201,20 @@ build_workspace() {
     "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+
   step "writing the environment" "$venv/bin/python" tools/write_environment.py
   install_command
+  step "compiling the modules of the nodes" import_nodes
   workspace_fingerprint >install/.vtff_workspace
 }
+
+# Python compiles what it imports for the first time; nodes that all did so at once in the first run
+# could be late for its start.
+import_nodes() (
+  . "$venv/vtff_environment.sh"
+  "$venv/bin/python" -c '
+import importlib, pathlib
+for path in sorted(pathlib.Path("src").glob("vtff_*/vtff_*/*_node.py")):
+    importlib.import_module(f"{path.parent.name}.{path.stem}")
+'
+)
 
 install_command() {
   cat >"$venv/bin/vtff" <<COMMAND
