@@ -12,7 +12,7 @@ import typing
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal
 
 from vtff_gnss.antenna_pattern import ParabolicPattern
 from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
@@ -32,8 +32,6 @@ __all__ = [
     "TrackingModel",
     "load_gnss_configuration",
 ]
-
-_Group = TypeVar("_Group")
 
 
 @dataclass(frozen=True)
@@ -241,7 +239,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receiver_defaults", "a mapping of fields expected")
     constellation = ConstellationConfiguration()
     if "constellation" in top:
-        constellation = _fill_group(top.section("constellation"), ConstellationConfiguration)
+        constellation = top.section("constellation").filled(ConstellationConfiguration)
     if constellation.source != "nominal":
         source = str(path.parent / constellation.source)
         constellation = dataclasses.replace(constellation, source=source)
@@ -261,7 +259,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receivers", f"names are given twice: {', '.join(names)}")
     faults: tuple[Fault, ...] = ()
     if top.value("faults") if "faults" in top else None:
-        faults = tuple(_fill_group(section, Fault) for section in top.sections("faults"))
+        faults = tuple(section.filled(Fault) for section in top.sections("faults"))
     for index, fault in enumerate(faults):
         if fault.receiver not in names:
             raise top.error(f"faults[{index}].receiver", f"there is no {fault.receiver!r}")
@@ -293,7 +291,7 @@ def _receiver(section: Section) -> ReceiverConfiguration:
         ("multipath", MultipathModel),
     ):
         if name in section:
-            groups[name] = _fill_group(section.section(name), kind)
+            groups[name] = section.section(name).filled(kind)
     if "antenna" in section and section.value("antenna") is not None:
         groups["antenna"] = _antenna(section.section("antenna"))
     if "biases" in section:
@@ -362,7 +360,7 @@ def _profile(section: Section, path: Path) -> ElectronDensityProfile:
         except OSError as error:
             raise section.error("table", f"{table}: {error.strerror or error}") from None
     else:
-        layers = [_fill_group(layer, ChapmanLayer) for layer in section.sections("chapman")]
+        layers = [layer.filled(ChapmanLayer) for layer in section.sections("chapman")]
         profile = section.checked("chapman", lambda: chapman_profile(layers))
     if "scale" in section:
         profile = profile.scaled(section.number("scale", 0.0))
@@ -385,19 +383,6 @@ def _region(section: Section) -> IrregularityRegion:
     )
     section.finish()
     return region
-
-
-def _fill_group(section: Section, kind: type[_Group]) -> _Group:
-    """Return a dataclass of plain fields from a section; absent fields keep their default."""
-    hints = typing.get_type_hints(kind)
-    given: dict[str, Any] = {}
-    for entry in dataclasses.fields(typing.cast(Any, kind)):
-        has_default = entry.default is not dataclasses.MISSING
-        if entry.name in section or not has_default:
-            given[entry.name] = section.typed(entry.name, hints[entry.name])
-    filled = section.checked("", lambda: kind(**given))
-    section.finish()
-    return filled
 
 
 def _require_not_negative(group: object, *names: str) -> None:

@@ -16,10 +16,11 @@ from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.truth.thruster_errors import ThrusterErrors
 
 
 class FormationTruth:
-    """Propagates the chief and any number of deputies with one force model and one step.
+    """Propagates the chief and any number of deputies in equal steps.
 
     Parameters
     ----------
@@ -29,6 +30,11 @@ class FormationTruth:
         Name and GCRF state (m, m/s; shape (6,)) of every spacecraft, the chief first.
     force_model
         Forces on every spacecraft, except thrust.
+    force_models
+        Forces on spacecraft that differ in them, by name.
+    thruster_errors
+        What thrusters really give when they report a thrust, by spacecraft; the others give what
+        they report.
     integrator
         ``rk4`` or ``euler``, see `vtff_dynamics.orbit.propagator.Propagator`.
     step
@@ -37,7 +43,8 @@ class FormationTruth:
     Raises
     ------
     ValueError
-        If there is no spacecraft, or two have the same name.
+        If there is no spacecraft, two have the same name, or forces or thruster errors are given
+        for a spacecraft that is not there.
     """
 
     def __init__(
@@ -47,18 +54,30 @@ class FormationTruth:
         force_model: ForceModel,
         integrator: str = "rk4",
         step: float = 1.0,
+        *,
+        force_models: Mapping[str, ForceModel] | None = None,
+        thruster_errors: Mapping[str, ThrusterErrors] | None = None,
     ) -> None:
         if not spacecraft:
             raise ValueError("spacecraft: at least the chief expected, got none")
         names = [name for name, _ in spacecraft]
         if len(set(names)) != len(names):
             raise ValueError(f"spacecraft: names are not unique: {', '.join(names)}")
+        force_models, self._thruster_errors = force_models or {}, dict(thruster_errors or {})
+        for name in (*force_models, *self._thruster_errors):
+            if name not in names:
+                raise ValueError(f"unknown spacecraft {name!r}; known: {', '.join(names)}")
         self._chief = names[0]
+        self._steps_done = 0
         self._integrator = integrator
         self._rotation: FloatArray | None = None  # from GCRF to RTN of the current step
         self._propagators = {
             name: Propagator(
-                time, np.asarray(state, dtype=float), force_model, integrator=integrator, step=step
+                time,
+                np.asarray(state, dtype=float),
+                force_models.get(name, force_model),
+                integrator=integrator,
+                step=step,
             )
             for name, state in spacecraft
         }
@@ -107,8 +126,9 @@ class FormationTruth:
         Parameters
         ----------
         accelerations_rtn
-            Thrust acceleration in m/s2 of each thrusting spacecraft, shape (3,), in the RTN axes
-            that the chief has at the start of the step. It is held inertially over the step.
+            Thrust acceleration in m/s2 that the thruster of each thrusting spacecraft reports,
+            shape (3,), in the RTN axes that the chief has at the start of the step. What acts, with
+            the errors of the thruster, is held inertially over the step.
 
         Raises
         ------
@@ -122,6 +142,7 @@ class FormationTruth:
         }
         for name, propagator in self._propagators.items():
             propagator.advance(accelerations_gcrf.get(name))
+        self._steps_done += 1
         self._rotation = None
 
     def motion_itrf(self, name: str, acceleration_rtn: npt.ArrayLike | None = None) -> FloatArray:
@@ -132,8 +153,9 @@ class FormationTruth:
         name
             Spacecraft.
         acceleration_rtn
-            Thrust acceleration in m/s2 that acts in the coming step, in the chief's RTN axes,
-            shape (3,). With it an extrapolation of the motion over the step follows the truth.
+            Thrust acceleration in m/s2 that the thruster reports for the coming step, in the
+            chief's RTN axes, shape (3,). With it an extrapolation of the motion over the step
+            follows the truth.
 
         Returns
         -------
@@ -159,7 +181,7 @@ class FormationTruth:
         )
 
     def _acceleration_gcrf(self, name: str, acceleration_rtn: npt.ArrayLike) -> FloatArray:
-        """Turn a thrust acceleration from the chief's current RTN axes into GCRF."""
+        """Return what acts in GCRF when a thruster reports an acceleration in the chief's RTN."""
         if name not in self._propagators:
             raise ValueError(
                 f"acceleration for unknown spacecraft {name!r}; known: {', '.join(self.names)}"
@@ -167,6 +189,10 @@ class FormationTruth:
         acceleration = np.asarray(acceleration_rtn, dtype=float)
         if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
+        if name in self._thruster_errors:
+            acceleration = self._thruster_errors[name].true_acceleration_rtn(
+                self._steps_done, acceleration
+            )
         if self._rotation is None:
             self._rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
         return np.asarray(self._rotation.T @ acceleration)

@@ -7,7 +7,6 @@ range is a `ScenarioError` that names the file and the field. The form of the fi
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import re
 import typing
@@ -26,6 +25,7 @@ from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
+from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterErrors
 
 __all__ = [
     "INTEGRATORS",
@@ -56,12 +56,18 @@ class Spacecraft:
     target_rtn
         Wanted position (m) and rotating-frame velocity (m/s) relative to the chief in RTN,
         shape (6,); None where the file gives no target.
+    force_model
+        Forces on it where they differ from those of the scenario, else None.
+    thruster_errors
+        Errors of its thruster; None for a thruster that gives what it reports.
     """
 
     name: str
     role: str
     state_gcrf: FloatArray
     target_rtn: FloatArray | None = None
+    force_model: ForceModel | None = None
+    thruster_errors: ThrusterErrorModel | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,6 +117,18 @@ class Scenario:
             self.force_model,
             integrator=self.integrator,
             step=self.step,
+            force_models={
+                spacecraft.name: spacecraft.force_model
+                for spacecraft in self.spacecraft
+                if spacecraft.force_model is not None
+            },
+            thruster_errors={
+                spacecraft.name: ThrusterErrors(
+                    spacecraft.thruster_errors, self.seed, spacecraft.name
+                )
+                for spacecraft in self.spacecraft
+                if spacecraft.thruster_errors is not None
+            },
         )
 
 
@@ -140,6 +158,8 @@ def load_scenario(path: str | Path) -> Scenario:
             target             (deputies only, optional)
               position_relative_rtn: [3]
               velocity_relative_rtn: [3] (optional, zero)
+            force_model        (optional) fields of the force model that are different for it
+            thruster_errors    (optional) fields of truth.thruster_errors.ThrusterErrorModel
 
     Elements are osculating, in GCRF. ``longitude_of_ascending_node_deg`` is the Earth-fixed
     longitude of the node at the epoch.
@@ -178,6 +198,7 @@ def read_scenario(fields: typing.Any, file: str) -> Scenario:
     """
     root = Section(file, "", fields)
     epoch = root.checked("epoch", lambda: parse_epoch(root.text("epoch")))
+    force_model = _force_model(root.section("force_model"))
     scenario = root.checked(
         "",
         lambda: Scenario(
@@ -186,10 +207,10 @@ def read_scenario(fields: typing.Any, file: str) -> Scenario:
             epoch=epoch,
             duration=root.number("duration"),
             seed=root.whole_number("seed"),
-            force_model=_force_model(root.section("force_model")),
+            force_model=force_model,
             integrator=root.choice("integrator", INTEGRATORS),
             step=root.number("step", minimum=1e-9),
-            spacecraft=_all_spacecraft(root.sections("spacecraft"), epoch),
+            spacecraft=_all_spacecraft(root.sections("spacecraft"), epoch, force_model),
         ),
     )
     root.finish()
@@ -274,21 +295,14 @@ def _advance_true_anomaly(state: FloatArray, change: float) -> FloatArray:
     return np.concatenate((f * position + g * velocity, f_dot * position + g_dot * velocity))
 
 
-def _force_model(section: Section) -> ForceModel:
-    """Build the force model from the fields that ForceModel itself declares."""
-    hints = typing.get_type_hints(ForceModel)
-    arguments = {}
-    for field in dataclasses.fields(ForceModel):
-        if field.name in section:
-            arguments[field.name] = section.typed(field.name, hints[field.name])
-    section.finish()
-    try:
-        return ForceModel(**arguments)
-    except (TypeError, ValueError) as error:
-        raise section.error("", str(error)) from None
+def _force_model(section: Section, base: ForceModel | None = None) -> ForceModel:
+    """Return a force model from the fields that ForceModel declares; `base` has the others."""
+    return section.filled(ForceModel, base)
 
 
-def _all_spacecraft(sections: list[Section], epoch: GpsTime) -> tuple[Spacecraft, ...]:
+def _all_spacecraft(
+    sections: list[Section], epoch: GpsTime, force_model: ForceModel
+) -> tuple[Spacecraft, ...]:
     """Build every spacecraft; the chief comes first, because orbits may refer to it."""
     spacecraft: list[Spacecraft] = []
     for index, section in enumerate(sections):
@@ -307,8 +321,16 @@ def _all_spacecraft(sections: list[Section], epoch: GpsTime) -> tuple[Spacecraft
         target = None
         if chief is not None and "target" in section:
             target = _target(section.section("target"))
+        own_force_model = None
+        if "force_model" in section:
+            own_force_model = _force_model(section.section("force_model"), force_model)
+        thruster_errors = None
+        if "thruster_errors" in section:
+            thruster_errors = section.section("thruster_errors").filled(ThrusterErrorModel)
         section.finish()
-        spacecraft.append(Spacecraft(name, role, state_gcrf, target))
+        spacecraft.append(
+            Spacecraft(name, role, state_gcrf, target, own_force_model, thruster_errors)
+        )
     return tuple(spacecraft)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import types
@@ -17,6 +18,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 _Value = TypeVar("_Value")
+_Group = TypeVar("_Group")
 
 
 class ScenarioError(ValueError):
@@ -186,6 +188,25 @@ class Section:
             return value
         names = " or ".join(_YAML_NAMES.get(kind, kind.__name__) for kind in accepted)
         raise self.error(name, f"{names} expected, got {value!r}")
+
+    def filled(self, kind: type[_Group], base: _Group | None = None) -> _Group:
+        """Return a dataclass of plain fields from this section, which is then finished.
+
+        Fields that the section does not give have the value of `base`, or else their default.
+        """
+        hints = typing.get_type_hints(kind)
+        given: dict[str, Any] = {}
+        for entry in dataclasses.fields(typing.cast(Any, kind)):
+            is_required = entry.default is dataclasses.MISSING and base is None
+            if entry.name in self or is_required:
+                given[entry.name] = self.typed(entry.name, hints[entry.name])
+        self.finish()
+        try:
+            if base is not None:
+                return typing.cast(_Group, dataclasses.replace(typing.cast(Any, base), **given))
+            return kind(**given)
+        except (TypeError, ValueError) as error:
+            raise self.error("", str(error)) from None
 
 
 def _types_of(hint: Any) -> tuple[type, ...]:
