@@ -113,25 +113,25 @@ class IonosphereProcessorParameters:
     )
 
 
-def formation_settings(given: IonosphereProcessorParameters) -> FormationSettings:
-    """Return the settings of the algorithms."""
-    mask = math.radians(given.elevation_mask_deg)
+def formation_settings(parameters: IonosphereProcessorParameters) -> FormationSettings:
+    """Return the settings of the algorithms that the parameters of the node stand for."""
+    mask = math.radians(parameters.elevation_mask_deg)
     return FormationSettings(
         spacecraft=SpacecraftSettings(
             slant_tec=SlantTecSettings(
                 elevation_minimum=mask,
-                cn0_minimum_dbhz=given.cn0_minimum_dbhz,
-                pseudorange_sigma=given.code_sigma,
-                carrier_phase_sigma=given.phase_sigma,
+                cn0_minimum_dbhz=parameters.cn0_minimum_dbhz,
+                pseudorange_sigma=parameters.code_sigma,
+                carrier_phase_sigma=parameters.phase_sigma,
             ),
-            scintillation=ScintillationSettings(given.window, given.phase_cutoff_hz),
-            roti_interval=given.roti_interval,
-            bias_interval=given.bias_interval,
-            bias_delay=given.bias_delay,
+            scintillation=ScintillationSettings(parameters.window, parameters.phase_cutoff_hz),
+            roti_interval=parameters.roti_interval,
+            bias_interval=parameters.bias_interval,
+            bias_delay=parameters.bias_delay,
         ),
         density=DensitySettings(elevation_minimum=mask),
-        ray_edges=RayEdgeSettings(irregularity_altitude=given.irregularity_altitude),
-        carrier_phase_sigma=given.phase_sigma,
+        ray_edges=RayEdgeSettings(irregularity_altitude=parameters.irregularity_altitude),
+        carrier_phase_sigma=parameters.phase_sigma,
     )
 
 
@@ -150,20 +150,22 @@ class IonosphereProcessorNode(VtffNode):
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("ionosphere_processor", **node_arguments)
-        given: IonosphereProcessorParameters = self.parameters
-        self._crafts = (given.chief, given.deputy)
+        parameters: IonosphereProcessorParameters = self.parameters
+        self._crafts = (parameters.chief, parameters.deputy)
         self._code_biases = None
-        if given.bias_file:
+        if parameters.bias_file:
             try:
-                self._code_biases = read_code_biases(given.bias_file)
+                self._code_biases = read_code_biases(parameters.bias_file)
             except (BiasFileError, OSError) as error:
                 raise ParameterError(f"parameter 'bias_file': {error}") from error
         self._formation = self._new_formation()
-        self._sources_of_node = self._sources_by_node(given.source_nodes)
-        waits_for_closing = self.lockstep and bool(given.source_nodes)
+        self._sources_of_node = self._sources_by_node(parameters.source_nodes)
+        waits_for_closing = self.lockstep and bool(parameters.source_nodes)
         sources = [*self._crafts, *map(_fix, self._crafts), AMBIGUITIES, RELATIVE_STATE]
         self._join = EpochJoin(
-            sources, LOCKSTEP_PATIENCE if waits_for_closing else given.patience, waits_for_closing
+            sources,
+            LOCKSTEP_PATIENCE if waits_for_closing else parameters.patience,
+            waits_for_closing,
         )
         self._pending: dict[str, list[GnssObservations]] = {craft: [] for craft in self._crafts}
         self._newest = -1
@@ -187,6 +189,7 @@ class IonosphereProcessorNode(VtffNode):
         return FormationIonosphere(formation_settings(self.parameters), self._code_biases)
 
     def _sources_by_node(self, nodes: list[str]) -> dict[str, tuple[str, ...]]:
+        """Return the sources that are complete once a node has finished the step, by node."""
         if nodes and len(nodes) != 3:
             raise ParameterError(
                 f"parameter 'source_nodes' names {len(nodes)} nodes; it must name the receiver "
@@ -225,7 +228,7 @@ class IonosphereProcessorNode(VtffNode):
         stamp = to_nanoseconds(message.header.stamp)
         self._follow(stamp)
         self._pending[craft].append(message)
-        # The last epoch of a second tells that all of it is here: messages of a topic keep order.
+        # Messages of a topic keep their order: with the last epoch of a second, all have arrived.
         if stamp % NANOSECONDS_PER_SECOND == 0:
             self._join.add(craft, stamp, True, time.monotonic())
             self._process_complete()
@@ -280,7 +283,7 @@ class IonosphereProcessorNode(VtffNode):
         blocks = []
         for craft in self._crafts:
             pending = self._pending[craft]
-            # Epochs of the next second may be here already.
+            # Epochs of the next second may have arrived already.
             count = sum(
                 to_nanoseconds(message.header.stamp) <= epoch.stamp_nanoseconds
                 for message in pending
@@ -298,14 +301,17 @@ class IonosphereProcessorNode(VtffNode):
         )
 
     def _publish(self, result: FormationResult) -> None:
-        given: IonosphereProcessorParameters = self.parameters
-        for number, (craft, own) in enumerate(zip(self._crafts, result.spacecraft, strict=True)):
+        parameters: IonosphereProcessorParameters = self.parameters
+        for number, craft in enumerate(self._crafts):
+            of_craft = result.spacecraft[number]
             frame = f"{craft}/gnss_antenna"
-            if own.epoch is not None:
-                self._tec_publishers[number].publish(slant_tec_to_message(own.epoch, frame))
-            for window, roti in own.scintillation:
+            if of_craft.epoch is not None:
+                self._tec_publishers[number].publish(slant_tec_to_message(of_craft.epoch, frame))
+            for window, roti in of_craft.scintillation:
                 self._scintillation_publishers[number].publish(
-                    scintillation_to_message(window, roti, given.window, given.roti_interval, frame)
+                    scintillation_to_message(
+                        window, roti, parameters.window, parameters.roti_interval, frame
+                    )
                 )
         for density in result.density:
             self._density_publisher.publish(density_to_message(density))

@@ -31,10 +31,10 @@ __all__ = [
 ]
 
 DEPARTURE_LEVEL_DB = -3.9
-"""dB; squared spectrum ratio at which a profile departs: that of an average over half a wave."""
+"""Squared spectrum ratio at which a profile departs, dB: that of a mean over half a wave."""
 
 COMPARISON_ALTITUDES = (236e3, 567e3)
-"""m; between which the paper compares its profile (Peng et al., VTFF testbed, section 4.3)."""
+"""Altitudes between which the paper compares its profile, m (Peng et al., section 4.3)."""
 
 # Spectral index of irregularities along the vertical, and their outer scale, m: PLUMEX I
 # (k^-2.5 from 1 km down; NRL memorandum report AD-A089133) with scales of up to 25 km.
@@ -53,7 +53,7 @@ class DensityProfile:
     altitude : ndarray
         m, increasing.
     density, sigma : ndarray
-        Electrons per cubic metre; NaN where there is none.
+        Electron density and its sigma, electrons per cubic metre; NaN where there is no sample.
     """
 
     altitude: FloatArray
@@ -125,7 +125,8 @@ def deconvolved_profile(
     edges = np.arange(low.min(), high.max() + spacing, spacing)
     average = _averaging_matrix(low, high, edges)
     middle = 0.5 * (edges[1:] + edges[:-1])
-    # Slower than the irregularities, or a small separation would take its noise for the mean.
+    # The mean is slower than the irregularities: otherwise a small separation would take its noise
+    # for the mean.
     slowest = max(2.0 * separation, 0.25 * _OUTER_SCALE)
     mean = _smooth(0.5 * (low + high), values, noise, middle, slowest)
     residual = values - average @ mean
@@ -135,7 +136,7 @@ def deconvolved_profile(
     scale = max(float(np.mean(residual**2) - np.mean(noise**2)), float(np.mean(noise**2)) * 0.01)
     variance = scale * max(
         _VARIANCE_STEPS,
-        key=lambda factor: _likelihood(scale * factor * response, noise, residual),
+        key=lambda factor: _log_likelihood(scale * factor * response, noise, residual),
     )
     factor = linalg.cho_factor(variance * response + np.diag(noise**2))
     estimate = mean + variance * carried.T @ linalg.cho_solve(factor, residual)
@@ -154,7 +155,7 @@ def _averaging_matrix(low: FloatArray, high: FloatArray, edges: FloatArray) -> F
 def _smooth(
     altitude: FloatArray, values: FloatArray, noise: FloatArray, at: FloatArray, scale: float
 ) -> FloatArray:
-    """Return the mean of samples, weighted with a Gaussian of a scale and their noise."""
+    """Return means of samples around altitudes, weighted with a Gaussian and with their noise."""
     weight = np.exp(-0.5 * ((at[:, None] - altitude) / scale) ** 2) / noise**2
     # Beyond the last sample the nearest one counts.
     weight = np.maximum(weight, 1e-200)
@@ -173,7 +174,8 @@ def _correlation(distance: FloatArray) -> FloatArray:
     return result
 
 
-def _likelihood(covariance: FloatArray, noise: FloatArray, residual: FloatArray) -> float:
+def _log_likelihood(covariance: FloatArray, noise: FloatArray, residual: FloatArray) -> float:
+    """Return the log-likelihood of residuals less a constant; noise is sigmas, one a sample."""
     factor = linalg.cholesky(covariance + np.diag(noise**2), lower=True)
     white = linalg.solve_triangular(factor, residual, lower=True)
     return float(-0.5 * white @ white - np.log(np.diag(factor)).sum())
@@ -237,27 +239,27 @@ def departure_scale(
     bins_per_octave : int
     noise : float
         Mean |N(k)|^2 of the noise of `measured`, see `white_noise_spectrum`. Bins in which it alone
-        may take a ratio of 1 below the level, at three sigma, tell nothing and are left out.
+        may take a ratio of 1 below the level, at three sigma, are not used.
 
     Returns
     -------
     float
         2 pi / k where the ratio falls below the level, coming from large scales; NaN if it does
-        not in any bin that tells.
+        not in any bin that is used.
     """
     number, bins, middle = _octave_bins(wavenumber, bins_per_octave)
     power = np.array([np.sum(np.abs(reference[number == b]) ** 2) for b in bins])
     # Half of the noise power is in phase with the reference.
-    telling = 3.0 * np.sqrt(0.5 * noise / power) < 1.0 - 10.0 ** (0.05 * level_db)
-    bins, middle, power = bins[telling], middle[telling], power[telling]
+    is_used = 3.0 * np.sqrt(0.5 * noise / power) < 1.0 - 10.0 ** (0.05 * level_db)
+    bins, middle, power = bins[is_used], middle[is_used], power[is_used]
     cross = np.array([np.sum((measured * reference.conj())[number == b]) for b in bins])
     ratio_db = 20.0 * np.log10(np.maximum(np.abs(cross) / power, 1e-12))
     below = np.flatnonzero(ratio_db < level_db)
     if len(below) == 0 or below[0] == 0:
         return float("nan") if len(below) == 0 else float(2.0 * np.pi / middle[0])
     i = below[0]
-    part = (ratio_db[i - 1] - level_db) / (ratio_db[i - 1] - ratio_db[i])
-    crossing = np.exp(np.interp(part, [0.0, 1.0], np.log(middle[[i - 1, i]])))
+    fraction = (ratio_db[i - 1] - level_db) / (ratio_db[i - 1] - ratio_db[i])
+    crossing = np.exp(np.interp(fraction, [0.0, 1.0], np.log(middle[[i - 1, i]])))
     return float(2.0 * np.pi / crossing)
 
 
@@ -321,11 +323,12 @@ class ModelAnalysis:
     altitude : ndarray, shape (n,)
         Middle of the two spacecraft, m.
     density, truth : ndarray, shape (n,)
-        Retrieved, and averaged over the separation, electrons per cubic metre.
+        Density as retrieved, and true density averaged over the separation, electrons per cubic
+        metre.
     noise_tecu : float
         Standard deviation of the noise of each vertical content.
     mean_absolute_error : float
-        Electrons per cubic metre.
+        Mean absolute error of the density, electrons per cubic metre.
     """
 
     altitude: FloatArray

@@ -1,7 +1,7 @@
 """When each of two spacecraft crosses an edge, from the slopes of their slant contents.
 
 In a dense layer the content of a satellite at elevation E changes by N dh / sin(E) while the
-spacecraft climbs by dh; in an empty one it does not. The edge is where that begins or ends.
+spacecraft climbs by dh; in an empty layer it does not. The edge is where the change begins or ends.
 
 Scintillation moves contents by 0.06 TECU for seconds at a time, which hides the change. But its
 pattern is nearly frozen: the spacecraft that comes second meets it a lag later, so that it cancels
@@ -9,11 +9,11 @@ in the lagged difference of the two,
 
     D(t) = S_deputy(t + lag) - S_chief(t),
 
-while the two changes of slope remain: they happen at an altitude, not at a place. D and the mean of
-the same two, M, have independent noise. Both are fitted together, each weighted by the density of
-its noise at low frequencies, which its own residuals show. The altitude at which each spacecraft
-crosses is a parameter of its own; the times follow from the motion. Without scintillation the fit
-is that of each spacecraft by itself, because D and M then only are another basis of the two.
+while the two changes of slope remain: they happen at an altitude, not at a place. D and the mean M
+of the two series have independent noise. Both are fitted together, each weighted by the density of
+its noise at low frequencies, which its residuals show. The altitudes at which the two spacecraft
+cross are two parameters; the times follow from the motion. Without scintillation the fit is that of
+each spacecraft by itself, because D and M are then only another basis of the two series.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _LEAST_CORRELATION = 0.5
 _COVERAGE = 0.7
 # s; residuals are averaged over this time to find the density of their noise at low frequencies.
 _NOISE_INTERVAL = 1.0
-# Degree of the polynomial in time that each satellite has besides a constant of each arc. It stands
-# for the content above the layer and its mapping.
+# Degree of the polynomial in time that is fitted to each satellite besides a constant of each arc.
+# It stands for the content above the layer and its mapping.
 _DEGREE = 2
 _FITS = 3
 _SEARCH = 500.0
@@ -66,11 +66,11 @@ class ContentSeries:
     altitude : ndarray, shape (n,)
         Altitude of the spacecraft above the ellipsoid, m; NaN where unknown.
     stec : ndarray, shape (m, n)
-        Contents from phases, TECU; each arc has a constant of its own. NaN where there is no phase.
+        Contents from phases, TECU; each arc has another constant. NaN where there is no phase.
     arc : ndarray of int, shape (m, n)
-        Positive; 0 where there is no phase.
+        Number of the arc, positive; 0 where there is no phase.
     elevation : ndarray, shape (m, n)
-        rad.
+        Elevation of the satellite, rad.
     """
 
     altitude: FloatArray
@@ -130,7 +130,7 @@ class _Satellite:
         """Return what a density that is a power of depth adds to D and M, shape (2, k)."""
         depth = np.maximum(dense_side * (self.altitude - altitude[:, np.newaxis]), 0.0)
         single = self.path * (depth / _DEPTH_UNIT) ** power
-        return _without(self.nuisance, _difference_and_mean(single))
+        return _remove_projection(self.nuisance, _difference_and_mean(single))
 
 
 def fit_edge_crossings(
@@ -161,7 +161,7 @@ def fit_edge_crossings(
         return None
     interval = float(instants[1] - instants[0])
     lag = _pattern_lag(chief, deputy, interval)
-    later = _lagged(deputy, lag / interval)
+    later = _advance_series(deputy, lag / interval)
     middle = _crossing(instants, 0.5 * (chief.altitude + later.altitude), altitude)
     if not math.isfinite(middle):
         return None
@@ -180,9 +180,9 @@ def fit_edge_crossings(
     far = float(np.abs(altitudes - altitude).max())
     if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and far <= _FARTHEST):
         return None
-    series = (chief.altitude, deputy.altitude)
-    times = [_crossing(instants, one, at) for one, at in zip(series, altitudes, strict=True)]
-    speeds = [_speed(instants, one, at) for one, at in zip(series, times, strict=True)]
+    tracks = (chief.altitude, deputy.altitude)
+    times = [_crossing(instants, track, at) for track, at in zip(tracks, altitudes, strict=True)]
+    speeds = [_speed(instants, track, at) for track, at in zip(tracks, times, strict=True)]
     if not np.isfinite(times + speeds).all():
         return None
     return EdgeCrossing(
@@ -200,46 +200,52 @@ def _difference_and_mean(pair: FloatArray) -> FloatArray:
     return np.stack((pair[1] - pair[0], 0.5 * (pair[0] + pair[1])))
 
 
-def _without(basis: FloatArray, rows: FloatArray) -> FloatArray:
+def _remove_projection(basis: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return rows less their projection on an orthonormal basis."""
     return np.asarray(rows - (rows @ basis) @ basis.T)
 
 
 def _pattern_lag(chief: ContentSeries, deputy: ContentSeries, interval: float) -> float:
     """Return the lag at which the deputy meets the scintillation of the chief, s; 0 if none."""
     step = max(1, round(_DIFFERENCE / interval))
-    found = series_lag(
+    pattern = series_lag(
         _second_difference(chief, step),
         _second_difference(deputy, step),
         1.0 / interval,
         _LARGEST_LAG,
     )
-    return found.lag if found.correlation > _LEAST_CORRELATION else 0.0
+    return pattern.lag if pattern.correlation > _LEAST_CORRELATION else 0.0
 
 
 def _second_difference(series: ContentSeries, step: int) -> FloatArray:
-    """Return second differences of contents within arcs, zero where there is none."""
+    """Return second differences of contents within arcs, zero where they cannot be formed."""
     stec, arc = series.stec, series.arc
     change = stec[:, 2 * step :] - 2.0 * stec[:, step:-step] + stec[:, : -2 * step]
     whole = (arc[:, 2 * step :] == arc[:, step:-step]) & (arc[:, step:-step] == arc[:, : -2 * step])
     return np.where(whole & np.isfinite(change), change, 0.0)
 
 
-def _lagged(series: ContentSeries, samples: float) -> ContentSeries:
+def _advance_series(series: ContentSeries, samples: float) -> ContentSeries:
     """Return a series shifted by a number of samples, linearly interpolated between samples."""
     whole = math.floor(samples)
-    part = samples - whole
+    fraction = samples - whole
 
-    def moved(rows: FloatArray) -> FloatArray:
-        one, other = _shifted(rows, whole, np.nan), _shifted(rows, whole + 1, np.nan)
-        return one if part == 0.0 else (1.0 - part) * one + part * other
+    def interpolate(rows: FloatArray) -> FloatArray:
+        before, after = _shift(rows, whole, np.nan), _shift(rows, whole + 1, np.nan)
+        return before if fraction == 0.0 else (1.0 - fraction) * before + fraction * after
 
-    arc = _shifted(series.arc, whole, 0)
-    if part > 0.0:
-        arc = np.where(arc == _shifted(series.arc, whole + 1, 0), arc, 0)
-    return ContentSeries(moved(series.altitude), moved(series.stec), arc, moved(series.elevation))
+    arc = _shift(series.arc, whole, 0)
+    if fraction > 0.0:
+        arc = np.where(arc == _shift(series.arc, whole + 1, 0), arc, 0)
+    return ContentSeries(
+        interpolate(series.altitude),
+        interpolate(series.stec),
+        arc,
+        interpolate(series.elevation),
+    )
 
 
-def _shifted(rows: npt.NDArray, samples: int, fill: float) -> npt.NDArray:  # type: ignore[type-arg]
+def _shift(rows: npt.NDArray, samples: int, fill: float) -> npt.NDArray:  # type: ignore[type-arg]
     """Return rows whose sample i is the old sample i + samples."""
     result = np.full_like(rows, fill)
     count = rows.shape[-1]
@@ -251,30 +257,30 @@ def _shifted(rows: npt.NDArray, samples: int, fill: float) -> npt.NDArray:  # ty
 
 def _crossing(time: FloatArray, altitude: FloatArray, at: float) -> float:
     """Return when a monotonic altitude reaches a value; NaN if it is unknown."""
-    known = np.isfinite(altitude)
-    if np.count_nonzero(known) < 2:
+    is_finite = np.isfinite(altitude)
+    if np.count_nonzero(is_finite) < 2:
         return math.nan
-    seconds, heights = time[known], altitude[known]
+    seconds, heights = time[is_finite], altitude[is_finite]
     order = 1 if heights[-1] > heights[0] else -1
     return float(np.interp(at, heights[::order], seconds[::order], left=np.nan, right=np.nan))
 
 
 def _speed(time: FloatArray, altitude: FloatArray, at: float) -> float:
     """Return the vertical speed at a time, m/s, from two seconds around it."""
-    known = np.isfinite(altitude)
-    before, after = np.interp([at - 1.0, at + 1.0], time[known], altitude[known])
+    is_finite = np.isfinite(altitude)
+    before, after = np.interp([at - 1.0, at + 1.0], time[is_finite], altitude[is_finite])
     return float(0.5 * (after - before)) or math.nan
 
 
 def _satellites(
-    place: FloatArray,
+    time_from_middle: FloatArray,
     chief: ContentSeries,
     later: ContentSeries,
     window: npt.NDArray[np.bool_],
     half_window: float,
 ) -> list[_Satellite]:
     """Return the contents of each satellite that both spacecraft observe in a window."""
-    found = []
+    satellites = []
     altitudes = np.stack((chief.altitude, later.altitude))
     usable = window & np.isfinite(altitudes).all(axis=0)
     for row in range(len(chief.stec)):
@@ -288,17 +294,17 @@ def _satellites(
             continue
         _, arc = np.unique(arcs[:, good], axis=1, return_inverse=True)
         constants = np.eye(arc.max() + 1)[arc.ravel()]
-        powers = np.vander(place[good] / half_window, _DEGREE + 1)[:, :-1]
+        powers = np.vander(time_from_middle[good] / half_window, _DEGREE + 1)[:, :-1]
         nuisance, _ = np.linalg.qr(np.column_stack((constants, powers)))
-        found.append(
+        satellites.append(
             _Satellite(
                 nuisance=nuisance,
-                observed=_without(nuisance, _difference_and_mean(stec[:, good])),
+                observed=_remove_projection(nuisance, _difference_and_mean(stec[:, good])),
                 altitude=altitudes[:, good],
                 path=1.0 / np.sin(elevation[:, good]),
             )
         )
-    return found
+    return satellites
 
 
 def _fit(
@@ -316,7 +322,7 @@ def _fit(
         sigma = _noise(satellites, sigma, residuals(offset), samples)
         if turn == 0:
             common = np.arange(-_SEARCH, _SEARCH + 1.0, _SEARCH_STEP) / _ALTITUDE_UNIT
-            costs = [float(np.sum(residuals(np.full(2, one)) ** 2)) for one in common]
+            costs = [float(np.sum(residuals(np.full(2, both)) ** 2)) for both in common]
             offset = np.full(2, common[int(np.argmin(costs))])
         fit = least_squares(residuals, offset, method="lm", diff_step=1e-3, max_nfev=60)
         offset = fit.x
@@ -338,16 +344,16 @@ def _solution(
     """
     observed = np.concatenate(
         [
-            (one.observed / s[:, np.newaxis]).ravel()
-            for one, s in zip(satellites, sigma, strict=True)
+            (satellite.observed / s[:, np.newaxis]).ravel()
+            for satellite, s in zip(satellites, sigma, strict=True)
         ]
     )
     design = np.stack(
         [
             np.concatenate(
                 [
-                    (one.change(altitude, dense_side, power) / s[:, np.newaxis]).ravel()
-                    for one, s in zip(satellites, sigma, strict=True)
+                    (satellite.change(altitude, dense_side, power) / s[:, np.newaxis]).ravel()
+                    for satellite, s in zip(satellites, sigma, strict=True)
                 ]
             )
             for power in (1, 2)
@@ -366,15 +372,15 @@ def _noise(
     """Return the sigmas, (m, 2), of white noise as dense as residuals are at low frequencies."""
     result = np.empty_like(sigma)
     begin = 0
-    for row, one in enumerate(satellites):
-        count = len(one.nuisance)
+    for row, satellite in enumerate(satellites):
+        count = len(satellite.nuisance)
         for column in (0, 1):
-            part = residual[begin : begin + count] * sigma[row, column]
+            error = residual[begin : begin + count] * sigma[row, column]
             begin += count
-            white = float(np.mean(np.diff(part) ** 2)) / 2.0
+            white = float(np.mean(np.diff(error) ** 2)) / 2.0
             whole = count // samples
-            means = part[: whole * samples].reshape(whole, samples).mean(axis=1)
-            freedom = max(1, whole - one.nuisance.shape[1])
+            means = error[: whole * samples].reshape(whole, samples).mean(axis=1)
+            freedom = max(1, whole - satellite.nuisance.shape[1])
             slow = float(np.sum(means**2)) / freedom * samples
             result[row, column] = math.sqrt(max(white, slow, 1e-12))
     return result

@@ -53,7 +53,7 @@ Columns = dict[str, npt.NDArray[Any]]
 
 _UNKNOWN = (math.nan, math.nan)
 # The first estimates may be weak: they are repeated when the time of the samples has grown by this
-# part.
+# fraction.
 _BIAS_GROWTH = 0.1
 # ns after the end of its validity for which an ephemeris is kept. Satellite biases are those of the
 # beginning of an hour, so that an hour is needed.
@@ -190,6 +190,7 @@ class SpacecraftIonosphere:
         self._code_biases = code_biases or CodeBiasTable(())
         # The keys of a dictionary keep their order.
         self._ephemerides: dict[int, dict[BroadcastEphemeris, None]] = {}
+        self._changed_systems: set[int] = set()
         self._newest = 0
         self._stores: dict[int, EphemerisStore] = {}
         self._processor = SlantTecProcessor(
@@ -214,13 +215,23 @@ class SpacecraftIonosphere:
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
         """Add a broadcast ephemeris; one that was added before is ignored at once."""
         ephemerides = self._ephemerides.setdefault(ephemeris.system, {})
-        if ephemeris in ephemerides:
+        if ephemeris not in ephemerides:
+            ephemerides[ephemeris] = None
+            self._changed_systems.add(ephemeris.system)
+
+    def _take_new_ephemerides(self) -> None:
+        """Renew orbits and satellite biases if ephemerides were added since the last block.
+
+        Ephemerides come in tens at the beginning of an hour, so that one renewal serves them all.
+        """
+        if not self._changed_systems:
             return
-        ephemerides[ephemeris] = None
         self._forget_expired_ephemerides()
-        # The orbit of an unhealthy satellite is usable here, and its signals pass the same
-        # ionosphere.
-        self._stores[ephemeris.system] = EphemerisStore(ephemerides, healthy_only=False)
+        for system in self._changed_systems:
+            # The orbit of an unhealthy satellite is usable here, and its signals pass the same
+            # ionosphere.
+            self._stores[system] = EphemerisStore(self._ephemerides[system], healthy_only=False)
+        self._changed_systems.clear()
         if self._given_biases is None:
             self._code_biases = broadcast_code_biases(
                 [e for system in sorted(self._ephemerides) for e in self._ephemerides[system]]
@@ -243,6 +254,7 @@ class SpacecraftIonosphere:
         position_itrf : ndarray, shape (n, 3)
             Position of the antenna at the time of each row, m; NaN where unknown.
         """
+        self._take_new_ephemerides()
         columns = block.columns
         if len(block.time):
             self._newest = int(block.time[-1])
