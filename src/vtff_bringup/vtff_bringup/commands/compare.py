@@ -16,6 +16,7 @@ from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run.flown import require_flight
 
 if TYPE_CHECKING:
     from vtff_analysis.compare.comparison import ComparedRun
@@ -47,6 +48,8 @@ def compare(
     from vtff_analysis.compare.plots import plot_comparison
 
     try:
+        for path in bags:
+            require_flight(path)
         names = names_of_runs(bags)
         with console.status("reading the bags"):
             runs = [read_compared_run(path, name) for path, name in zip(bags, names, strict=True)]

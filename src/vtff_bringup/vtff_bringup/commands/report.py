@@ -11,6 +11,7 @@ from rich.console import Console
 from vtff_bag.file.errors import BagError
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
+from vtff_bringup.run.flown import require_flight
 
 
 def report(
@@ -32,6 +33,7 @@ def report(
     from vtff_analysis.report import write_report
 
     try:
+        require_flight(bag)
         with console.status("reading the bag and drawing"):
             write_report(bag, console, output=out)
     except BagError as error:
