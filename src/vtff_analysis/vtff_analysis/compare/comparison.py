@@ -108,9 +108,9 @@ def read_compared_run(path: pathlib.Path, name: str) -> ComparedRun:
     vtff_bag.file.errors.BagReadError
         If there is no bag or nothing in it can be read.
     """
-    place = find_run(path)
-    history = read_run(place.bag)
-    settings = read_settings(describe_run(place.folder, BagReader(place.bag).custom_data))
+    run_path = find_run(path)
+    history = read_run(run_path.bag)
+    settings = read_settings(describe_run(run_path.folder, BagReader(run_path.bag).custom_data))
     flights = {}
     errors = {}
     for deputy, recorded in history.deputies.items():

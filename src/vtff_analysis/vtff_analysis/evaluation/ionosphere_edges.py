@@ -54,7 +54,7 @@ def add_edges(
     region_altitudes = None if truth is None else truth.region_altitudes
     if region_altitudes is not None:
         # There is one region: further edges are false and would spoil the pairs.
-        passes = {name: _longest_stays(found) for name, found in passes.items()}
+        passes = {name: _longest_stays(edges_of_pass) for name, edges_of_pass in passes.items()}
     for craft in (CHIEF, DEPUTY):
         for name, edge in _bottom_and_top(passes["rising"], craft).items():
             key = f"{craft}_{name}"
@@ -70,8 +70,8 @@ def add_edges(
                 if times:
                     seconds = (times[0] - history.start_time) / NANOSECONDS_PER_SECOND
                     true[f"{key}_time_s"] = seconds
-    for name, found in passes.items():
-        pairs = _pair_edges(found, float(np.median(np.abs(density.separation))))
+    for name, edges_of_pass in passes.items():
+        pairs = _pair_edges(edges_of_pass, float(np.median(np.abs(density.separation))))
         if not pairs:
             continue
         middles = [(chief.time + deputy.time) // 2 for chief, deputy in pairs]

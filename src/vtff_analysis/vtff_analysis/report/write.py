@@ -72,10 +72,10 @@ def write_report(
     OSError
         If the report cannot be written.
     """
-    place = find_run(pathlib.Path(path))
-    history = read_run(place.bag)
-    reader = BagReader(place.bag)
-    described = describe_run(place.folder, reader.custom_data)
+    run_path = find_run(pathlib.Path(path))
+    history = read_run(run_path.bag)
+    reader = BagReader(run_path.bag)
+    described = describe_run(run_path.folder, reader.custom_data)
     if arguments is not None:
         described = dataclasses.replace(described, arguments=dict(arguments))
     settings = read_settings(described)
@@ -87,23 +87,23 @@ def write_report(
     truth = None
     processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
     if processed or history.density is not None:
-        truth = read_ionosphere_truth(reader, described, place.folder)
+        truth = read_ionosphere_truth(reader, described, run_path.folder)
     summary = {
-        "run_name": place.name,
+        "run_name": run_path.name,
         **_named_arguments(described.arguments),
         **(described.environment or describe_environment()),
         **summarise_run(history, settings, flights),
         **_summarise_ionosphere(history, reader, truth),
     }
-    folder = output or place.output_folder(REPORT_FOLDER)
+    folder = output or run_path.output_folder(REPORT_FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    pictures = draw_pictures(history, settings, flights, folder, place.name, truth)
+    pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth)
     notes = (*history.notes, *settings.notes)
     page = render_report(summary, history, described, list(flights), pictures, notes)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
-    _print_tables(console, summary, history, list(flights), place.name)
+    _print_tables(console, summary, history, list(flights), run_path.name)
     for note in notes:
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
     console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)

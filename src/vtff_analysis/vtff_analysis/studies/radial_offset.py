@@ -55,7 +55,7 @@ PAPER_DEPARTURES = {3000.0: 6000.0, 10_000.0: 20_000.0}
 
 _MODEL_SPACING = 250.0
 _MOST_SAMPLES = 1200
-"""Of the deconvolution: its matrix grows with their square."""
+"""Most samples of a deconvolution, whose matrix grows with their square."""
 
 _DENSITY_TOPIC = "/formation/electron_density"
 _FEWEST_SAMPLES = 200
@@ -123,7 +123,8 @@ class _Samples:
         middle: FloatArray = 0.5 * (self.low + self.high)
         return middle
 
-    def thinned(self, step: int) -> _Samples:
+    def take_every(self, step: int) -> _Samples:
+        """Return every `step`-th sample."""
         columns = (getattr(self, field.name)[::step] for field in dataclasses.fields(self))
         return _Samples(*columns)
 
@@ -131,16 +132,16 @@ class _Samples:
 def model_offset(profile: ElectronDensityProfile, offset: float, seed: int = 1) -> OffsetResult:
     """Return the result of the paper's simplified model for one offset (m)."""
     grid = np.arange(COMPARISON_ALTITUDES[0], 1500e3, _MODEL_SPACING)
-    found = model_profile(grid, profile.density(grid), offset, seed=seed)
-    sigma = np.sqrt(2.0) * found.noise_tecu * ELECTRONS_PER_TECU / offset
+    model = model_profile(grid, profile.density(grid), offset, seed=seed)
+    sigma = np.sqrt(2.0) * model.noise_tecu * ELECTRONS_PER_TECU / offset
     samples = _Samples(
-        low=found.altitude - 0.5 * offset,
-        high=found.altitude + 0.5 * offset,
-        density=found.density,
-        sigma=np.full(len(found.altitude), sigma),
-        mean_true=found.truth,
+        low=model.altitude - 0.5 * offset,
+        high=model.altitude + 0.5 * offset,
+        density=model.density,
+        sigma=np.full(len(model.altitude), sigma),
+        mean_true=model.truth,
     )
-    return _analysed("model", offset, profile, found.altitude, samples)
+    return _analyse_samples("model", offset, profile, model.altitude, samples)
 
 
 def flown_offset(run: pathlib.Path, offset: float) -> OffsetResult:
@@ -177,7 +178,7 @@ def flown_offset(run: pathlib.Path, offset: float) -> OffsetResult:
     # The coarsest step of the samples: a finer grid would only hold interpolated values.
     spacing = float(np.quantile(np.diff(altitude), 0.9))
     grid = np.arange(altitude[0], altitude[-1], spacing)
-    return _analysed("flown", offset, truth.profile, grid, samples)
+    return _analyse_samples("flown", offset, truth.profile, grid, samples)
 
 
 def run_offsets(
@@ -227,7 +228,7 @@ def _flown_samples(reader: BagReader, truth: IonosphereTruth) -> _Samples:
     )
 
 
-def _analysed(
+def _analyse_samples(
     source: str,
     offset: float,
     profile: ElectronDensityProfile,
@@ -237,7 +238,7 @@ def _analysed(
     """Return errors and spectra of samples, put on even steps of altitude."""
     density = np.interp(altitude, samples.altitude, samples.density)
     true = profile.density(altitude)
-    few = samples.thinned(max(1, len(samples.density) // _MOST_SAMPLES))
+    few = samples.take_every(max(1, len(samples.density) // _MOST_SAMPLES))
     sharp = deconvolved_profile(few.low, few.high, few.density, few.sigma)
     deconvolved = np.interp(altitude, sharp.altitude, sharp.density)
     wavenumber, reference = wavenumber_spectrum(altitude, true)

@@ -37,14 +37,14 @@ _COLUMNS = (
 
 
 def write_csv(results: Sequence[OffsetResult], path: pathlib.Path) -> None:
-    """Write one line an offset and source; a scale that there is not is left empty."""
+    """Write a line for each offset and source; a scale that could not be found is empty."""
     with path.open("w", newline="", encoding="utf-8") as stream:
         writer = csv.writer(stream)
         writer.writerow(_COLUMNS)
         for r in results:
             scales = (r.departure, r.departure_deconvolved, r.noise_scale, r.resolved)
-            told = ["" if math.isnan(scale) else scale for scale in scales]
-            writer.writerow([r.source, r.offset, r.mean_error, *told])
+            texts = ["" if math.isnan(scale) else scale for scale in scales]
+            writer.writerow([r.source, r.offset, r.mean_error, *texts])
 
 
 def results_table(results: Sequence[OffsetResult]) -> Table:
@@ -109,9 +109,11 @@ def write_spectra_plot(results: Sequence[OffsetResult], path: pathlib.Path) -> N
             axis.loglog(k, power, color=colour, lw=1.4, label=f"{result.offset / 1e3:g} km")
             axis.axhline(result.noise, color=colour, ls=":", lw=1.2)
             if math.isfinite(result.departure):
-                place = 2e3 * np.pi / result.departure
-                axis.plot(place, np.exp(np.interp(np.log(place), np.log(k), np.log(power))), "o",
-                          ms=10, mfc="none", mew=2, color=colour)  # fmt: skip
+                k_departure = 2e3 * np.pi / result.departure
+                log_power = np.interp(np.log(k_departure), np.log(k), np.log(power))
+                axis.plot(
+                    k_departure, np.exp(log_power), "o", ms=10, mfc="none", mew=2, color=colour
+                )
         widest = max(results, key=lambda r: r.altitude[-1] - r.altitude[0])
         axis.loglog(*_spectrum(widest.altitude, widest.true_density), "k-", lw=1.0, label="true")
         axis.axvspan(0.1, 0.2, color="0.9", zorder=0)

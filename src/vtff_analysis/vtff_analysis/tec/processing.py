@@ -71,9 +71,9 @@ def process(
     ----------
     source : TecSource
     ephemerides : sequence of BroadcastEphemeris
-        In addition to those of the source.
+        Ephemerides in addition to those of the source.
     biases : CodeBiasTable or {"broadcast", "none"}
-        Of the satellites.
+        Code biases of the satellites.
 
     Raises
     ------
@@ -104,11 +104,11 @@ def process(
     chosen = broadcast_code_biases(orbits) if biases == "broadcast" else biases
     satellite_bias = no_bias
     if isinstance(chosen, CodeBiasTable):
-        known = chosen
+        bias_table = chosen
 
         def satellite_bias(link, when):  # type: ignore[no-untyped-def]
             codes = (link.code_first, link.code_second)
-            return known.satellite_bias(link.system, link.prn, *codes, when, _BIAS_TOLERANCE)
+            return bias_table.satellite_bias(link.system, link.prn, *codes, when, _BIAS_TOLERANCE)
 
     content = absolute_tec(time, table.columns, position, orbits, satellite_bias)
     remarks = [*source.remarks, *content.remarks]
@@ -166,10 +166,10 @@ def rejection_counts(rejected: npt.NDArray[np.uint16]) -> dict[str, int]:
 def _roti(content: AbsoluteTec, interval: float, window: float) -> dict[str, npt.NDArray[Any]]:
     monitor = RateOfTecMonitor(interval, window)
     windows = [*monitor.update(content.rows), *monitor.flush()]
-    links = [number for one in windows for number in one.link.tolist()]
+    links = [number for roti_window in windows for number in roti_window.link.tolist()]
     return {
         "time_nanoseconds": np.array(
-            [one.time for one in windows for _ in one.link], dtype=np.int64
+            [roti_window.time for roti_window in windows for _ in roti_window.link], dtype=np.int64
         ),
         "satellite": np.array(
             [satellite_name(content.links[n].system, content.links[n].prn) for n in links]
@@ -178,7 +178,9 @@ def _roti(content: AbsoluteTec, interval: float, window: float) -> dict[str, npt
             [f"{content.links[n].code_first}-{content.links[n].code_second}" for n in links]
         ),
         "roti_tecu_per_minute": np.concatenate(
-            [np.zeros(0), *(one.roti_tecu_per_minute for one in windows)]
+            [np.zeros(0), *(roti_window.roti_tecu_per_minute for roti_window in windows)]
         ),
-        "rates": np.concatenate([np.zeros(0, np.int64), *(one.rates for one in windows)]),
+        "rates": np.concatenate(
+            [np.zeros(0, np.int64), *(roti_window.rates for roti_window in windows)]
+        ),
     }
