@@ -140,7 +140,7 @@ class ObservationSeries(_ObservationColumns):
     times : sequence of GpsTime
         Receiver times of the epochs.
     time_status, receiver_status, log_name
-        Of all epochs; see `ObservationEpoch`.
+        Fields of `ObservationEpoch` that are equal in all epochs.
     is_observed : ndarray of bool, shape (k, n)
     channel : ndarray of uint8, shape (k, n), or None
         Receiver channels 0..31, if known.

@@ -121,7 +121,7 @@ def test_relative_elements_predict_the_relative_state_on_a_circle():
     chief = ClassicalElements(a, 0.0, 1.0, 0.4, 0.0, u)
     relative = RelativeOrbitalElements(1e-6, 20e-6, 3e-6, -4e-6, 5e-6, 6e-6)
     deputy = deputy_elements(chief, relative)
-    da, dl, ex, ey, ix, iy = relative.scaled(a)
+    da, dl, ex, ey, ix, iy = relative.to_lengths(a)
     expected = [
         da - ex * math.cos(u) - ey * math.sin(u),
         dl + 2 * ex * math.sin(u) - 2 * ey * math.cos(u),

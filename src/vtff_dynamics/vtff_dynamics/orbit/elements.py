@@ -106,7 +106,7 @@ class ClassicalElements:
     inclination : float
         rad, in [0, pi].
     right_ascension : float
-        Of the ascending node, rad. For a node given as Earth-fixed longitude see
+        Right ascension of the ascending node, rad. For a node given as Earth-fixed longitude see
         `vtff_dynamics.frames.earth.right_ascension_from_longitude`.
     argument_of_perigee : float
         rad.
@@ -276,7 +276,7 @@ class QuasiNonsingularElements:
 class RelativeOrbitalElements:
     """Quasi-nonsingular relative orbital elements of a deputy, without dimension.
 
-    Multiplied by the chief's semi-major axis they are lengths in m (`scaled`).
+    Multiplied by the chief's semi-major axis they are lengths in m (`to_lengths`).
 
     Parameters
     ----------
@@ -301,7 +301,7 @@ class RelativeOrbitalElements:
     inclination_x: float
     inclination_y: float
 
-    def scaled(self, semi_major_axis_chief: float) -> FloatArray:
+    def to_lengths(self, semi_major_axis_chief: float) -> FloatArray:
         """Return the six elements times the chief's semi-major axis, m, shape (6,)."""
         return semi_major_axis_chief * np.array(list(vars(self).values()))
 

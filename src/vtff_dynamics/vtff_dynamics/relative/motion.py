@@ -204,10 +204,10 @@ def frame_rates_rtn(
     state_chief_gcrf : array_like, shape (6,)
         Position and velocity of the chief, m and m/s.
     acceleration_chief_gcrf : array_like, shape (3,), optional
-        Its true total acceleration, m/s2; two-body when absent. With it, perturbations along T
-        change the rate about N, and those along N turn the frame about R.
+        True total acceleration of the chief, m/s2; two-body when absent. With it, perturbations
+        along T change the rate about N, and those along N turn the frame about R.
     jerk_chief_gcrf : array_like, shape (3,), optional
-        Its jerk, m/s3; when absent that of `vtff_dynamics.orbit.gravity` (J2 only if an
+        Jerk of the chief, m/s3; when absent that of `vtff_dynamics.orbit.gravity` (J2 only if an
         acceleration is given). It enters only the angular acceleration about R.
 
     Raises

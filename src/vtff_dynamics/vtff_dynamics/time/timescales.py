@@ -153,7 +153,7 @@ class GpsTime:
     def to_brahe_epoch(self) -> brahe.Epoch:
         """Return the same time as a brahe epoch, exact to 0.1 ns.
 
-        Its own readings (`unix_timestamp`, `gps_date`) are only good to some microseconds.
+        The readings of a brahe epoch (`unix_timestamp`, `gps_date`) are good to some microseconds.
         """
         return brahe.Epoch.from_gps_date(self.week, self.time_of_week)
 

@@ -54,10 +54,10 @@ class ObservationFile:
     ephemerides : tuple of BroadcastEphemeris
         Found in the file, in its order; RINEX observation files have none.
     approximate_position : tuple of 3 float or None
-        Of the antenna, ITRF, m: from the RINEX header (marker and antenna height together), or
-        the mean of the receiver's own fixes if these stay within `ROOFTOP_EXTENT`.
+        Position of the antenna, ITRF, m: from the RINEX header (marker and antenna height), or
+        the mean of the receiver's fixes if these stay within `ROOFTOP_EXTENT`.
     remarks : tuple of str
-        What was odd, for people: damage, observations left out.
+        Irregularities of the file in sentences: damage, observations left out.
     """
 
     path: pathlib.Path
@@ -93,7 +93,7 @@ def open_observations(
     systems, signals : optional
         As in `read_rinex_observation`.
     partial : bool
-        Of a damaged RINEX file take what is before the damage, with a remark. Receiver logs are
+        Whether a damaged RINEX file is read up to the damage, with a remark. Receiver logs are
         always read through to the end.
     progress : callable, optional
         Called as ``progress(bytes_read, bytes_total)`` while a receiver log is decoded.

@@ -63,7 +63,7 @@ def decode_ismredtec(payload: bytes, time: GpsTime) -> tuple[list[IsmSlantTec], 
     payload : bytes
         Without header and checksum.
     time : GpsTime
-        Of the header: the last instant of the log.
+        Time of the header: the last instant of the log.
 
     Returns
     -------

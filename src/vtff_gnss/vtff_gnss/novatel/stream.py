@@ -67,7 +67,7 @@ class ReceiverLogStream:
     Attributes
     ----------
     counters : StreamCounters
-        What happened so far.
+        Numbers of bytes, logs and errors so far.
     """
 
     def __init__(

@@ -68,7 +68,7 @@ class SatelliteStates:
         are not in it: it is the clock of the ionosphere-free pair of the message (GPS L1/L2
         P(Y); Galileo E1/E5b in I/NAV, E1/E5a in F/NAV).
     clock_drift : ndarray, shape (..., n)
-        Its derivative, s/s.
+        Derivative of the clock offset, s/s.
     """
 
     position_itrf: FloatArray

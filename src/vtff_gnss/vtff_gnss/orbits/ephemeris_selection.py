@@ -30,8 +30,8 @@ def validity_interval(ephemeris: BroadcastEphemeris) -> tuple[GpsTime, GpsTime]:
 class EphemerisStore:
     """Ephemerides of many satellites and times; gives the table that is valid at a time.
 
-    Of each satellite the set with the newest `toe` among the valid ones is used; of several with
-    the same `toe` the one received last, and of those the last given.
+    For each satellite the valid set with the newest `toe` is used; of several sets with
+    the same `toe` the set received last, and of several received at once the last given.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class EphemerisStore:
     def table(self, time: GpsTime) -> EphemerisTable:
         """Return the ephemerides to be used at `time`, ordered by system and number.
 
-        The same object is returned until the choice changes, so that it costs nothing to ask.
+        The table is the same object until the choice changes, so that repeated calls cost nothing.
         """
         interval = bisect.bisect_right(self._changes, time)
         if interval != self._interval:

@@ -73,7 +73,7 @@ _HARMONIC_RADIUS_STEP = 2.0**-5
 
 @dataclass(frozen=True)
 class _System:
-    """What distinguishes the two constellations and their messages."""
+    """Differences between the two constellations and their messages."""
 
     number: int
     source: int
@@ -122,7 +122,7 @@ def nominal_gps_constellation(
     start, end : GpsTime
         The sets are valid (`vtff_gnss.orbits.ephemeris_selection`) all through this span.
     seed : int
-        Of everything that the reference slots leave open. The satellites do not depend on the
+        Seed of everything that the reference slots leave open. The satellites do not depend on the
         span: sets of one time are the same whatever the span asked for.
 
     Returns

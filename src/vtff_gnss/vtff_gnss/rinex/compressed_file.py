@@ -29,7 +29,7 @@ def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
     content : bytes
         The file.
     path : path-like
-        Its name, for messages.
+        Name of the file, for messages.
 
     Raises
     ------
@@ -73,7 +73,7 @@ def decompress_hatanaka(content: bytes, path: str | pathlib.Path) -> tuple[bytes
     content : bytes
         RINEX.
     remarks : tuple of str
-        What the decompressor found odd without giving up.
+        Warnings of the decompressor.
 
     Raises
     ------

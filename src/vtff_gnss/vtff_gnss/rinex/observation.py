@@ -35,7 +35,7 @@ class RinexObservations:
     events : tuple of RinexEvent
         Event records (flags 2 to 5).
     remarks : tuple of str
-        What the Hatanaka decompressor found odd.
+        Warnings of the Hatanaka decompressor.
     error : RinexError or None
         With `partial`, what ended the reading; the table holds what was before.
     """

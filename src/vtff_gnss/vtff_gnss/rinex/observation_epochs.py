@@ -77,7 +77,7 @@ class EpochRecords:
         Observations, and cycle-slip records (flag 6) with the number of the epoch that follows.
     events : list of RinexEvent
     error : RinexError or None
-        What ended the reading before the end of the file.
+        Error that ended the reading before the end of the file.
     """
 
     times: list[int] = field(default_factory=list)

@@ -53,7 +53,7 @@ class SecondMeans(NamedTuple):
     time : float
         Mean time of the epochs, GPS time, ns since 1980-01-06.
     number : ndarray of int64
-        What the rows belong to.
+        Number of the series that each row belongs to.
     columns : dict of str to ndarray
         Means by name.
     samples : ndarray of int64
@@ -95,8 +95,8 @@ class SecondAverage:
         time : ndarray of int64, shape (n,)
             GPS time, ns since 1980-01-06, not decreasing.
         number : ndarray of int64, shape (n,)
-            What each row belongs to: a satellite, with another number after its ambiguity has
-            changed.
+            Number of the series of each row: a satellite has another series after its ambiguity
+            has changed.
         columns : mapping of str to ndarray, shape (n,)
             Quantities; one that is NaN in a row makes the mean NaN.
         """

@@ -14,7 +14,7 @@ NO_SYSTEM = 255
 
 
 class BoundaryKind(enum.IntEnum):
-    """What an edge bounds; the numbers of ``vtff_msgs/IrregularityBoundary``."""
+    """Kind of region that an edge bounds; the numbers of ``vtff_msgs/IrregularityBoundary``."""
 
     VERTICAL = 0
     HORIZONTAL = 1

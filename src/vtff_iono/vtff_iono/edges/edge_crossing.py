@@ -148,7 +148,7 @@ def fit_edge_crossings(
     time : array_like, shape (n,)
         Even instants, s.
     chief, deputy : ContentSeries
-        The same satellites in the same rows.
+        Contents of both spacecraft, with equal satellites in equal rows.
     altitude : float
         Altitude of the edge to some hundred metres, m.
     is_dense_above : bool

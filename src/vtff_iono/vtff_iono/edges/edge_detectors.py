@@ -136,7 +136,7 @@ class DensityEdgeDetector:
     def _examine(self, half_gap: float, reach: float) -> list[Edge]:
         """Compare both sides of all altitudes whose upper or lower side the newest sample ends.
 
-        Of neighbouring altitudes with an edge that with the largest change counts.
+        Among neighbouring altitudes with an edge, the altitude with the largest change counts.
         """
         samples = np.array(self._samples)
         advance = self._direction * samples[:, 1]

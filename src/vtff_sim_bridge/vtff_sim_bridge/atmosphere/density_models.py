@@ -52,7 +52,7 @@ class ChapmanLayer:
     peak_density_per_m3 : float
         Largest density, electrons per cubic metre.
     peak_altitude : float
-        Its altitude, m.
+        Altitude of the largest density, m.
     scale_height_below, scale_height_above : float
         Scale heights of the bottomside and the topside, m.
     """

@@ -242,7 +242,7 @@ def write_profile(path: str | Path, profile: ElectronDensityProfile, comment: st
     profile : ElectronDensityProfile
         The profile to freeze.
     comment : str
-        What the profile is, written as ``#`` lines in front; may be empty.
+        Description of the profile, written as ``#`` lines in front; may be empty.
     """
     lines = [f"# {line}" for line in comment.splitlines()]
     lines.append("altitude_m,density_per_m3")

@@ -69,7 +69,8 @@ def scintillation_gain(fluctuation: npt.ArrayLike, s4: npt.ArrayLike) -> Complex
     Returns
     -------
     ndarray of complex
-        Its magnitude multiplies the amplitude, its argument (rad) is added to the carrier phase.
+        Factors whose magnitude multiplies the amplitude and whose argument (rad) is added to the
+        carrier phase.
 
     Raises
     ------

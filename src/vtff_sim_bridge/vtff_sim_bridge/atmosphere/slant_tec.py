@@ -63,11 +63,11 @@ class SlantTecIntegrator:
     profile : ElectronDensityProfile
         Density as a function of altitude.
     altitude_model : {"ellipsoidal", "spherical"}
-        What altitude is. Spherical: distance from the centre less `radius`. Ellipsoidal: density is
-        constant on ellipsoids similar to the one that lies `reference_altitude` above WGS-84; near
-        it altitude is geodetic height (200 km away from it within 20 m at 10 deg of latitude and
-        0.7 km at the poles). An affine map turns them into spheres and keeps rays straight, so that
-        both models are integrated equally exactly.
+        Definition of altitude. Spherical: distance from the centre less `radius`. Ellipsoidal:
+        density is constant on ellipsoids similar to the ellipsoid `reference_altitude` above
+        WGS-84; near that ellipsoid altitude is geodetic height (200 km away from it within 20 m at
+        10 deg of latitude and 0.7 km at the poles). An affine map turns the ellipsoids into spheres
+        and keeps rays straight, so that both models are integrated equally exactly.
     radius : float
         Radius of altitude zero in the spherical model, m.
     reference_altitude : float

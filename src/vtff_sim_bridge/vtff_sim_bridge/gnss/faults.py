@@ -131,9 +131,9 @@ class ByteFaults:
     Parameters
     ----------
     faults : sequence of Fault
-        Of one receiver; kinds that do not concern bytes are left out.
+        Faults of one receiver; kinds that do not concern bytes are left out.
     seed, receiver : int
-        Of the run; number of the receiver.
+        Seed of the run, and number of the receiver.
     """
 
     def __init__(self, faults: Sequence[Fault], seed: int, receiver: int) -> None:

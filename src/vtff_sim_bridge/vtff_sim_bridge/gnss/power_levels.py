@@ -38,7 +38,7 @@ class PowerLevels:
     Parameters
     ----------
     commands : sequence of PowerCommand
-        Of all vehicles; may grow, also by commands for later times.
+        Commands for all vehicles; may grow, also by commands for later times.
     vehicle : str
         Such as ``v1_m1``; its antennas are ``v1_a1`` and so on.
     """

@@ -44,7 +44,7 @@ class Ionosphere:
         Electron density against altitude.
     regions : sequence of IrregularityRegion
     seed : int
-        Of the run.
+        Seed of the run.
     state_itrf : array_like, shape (6,)
         Position (m) and velocity (m/s) of the first vehicle at the start, which gives the
         coordinate along the track on which all receivers see the same pattern.

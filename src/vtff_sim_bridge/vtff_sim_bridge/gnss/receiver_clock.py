@@ -37,7 +37,7 @@ class ClockModel:
     initial_offset : float
         Receiver clock less GPS time at the start, s.
     initial_drift : float
-        Its derivative, s/s.
+        Derivative of the clock offset at the start, s/s.
     is_steered : bool
         Once a second the receiver measures its offset and steers the oscillator, as a NovAtel
         receiver does with CLOCKADJUST enabled.
@@ -80,7 +80,7 @@ class ReceiverClock:
     ----------
     model : ClockModel
     seed, receiver : int
-        Of the run; number of the receiver.
+        Seed of the run, and number of the receiver.
     jumps : sequence of (int, float)
         Scheduled jumps: number of the epoch since the start, offset added from it on, s.
 

@@ -23,7 +23,7 @@ class Signal(NamedTuple):
     frequency : float
         Carrier, Hz.
     chip_rate : float
-        Of the ranging code, Hz (for the code noise).
+        Chip rate of the ranging code, Hz (for the code noise).
     has_data : bool
         Carrier with data bits (or their unknown sign): phase is known to half a cycle until the
         parity of the message is.

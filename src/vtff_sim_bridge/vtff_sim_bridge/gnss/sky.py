@@ -52,12 +52,12 @@ class Constellation:
     systems : set of int
         ``SYSTEM_*`` that receivers track.
     seed : int
-        Of the run.
+        Seed of the run.
 
     Attributes
     ----------
     klobuchar : KlobucharParameters or None
-        What the satellites broadcast.
+        Ionospheric parameters that the satellites broadcast.
 
     Raises
     ------
@@ -133,7 +133,7 @@ class Sky:
     table : EphemerisTable
         The candidates.
     orbits : InterpolatedOrbits
-        Of the candidates.
+        Orbits of the candidates.
     """
 
     full_table: EphemerisTable
@@ -154,7 +154,7 @@ class Sky:
         Parameters
         ----------
         sky : Sky or None
-            Those of the second before.
+            The sky of the second before.
         constellation : Constellation
         time : GpsTime
             End of the second: a whole one.

@@ -1,4 +1,4 @@
-"""What a laser ranging instrument with a latency measures (Oh et al. 2016, paper 004, eq. 9)."""
+"""Measurements of a laser ranging instrument with a latency (Oh et al. 2016, paper 004, eq. 9)."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class LaserRanging:
         stamp_nanoseconds : int
             Time of the measurement; the noise depends on it, not on the order of the calls.
         position, velocity : array_like, shape (3,)
-            Of one spacecraft relative to the other, m and m/s; in any frame, as range and range
+            State of one spacecraft relative to the other, m and m/s, in any frame: range and range
             rate are the same in all.
         """
         position, velocity = np.asarray(position, float), np.asarray(velocity, float)

@@ -34,7 +34,7 @@ class ArrivingSignals:
     cn0_dbhz : ndarray, shape (k, m)
         With scintillation, without the noise of its estimate.
     code_delay, phase_delay : ndarray, shape (k, m)
-        What ionosphere and scintillation lengthen the code and carrier ranges by, m.
+        Lengths that ionosphere and scintillation add to the code and carrier ranges, m.
     """
 
     plan: LinkPlan

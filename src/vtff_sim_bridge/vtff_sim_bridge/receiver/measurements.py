@@ -27,7 +27,7 @@ class Measurements:
     start : GpsTime
         Start of the run.
     time_status : int
-        What the receiver knows of the time.
+        Time status that the receiver states.
     first_epoch : int
         Number of the first epoch since the start of the run.
     signals : ArrivingSignals

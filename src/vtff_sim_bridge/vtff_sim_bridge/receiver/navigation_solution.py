@@ -28,7 +28,7 @@ def solve_navigation(
     ----------
     measured : Measurements
     index : int
-        Of the epoch in it.
+        Index of the epoch in `measured`.
     time : GpsTime
         Time tag of the epoch.
     received : collection of (int, int)

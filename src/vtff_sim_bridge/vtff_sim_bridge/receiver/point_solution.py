@@ -25,7 +25,7 @@ class RangeEquations:
     excess : ndarray, shape (n,)
         Measured less computed range (or range rate), m (m/s): clock and errors.
     sigma : ndarray, shape (n,)
-        Of the measurements, m (m/s).
+        Sigmas of the measurements, m (m/s).
     system : ndarray of int, shape (n,)
         Each system has its own clock offset in the equations.
     """

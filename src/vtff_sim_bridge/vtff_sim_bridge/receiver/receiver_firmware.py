@@ -309,7 +309,7 @@ class ReceiverFirmware:
             Later than all epochs before; a log ONTIME is sent if this is a multiple of its
             period after its offset.
         outputs : ReceiverOutputs
-            What there is to log.
+            Solutions and messages that logs are made of.
 
         Raises
         ------

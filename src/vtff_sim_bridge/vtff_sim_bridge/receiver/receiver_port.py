@@ -116,7 +116,7 @@ class ReceiverPort:
     Parameters
     ----------
     receiver : ReceiverFirmware
-        What obeys the commands.
+        Receiver that obeys the commands.
     symlink : path-like, optional
         Name that a driver opens; no pseudo-terminal without it. An old symlink is replaced.
     tcp_host, tcp_port : str, int

@@ -44,7 +44,7 @@ class Arc:
     event : str
         ``lock``, ``lost``, ``slip``, ``half_cycle`` or ``parity``.
     cycles : float
-        What the carrier phase (RINEX sign) is greater by than the true range from now on.
+        Carrier phase (RINEX sign) less the true range from now on, cycles.
     """
 
     epoch: int
@@ -169,7 +169,7 @@ class Tracker:
         Returns
         -------
         Tracks
-            Of shape (k, m).
+            Tracking of all links, arrays of shape (k, m).
         """
         count = len(can_track)
         can_track = self._without_outages(first_epoch, rows, can_track)

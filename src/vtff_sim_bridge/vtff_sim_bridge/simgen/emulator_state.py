@@ -1,4 +1,4 @@
-"""What the SimGEN emulator knows and does: scenario states 0 to 7, commands, scenario time.
+"""State machine of the SimGEN emulator: scenario states 0 to 7, commands, scenario time.
 
 `ScenarioMachine` takes one command line and returns one reply; it does no input or output and
 reads the wall clock only through the callable that it is given. Scenario time runs in one of two
@@ -80,7 +80,7 @@ class ScenarioMachine:
     vehicle_ids : sequence of str
         Vehicles of the scenario, such as ``("v1_m1", "v2_m1")``.
     clock_mode : {"lockstep", "realtime"}
-        What drives scenario time.
+        Clock that drives scenario time.
     arming_delay, loading_delay : float
         Wall time that AR and SC take, s (a real unit needs 25 to 40 s to arm).
     monotonic : callable

@@ -45,11 +45,11 @@ class ReceiverSet:
     ----------
     configuration : GnssConfiguration
     emulated : dict of str to ReceiverFirmware
-        By receiver name: what obeys commands and makes logs.
+        Firmware by receiver name: it obeys commands and makes logs.
     start, end : GpsTime
-        Of the run; the start is a whole second.
+        Start and end of the run; the start is a whole second.
     state_itrf : array_like, shape (6,)
-        Of the vehicle of the first receiver at the start.
+        Position (m) and velocity (m/s) of the first receiver's vehicle at the start.
     truth : TruthFile
     power_commands : sequence of PowerCommand
         Levels of the signals; may grow during the run.

@@ -82,7 +82,7 @@ class CommandSplitter:
 
 
 class _Connection:
-    """One client."""
+    """Connection of one client."""
 
     def __init__(self, connection: socket.socket, name: str) -> None:
         self.socket = connection
@@ -112,7 +112,7 @@ class SimRemoteServer:
     Parameters
     ----------
     machine : ScenarioMachine
-        What carries the commands out.
+        State machine that carries the commands out.
     host, port : str, int
         Address to listen on; port 0 takes a free one.
     accepts_udp : bool

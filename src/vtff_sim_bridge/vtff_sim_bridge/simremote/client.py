@@ -49,7 +49,7 @@ class SimRemoteTimeoutError(SimRemoteConnectionError):
 
 @dataclass
 class ClientCounters:
-    """What a client has done since it was made."""
+    """Numbers of commands, replies, errors and connections since the client was made."""
 
     sent: int = 0
     replies: int = 0
@@ -72,7 +72,7 @@ class SimRemoteClient:
     reconnect_delay_initial, reconnect_delay_maximum : float
         Wait between attempts to connect, s: doubled each time up to the maximum.
     line_ending : str
-        What ends a command.
+        Text that ends a command.
     monotonic, sleep : callable
         Wall clock in s and how to wait for it.
 
@@ -135,7 +135,7 @@ class SimRemoteClient:
         Raises
         ------
         SimRemoteConnectionError
-            If it does not succeed within `timeout` seconds.
+            If no attempt succeeds within `timeout` seconds.
         """
         deadline = self._monotonic() + timeout
         while not self.try_connect():
@@ -148,12 +148,12 @@ class SimRemoteClient:
             self._sleep(max(0.0, self._next_attempt - now))
 
     def reconnect(self, timeout: float = 10.0) -> None:
-        """Drop the connection and what is unanswered, and connect again as `connect` does."""
+        """Drop the connection and the unanswered commands, and connect as `connect` does."""
         self.close()
         self.connect(timeout)
 
     def try_connect(self) -> bool:
-        """Make one attempt to connect if one is due by now; return whether there is a connection.
+        """Attempt once to connect if an attempt is due; return whether there is a connection.
 
         A caller that must not block for long calls this once per step instead of `connect`.
         """
@@ -244,7 +244,7 @@ class SimRemoteClient:
     def receive_replies(self, count: int, timeout: float | None = None) -> list[Reply]:
         """Return the next replies, in the order of the commands.
 
-        All are received before an error in one of them is raised.
+        All replies are received before an error in one of them is raised.
 
         Raises
         ------
@@ -283,19 +283,19 @@ class SimRemoteClient:
     def wait_for_status(
         self, status: SimGenStatus, timeout: float, interval: float = 0.1
     ) -> SimGenStatus:
-        """Ask for the status until it is the wanted one.
+        """Ask for the status until it is the wanted status.
 
         Raises
         ------
         SimRemoteError
-            If it is not within `timeout` seconds, or as in `command`.
+            If the status is not reached within `timeout` seconds, or as in `command`.
         """
         deadline = self._monotonic() + timeout
-        while (found := self.status()) is not status:
+        while (current := self.status()) is not status:
             if self._monotonic() >= deadline:
                 raise SimRemoteError(
                     f"NULL: status {status:d} ({status.name.lower()}) expected within "
-                    f"{timeout:g} s, it is {found:d} ({found.name.lower()})"
+                    f"{timeout:g} s, it is {current:d} ({current.name.lower()})"
                 )
             self._sleep(interval)
         return status
@@ -358,7 +358,7 @@ class SimRemoteClient:
         return self.wait_for_status(SimGenStatus.RUNNING, self._arm_timeout)
 
     def end(self) -> SimGenStatus:
-        """End whatever goes on and rewind; return the status, ``READY`` if there is a scenario.
+        """End a run in any state and rewind; return the status, ``READY`` if there is a scenario.
 
         An armed scenario cannot be ended by SimGEN, so it is run first.
 
@@ -428,7 +428,7 @@ class SimRemoteClient:
         return text
 
     def _receive_more(self, remaining: float) -> str | None:
-        """Wait for bytes; return what went wrong, if anything did."""
+        """Wait for bytes; return the problem as a text, None if there is none."""
         if self._socket is None:
             return "not connected"
         self._socket.settimeout(remaining)

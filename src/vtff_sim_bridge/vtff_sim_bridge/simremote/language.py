@@ -85,9 +85,9 @@ class Command(NamedTuple):
     verb : str
         In capitals, such as ``MOT``.
     arguments : tuple of str
-        What follows the verb, without blanks around.
+        Texts between commas after the verb, without blanks around.
     time_nanoseconds : int or None
-        Time into the run at which it takes effect; None for immediately.
+        Time into the run at which the command takes effect, ns; None for immediately.
     has_timestamp : bool
         False for the bare form, such as ``RU`` instead of ``-,RU``.
     """
@@ -108,7 +108,7 @@ class Reply(NamedTuple):
 
     @property
     def failure(self) -> str | None:
-        """What the simulator says went wrong, or None."""
+        """Error that the simulator reports, or None."""
         texts = [text for text in (self.fatal_text, self.error_text) if text is not None]
         return "; ".join(text or "no reason given" for text in texts) if texts else None
 
@@ -270,14 +270,14 @@ def parse_number(field: str, text: str) -> float:
 
 
 def _without_exponent(text: str) -> str:
-    """Return a decimal with exponent as one without."""
+    """Return a decimal with exponent as a decimal without exponent."""
     mantissa, exponent_text = text.split("e")
     exponent = int(exponent_text)
     sign = "-" if mantissa.startswith("-") else ""
     whole, _, decimals = mantissa.lstrip("-").partition(".")
     if exponent < 0:
         return f"{sign}0.{'0' * (-exponent - 1)}{whole}{decimals}"
-    # Without ".0", which would make the largest numbers longer than promised.
+    # No ".0" follows, which would make the largest numbers longer than promised.
     return f"{sign}{whole}{decimals.ljust(exponent, '0')}"
 
 
@@ -393,7 +393,7 @@ def format_reply(reply: Reply) -> str:
     return "".join(parts)
 
 
-# xml.sax.saxutils has these two, but importing it takes longer than all the rest of the emulator.
+# xml.sax.saxutils has both functions, but its import takes longer than the rest of the emulator.
 def _escape(text: str) -> str:
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 

@@ -30,13 +30,13 @@ class MotionDatagram(NamedTuple):
     Attributes
     ----------
     vehicle_id : str
-        Such as ``v1_m1``.
+        Vehicle, such as ``v1_m1``.
     motion : MotionState or GeodeticMotionState
-        Of type MOT or MOTB.
+        Motion of a command of type MOT or MOTB.
     time_nanoseconds : int or None
         Time into the run, whole milliseconds; None for immediately.
     latency_ms : int
-        As received; its sign convention is not known and nothing uses it.
+        Latency as received, ms; its sign convention is not known and nothing uses it.
     """
 
     vehicle_id: str
@@ -46,7 +46,7 @@ class MotionDatagram(NamedTuple):
 
 
 def parse_datagram(datagram: bytes) -> MotionDatagram:
-    """Return the motion command that a datagram of 216 or 212 bytes is.
+    """Return the motion command in a datagram of 216 or 212 bytes.
 
     Raises
     ------

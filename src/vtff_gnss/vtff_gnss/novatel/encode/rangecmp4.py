@@ -75,8 +75,8 @@ class RangeCmp4Encoder:
 
     Quantisation: pseudorange 0.5 mm, carrier phase 0.1 mm, range rate 0.1 mm/s, C/N0 0.05 dB,
     lock time in classes of a factor 2 (rounded down), sigmas rounded up to the next of 16 steps.
-    What does not fit is sent as invalid, as by a receiver: a carrier phase more than 419 m from
-    the pseudorange, a range rate above 3355 m/s, a pseudorange of a secondary signal more than
+    Values that do not fit are sent as invalid, as by a receiver: a carrier phase more than 419 m
+    from the pseudorange, a range rate above 3355 m/s, a pseudorange of a secondary signal more than
     262 m from that of the primary. A satellite whose differences do not fit (phase 3.3 m, range
     rate 0.8 m/s for secondary signals), or that has no reference, is sent as a reference block
     also between whole seconds: in low Earth orbit most are. The number of a block is its second

@@ -106,11 +106,11 @@ class CompressedLayout:
     ----------
     name : str
     sigma_bits : int
-        Of each of the two sigmas.
+        Number of bits of each of the two sigmas.
     sigma_metres, sigma_cycles : tuple of float
-        Of their classes.
+        Sigmas of the classes, m and cycles.
     primary, secondary : FieldWidths
-        Of the reference blocks of the first signal of a satellite, and of its others.
+        Fields of the reference blocks of a satellite's first signal, and of its other signals.
     """
 
     name: str

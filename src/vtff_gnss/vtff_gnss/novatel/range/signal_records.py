@@ -91,7 +91,7 @@ def epoch_from_records(
 
 
 class _Names(NamedTuple):
-    """What RINEX calls the signals of a log; arrays are read-only."""
+    """RINEX names of the signals of a log; arrays are read-only."""
 
     chosen: npt.NDArray[np.bool_] | slice
     unnamed_count: int

@@ -108,7 +108,7 @@ class SignalTable:
     system, band : ndarray of int64
         ``SYSTEM_*`` and RINEX frequency digit.
     wavelength, frequency_hz : ndarray
-        Of the carrier, m and Hz.
+        Wavelength and frequency of the carrier, m and Hz.
     pseudorange, carrier_range : ndarray
         m; the carrier range is ambiguous.
     code_sigma, phase_sigma : ndarray
@@ -282,7 +282,7 @@ class SingleDifferences:
     satellite : ndarray of int64
         `vtff_gnss.signals.satellite_number`.
     wavelength, frequency_hz : ndarray
-        Of the carrier, m and Hz.
+        Wavelength and frequency of the carrier, m and Hz.
     code, phase : ndarray
         Single differences of pseudorange and carrier range, m.
     code_variance, phase_variance : ndarray
