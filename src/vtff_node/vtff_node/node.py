@@ -184,20 +184,24 @@ class VtffNode(Node):
         report.header.stamp = to_stamp(self.scenario_nanoseconds)
         self._diagnostics_publisher.publish(report)
 
-    def report_progress(self, done: float, total: float, **shown: Any) -> None:
+    def report_progress(
+        self, done: float, total: float, *, urgent: bool = False, **shown: Any
+    ) -> None:
         """Write a progress line for `vtff run`, at most a few times a second.
 
         Parameters
         ----------
         done, total
             Seconds of scenario time, or bytes of a file.
+        urgent
+            Write the line however short ago the last one was.
         shown
             Further values that the progress bar shows.
         """
         if self._progress_descriptor is None:
             return
         now = time.monotonic()
-        if now < self._progress_next and done < total:
+        if now < self._progress_next and done < total and not urgent:
             return
         self._progress_next = now + PROGRESS_INTERVAL
         line = json.dumps({"node": self._qualified_name, "done": done, "total": total, **shown})

@@ -22,6 +22,7 @@ from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.step_source import StepSource, StepSourceParameters
+from vtff_sim_bridge.bridge.lateness import Lateness
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
 from vtff_sim_bridge.simremote.client import SimRemoteClient, SimRemoteError
@@ -53,6 +54,11 @@ class SimgenBridgeParameters(StepSourceParameters):
     simgen_timeout: float = parameter(2.0, "longest wait for a reply", unit="s", minimum=0.01)
     lockstep_preparing: list[str] = parameter(
         [], "fully qualified nodes that must report ready before the run starts, in any pacing"
+    )
+    max_lag: float = parameter(
+        2.0,
+        "in real time, steps that the run may be late before it stops; 0 = no limit",
+        minimum=0.0,
     )
     coasting: list[str] = parameter(
         [], "deputies without a thruster: no step waits for their thrust"
@@ -89,6 +95,7 @@ class SimgenBridgeNode(VtffNode):
         self._ready_since: float | None = None
         self._wall_start = 0.0
         self._wall_lag = 0.0
+        self._lateness = Lateness(self._scenario.step, given.max_lag)
         self._create_interfaces()
         self._made = time.monotonic()
         self._start_timer = self.create_timer(START_POLL, self._start, clock=self.steady_clock)
@@ -261,7 +268,10 @@ class SimgenBridgeNode(VtffNode):
     def _thrust_now(self, stamp_nanoseconds: int) -> dict[str, np.ndarray]:
         applied = {}
         for name, buffer in self._thrust.items():
+            was_stale = buffer.is_stale
             thrust = buffer.starting_at(stamp_nanoseconds, exactly=self.lockstep)
+            if buffer.is_stale and not was_stale:
+                self.get_logger().warning(f"no new thrust of {name}: none is applied")
             if thrust is not None:
                 applied[name] = thrust
         return applied
@@ -298,9 +308,20 @@ class SimgenBridgeNode(VtffNode):
             return
         due = self._wall_start + (self._step_source.step + 1) * self._scenario.step
         now = time.monotonic()
-        if now >= due:
-            self._wall_lag = now - due
-            self._advance()
+        if now < due:
+            return
+        step = self._step_source.step + 1
+        self._wall_lag = now - due
+        begins_late = self._lateness.note(self._wall_lag)
+        if self._lateness.exceeds_limit(self._wall_lag):
+            self.fail(
+                f"step {step} began {self._wall_lag:.1f} s late, more than max_lag "
+                f"({self.parameters.max_lag:g} steps): the run stops, with zero thrust"
+            )
+            return
+        if begins_late:
+            self.get_logger().warning(f"step {step} began {self._wall_lag:.1f} s late")
+        self._advance()
 
     def _end(self) -> None:
         self._receive_replies()
@@ -362,11 +383,18 @@ class SimgenBridgeNode(VtffNode):
         status.message = self.problem or (self._simgen.problem if self._simgen else "")
         self._status_publisher.publish(status)
 
-    def _show_progress(self) -> None:
+    def _show_progress(self, *, urgent: bool = False) -> None:
         separations = {
             name: float(message.position[1]) for name, message in self._relative_messages.items()
         }
-        self.report_progress(self._time_into_run(), self._scenario.duration, in_track=separations)
+        lateness = {"late_steps": self._lateness.late_steps, "largest_lag": self._lateness.largest}
+        self.report_progress(
+            self._time_into_run(),
+            self._scenario.duration,
+            urgent=urgent,
+            in_track=separations,
+            **({} if self.lockstep else lateness),
+        )
 
     def _watch(self) -> None:
         """Go on if nothing is awaited; fail when a step of lockstep is not finished in time."""
@@ -382,6 +410,7 @@ class SimgenBridgeNode(VtffNode):
         self._state = SimulatorStatus.STATE_ERROR
         super().fail(problem)
         self._publish_status(to_stamp(self._truth.time.to_unix_nanoseconds()))
+        self._show_progress(urgent=True)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report pacing, the SimGEN connection and late commands."""
@@ -392,6 +421,14 @@ class SimgenBridgeNode(VtffNode):
             "thrust refused": self._refused_thrust,
         }
         level, text = diagnostics.OK, "running"
+        stale = [name for name, buffer in self._thrust.items() if buffer.is_stale]
+        if not self.lockstep:
+            values["late steps"] = self._lateness.late_steps
+            values["largest lag (s)"] = round(self._lateness.largest, 3)
+        if self._lateness.is_late:
+            level, text = diagnostics.WARN, f"{self._wall_lag:.1f} s late"
+        elif stale:
+            level, text = diagnostics.WARN, f"no new thrust of {', '.join(stale)}: none is applied"
         if self._simgen is not None:
             values.update(dataclasses.asdict(self._simgen.counters))
             if self._simgen.problem:

@@ -43,6 +43,14 @@ def run(
         Optional[int],  # noqa: UP045
         typer.Option(help="Seed of every random stream; default: as the scenario says.", min=0),
     ] = None,
+    max_lag: Annotated[
+        Optional[float],  # noqa: UP045
+        typer.Option(
+            help="With --realtime: steps that the run may be late before it stops with zero "
+            "thrust and exit code 1; 0 for no limit; default: 2.",
+            min=0.0,
+        ),
+    ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
         typer.Option(help="Folder of the run, new or empty; default: bags/SYSTEM_DATE_TIME."),
@@ -60,6 +68,8 @@ def run(
     or a parameter is wrong, 130 interrupted by Ctrl-C (the bag is complete up to then).
     """
     console = Console(highlight=False)
+    if max_lag is not None and not realtime:
+        raise exit_with_error(console, "--max-lag needs --realtime", EXIT_USAGE)
     try:
         path = find_system_file(system)
         run_directory = output_folder(out, path.stem, parent="bags", empty=True)
@@ -70,6 +80,7 @@ def run(
         pacing="realtime" if realtime else "lockstep",
         duration=duration,
         seed=seed,
+        max_lag=max_lag,
     )
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides or [], settings)

@@ -11,7 +11,7 @@ from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
-from vtff_bag.run.description import write_arguments
+from vtff_bag.run.description import add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
 from vtff_bringup.run.errors import exit_with_error, print_error
@@ -97,7 +97,13 @@ def run_system(
             on_progress=progress.update,
             on_line=show_line,
         )
-        return runner.run()
+        result = runner.run()
+    late_steps = result.progress.get("late_steps")
+    if late_steps is not None:
+        largest = round(float(result.progress["largest_lag"]), 3)
+        measured = {"late_steps": late_steps, "largest_lag_s": largest}
+        add_measured(settings.run_directory, measured)
+    return result
 
 
 def conclude_run(
@@ -167,7 +173,13 @@ def _speed_text(result: RunResult) -> str:
     if unit != "s":
         return f"{done:.0f} {unit} in {result.wall_time:.1f} s"
     factor = done / result.wall_time
+    late_steps = result.progress.get("late_steps", 0)
+    lateness = (
+        f"; {late_steps} steps began late, the worst by {result.progress['largest_lag']:.1f} s"
+        if late_steps
+        else ""
+    )
     return (
         f"{done:.0f} s of scenario in {result.wall_time:.1f} s "
-        f"({factor:.0f} x real time, start and end included)"
+        f"({factor:.0f} x real time, start and end included){lateness}"
     )

@@ -113,9 +113,13 @@ class RunSettings:
         Scenario seconds to run; None for the scenario's own.
     seed
         Seed of every random stream; None for the scenario's own.
+    max_lag
+        In real time, steps that the run may be late before it stops, 0 for no limit; None for the
+        default of the node that paces the run.
     """
 
     run_directory: pathlib.Path
     pacing: str = "lockstep"
     duration: float | None = None
     seed: int | None = None
+    max_lag: float | None = None

@@ -318,6 +318,8 @@ class _Loader:
                     added["duration"] = float(self._settings.duration)
                 if self._settings.seed is not None:
                     added["seed"] = int(self._settings.seed)
+                if self._settings.max_lag is not None:
+                    added["max_lag"] = float(self._settings.max_lag)
             complete.append(dataclasses.replace(node, parameters={**added, **node.parameters}))
         return complete
 

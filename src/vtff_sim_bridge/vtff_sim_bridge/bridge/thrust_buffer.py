@@ -28,6 +28,8 @@ class ThrustBuffer:
     late
         Number of steps, after the first message, that had to use an older thrust or none
         (real time).
+    is_stale
+        Whether the newest step got no thrust, because the newest message is too old (real time).
     """
 
     def __init__(self, step: float) -> None:
@@ -35,6 +37,7 @@ class ThrustBuffer:
         self._scheduled: dict[int, npt.NDArray[np.float64]] = {}
         self.received = 0
         self.late = 0
+        self.is_stale = False
 
     def add(self, start_nanoseconds: int, acceleration_rtn: Sequence[float]) -> None:
         """Schedule an acceleration, m/s^2, in the RTN axes of the chief at its start."""
@@ -66,6 +69,7 @@ class ThrustBuffer:
             self.late += self.received > 0
             if newest is not None and stamp_nanoseconds - newest <= self._stale_after:
                 thrust = self._scheduled[newest]
+        self.is_stale = thrust is None and self.received > 0 and not exactly
         oldest_kept = stamp_nanoseconds - self._stale_after
         self._scheduled = {
             start: value for start, value in self._scheduled.items() if start >= oldest_kept
