@@ -155,6 +155,27 @@ def test_frame_rates_against_differences_of_the_axes(gravity):
         assert abs(middle.angular_velocity_rtn[0]) < 1e-20
 
 
+def test_frame_rates_of_a_chief_with_strong_forces_of_its_own():
+    """Forces along T and N together, many times those of gravity, on a curve of third order."""
+    position, velocity = np.array([7e6, 1e6, -2e6]), np.array([-800.0, 5e3, 5.5e3])
+    acceleration, jerk = np.array([-5.0, 8.0, -9.0]), np.array([0.02, -0.03, 0.05])
+
+    def rates_at(time):
+        state = np.concatenate(
+            (
+                position + time * (velocity + time * (acceleration / 2 + time * jerk / 6)),
+                velocity + time * (acceleration + time * jerk / 2),
+            )
+        )
+        return frame_rates_rtn(state, acceleration + time * jerk, jerk)
+
+    step = 0.05
+    before, rates, after = (rates_at(time) for time in (-step, 0.0, step))
+    change = (after.angular_velocity_rtn - before.angular_velocity_rtn) / (2 * step)
+    assert abs(rates.angular_velocity_rtn[0]) > 1e-4
+    np.testing.assert_allclose(rates.angular_acceleration_rtn, change, rtol=1e-6, atol=1e-15)
+
+
 def drift_of_held_target(target, force, with_acceleration, duration):
     """Return the final and the largest distance from the target, m, of a deputy held there.
 

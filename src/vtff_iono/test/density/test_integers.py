@@ -90,6 +90,16 @@ def test_a_refused_integer_does_not_come_back_with_the_same_arc():
     assert signal(3) in datum.update(table, unbroken([1, 2]) | {signal(3): 2})
 
 
+def test_a_refused_integer_does_not_come_back_from_another_reference_satellite():
+    datum = IntegerDatum()
+    integers = {1: 5.0, 2: 7.0, 3: -4.0}
+    datum.update(relative_to(1, integers), unbroken(integers))
+    datum.refuse(signal(3))
+    for reference in integers:
+        held = datum.update(relative_to(reference, integers), unbroken(integers))
+        assert held == {signal(1): 0.0, signal(2): 2.0}
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("pair", [(3, -2), (-40, -41), (1000, 1290)])
 def test_integers_of_a_broken_arc_are_found_again(seed, pair):
@@ -118,3 +128,15 @@ def test_nothing_is_decided_between_two_integers():
         resolver.add_resolved(generator.normal(0.0, 0.08), 20)
         noise = generator.normal(0.0, 0.01, size=2)
         assert resolver.resolve("arc", 0.5 + noise[0], 20, noise[1]) is None
+
+
+@pytest.mark.parametrize(("error", "is_certain"), [(0.38, True), (0.42, False)])
+def test_an_integer_is_certain_five_sigmas_from_half_a_cycle(error, is_certain):
+    """The sigma of wide lanes without noise is 0.02 cycles."""
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(10):
+        resolver.add_resolved(0.0, 20)
+        integers = resolver.resolve("arc", error, 20, 0.0)
+        if integers is not None:
+            break
+    assert integers == ((0.0, 0.0) if is_certain else None)

@@ -70,6 +70,19 @@ def test_no_edge_in_a_smooth_layer_with_noise():
     assert [*edges, *detector.flush()] == []
 
 
+def test_an_edge_with_samples_at_its_middle_is_among_them():
+    """Three of the densities of the edge are exactly half the sum of those on both sides."""
+    density = np.concatenate((np.full(30, 1e12), np.full(3, 5e11), np.zeros(30)))
+    detector = DensityEdgeDetector()
+    edges = []
+    for second, value in enumerate(density.tolist()):
+        edges += detector.update(float(second), 300e3 + 296.0 * second, 985.0, value, 1e9)
+    (edge,) = [*edges, *detector.flush()]
+    assert edge.is_entry and (edge.before, edge.after) == (1e12, 0.0)
+    assert 30.0 <= edge.time <= 32.0
+    assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
+
+
 def rays(s4, onset, end, seconds=300, seed=0, rate=20):
     """Intensity of a ray that scintillates from `onset` to `end`, with thermal noise."""
     generator = np.random.default_rng(seed)

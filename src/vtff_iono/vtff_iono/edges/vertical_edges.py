@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from vtff_iono.edges.edge_detectors import DensityEdgeDetector, Edge
 from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 
-__all__ = ["VerticalEdgeFinder"]
+__all__ = ["VerticalEdgeFinder", "choose_half_window"]
 
 # Contents are fitted for this time before and after the crossing of an edge, s: the usual and the
 # shortest time. A long window helps in scintillation, but no other edge may lie in it.
@@ -88,7 +88,7 @@ class VerticalEdgeFinder:
         boundaries: list[Boundary] = []
         waiting, self._waiting = self._waiting, []
         for edge in waiting:
-            guesses = [history.crossing(edge.altitude) for history in self._histories]
+            guesses = [history.time_at_altitude(edge.altitude) for history in self._histories]
             if all(self._has_contents_after(guess) for guess in guesses):
                 boundaries += self._boundaries_of(edge, guesses)
             else:
@@ -153,14 +153,6 @@ class VerticalEdgeFinder:
         epochs = np.arange(epochs[0], epochs[-1] + step, step)
         links_of_deputy = set(deputy.links)
         links = [link for link in chief.links if link in links_of_deputy]
-        to_other_edges = [abs(time - edge.time) for time in self._edge_times if time != edge.time]
-        half_window = float(
-            np.clip(
-                _WINDOW_TO_NEXT_EDGE * min(to_other_edges, default=math.inf),
-                _SHORTEST_WINDOW,
-                _CROSSING_WINDOW,
-            )
-        )
         altitudes = geodetic_from_itrf(
             np.array([chief.position_at(origin + shift) for shift in (-reach // 4, reach // 4)])
         )[:, 2]
@@ -171,6 +163,27 @@ class VerticalEdgeFinder:
             deputy.series(epochs, links),
             edge.altitude,
             is_dense_above=is_rising != edge.is_entry,
-            half_window=half_window,
+            half_window=choose_half_window(edge.time, self._edge_times),
         )
         return None if fit is None else (origin, fit)
+
+
+def choose_half_window(edge_time: float, edge_times: Iterable[float]) -> float:
+    """Return for how long before and after the crossing of an edge contents are fitted, s.
+
+    Parameters
+    ----------
+    edge_time : float
+        Time of the edge, s.
+    edge_times : iterable of float
+        Times of all edges, this one included, s. No other edge lies in the window, unless it is
+        nearer than the shortest window.
+    """
+    to_other_edges = [abs(time - edge_time) for time in edge_times if time != edge_time]
+    return float(
+        np.clip(
+            _WINDOW_TO_NEXT_EDGE * min(to_other_edges, default=math.inf),
+            _SHORTEST_WINDOW,
+            _CROSSING_WINDOW,
+        )
+    )
