@@ -30,6 +30,10 @@ from vtff_gnss.ephemeris import (
     lnav_fit_interval,
 )
 from vtff_gnss.novatel import ReceiverLogStream, read_log
+from vtff_gnss.novatel import message_ids as ids
+from vtff_gnss.novatel.definitions import MessageDecoder
+from vtff_gnss.novatel.framing import crc32_novatel
+from vtff_gnss.novatel.message_ids import PAYLOAD_LAYOUTS
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 from vtff_gnss.orbits.lnav import SubframeError, decode_subframes
 from vtff_gnss.signals import carrier_wavelength, satellite_name
@@ -292,3 +296,39 @@ def test_library_knows_no_ros():
     assert len(paths) > 10
     for path in paths:
         assert not foreign.search(path.read_text(encoding="utf-8")), path
+
+
+def frame_with(payload: bytes, message_id: int, header_length: int = 28) -> bytes:
+    """Return a frame with any payload, message number and header length; its CRC is right."""
+    changed = bytearray(xyz()[:28] + bytes(header_length - 28) + payload)
+    changed[3] = header_length
+    struct.pack_into("<H", changed, 4, message_id)
+    struct.pack_into("<H", changed, 8, len(payload))
+    return bytes(changed) + struct.pack("<I", crc32_novatel(bytes(changed)))
+
+
+DECODED_LOGS = (*PAYLOAD_LAYOUTS, ids.ID_GALINAVEPHEMERIS, ids.ID_GALFNAVEPHEMERIS)
+
+
+@pytest.mark.parametrize("header_length", [28, 39])
+def test_a_frame_inside_a_frame_is_not_taken_for_it(header_length):
+    """novatel_edie searches on inside a frame that does not fit its definition."""
+    decoder = MessageDecoder()
+    for length in (144, 200, 300):
+        inside = xyz().ljust(length, b"\0")
+        message = decoder.decode(frame_with(inside, ids.ID_GALINAVEPHEMERIS, header_length))
+        assert message is None or message.name == "GALINAVEPHEMERIS"
+
+
+@pytest.mark.parametrize("filling", [b"\0", b"\x01", b"\x7f", b"\xff", b"\xaaD\x12"])
+@pytest.mark.parametrize("header_length", [28, 39, 64])
+def test_payloads_that_contradict_their_definition_raise_nothing(filling, header_length):
+    """Each log that is decoded, with payloads of many lengths and a right checksum."""
+    stream = ReceiverLogStream(raw_logs="all")
+    for message_id in DECODED_LOGS:
+        for length in (0, 4, *range(90, 330, 7), 1000):
+            payload = (filling * length)[:length]
+            stream.feed(frame_with(payload, message_id, header_length))
+    stream.feed(xyz())
+    stream.close()
+    assert stream.counters.logs_malformed > 0

@@ -294,3 +294,12 @@ def test_truncated_gzip(tmp_path):
     path.write_bytes(gzip.compress(header("3.04").encode())[:-6])
     with pytest.raises(RinexError, match="compressed file is damaged or incomplete"):
         read_rinex_navigation(path)
+
+
+@pytest.mark.parametrize("satellite", ["G07", "E11"])
+def test_a_rinex_4_record_without_lines_is_named(satellite, tmp_path):
+    path = tmp_path / "some.rnx"
+    message = "LNAV" if satellite[0] == "G" else "INAV"
+    path.write_text(header("4.00") + f"> EPH {satellite} {message}\n", encoding="ascii")
+    with pytest.raises(RinexError, match=rf":3: {satellite}: the record ends early"):
+        read_rinex_navigation(path)

@@ -366,3 +366,21 @@ def test_damaged_compression(tmp_path):
 def test_header_without_observations_is_an_empty_table(tmp_path):
     result = read_text(tmp_path, header_3(TYPES))
     assert len(result.table) == 0 and list(result.epochs()) == []
+
+
+END = header_line("", "END OF HEADER")
+
+
+@pytest.mark.parametrize(
+    ("content", "label"),
+    [
+        (header_3(header_2("C1").splitlines(keepends=True)[1]), "# / TYPES OF OBSERV"),
+        (
+            header_2("C1").replace(END, types_3("G", "C1C") + END),
+            "SYS / # / OBS TYPES",
+        ),
+    ],
+)
+def test_types_of_another_version_are_refused(content, label, tmp_path):
+    with pytest.raises(RinexError, match=f"{label}: not in RINEX"):
+        read_text(tmp_path, content)

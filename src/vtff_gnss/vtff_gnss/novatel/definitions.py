@@ -12,6 +12,8 @@ __all__ = ["MessageDecoder", "log_name"]
 LONG_BINARY_SYNC = b"\xaa\x44\x12"
 
 _DATABASE = oem.get_builtin_database()
+# What novatel_edie raises; MemoryError at counts that the payload contradicts.
+_DECODING_ERRORS = (novatel_edie.NovatelEdieException, RuntimeError, ValueError, MemoryError)
 
 
 def log_name(message_id: int) -> str:
@@ -46,13 +48,17 @@ class MessageDecoder:
         try:
             self._parser.write(content)
             messages = list(self._parser)
-        except (novatel_edie.NovatelEdieException, RuntimeError, ValueError):
+        except _DECODING_ERRORS:
             messages = []
         finally:
             self._parser.flush()
-        if len(messages) == 1 and isinstance(messages[0], oem.Message | oem.Response):
-            return messages[0]
-        return None
+        if len(messages) != 1 or not isinstance(messages[0], oem.Message | oem.Response):
+            return None
+        # The parser looks for a frame inside a frame that it rejects.
+        if content.startswith(LONG_BINARY_SYNC):
+            if messages[0].name != log_name(int.from_bytes(content[4:6], "little")):
+                return None
+        return messages[0]
 
     def to_binary(self, content: bytes) -> bytes | None:
         """Return an ASCII log as the long binary frame it stands for, or None if it has none."""
@@ -61,6 +67,6 @@ class MessageDecoder:
             return None
         try:
             binary = bytes(message.to_binary().message)
-        except (novatel_edie.NovatelEdieException, RuntimeError, ValueError):
+        except _DECODING_ERRORS:
             return None
         return binary if binary.startswith(LONG_BINARY_SYNC) else None

@@ -166,6 +166,8 @@ def _read_records_4(lines: list[Line], content: _Content) -> None:
             raise record[0].error("record: '> type satellite message' is required")
         kind, satellite, message = words[:3]
         if kind == "EPH" and message in _EPHEMERIS_MESSAGES.get(satellite[0], ()):
+            if len(record) < 2:
+                raise record[0].error(f"{satellite}: the record ends early")
             content.ephemerides.append(read_ephemeris(record[1:], satellite, message, indent=4))
         elif kind == "ION" and (satellite[0], message) in (("G", "LNAV"), ("E", "IFNV")):
             _read_ionosphere_record(record, satellite[0], content)

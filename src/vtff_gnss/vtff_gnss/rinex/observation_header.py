@@ -217,6 +217,8 @@ def _read_interval(header: RinexObservationHeader, line: Line, _: Iterator[Line]
 
 def _read_types_3(header: RinexObservationHeader, line: Line, following: Iterator[Line]) -> None:
     label = "SYS / # / OBS TYPES"
+    if header.version < 3.0:
+        raise line.error(f"{label}: not in RINEX {header.version:g}")
     letter = line.text[0]
     if letter not in SYSTEM_LETTERS:
         raise line.error(f"{label}: satellite system {letter!r} is unknown")
@@ -229,6 +231,8 @@ def _read_types_3(header: RinexObservationHeader, line: Line, following: Iterato
 
 def _read_types_2(header: RinexObservationHeader, line: Line, following: Iterator[Line]) -> None:
     label = "# / TYPES OF OBSERV"
+    if header.version >= 3.0:
+        raise line.error(f"{label}: not in RINEX {header.version:g}")
     count = _integer(line, label, 0, 6)
     types = _type_names(line, following, label, count, [(10 + 6 * i, 2) for i in range(9)])
     if any(len(name) != 2 for name in types):
