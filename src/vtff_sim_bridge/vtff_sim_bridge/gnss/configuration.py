@@ -24,6 +24,7 @@ from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
 
 __all__ = [
+    "BiasDriftModel",
     "ConstellationConfiguration",
     "GnssConfiguration",
     "MultipathModel",
@@ -43,7 +44,7 @@ class ConstellationConfiguration:
     source : str
         ``nominal``, or a RINEX navigation file or a YUMA almanac (``.yuma``, ``.alm``, ``.txt``).
     seed : int
-        Of the nominal constellations.
+        Seed of the nominal constellations.
     orbit_error_sigma, clock_error_sigma : float
         True less broadcast orbit, for each satellite and axis, and clock, m: constant errors that
         the broadcast ephemerides do not tell.
@@ -73,11 +74,16 @@ class NoiseModel:
     code_sigma, phase_sigma, doppler_sigma : float
         m, m, m/s.
     code_loop_bandwidth_hz, phase_loop_bandwidth_hz : float
-        Of the delay lock loop (carrier-aided) and the phase lock loop.
+        Noise bandwidths of the delay lock loop (carrier-aided) and the phase lock loop, Hz.
     integration_time : float
         Predetection, s.
     correlator_spacing_chips : float
         Early to late.
+    is_coloured : bool
+        Whether code and phase noise are correlated as first-order loops of these bandwidths leave
+        them, exp(-4 B |t|); else they are white.
+    stated_sigma_factor : float
+        What the receiver states over the true sigma of code, phase and Doppler.
     """
 
     model: str = "cn0"
@@ -88,13 +94,20 @@ class NoiseModel:
     phase_loop_bandwidth_hz: float = 15.0
     integration_time: float = 0.02
     correlator_spacing_chips: float = 0.1
+    is_coloured: bool = False
+    stated_sigma_factor: float = 1.0
 
     def __post_init__(self) -> None:
         """Check the parameters."""
         if self.model not in ("none", "fixed", "cn0"):
             raise ValueError(f"model: one of none, fixed, cn0 expected, got {self.model!r}")
         _require_not_negative(self, "code_sigma", "phase_sigma", "doppler_sigma")
-        for name in ("code_loop_bandwidth_hz", "phase_loop_bandwidth_hz", "integration_time"):
+        for name in (
+            "code_loop_bandwidth_hz",
+            "phase_loop_bandwidth_hz",
+            "integration_time",
+            "stated_sigma_factor",
+        ):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: more than 0 expected")
         if not 0.0 < self.correlator_spacing_chips < 2.0:
@@ -146,25 +159,73 @@ class TrackingModel:
 
 @dataclass(frozen=True)
 class MultipathModel:
-    """Slowly varying errors by reflections: sinusoids with seeded phases, greatest when low.
+    """Slowly varying errors by reflections, each signal of each satellite and antenna for itself.
+
+    They are the sum of a sinusoid with a seeded phase and of a Gauss-Markov process; each is off
+    while its sizes are 0.
 
     Parameters
     ----------
     code_amplitude, phase_amplitude : float
-        m, at the horizon; they fall with the cosine of the elevation.
+        Of the sinusoids at the horizon, m; they fall with the cosine of the elevation.
     period : float
-        s; that of a signal is between 0.7 and 1.3 times it.
+        Of the sinusoids, s; that of a signal is between 0.7 and 1.3 times it.
+    code_sigma, phase_sigma : float
+        Of the Gauss-Markov processes, m.
+    correlation_time : float
+        Of the Gauss-Markov processes, s.
+    elevation_model : str
+        ``constant``: the sigmas hold at all elevations; ``cosine``: they are those at the horizon
+        and fall with the cosine of the elevation.
+    follows_cn0 : bool
+        Whether the sigmas grow as the amplitude of the direct signal falls below that at boresight:
+        they are multiplied by 10^((C/N0 at boresight - C/N0) / 20), between 1 and 10.
     """
 
     code_amplitude: float = 0.0
     phase_amplitude: float = 0.0
     period: float = 120.0
+    code_sigma: float = 0.0
+    phase_sigma: float = 0.0
+    correlation_time: float = 100.0
+    elevation_model: str = "constant"
+    follows_cn0: bool = False
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        _require_not_negative(self, "code_amplitude", "phase_amplitude")
-        if not self.period > 0.0:
-            raise ValueError("period: more than 0 s expected")
+        _require_not_negative(
+            self, "code_amplitude", "phase_amplitude", "code_sigma", "phase_sigma"
+        )
+        for name in ("period", "correlation_time"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}: more than 0 s expected")
+        if self.elevation_model not in ("constant", "cosine"):
+            raise ValueError(
+                f"elevation_model: one of constant, cosine expected, got {self.elevation_model!r}"
+            )
+
+
+@dataclass(frozen=True)
+class BiasDriftModel:
+    """Drift of the line biases of a receiver, by temperature: Gauss-Markov, one for each signal.
+
+    Parameters
+    ----------
+    code_sigma, phase_sigma : float
+        m.
+    correlation_time : float
+        s.
+    """
+
+    code_sigma: float = 0.0
+    phase_sigma: float = 0.0
+    correlation_time: float = 1500.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _require_not_negative(self, "code_sigma", "phase_sigma")
+        if not self.correlation_time > 0.0:
+            raise ValueError("correlation_time: more than 0 s expected")
 
 
 @dataclass(frozen=True)
@@ -201,6 +262,7 @@ class ReceiverConfiguration:
     noise: NoiseModel = field(default_factory=NoiseModel)
     tracking: TrackingModel = field(default_factory=TrackingModel)
     multipath: MultipathModel = field(default_factory=MultipathModel)
+    bias_drift: BiasDriftModel = field(default_factory=BiasDriftModel)
     antenna: ParabolicPattern | None = None
 
 
@@ -289,6 +351,7 @@ def _receiver(section: Section) -> ReceiverConfiguration:
         ("noise", NoiseModel),
         ("tracking", TrackingModel),
         ("multipath", MultipathModel),
+        ("bias_drift", BiasDriftModel),
     ):
         if name in section:
             groups[name] = section.section(name).filled(kind)

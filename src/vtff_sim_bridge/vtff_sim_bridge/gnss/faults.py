@@ -145,13 +145,13 @@ class ByteFaults:
         self.changed_bytes = 0
 
     def apply(self, content: bytes, epoch: int) -> bytes:
-        """Return what is left of the bytes of an epoch."""
+        """Return the bytes of an epoch that the faults leave, changed where they change them."""
         for number, fault in enumerate(self._faults):
             if content and fault.is_active(epoch):
-                content = self._with_fault(fault, number, content, epoch)
+                content = self._apply_fault(fault, number, content, epoch)
         return content
 
-    def _with_fault(self, fault: Fault, number: int, content: bytes, epoch: int) -> bytes:
+    def _apply_fault(self, fault: Fault, number: int, content: bytes, epoch: int) -> bytes:
         if fault.kind == "silent":
             self.changed_bytes += len(content)
             return b""
@@ -163,7 +163,7 @@ class ByteFaults:
             changed[places] ^= random.integers(1, 256, len(places), dtype=np.uint8)
             return bytes(changed)
         is_kept = np.ones(len(content), dtype=bool)
-        for place in places.tolist():
-            is_kept[place : place + int(random.integers(1, _LONGEST_DROP_BYTES + 1))] = False
+        for first in places.tolist():
+            is_kept[first : first + int(random.integers(1, _LONGEST_DROP_BYTES + 1))] = False
         self.changed_bytes += int(len(content) - np.count_nonzero(is_kept))
         return bytes(np.frombuffer(content, dtype=np.uint8)[is_kept])

@@ -35,7 +35,7 @@ _BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
 
 
 class Effect(enum.IntEnum):
-    """What a stream is for; the numbers are part of every seed and must not change."""
+    """Effect that a stream serves; the numbers are part of every seed and must not change."""
 
     CODE_NOISE = 1
     PHASE_NOISE = 2
@@ -49,6 +49,14 @@ class Effect(enum.IntEnum):
     SCINTILLATION = 10
     MULTIPATH = 11
     BYTE_FAULT = 12
+    CODE_MULTIPATH = 13
+    PHASE_MULTIPATH = 14
+    CODE_LINE_BIAS = 15
+    PHASE_LINE_BIAS = 16
+    ORBIT_DRIFT = 17
+    EPHEMERIS_UPLOAD = 18
+    DYNAMIC_SLIP = 19
+    GEOMETRY = 20
 
 
 def receiver_number(name: str) -> int:
@@ -67,9 +75,9 @@ class NoiseField:
     Parameters
     ----------
     seed : int
-        Of the run.
+        Seed of the run.
     effect : Effect
-        What the noise is for.
+        Effect that the noise stands for.
     addresses : sequence of tuple of int
         Address of each link: receiver, system, satellite, band, attribute.
     """

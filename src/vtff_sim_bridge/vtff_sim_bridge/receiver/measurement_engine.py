@@ -33,6 +33,7 @@ from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.navigation_solution import solve_navigation
 from vtff_sim_bridge.receiver.observables import (
+    LineBiasDrift,
     LinkPlan,
     MeasurementNoise,
     Multipath,
@@ -116,6 +117,7 @@ class MeasurementEngine:
         )
         self._noise = MeasurementNoise(configuration.noise, links, seed, number)
         self._multipath = Multipath(configuration, links, seed, number)
+        self._line_bias_drift = LineBiasDrift(configuration, links, seed, number)
         self._scintillated = ScintillatedLinks(np.array([k.signal.frequency for k in links]))
         self._last_phase_delay = np.full(len(links), np.nan)
         self._sky: Sky | None = None
@@ -294,11 +296,21 @@ class MeasurementEngine:
         ranges = ranges[:, plan.satellite]
         pseudorange = ranges + signals.code_delay + plan.code_bias
         carrier = ranges + signals.phase_delay
+        multipath = None
         if self._multipath.is_on:
-            elevation = line_of_sight.elevation[:, plan.satellite]
-            code, phase = self._multipath.errors(signals.elapsed, elevation, plan.row)
-            pseudorange = pseudorange + code
-            carrier = carrier + phase
+            multipath = self._multipath.errors(
+                second,
+                emitted,
+                line_of_sight.elevation[:, plan.satellite],
+                plan.cn0_zenith_dbhz - signals.cn0_dbhz,
+                plan.row,
+            )
+            pseudorange = pseudorange + multipath[0]
+            carrier = carrier + multipath[1]
+        if self._line_bias_drift.is_on:
+            code_bias, phase_bias = self._line_bias_drift.errors(second, emitted, plan.row)
+            pseudorange = pseudorange + code_bias
+            carrier = carrier + phase_bias
         rate = self._carrier_rate(signals)
         cn0_dbhz = signals.cn0_dbhz
         sigmas = self._noise.sigmas(cn0_dbhz, plan.wavelength, plan.chip_length)
@@ -316,7 +328,8 @@ class MeasurementEngine:
             carrier_phase_cycles=carrier / plan.wavelength + tracks.cycles,
             doppler_hz=-rate / plan.wavelength,
             cn0_dbhz=cn0_dbhz,
-            sigmas=sigmas,
+            sigmas=self._noise.stated(sigmas),
+            multipath=multipath,
         )
 
     def _carrier_rate(self, signals: ArrivingSignals) -> FloatArray:

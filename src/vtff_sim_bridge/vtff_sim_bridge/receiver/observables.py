@@ -15,12 +15,19 @@ from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.gnss.configuration import NoiseModel, ReceiverConfiguration
-from vtff_sim_bridge.gnss.random_streams import Effect, NoiseField, generator
+from vtff_sim_bridge.gnss.gauss_markov import GaussMarkovField
+from vtff_sim_bridge.gnss.random_streams import (
+    EPOCHS_PER_SECOND,
+    Effect,
+    NoiseField,
+    generator,
+)
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
 from vtff_sim_bridge.gnss.sky import Constellation, Sky
 from vtff_sim_bridge.receiver.tracking import Link
 
 __all__ = [
+    "LineBiasDrift",
     "LinkPlan",
     "MeasurementNoise",
     "Multipath",
@@ -32,6 +39,9 @@ __all__ = [
 ]
 
 _REFERENCE_DISTANCE = 20.2e6
+# Below a tenth of its amplitude at boresight the direct signal is lost in most receivers.
+_LARGEST_MULTIPATH_FACTOR = 10.0
+_TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
 _SATELLITES = {SYSTEM_GPS: 32, SYSTEM_GALILEO: 36}
 _NOISE_EFFECTS = (
     Effect.CODE_NOISE,
@@ -67,7 +77,7 @@ class LinkPlan:
     Parameters
     ----------
     ephemerides : tuple of BroadcastEphemeris
-        Of the n satellites.
+        Ephemerides of the n satellites.
     satellites : list of (int, int)
         Their system and number.
     satellite : ndarray of int
@@ -209,10 +219,14 @@ class Sigmas:
     phase: FloatArray
     doppler: FloatArray
 
+    def scaled(self, factor: float) -> Sigmas:
+        """Return these sigmas times a factor."""
+        return Sigmas(factor * self.code, factor * self.phase, factor * self.doppler)
+
 
 @dataclass(frozen=True, eq=False)
 class Observables:
-    """What a receiver measures, shape (k, m).
+    """Measurements of a receiver, shape (k, m).
 
     Parameters
     ----------
@@ -224,7 +238,9 @@ class Observables:
     cn0_dbhz : ndarray
         As the receiver estimates it.
     sigmas : Sigmas
-        Those that the receiver states.
+        Sigmas that the receiver states.
+    multipath : tuple of 2 ndarray, or None
+        Multipath of code and phase in the above, m; None where it is off.
     """
 
     pseudorange: FloatArray
@@ -232,6 +248,7 @@ class Observables:
     doppler_hz: FloatArray
     cn0_dbhz: FloatArray
     sigmas: Sigmas
+    multipath: tuple[FloatArray, FloatArray] | None = None
 
 
 class MeasurementNoise:
@@ -243,13 +260,24 @@ class MeasurementNoise:
     links : sequence of Link
         All links of the receiver.
     seed, receiver : int
-        Of the run; number of the receiver.
+        Seed of the run, and number of the receiver.
     """
 
     def __init__(self, model: NoiseModel, links: Sequence[Link], seed: int, receiver: int) -> None:
         self._model = model
-        addresses = [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
-        self._fields = {effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS}
+        addresses = _link_addresses(links, receiver)
+        self._fields: dict[Effect, NoiseField | GaussMarkovField] = {
+            effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS
+        }
+        if model.is_coloured:
+            # A first-order loop of noise bandwidth B passes 1 / (1 + s / (4 B)) (Kaplan and Hegarty
+            # 2006, table 5.6): white noise leaves it with the autocorrelation exp(-4 B |t|).
+            for effect, bandwidth_hz in (
+                (Effect.CODE_NOISE, model.code_loop_bandwidth_hz),
+                (Effect.PHASE_NOISE, model.phase_loop_bandwidth_hz),
+            ):
+                correlation_time = 1.0 / (4.0 * bandwidth_hz)
+                self._fields[effect] = GaussMarkovField(seed, effect, addresses, correlation_time)
 
     @property
     def is_on(self) -> bool:
@@ -262,10 +290,15 @@ class MeasurementNoise:
         """Return noise of unit variance, shape (k, m)."""
         return self._fields[effect].second(second, rows)[emitted]
 
+    def stated(self, sigmas: Sigmas) -> Sigmas:
+        """Return what the receiver states for true sigmas."""
+        factor = self._model.stated_sigma_factor
+        return sigmas if factor == 1.0 else sigmas.scaled(factor)
+
     def sigmas(
         self, cn0_dbhz: FloatArray, wavelength: FloatArray, chip_length: FloatArray
     ) -> Sigmas:
-        """Return the sigmas, shape (k, m); those that a receiver would state if noise is off.
+        """Return the true sigmas, shape (k, m); those that there would be if noise is off.
 
         References
         ----------
@@ -317,10 +350,14 @@ class Multipath:
         self, configuration: ReceiverConfiguration, links: Sequence[Link], seed: int, receiver: int
     ) -> None:
         self._model = configuration.multipath
+        addresses = _link_addresses(links, receiver)
+        self._processes = {
+            effect: GaussMarkovField(seed, effect, addresses, self._model.correlation_time)
+            for effect in (Effect.CODE_MULTIPATH, Effect.PHASE_MULTIPATH)
+        }
         draws = np.zeros((len(links), 3))
-        if self.is_on:
-            for row, k in enumerate(links):
-                address = (receiver, k.system, k.prn, k.signal.band, k.signal.attribute)
+        if self._has_sinusoids:
+            for row, address in enumerate(addresses):
                 draws[row] = generator(seed, Effect.MULTIPATH, *address).random(3)
         self._rate = 2.0 * math.pi / (self._model.period * (0.7 + 0.6 * draws[:, 0]))
         self._phases = 2.0 * math.pi * draws[:, 1:]
@@ -328,18 +365,112 @@ class Multipath:
     @property
     def is_on(self) -> bool:
         """Whether there is multipath."""
+        return self._has_sinusoids or self._has_processes
+
+    @property
+    def _has_sinusoids(self) -> bool:
         return self._model.code_amplitude > 0.0 or self._model.phase_amplitude > 0.0
 
+    @property
+    def _has_processes(self) -> bool:
+        return self._model.code_sigma > 0.0 or self._model.phase_sigma > 0.0
+
     def errors(
+        self,
+        second: int,
+        emitted: slice,
+        elevation: FloatArray,
+        cn0_loss_db: FloatArray,
+        rows: npt.NDArray[np.intp],
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return errors of code and phase, m, shape (k, m).
+
+        Parameters
+        ----------
+        second : int
+            Number of the second.
+        emitted : slice
+            Its k epochs.
+        elevation : ndarray, shape (k, m)
+            rad.
+        cn0_loss_db : ndarray, shape (k, m)
+            C/N0 at boresight less C/N0.
+        rows : ndarray of int, shape (m,)
+            Links.
+        """
+        code, phase = np.zeros(elevation.shape), np.zeros(elevation.shape)
+        if self._has_sinusoids:
+            elapsed = second + _TAGS[emitted]
+            code, phase = self._sinusoids(elapsed, elevation, rows)
+        if self._has_processes:
+            size = np.ones(elevation.shape)
+            if self._model.elevation_model == "cosine":
+                size = np.cos(elevation)
+            if self._model.follows_cn0:
+                size = size * np.clip(10.0 ** (cn0_loss_db / 20.0), 1.0, _LARGEST_MULTIPATH_FACTOR)
+            drawn_code, drawn_phase = (
+                self._processes[effect].second(second, rows)[emitted]
+                for effect in (Effect.CODE_MULTIPATH, Effect.PHASE_MULTIPATH)
+            )
+            code = code + self._model.code_sigma * size * drawn_code
+            phase = phase + self._model.phase_sigma * size * drawn_phase
+        return code, phase
+
+    def _sinusoids(
         self, elapsed: FloatArray, elevation: FloatArray, rows: npt.NDArray[np.intp]
     ) -> tuple[FloatArray, FloatArray]:
-        """Return errors of code and phase, m, shape (k, m), at times into the run (k,)."""
+        """Return the sinusoids of code and phase, m, shape (k, m), at times into the run (k,)."""
         argument = elapsed[:, None] * self._rate[rows]
         size = np.cos(elevation)
         first, second = self._phases[rows].T
         code = self._model.code_amplitude * size * np.sin(argument + first)
         phase = self._model.phase_amplitude * size * np.sin(argument + second)
         return code, phase
+
+
+class LineBiasDrift:
+    """Drifts of the line biases of one receiver, see `BiasDriftModel`.
+
+    Parameters
+    ----------
+    configuration : ReceiverConfiguration
+    links : sequence of Link
+        All links of the receiver; those of one signal share its line.
+    seed, receiver : int
+    """
+
+    def __init__(
+        self, configuration: ReceiverConfiguration, links: Sequence[Link], seed: int, receiver: int
+    ) -> None:
+        self._model = configuration.bias_drift
+        lines = signals_of(configuration)
+        addresses = [(receiver, s.system, s.band, s.attribute) for s in lines]
+        self._processes = {
+            effect: GaussMarkovField(seed, effect, addresses, self._model.correlation_time)
+            for effect in (Effect.CODE_LINE_BIAS, Effect.PHASE_LINE_BIAS)
+        }
+        self._lines = np.arange(len(lines))
+        self._line = np.array([lines.index(k.signal) for k in links], dtype=np.intp)
+
+    @property
+    def is_on(self) -> bool:
+        """Whether the biases drift."""
+        return self._model.code_sigma > 0.0 or self._model.phase_sigma > 0.0
+
+    def errors(
+        self, second: int, emitted: slice, rows: npt.NDArray[np.intp]
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return what code and phase of links are longer by, m, shape (k, m)."""
+        code, phase = (
+            self._processes[effect].second(second, self._lines)[emitted][:, self._line[rows]]
+            for effect in (Effect.CODE_LINE_BIAS, Effect.PHASE_LINE_BIAS)
+        )
+        return self._model.code_sigma * code, self._model.phase_sigma * phase
+
+
+def _link_addresses(links: Sequence[Link], receiver: int) -> list[tuple[int, ...]]:
+    """Return the address of each link of a receiver in the random streams."""
+    return [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
 
 
 def signals_of(configuration: ReceiverConfiguration) -> list[Signal]:

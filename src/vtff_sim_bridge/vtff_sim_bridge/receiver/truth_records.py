@@ -45,7 +45,7 @@ def arc_record(arc: Arc) -> dict[str, Any]:
 def second_record(measured: Measurements, second: int) -> dict[str, Any]:
     """Return the state of a receiver and its signals at the last epoch of a second."""
     signals, columns = measured.signals, measured.tracked_satellites(-1)
-    return {
+    record = {
         "time": second,
         "position_itrf": np.round(signals.position_itrf[-1], 6).tolist(),
         "clock_offset": float(signals.clock_offset[-1]),
@@ -54,6 +54,24 @@ def second_record(measured: Measurements, second: int) -> dict[str, Any]:
         "slant_tec_tecu": np.round(signals.slant_tec_tecu[-1, columns], 6).tolist(),
         "s4_l1": np.round(signals.s4_l1[-1, columns], 4).tolist(),
     }
+    if measured.observables.multipath is not None:
+        record["multipath"] = _multipath(measured)
+    return record
+
+
+def _multipath(measured: Measurements) -> dict[str, dict[str, list[float]]]:
+    """Return the multipath of code and phase, m, by satellite and signal at the last epoch."""
+    plan, errors = measured.signals.plan, measured.observables.multipath
+    names = {(s.system, s.band, s.attribute): name for name, s in SIGNALS.items()}
+    by_satellite: dict[str, dict[str, list[float]]] = {}
+    for link in np.flatnonzero(measured.tracks.is_tracked[-1]).tolist():
+        system = int(plan.system[link])
+        satellite = satellite_name(system, int(plan.prn[link]))
+        signal = names[system, int(plan.band[link]), int(plan.attribute[link])]
+        by_satellite.setdefault(satellite, {})[signal] = [
+            round(float(error[-1, link]), 6) for error in errors or ()
+        ]
+    return by_satellite
 
 
 class SatelliteTruth:
@@ -71,7 +89,7 @@ class SatelliteTruth:
     receivers : iterable of ReceiverConfiguration
         Receivers whose signals are written.
     start : GpsTime
-        Of the run.
+        Start of the run.
     """
 
     def __init__(

@@ -1,0 +1,180 @@
+"""Errors of real receivers and skies, each against its definition, in what receivers measure."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import pathlib
+
+import gnss_emulator_support as support
+import numpy as np
+import pytest
+
+from vtff_sim_bridge.gnss.configuration import (
+    BiasDriftModel,
+    MultipathModel,
+    NoiseModel,
+    load_gnss_configuration,
+)
+from vtff_sim_bridge.truth.scenario_fields import ScenarioError
+
+SECONDS = 12
+SILENT = NoiseModel(model="none")
+
+
+@pytest.fixture(scope="module")
+def motions():
+    return support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], SECONDS)
+
+
+def observables(motions, truth_path: pathlib.Path | None = None, name: str = "chief", **changes):
+    """Return code and carrier ranges of each second, (20 * seconds, links), with these fields."""
+    base = support.with_receivers(support.configuration(), **{"noise": SILENT, **changes})
+    return measured_ranges(support.Run(base, motions, truth_path=truth_path), name)
+
+
+def measured_ranges(run: support.Run, name: str = "chief"):
+    """Return pseudorange, carrier range and stated sigmas of a run after the first epoch."""
+    code, phase, stated = [], [], []
+
+    def keep(second: int) -> None:
+        measured = run.measurements(name)
+        if second:
+            code.append(measured.observables.pseudorange)
+            wavelength = measured.signals.plan.wavelength
+            phase.append(
+                (measured.observables.carrier_phase_cycles - measured.tracks.cycles) * wavelength
+            )
+            stated.append(measured.observables.sigmas)
+
+    run.all(keep)
+    return np.concatenate(code), np.concatenate(phase), stated
+
+
+@pytest.fixture(scope="module")
+def plain(motions):
+    return observables(motions)
+
+
+def seconds_of(path: pathlib.Path, receiver: str) -> list[dict]:
+    """Return the records of the seconds of a receiver in a truth file."""
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    return [r for r in lines if r["record"] == "second" and r["receiver"] == receiver]
+
+
+def test_gauss_markov_multipath_has_its_sigma_and_is_in_the_truth_file(motions, plain, tmp_path):
+    model = MultipathModel(code_sigma=0.5, phase_sigma=0.005, correlation_time=0.2)
+    path = tmp_path / "truth.jsonl"
+    code, phase, _ = observables(motions, path, multipath=model)
+    for change, sigma in ((code - plain[0], 0.5), (phase - plain[1], 0.005)):
+        assert change.std() == pytest.approx(sigma, rel=0.1)
+        # Both signals of a satellite, and two satellites, are independent.
+        correlation = np.corrcoef(change.T) - np.eye(change.shape[1])
+        assert np.sqrt(np.mean(correlation**2)) < 0.35
+        assert np.mean(change[:-4] * change[4:]) == pytest.approx(sigma**2 * np.exp(-1.0), rel=0.25)
+    told = seconds_of(path, "chief")[-1]["multipath"]
+    tracked = np.array([value for signals in told.values() for value in signals.values()])
+    assert len(tracked) >= 16
+    measured = np.column_stack(((code - plain[0])[-1], (phase - plain[1])[-1]))
+    distance = np.abs(tracked[:, None] - measured[None]).max(axis=2)
+    assert distance.min(axis=1).max() < 2e-6
+
+
+def test_gauss_markov_multipath_follows_elevation_and_cn0(motions, plain):
+    size = {"code_sigma": 1.0, "phase_sigma": 0.01, "correlation_time": 100.0}
+    constant = observables(motions, multipath=MultipathModel(**size))[0] - plain[0]
+    low = MultipathModel(**size, elevation_model="cosine")
+    base = support.with_receivers(support.configuration(), noise=SILENT, multipath=low)
+    run = support.Run(base, motions)
+    cosine = measured_ranges(run)[0] - plain[0]
+    signals = run.measurements("chief").signals
+    elevation = signals.line_of_sight.elevation[-1][signals.plan.satellite]
+    np.testing.assert_allclose(cosine[-1] / constant[-1], np.cos(elevation), rtol=1e-4)
+    weak = MultipathModel(**size, follows_cn0=True)
+    follows = observables(motions, multipath=weak)[0] - plain[0]
+    loss = signals.plan.cn0_zenith_dbhz - signals.cn0_dbhz[-1]
+    assert loss.max() > 0.5
+    expected = np.maximum(10.0 ** (loss / 20.0), 1.0)
+    np.testing.assert_allclose(follows[-1] / constant[-1], expected, rtol=1e-4)
+
+
+def test_multipath_of_two_antennas_and_two_seeds_is_independent(motions, plain):
+    model = MultipathModel(code_sigma=1.0, correlation_time=0.05)
+    chief = observables(motions, multipath=model)[0] - plain[0]
+    deputy = observables(motions, name="deputy", multipath=model)[0]
+    deputy = deputy - observables(motions, name="deputy")[0]
+    columns = min(chief.shape[1], deputy.shape[1])
+    product = np.mean(chief[:, :columns] * deputy[:, :columns])
+    assert abs(product) < 5.0 / np.sqrt(chief.size / 2.0)
+    base = support.with_receivers(support.configuration(seed=2), noise=SILENT, multipath=model)
+    other = measured_ranges(support.Run(base, motions))[0]
+    quiet = support.with_receivers(support.configuration(seed=2), noise=SILENT)
+    other = other - measured_ranges(support.Run(quiet, motions))[0]
+    assert abs(np.mean(chief * other)) < 5.0 / np.sqrt(chief.size / 2.0)
+
+
+def test_receiver_states_a_factor_of_the_sigma_that_it_has(motions, plain):
+    fixed = NoiseModel(model="fixed", code_sigma=0.6, phase_sigma=0.003, doppler_sigma=0.02)
+    honest = observables(motions, noise=fixed)
+    optimistic = observables(motions, noise=dataclasses.replace(fixed, stated_sigma_factor=0.5))
+    np.testing.assert_array_equal(honest[0], optimistic[0])
+    np.testing.assert_array_equal(honest[1], optimistic[1])
+    assert (honest[1] - plain[1]).std() == pytest.approx(0.003, rel=0.05)
+    for name, sigma in (("code", 0.6), ("phase", 0.003), ("doppler", 0.02)):
+        assert np.unique(getattr(honest[2][-1], name)) == pytest.approx([sigma])
+        assert np.unique(getattr(optimistic[2][-1], name)) == pytest.approx([0.5 * sigma])
+
+
+def test_noise_of_the_loops_has_their_bandwidth(motions, plain):
+    model = NoiseModel(
+        model="fixed", code_loop_bandwidth_hz=2.0, phase_loop_bandwidth_hz=5.0, is_coloured=True
+    )
+    coloured = observables(motions, noise=model)
+    white = observables(motions, noise=dataclasses.replace(model, is_coloured=False))
+    for index, sigma, bandwidth in ((0, 0.3, 2.0), (1, 0.001, 5.0)):
+        for ranges, expected in ((coloured, np.exp(-4.0 * bandwidth * 0.05)), (white, 0.0)):
+            noise = ranges[index] - plain[index]
+            assert noise.std() == pytest.approx(sigma, rel=0.06)
+            product = np.mean(noise[:-1] * noise[1:]) / sigma**2
+            assert product == pytest.approx(expected, abs=0.06)
+
+
+def test_line_biases_drift_together_for_all_satellites_of_a_signal(motions, plain):
+    model = BiasDriftModel(code_sigma=0.5, phase_sigma=0.005, correlation_time=2.0)
+    base = support.with_receivers(support.configuration(), noise=SILENT, bias_drift=model)
+    run = support.Run(base, motions)
+    code, phase, _ = measured_ranges(run)
+    band = run.measurements("chief").signals.plan.band
+    lines = []
+    for change, size in ((code - plain[0], 0.5), (phase - plain[1], 0.005)):
+        for number in (1, 2):
+            line = change[:, band == number]
+            np.testing.assert_allclose(line - line[:, :1], 0.0, atol=3e-7)
+            assert 0.2 * size < np.sqrt(np.mean(line**2)) < 3.0 * size
+            lines.append(line[:, 0])
+    assert np.abs(np.corrcoef(lines) - np.eye(4)).max() < 0.95
+
+
+def gnss_file(tmp_path: pathlib.Path, text: str) -> pathlib.Path:
+    """Return a GNSS file in which text stands for the multipath of all receivers."""
+    path = tmp_path / "gnss.yaml"
+    source = support.REPOSITORY / "config/gnss/noise_free.yaml"
+    content = source.read_text(encoding="utf-8")
+    path.write_text(content.replace("receiver_defaults:\n", f"receiver_defaults:\n{text}\n"))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("  multipath: {code_sigma: -1.0}", r"receivers\[0\].multipath: code_sigma: 0 or more"),
+        ("  multipath: {correlation_time: 0.0}", "multipath: correlation_time: more than 0"),
+        ("  multipath: {elevation_model: sine}", "multipath: elevation_model: one of constant"),
+        ("  bias_drift: {phase_sigma: -1.0}", "bias_drift: phase_sigma: 0 or more"),
+        ("  bias_drift: {correlation_time: 0.0}", "bias_drift: correlation_time: more than 0"),
+    ],
+)
+def test_wrong_values_are_refused_with_file_and_field(tmp_path, text, problem):
+    with pytest.raises(ScenarioError, match=problem) as caught:
+        load_gnss_configuration(gnss_file(tmp_path, text))
+    assert "\n" not in str(caught.value) and "gnss.yaml" in str(caught.value)

@@ -1,0 +1,140 @@
+"""First-order Gauss-Markov processes of the GNSS simulation, with the streams of `random_streams`.
+
+What a process is at a time depends on its address and that time only, not on which times were asked
+for before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+from scipy.signal import lfilter
+
+from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
+
+__all__ = ["GaussMarkovField", "SlowGaussMarkov"]
+
+_BLOCK_SECONDS = 64
+_BLOCK_EPOCHS = _BLOCK_SECONDS * EPOCHS_PER_SECOND
+_KNOTS_PER_CORRELATION_TIME = 24
+_BLOCK_KNOTS = 64
+
+
+class GaussMarkovField:
+    """Processes of unit variance at the 20 epochs of every second, one for each address.
+
+    The autocorrelation is exp(-|t| / correlation_time) from the start of the run on.
+
+    Parameters
+    ----------
+    seed : int
+        Of the run.
+    effect : Effect
+        What the processes are for.
+    addresses : sequence of tuple of int
+        Address of each process.
+    correlation_time : float
+        s.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        effect: Effect,
+        addresses: Sequence[tuple[int, ...]],
+        correlation_time: float,
+    ) -> None:
+        self._seed = seed
+        self._effect = effect
+        self._addresses = addresses
+        self._decay = math.exp(-1.0 / (EPOCHS_PER_SECOND * correlation_time))
+        self._gain = math.sqrt(1.0 - self._decay**2)
+        self._numbers: FloatArray = np.zeros((len(addresses), _BLOCK_EPOCHS))
+        self._block = np.full(len(addresses), -1, dtype=np.int64)
+
+    def second(self, second: int, rows: npt.NDArray[np.intp]) -> FloatArray:
+        """Return processes in a second of the run, shape (20, number of rows)."""
+        block, within = divmod(second, _BLOCK_SECONDS)
+        for row in rows[self._block[rows] != block].tolist():
+            self._go_to_block(row, block)
+        first = within * EPOCHS_PER_SECOND
+        return np.asarray(self._numbers[rows, first : first + EPOCHS_PER_SECOND].T)
+
+    def _go_to_block(self, row: int, block: int) -> None:
+        """Compute the processes of a block from those of the blocks before."""
+        if block < self._block[row]:
+            self._block[row] = -1
+        for number in range(int(self._block[row]) + 1, block + 1):
+            stream = generator(self._seed, self._effect, *self._addresses[row], number)
+            before = self._numbers[row, -1] if number else stream.standard_normal()
+            self._numbers[row], _ = lfilter(
+                [self._gain],
+                [1.0, -self._decay],
+                stream.standard_normal(_BLOCK_EPOCHS),
+                zi=[self._decay * before],
+            )
+        self._block[row] = block
+
+
+class SlowGaussMarkov:
+    """Processes of unit variance that have a rate, for errors that drift in hours.
+
+    They are Gauss-Markov at knots, 24 in a correlation time, and straight lines between them, where
+    the variance is down to 0.98.
+
+    Parameters
+    ----------
+    seed : int
+        Of the run.
+    effect : Effect
+        What the processes are for.
+    address : tuple of int
+        Address of this group of processes.
+    count : int
+        Number of processes.
+    correlation_time : float
+        s.
+    """
+
+    def __init__(
+        self,
+        seed: int,
+        effect: Effect,
+        address: tuple[int, ...],
+        count: int,
+        correlation_time: float,
+    ) -> None:
+        self._seed = seed
+        self._effect = effect
+        self._address = address
+        self._interval = correlation_time / _KNOTS_PER_CORRELATION_TIME
+        self._decay = math.exp(-1.0 / _KNOTS_PER_CORRELATION_TIME)
+        self._knots: FloatArray = generator(seed, effect, *address, 0).standard_normal((1, count))
+
+    def at(self, elapsed: npt.ArrayLike) -> FloatArray:
+        """Return the processes at times into the run in s, shape (k,), as an array (k, count)."""
+        place = np.asarray(elapsed, dtype=float) / self._interval
+        place = np.maximum(place, 0.0)
+        while len(self._knots) < place.max() + 2.0:
+            self._add_block()
+        index = place.astype(int)
+        part = (place - index)[:, None]
+        return np.asarray((1.0 - part) * self._knots[index] + part * self._knots[index + 1])
+
+    def _add_block(self) -> None:
+        """Compute the next knots."""
+        number = (len(self._knots) - 1) // _BLOCK_KNOTS + 1
+        stream = generator(self._seed, self._effect, *self._address, number)
+        draws = stream.standard_normal((_BLOCK_KNOTS, self._knots.shape[1]))
+        knots, _ = lfilter(
+            [math.sqrt(1.0 - self._decay**2)],
+            [1.0, -self._decay],
+            draws,
+            axis=0,
+            zi=self._decay * self._knots[-1:],
+        )
+        self._knots = np.concatenate((self._knots, knots))
