@@ -11,6 +11,7 @@ import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 
 import can
 import pytest
@@ -163,6 +164,20 @@ def test_bus_that_goes_away_is_opened_again(bench: Bench) -> None:
     assert bench.exchange(2, 5.0).sequence == 2
     assert bench.link.problem == ""
     assert bench.link.counters.bus_errors == errors
+
+
+def test_pauses_between_attempts_to_open_a_lost_bus_double_up_to_2_s(bench: Bench) -> None:
+    bench.bus.broken = True
+    attempts = []
+    for step in range(2000):
+        bench.wall[0] = 100.0 + step / 128
+        errors = bench.link.counters.bus_errors
+        assert not bench.link.connect()
+        if bench.link.counters.bus_errors > errors:
+            attempts.append(bench.wall[0])
+    pauses = [later - earlier for earlier, later in pairwise(attempts)]
+    assert pauses[:5] == pytest.approx([0.1, 0.2, 0.4, 0.8, 1.6], abs=1 / 128)
+    assert pauses[5:] == [2.0] * 6
 
 
 def test_bus_that_comes_back_during_the_wait_still_gets_the_command(bench: Bench) -> None:
