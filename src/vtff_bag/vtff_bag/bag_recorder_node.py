@@ -136,6 +136,10 @@ class BagRecorderNode(VtffNode):
             return [diagnostics.status(name, diagnostics.WARN, "no topic yet", values)]
         return [diagnostics.status(name, diagnostics.OK, "recording", values)]
 
+    def awaited_inputs(self) -> list[str]:
+        """Return the nodes that have not been discovered."""
+        return [f"node {name}" for name in self._recorder.missing_nodes]
+
     def on_stop(self) -> None:
         """Stop acknowledging, record the messages that are on their way, and close the bag."""
         if self._acknowledger is not None:

@@ -128,7 +128,8 @@ class SdreControllerNode(VtffNode):
         self._command = AccelStamped()
         self._publisher = self.publisher(AccelStamped, f"{given.deputy}/control/thrust_command")
         self.subscribe(RelativeState, "formation/relative_state", self._on_relative_state)
-        self.subscribe(RelativeState, "formation/target", self._on_target)
+        # Without a publisher the target stays that of the parameters.
+        self.subscribe(RelativeState, "formation/target", self._on_target, required=False)
         if not self.lockstep:
             # In lockstep no state can be old: nobody goes on before it is answered.
             self.subscribe(Clock, "/clock", self._on_clock)

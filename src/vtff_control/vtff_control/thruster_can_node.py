@@ -234,6 +234,12 @@ class ThrusterCanNode(VtffNode):
 
     # ---- diagnostics -------------------------------------------------------------------------
 
+    def awaited_inputs(self) -> list[str]:
+        """Return the topics without a publisher, and the bus on which no thruster was heard."""
+        heard = self._link.heard_at is not None
+        bus = f"{self.parameters.interface} {self.parameters.channel}"
+        return [*super().awaited_inputs(), *([] if heard else [f"the thruster on {bus}"])]
+
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report thrust, link and the thruster's own state."""
         return [self._thrust_health(), self._link_health()]

@@ -78,6 +78,12 @@ class ReceiverDriverNode(VtffNode):
         counts = {**self._publisher.published, **self._feed.counts(), **stream}
         return {name: count for name, count in counts.items() if count}
 
+    def awaited_inputs(self) -> list[str]:
+        """Return what the receiver still lacks to deliver."""
+        level, text, _, _ = self._feed.state()
+        device = [] if level == diagnostics.OK else [f"{self.parameters.port} ({text})"]
+        return [*super().awaited_inputs(), *device]
+
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report the connection, decoded and damaged logs, and the newest epoch."""
         counters = self._stream.counters

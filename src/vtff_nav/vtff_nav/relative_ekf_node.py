@@ -244,7 +244,12 @@ class RelativeEkfNode(VtffNode):
             self.subscribe(
                 GnssEphemeris, f"{craft}/gnss/ephemeris", self._on_ephemeris, latched=True
             )
-        self.subscribe(AccelStamped, f"{given.deputy}/propulsion/thrust_applied", self._on_thrust)
+        self.subscribe(
+            AccelStamped,
+            f"{given.deputy}/propulsion/thrust_applied",
+            self._on_thrust,
+            required=False,  # a deputy may coast
+        )
         if given.use_laser:
             self.subscribe(LaserRange, "formation/laser_range", self._on_laser)
         if self._source_of_node and self.lockstep:

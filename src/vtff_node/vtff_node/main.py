@@ -62,6 +62,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     executor = make_executor()
     for node in nodes:
         executor.add_node(node)
+        node.begin()
     try:
         while not stop.requested and not any(node.finished for node in nodes):
             executor.spin_once(timeout_sec=SPIN_TIMEOUT)

@@ -20,6 +20,8 @@ from rclpy.subscription import Subscription
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
+from vtff_node.awaited_inputs import AwaitedInputs
+from vtff_node.plugins import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Folder of the current run, set by `vtff run`; nodes leave their message counts there.
@@ -29,6 +31,9 @@ PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
 
 #: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
 STEP_DONE_TOPIC = "/sim/step_done"
+
+#: Topics of the run itself: a node without them works with what it has.
+RUN_TOPICS = ("/clock", STEP_DONE_TOPIC)
 
 #: Exit codes of a node executable: it failed, or a parameter or a ROS argument is wrong.
 EXIT_FAILURE = 1
@@ -102,7 +107,19 @@ class VtffNode(Node):
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
         self._closing = False
+        self._required_topics: list[str] = []
+        self._awaited_inputs = AwaitedInputs(self.awaited_inputs, self._say)
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
+
+    def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
+        table = plugin.parameter_table
+        if table is None:
+            return None
+        for field in dataclasses.fields(table):
+            if self.has_parameter(field.name):
+                problem = f"its parameter '{field.name}' is one of {self.get_name()}"
+                raise PluginError(plugin.describe(problem))
+        return parameters.declare(self, table)
 
     def publisher(
         self, message_type: type, topic: str, profile: QoSProfile = qos.PUBLISH
@@ -122,6 +139,7 @@ class VtffNode(Node):
         callback: Callable[[Any], None],
         *,
         latched: bool = False,
+        required: bool = True,
     ) -> Subscription:
         """Create a subscription with the profile of the pacing in force.
 
@@ -132,10 +150,16 @@ class VtffNode(Node):
         latched
             Values of the topic hold until they are replaced (ephemerides, status): receive also
             those that were published before discovery.
+        required
+            Whether the node says that it waits for a publisher. Of a topic of the run itself,
+            such as /clock, it does not.
         """
-        return self.create_subscription(
+        subscription = self.create_subscription(
             message_type, topic, callback, qos.subscribe(self.lockstep or latched)
         )
+        if required and subscription.topic_name not in RUN_TOPICS:
+            self._required_topics.append(subscription.topic_name)
+        return subscription
 
     def acknowledge_step(self, stamp: Any, started: float) -> None:
         """Note that this node has finished a step; acknowledge it if `acknowledge_steps` is set.
@@ -169,6 +193,21 @@ class VtffNode(Node):
         }
         return [name for name in expected if name not in present]
 
+    def awaited_inputs(self) -> list[str]:
+        """Return one text for each input that is not there; subclasses add their devices."""
+        return [
+            f"a publisher of {topic}"
+            for topic in self._required_topics
+            if not self.count_publishers(topic)
+        ]
+
+    def begin(self) -> None:
+        """Say that this node begins; called once its process handles callbacks."""
+        self._say("begins")
+
+    def _say(self, text: str) -> None:
+        self.get_logger().info(text)
+
     def health(self) -> list[DiagnosticStatus]:
         """Return the diagnostic states of the node; subclasses replace this method."""
         return [diagnostics.status(f"{self.get_name()}: running", diagnostics.OK, "running")]
@@ -177,6 +216,7 @@ class VtffNode(Node):
         # A recorder that is closing could no longer record its own diagnostics.
         if not self._closing:
             self.publish_diagnostics()
+            self._awaited_inputs.look()
 
     def publish_diagnostics(self) -> None:
         """Publish `health` on /diagnostics; called once a second of wall time."""

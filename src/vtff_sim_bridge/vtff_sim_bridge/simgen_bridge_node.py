@@ -412,6 +412,14 @@ class SimgenBridgeNode(VtffNode):
         self._publish_status(to_stamp(self._truth.time.to_unix_nanoseconds()))
         self._show_progress(urgent=True)
 
+    def awaited_inputs(self) -> list[str]:
+        """Return what the run waits for before it starts."""
+        if self._started:
+            return []
+        unprepared = [f"{name} to be ready" for name in sorted(self._step_source.unprepared)]
+        absent = [] if self.lockstep else self.absent_nodes(self.parameters.expected_nodes)
+        return [*super().awaited_inputs(), *unprepared, *(f"node {name}" for name in absent)]
+
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report pacing, the SimGEN connection and late commands."""
         values: dict[str, Any] = {
