@@ -54,10 +54,12 @@ def differences(phase: np.ndarray) -> SingleDifferences:
     )
 
 
-def innovation_of(measured: SingleDifferences):
+CODE_STATE = GaussianState([("code",)], np.zeros(1), np.eye(1))
+CODE_DESIGN = np.repeat([[1.0], [0.0]], COUNT, axis=0)
+
+
+def innovation_of(measured: SingleDifferences, state=CODE_STATE, design=CODE_DESIGN):
     """Return the innovation where all phases have one unknown mean, and codes another."""
-    state = GaussianState([("code",)], np.zeros(1), np.eye(1))
-    design = np.repeat([[1.0], [0.0]], COUNT, axis=0)
     nuisance = np.repeat([[0.0], [1.0]], COUNT, axis=0)
     values = np.concatenate((measured.code, measured.phase))
     variances = np.concatenate((measured.code_variance, measured.phase_variance))
@@ -127,6 +129,21 @@ def test_slip_and_scatter():
         scattered = np.full(COUNT, is_known)
         search = reject_faults(innovation_of(measured), measured, scattered, LIMIT)
         assert search.innovation.is_used[COUNT + 4] != is_known
+
+
+@pytest.mark.parametrize(("prediction_over_noise", "is_slip"), [(0.5, True), (2.0, False)])
+def test_only_a_precise_prediction_tells_a_slip_from_scatter(prediction_over_noise, is_slip):
+    """Half a cycle of a phase whose noise is most of its variance, and of one whose is not."""
+    measured = differences(np.zeros(COUNT))
+    measured.phase[4] = 0.5 * WAVELENGTH
+    measured.phase_variance[4] = (0.2 * WAVELENGTH) ** 2
+    covariance = np.diag([1.0, prediction_over_noise * measured.phase_variance[4]])
+    state = GaussianState([("code",), ("ambiguity",)], np.zeros(2), covariance)
+    design = np.zeros((2 * COUNT, 2))
+    design[:COUNT, 0] = design[COUNT + 4, 1] = 1.0
+    innovation = innovation_of(measured, state, design)
+    search = reject_faults(innovation, measured, np.ones(COUNT, bool), LIMIT)
+    assert search.innovation.is_used[COUNT + 4] != is_slip
 
 
 def test_epochs_to_average():
