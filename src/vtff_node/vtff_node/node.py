@@ -21,7 +21,6 @@ from rclpy.subscription import Subscription
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.awaited_inputs import AwaitedInputs
-from vtff_node.plugins import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Folder of the current run, set by `vtff run`; nodes leave their message counts there.
@@ -110,16 +109,6 @@ class VtffNode(Node):
         self._required_topics: list[str] = []
         self._awaited_inputs = AwaitedInputs(self.awaited_inputs, self._say)
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
-
-    def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
-        table = plugin.parameter_table
-        if table is None:
-            return None
-        for field in dataclasses.fields(table):
-            if self.has_parameter(field.name):
-                problem = f"its parameter '{field.name}' is one of {self.get_name()}"
-                raise PluginError(plugin.describe(problem))
-        return parameters.declare(self, table)
 
     def publisher(
         self, message_type: type, topic: str, profile: QoSProfile = qos.PUBLISH
