@@ -1,19 +1,23 @@
 """Bags written here are read by rosbags and mcap, and read back in order."""
 
+import resource
+import struct
 import subprocess
 import sys
 import textwrap
 
 import bag_samples
+import lz4.frame
 import mcap.writer
 import pytest
 import yaml
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 
+from vtff_bag.file import mcap_blocks
 from vtff_bag.file.errors import BagReadError, BagWriteError
 from vtff_bag.file.info import describe_bag
-from vtff_bag.file.metadata import read_metadata
+from vtff_bag.file.metadata import parse_stored_metadata, read_metadata
 from vtff_bag.file.reader import BagReader
 from vtff_bag.file.recover import recover
 from vtff_bag.file.writer import BagWriter
@@ -296,3 +300,40 @@ def test_info_has_the_rows_of_ros2_bag_info(bag):
         "Serialization Format: cdr\n" in text
     )
     assert "State:             complete" in text
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        b"a: " + b"[" * 5000,
+        b"\xff\xfe\x00",
+        b"rosbag2_bagfile_information: {x: 2016-13-45}",
+        b"rosbag2_bagfile_information: {x: !!int ''}",
+        b"rosbag2_bagfile_information: {x: !!timestamp no}",
+        b"a: &a [1, 1]\nb: &b [*a, *a]\nrosbag2_bagfile_information: &c [*b, *c]\n",
+        b"rosbag2_bagfile_information: {topics_with_message_count: [[]]}",
+    ],
+)
+def test_metadata_that_cannot_be_read_are_one_line(tmp_path, text):
+    bag_samples.write_bag(tmp_path / "bag", bag_samples.sample_messages(30))
+    (tmp_path / "bag/metadata.yaml").write_bytes(text)
+    reader = BagReader(tmp_path / "bag")
+    assert reader.message_count == 30
+    assert len(reader.notes) == 1 and "metadata.yaml: not " in reader.notes[0]
+    assert "\n" not in reader.notes[0]
+    assert parse_stored_metadata(text.decode("utf-8", "replace")) is None
+    (tmp_path / "bag/bag_0.mcap").unlink()
+    with pytest.raises(BagReadError, match=r"metadata\.yaml: not "):
+        BagReader(tmp_path / "bag")
+
+
+def test_a_chunk_that_expands_beyond_its_stated_size_is_damage():
+    """A few kilobytes of lz4 may stand for gigabytes: no more than is stated is taken in."""
+    packed = lz4.frame.compress(bytes(200_000_000))
+    fields = struct.pack("<QQQI", 0, 1, 1000, 0) + struct.pack("<I", 3) + b"lz4"
+    fields += struct.pack("<Q", len(packed)) + packed
+    chunk = struct.pack("<BQ", 6, len(fields)) + fields
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(ValueError, match="a chunk is cut off"):
+        mcap_blocks._read_chunk(chunk)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB

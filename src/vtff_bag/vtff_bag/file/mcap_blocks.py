@@ -220,7 +220,9 @@ def _read_chunk(stored: bytes) -> bytes:
             raise ValueError("a chunk contradicts its size")
         records = zstandard.decompress(chunk.data, max_output_size=chunk.uncompressed_size)
     elif chunk.compression == "lz4":
-        records = lz4.frame.decompress(chunk.data)
+        # One byte more than stated shows a contradiction without taking in all that follows.
+        decompressor = lz4.frame.LZ4FrameDecompressor()
+        records = decompressor.decompress(chunk.data, max_length=chunk.uncompressed_size + 1)
     elif chunk.compression == "":
         records = chunk.data
     else:

@@ -11,6 +11,7 @@ from typing import Any
 import yaml
 
 from vtff_bag.file.errors import BagReadError, BagWriteError
+from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
@@ -20,6 +21,9 @@ ROOT_KEY = "rosbag2_bagfile_information"
 
 #: The infinite duration of rmw, split as rosbag2 writes it.
 INFINITE_DURATION = {"sec": 9223372036, "nsec": 854775807}
+
+#: What `_parse` raises at a mapping that is no bag metadata; PlainYamlError is a ValueError.
+_PARSING_ERRORS = (LookupError, TypeError, ValueError, AttributeError, OverflowError)
 
 QosEntry = dict[str, Any]
 
@@ -173,21 +177,20 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
     try:
-        content = yaml.safe_load(text)
-    except (yaml.YAMLError, ValueError) as error:
-        reason = str(error).splitlines()[0]
-        raise BagReadError(f"{path}: not valid YAML: {reason}") from error
+        content = parse_yaml(text.decode("utf-8"))
+    except (PlainYamlError, UnicodeDecodeError) as error:
+        raise BagReadError(f"{path}: not valid YAML: {error}") from error
     try:
         return _parse(content[ROOT_KEY])
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
+    except _PARSING_ERRORS as error:
         raise BagReadError(f"{path}: not bag metadata: {error!r}") from error
 
 
 def parse_stored_metadata(text: str) -> BagMetadata | None:
     """Return the metadata from the copy in an MCAP file (no root key); None if unreadable."""
     try:
-        return _parse(yaml.safe_load(text))
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError):
+        return _parse(parse_yaml(text))
+    except _PARSING_ERRORS:
         return None
 
 
@@ -226,8 +229,8 @@ def parse_qos(offered: Any) -> list[QosEntry]:
     """Return offered QoS profiles from a list or from YAML text; anything else gives none."""
     if isinstance(offered, str):
         try:
-            offered = yaml.safe_load(offered)
-        except (yaml.YAMLError, ValueError):
+            offered = parse_yaml(offered)
+        except PlainYamlError:
             return []
     if not isinstance(offered, list):
         return []

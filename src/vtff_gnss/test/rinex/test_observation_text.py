@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
 import gzip
+import zipfile
 
 import hatanaka
 import numpy as np
@@ -384,3 +386,16 @@ END = header_line("", "END OF HEADER")
 def test_types_of_another_version_are_refused(content, label, tmp_path):
     with pytest.raises(RinexError, match=f"{label}: not in RINEX"):
         read_text(tmp_path, content)
+
+
+@pytest.mark.parametrize("kind", ["gz", "bz2", "zip"])
+def test_a_file_that_expands_without_measure_is_refused(kind, tmp_path):
+    path = tmp_path / f"some.{kind}"
+    zeros = bytes(60_000_000)
+    if kind == "zip":
+        with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
+            archive.writestr("some.rnx", zeros)
+    else:
+        path.write_bytes(gzip.compress(zeros) if kind == "gz" else bz2.compress(zeros))
+    with pytest.raises(RinexError, match="compressed file of .* that is no RINEX file"):
+        read_rinex_observation(path)

@@ -9,6 +9,7 @@ import pathlib
 import warnings
 import zipfile
 import zlib
+from typing import IO
 
 from vtff_gnss.rinex.errors import RinexError
 
@@ -16,6 +17,10 @@ __all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
 
 _VERSION_LABEL = b"RINEX VERSION / TYPE"
 _LABEL_COLUMN = 60
+# Limits of a decompressed file: a few bytes may stand for gigabytes. Observations expand 3 to 20
+# times.
+_LARGEST_SMALL_CONTENT = 16 << 20  # bytes, whatever the size of the compressed file
+_LARGEST_EXPANSION = 200  # times the compressed file
 # What the decompressors raise at damaged or incomplete content.
 # A HatanakaException is a RuntimeError.
 _DAMAGES = (OSError, EOFError, ValueError, RuntimeError, zlib.error, zipfile.BadZipFile)
@@ -38,9 +43,11 @@ def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
     """
     try:
         if content[:2] == b"\x1f\x8b":
-            return gzip.decompress(content)
+            with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
+                return _read_bounded(packed, content, path)
         if content[:3] == b"BZh":
-            return bz2.decompress(content)
+            with bz2.BZ2File(io.BytesIO(content)) as packed:
+                return _read_bounded(packed, content, path)
         if content[:2] == b"\x1f\x9d":
             import hatanaka  # here, because it takes a while and few files need it
 
@@ -97,4 +104,17 @@ def _unzip(content: bytes, path: str | pathlib.Path) -> bytes:
         names = archive.namelist()
         if len(names) != 1:
             raise RinexError(f"{path}: zip archive of {len(names)} files, one is required")
-        return archive.read(names[0])
+        with archive.open(names[0]) as packed:
+            return _read_bounded(packed, content, path)
+
+
+def _read_bounded(packed: IO[bytes], content: bytes, path: str | pathlib.Path) -> bytes:
+    """Return what a compressed file holds, if it is not many times what observations expand to."""
+    largest = _LARGEST_SMALL_CONTENT + _LARGEST_EXPANSION * len(content)
+    restored = packed.read(largest + 1)
+    if len(restored) > largest:
+        raise RinexError(
+            f"{path}: compressed file of {len(content)} bytes holds more than {largest}; "
+            "that is no RINEX file"
+        )
+    return restored
