@@ -178,3 +178,36 @@ def test_wrong_values_are_refused_with_file_and_field(tmp_path, text, problem):
     with pytest.raises(ScenarioError, match=problem) as caught:
         load_gnss_configuration(gnss_file(tmp_path, text))
     assert "\n" not in str(caught.value) and "gnss.yaml" in str(caught.value)
+
+
+def test_gradient_of_a_file_delays_the_code_and_advances_the_phase(motions, plain, tmp_path):
+    path = tmp_path / "gnss.yaml"
+    source = support.REPOSITORY / "config/gnss/noise_free.yaml"
+    path.write_text(
+        source.read_text(encoding="utf-8")
+        + """
+atmosphere:
+  gradients:
+    - {tecu_per_deg: 0.5, azimuth_deg: 0.0, shell_altitude: 700.0e3}
+  travelling_disturbances:
+    - {amplitude_tecu: 0.2, wavelength: 200.0e3, period: 1200.0, azimuth_deg: 180.0,
+       shell_altitude: 700.0e3}
+""",
+        encoding="utf-8",
+    )
+    truth = tmp_path / "truth.jsonl"
+    run = support.Run(load_gnss_configuration(path), motions, truth_path=truth)
+    code, phase, _ = measured_ranges(run)
+    code, phase = code - plain[0], phase - plain[1]
+    np.testing.assert_allclose(code, -phase, atol=1e-6)
+    assert code.min() >= -1e-6 and code.max() > 0.5
+    plan = run.measurements("chief").signals.plan
+    expected = 40.308e16 / plan.frequency**2
+    last = seconds_of(truth, "chief")[-1]
+    told = dict(zip(last["satellites"], last["slant_tec_tecu"], strict=True))
+    for link, (prn, system) in enumerate(zip(plan.prn, plan.system, strict=True)):
+        name = f"{'GRESCJI'[int(system)]}{int(prn):02d}"
+        if name in told:
+            assert code[-1, link] == pytest.approx(expected[link] * told[name], abs=1e-4)
+    kinds = [json.loads(line).get("kind") for line in truth.read_text().splitlines()]
+    assert {"HorizontalGradient", "TravellingDisturbance"} <= set(kinds)

@@ -17,6 +17,10 @@ from typing import Any, Literal
 from vtff_gnss.antenna_pattern import ParabolicPattern
 from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile, read_profile
+from vtff_sim_bridge.atmosphere.horizontal_structure import (
+    HorizontalGradient,
+    TravellingDisturbance,
+)
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
@@ -277,6 +281,7 @@ class GnssConfiguration:
     regions: tuple[IrregularityRegion, ...]
     receivers: tuple[ReceiverConfiguration, ...]
     faults: tuple[Fault, ...]
+    structures: tuple[HorizontalGradient | TravellingDisturbance, ...] = ()
 
 
 def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
@@ -284,7 +289,9 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
 
     The file has the fields ``name``, ``seed``, ``constellation`` (`ConstellationConfiguration`),
     ``atmosphere`` (``electron_density``: null, or one of ``chapman``, a list of layers, and
-    ``table``, a CSV file; ``regions``: a list of `IrregularityRegion` with angles in deg),
+    ``table``, a CSV file; ``gradients`` and ``travelling_disturbances``: lists of
+    `HorizontalGradient` and `TravellingDisturbance`; ``regions``: a list of `IrregularityRegion`
+    with angles in deg),
     ``receivers`` and ``faults`` (lists of `ReceiverConfiguration` and `Fault`). Fields of
     ``receiver_defaults`` hold for each receiver that does not give them. Paths are relative to the
     file. Fields with a default in their class may be left out.
@@ -307,8 +314,11 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         constellation = dataclasses.replace(constellation, source=source)
     profile = None
     regions: tuple[IrregularityRegion, ...] = ()
+    structures: tuple[HorizontalGradient | TravellingDisturbance, ...] = ()
     if "atmosphere" in top:
-        profile, regions = _atmosphere(top.section("atmosphere"), path)
+        atmosphere = top.section("atmosphere")
+        structures = _horizontal_structures(atmosphere)
+        profile, regions = _atmosphere(atmosphere, path)
     entries = top.value("receivers")
     if not isinstance(entries, list) or not entries:
         raise top.error("receivers", "a list of at least one mapping expected")
@@ -333,6 +343,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         regions=regions,
         receivers=receivers,
         faults=faults,
+        structures=structures,
     )
     top.finish()
     return configuration
@@ -411,6 +422,18 @@ def _atmosphere(
         regions = tuple(_region(part) for part in section.sections("regions"))
     section.finish()
     return profile, regions
+
+
+def _horizontal_structures(
+    section: Section,
+) -> tuple[HorizontalGradient | TravellingDisturbance, ...]:
+    structures: list[HorizontalGradient | TravellingDisturbance] = []
+    if section.value("gradients") if "gradients" in section else None:
+        structures += [entry.filled(HorizontalGradient) for entry in section.sections("gradients")]
+    name = "travelling_disturbances"
+    if section.value(name) if name in section else None:
+        structures += [entry.filled(TravellingDisturbance) for entry in section.sections(name)]
+    return tuple(structures)
 
 
 def _profile(section: Section, path: Path) -> ElectronDensityProfile:

@@ -13,6 +13,11 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
+from vtff_sim_bridge.atmosphere.horizontal_structure import (
+    HorizontalGradient,
+    HorizontalStructure,
+    TravellingDisturbance,
+)
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion, path_length_in_region
 from vtff_sim_bridge.atmosphere.scintillation import (
     AlongTrackAxis,
@@ -48,6 +53,13 @@ class Ionosphere:
     state_itrf : array_like, shape (6,)
         Position (m) and velocity (m/s) of the first vehicle at the start, which gives the
         coordinate along the track on which all receivers see the same pattern.
+    structures : sequence of HorizontalGradient or TravellingDisturbance
+        What the profile, which is the same everywhere, does not have.
+
+    Raises
+    ------
+    ValueError
+        If a structure is not above the vehicle.
     """
 
     def __init__(
@@ -56,6 +68,7 @@ class Ionosphere:
         regions: Sequence[IrregularityRegion],
         seed: int,
         state_itrf: npt.ArrayLike,
+        structures: Sequence[HorizontalGradient | TravellingDisturbance] = (),
     ) -> None:
         self._integrator = None if profile is None else SlantTecIntegrator(profile)
         self._regions = tuple(regions)
@@ -67,13 +80,27 @@ class Ionosphere:
         state = np.asarray(state_itrf, dtype=float)
         normal = np.cross(state[:3], state[3:])
         rate = float(np.linalg.norm(normal)) / float(state[:3] @ state[:3])
+        self._structure = None
+        if structures:
+            self._structure = HorizontalStructure(structures, seed, state[:3])
         self._period = 2.0 * math.pi / rate if rate > 0.0 else math.inf
 
-    def slant_tec_tecu(self, line_of_sight: LineOfSight, position_itrf: FloatArray) -> FloatArray:
-        """Return the slant TEC of all rays, TECU, shape (k, n)."""
-        if self._integrator is None:
-            return np.zeros(line_of_sight.range.shape)
-        return self._integrator.slant_tec_tecu(position_itrf, line_of_sight.position_satellite_itrf)
+    def slant_tec_tecu(
+        self, line_of_sight: LineOfSight, position_itrf: FloatArray, elapsed: FloatArray
+    ) -> FloatArray:
+        """Return the slant TEC of all rays, TECU, shape (k, n), at times into the run (k,)."""
+        tecu = np.zeros(line_of_sight.range.shape)
+        if self._integrator is not None:
+            tecu = self._integrator.slant_tec_tecu(
+                position_itrf, line_of_sight.position_satellite_itrf
+            )
+        if self._structure is not None:
+            tecu = tecu + self._structure.slant_tec_tecu(
+                position_itrf, line_of_sight.direction_itrf, elapsed
+            )
+            # A trough cannot have less than no electrons.
+            tecu = np.maximum(tecu, 0.0)
+        return tecu
 
     def crossings(
         self,

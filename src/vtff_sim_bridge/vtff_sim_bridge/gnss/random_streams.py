@@ -57,6 +57,7 @@ class Effect(enum.IntEnum):
     EPHEMERIS_UPLOAD = 18
     DYNAMIC_SLIP = 19
     GEOMETRY = 20
+    IONOSPHERIC_WAVE = 21
 
 
 def receiver_number(name: str) -> int:

@@ -185,7 +185,7 @@ class MeasurementEngine:
         sky, plan = self._refresh_sky(second, position[emitted][0])
         line_of_sight = sky.lines_of_sight(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
-        stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position)
+        stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position, elapsed)
         crossings = self._ionosphere.crossings(line_of_sight, position, time, elapsed, plan.stream)
         s4_l1 = np.zeros(line_of_sight.range.shape)
         for crossing in crossings:

@@ -75,7 +75,9 @@ class ReceiverSet:
             SIGNALS[name].system for r in configuration.receivers for name in r.cn0_zenith_dbhz
         }
         constellation = Constellation(configuration.constellation, start, end, systems, seed)
-        ionosphere = Ionosphere(configuration.profile, configuration.regions, seed, state_itrf)
+        ionosphere = Ionosphere(
+            configuration.profile, configuration.regions, seed, state_itrf, configuration.structures
+        )
         truth.write(
             "run", name=configuration.name, seed=seed, start=start.isoformat(), end=end.isoformat()
         )
@@ -102,6 +104,9 @@ class ReceiverSet:
             truth.write("receiver", **receiver_record(receiver))
         for region in configuration.regions:
             truth.write("region", **vars(region))
+        for structure in configuration.structures:
+            kind = type(structure).__name__
+            truth.write("horizontal_structure", kind=kind, **vars(structure))
         for fault in faults:
             truth.write("fault", **vars(fault))
         self._satellite_truth = SatelliteTruth(truth, constellation, configuration.receivers, start)
