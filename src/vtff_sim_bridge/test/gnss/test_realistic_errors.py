@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import pathlib
 
 import gnss_emulator_support as support
@@ -12,10 +13,12 @@ import pytest
 
 from vtff_sim_bridge.gnss.configuration import (
     BiasDriftModel,
+    ConstellationConfiguration,
     MultipathModel,
     NoiseModel,
     load_gnss_configuration,
 )
+from vtff_sim_bridge.gnss.sky import Constellation
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError
 
 SECONDS = 12
@@ -211,3 +214,82 @@ atmosphere:
             assert code[-1, link] == pytest.approx(expected[link] * told[name], abs=1e-4)
     kinds = [json.loads(line).get("kind") for line in truth.read_text().splitlines()]
     assert {"HorizontalGradient", "TravellingDisturbance"} <= set(kinds)
+
+
+def with_constellation(**changes: float):
+    """Return the configuration without noise with other fields of the constellation."""
+    base = support.with_receivers(support.configuration(), noise=SILENT)
+    return dataclasses.replace(
+        base, constellation=dataclasses.replace(base.constellation, **changes)
+    )
+
+
+def constellation(seed: int = 1, **changes: float) -> Constellation:
+    """Return GPS satellites with errors over a day."""
+    model = ConstellationConfiguration(**changes)
+    return Constellation(model, support.START, support.START + 86400, {0}, seed)
+
+
+def test_orbit_and_clock_errors_drift_with_their_correlation_time():
+    satellites = [(0, prn) for prn in range(1, 32)]
+    times = np.array([0.0, 3600.0, 36000.0])
+    sizes = {"orbit_error_sigma": 1.5, "clock_error_sigma": 0.7, "error_correlation_time": 3600.0}
+    drawn = np.array(
+        [constellation(seed, **sizes).orbit_errors(satellites, times) for seed in range(1, 5)]
+    )
+    np.testing.assert_allclose(drawn.std(axis=(0, 1, 2))[:3], 1.5, rtol=0.15)
+    assert drawn[..., 3].std() == pytest.approx(0.7, rel=0.15)
+    unit = drawn / np.array([1.5, 1.5, 1.5, 0.7])
+    product = np.mean(unit[:, 0] * unit[:, 1])
+    assert product == pytest.approx(np.exp(-1.0), abs=0.12)
+    assert np.mean(unit[:, 0] * unit[:, 2]) == pytest.approx(0.0, abs=0.15)
+    assert np.mean(unit[..., 0] * unit[..., 1]) == pytest.approx(0.0, abs=0.2)
+    assert np.mean(unit[:, :, 1:] * unit[:, :, :-1]) == pytest.approx(0.0, abs=0.15)
+    constant = constellation(orbit_error_sigma=1.5).orbit_errors(satellites, times)
+    np.testing.assert_array_equal(constant[0], constant[2])
+
+
+def test_drifting_errors_are_in_code_phase_and_truth_file(motions, plain, tmp_path):
+    path = tmp_path / "truth.jsonl"
+    base = with_constellation(
+        orbit_error_sigma=3.0, clock_error_sigma=2.0, error_correlation_time=60.0
+    )
+    run = support.Run(base, motions, truth_path=path)
+    code, phase, _ = measured_ranges(run)
+    np.testing.assert_allclose(code - plain[0], phase - plain[1], atol=1e-6)
+    drift = (code - plain[0])[-1] - (code - plain[0])[0]
+    assert np.abs(drift).max() > 0.3
+    signals = run.measurements("chief").signals
+    last = seconds_of(path, "chief")[-1]
+    told = dict(zip(last["satellites"], last["range_error"], strict=True))
+    for link, column in enumerate(signals.plan.satellite):
+        name = f"G{signals.plan.satellites[column][1]:02d}"
+        if name in told:
+            assert (code - plain[0])[-1, link] == pytest.approx(told[name], abs=3e-6)
+
+
+def test_uploads_move_the_message_and_not_the_satellite(motions, plain):
+    run = support.Run(with_constellation(upload_error_sigma=20.0), motions)
+    told = run.set.receivers["chief"]
+    code, phase, _ = measured_ranges(run)
+    np.testing.assert_allclose(code, plain[0], atol=1e-3)
+    np.testing.assert_allclose(phase, plain[1], atol=1e-3)
+    correct, sent = constellation(), constellation(upload_error_sigma=20.0)
+    along, clock = [], []
+    for hours in (0.5, 2.5, 4.5):
+        time = support.START + hours * 3600.0
+        for right, wrong in zip(
+            correct.table(time).ephemerides, sent.table(time).ephemerides, strict=True
+        ):
+            angle = wrong.mean_anomaly - right.mean_anomaly
+            along.append(math.remainder(angle, 2.0 * math.pi) * right.semi_major_axis)
+            clock.append(299792458.0 * (wrong.af0 - right.af0))
+            assert dataclasses.replace(
+                wrong, mean_anomaly=right.mean_anomaly, af0=right.af0
+            ) == dataclasses.replace(right, time=wrong.time)
+    assert len(along) == 93
+    for steps in (along, clock):
+        assert np.std(steps) == pytest.approx(20.0, rel=0.25)
+        # Each set has an error of its own.
+        assert abs(np.corrcoef(steps[:31], steps[31:62])[0, 1]) < 0.6
+    assert told.ephemerides(support.START + SECONDS)

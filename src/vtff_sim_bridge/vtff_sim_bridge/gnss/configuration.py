@@ -50,8 +50,13 @@ class ConstellationConfiguration:
     seed : int
         Seed of the nominal constellations.
     orbit_error_sigma, clock_error_sigma : float
-        True less broadcast orbit, for each satellite and axis, and clock, m: constant errors that
-        the broadcast ephemerides do not tell.
+        True less broadcast orbit, for each satellite and axis, and clock, m: errors that the
+        broadcast ephemerides do not tell.
+    error_correlation_time : float
+        Of these errors, s; 0: they are constant.
+    upload_error_sigma : float
+        Steps of along-track position and clock, m, from one broadcast ephemeris of a satellite to
+        its next: the message is off, the satellite flies on smoothly.
     inter_signal_sigma : float
         Satellite biases of each signal beyond the broadcast group delays, m.
     """
@@ -60,11 +65,20 @@ class ConstellationConfiguration:
     seed: int = 0
     orbit_error_sigma: float = 0.0
     clock_error_sigma: float = 0.0
+    error_correlation_time: float = 0.0
+    upload_error_sigma: float = 0.0
     inter_signal_sigma: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the parameters."""
-        _require_not_negative(self, "orbit_error_sigma", "clock_error_sigma", "inter_signal_sigma")
+        _require_not_negative(
+            self,
+            "orbit_error_sigma",
+            "clock_error_sigma",
+            "error_correlation_time",
+            "upload_error_sigma",
+            "inter_signal_sigma",
+        )
 
 
 @dataclass(frozen=True)

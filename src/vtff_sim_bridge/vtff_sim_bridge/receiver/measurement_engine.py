@@ -290,8 +290,10 @@ class MeasurementEngine:
             signals.clock_offset[:, None] - line_of_sight.clock_offset_satellite
         )
         ranges = line_of_sight.range + clocks
-        range_error = plan.range_error(line_of_sight)
-        if range_error is not None:
+        range_error = None
+        if self._constellation.has_errors:
+            orbit_errors = self._constellation.orbit_errors(plan.satellites, signals.elapsed)
+            range_error = plan.range_error(line_of_sight, orbit_errors)
             ranges = ranges + range_error
         ranges = ranges[:, plan.satellite]
         pseudorange = ranges + signals.code_delay + plan.code_bias
@@ -330,6 +332,7 @@ class MeasurementEngine:
             cn0_dbhz=cn0_dbhz,
             sigmas=self._noise.stated(sigmas),
             multipath=multipath,
+            range_error=range_error,
         )
 
     def _carrier_rate(self, signals: ArrivingSignals) -> FloatArray:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.constants import EARTH_ROTATION_RATE, SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -23,7 +23,7 @@ from vtff_sim_bridge.gnss.random_streams import (
     generator,
 )
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
-from vtff_sim_bridge.gnss.sky import Constellation, Sky
+from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
 from vtff_sim_bridge.receiver.tracking import Link
 
 __all__ = [
@@ -41,6 +41,7 @@ __all__ = [
 _REFERENCE_DISTANCE = 20.2e6
 # Below a tenth of its amplitude at boresight the direct signal is lost in most receivers.
 _LARGEST_MULTIPATH_FACTOR = 10.0
+_EARTH_ROTATION = np.array([0.0, 0.0, EARTH_ROTATION_RATE])
 _TAGS = np.arange(1 - EPOCHS_PER_SECOND, 1) / EPOCHS_PER_SECOND
 _SATELLITES = {SYSTEM_GPS: 32, SYSTEM_GALILEO: 36}
 _NOISE_EFFECTS = (
@@ -94,8 +95,8 @@ class LinkPlan:
     system, prn, band, attribute : ndarray of uint8
     stream : ndarray of int, shape (n,)
         Number of each satellite's scintillation pattern.
-    errors : ndarray, shape (n, 4)
-        True less broadcast orbit (radial, along-track, normal) and clock, m.
+    upload_errors : tuple of UploadError
+        What the n broadcast ephemerides are off by.
     """
 
     ephemerides: tuple[BroadcastEphemeris, ...]
@@ -113,7 +114,7 @@ class LinkPlan:
     band: npt.NDArray[np.uint8]
     attribute: npt.NDArray[np.uint8]
     stream: npt.NDArray[np.int64]
-    errors: FloatArray | None
+    upload_errors: tuple[UploadError, ...]
 
     @classmethod
     def of_sky(
@@ -143,9 +144,6 @@ class LinkPlan:
             ]
         )
         frequency = np.array([signal.frequency for signal in signals])
-        errors = None
-        if constellation.has_errors:
-            errors = np.array([constellation.orbit_error(*satellite) for satellite in satellites])
         return cls(
             ephemerides=ephemerides,
             satellites=satellites,
@@ -165,7 +163,7 @@ class LinkPlan:
             band=np.array([signal.band for signal in signals], dtype=np.uint8),
             attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
             stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
-            errors=errors,
+            upload_errors=tuple(map(constellation.upload_error, ephemerides)),
         )
 
     def cn0_dbhz(
@@ -193,22 +191,33 @@ class LinkPlan:
             gain = gain + receiver.antenna.gain_db(off_boresight)
         return np.asarray(self.cn0_zenith_dbhz + gain[:, self.satellite])
 
-    def range_error(self, line_of_sight: LineOfSight) -> FloatArray | None:
-        """Return the true range less that to the broadcast orbit and clock, m, shape (k, n)."""
-        if self.errors is None:
-            return None
+    def range_error(self, line_of_sight: LineOfSight, orbit_errors: FloatArray) -> FloatArray:
+        """Return the true range less that to the broadcast orbit and clock, m, shape (k, n).
+
+        Parameters
+        ----------
+        line_of_sight : LineOfSight
+            To the broadcast orbits, shape (k, n).
+        orbit_errors : ndarray, shape (k, n, 4)
+            See `Constellation.orbit_errors`.
+        """
         position = line_of_sight.position_satellite_itrf
         radial = position / np.linalg.norm(position, axis=-1, keepdims=True)
         normal = np.cross(position, line_of_sight.velocity_satellite_itrf)
         normal = normal / np.linalg.norm(normal, axis=-1, keepdims=True)
         error = (
-            self.errors[:, 0, None] * radial
-            + self.errors[:, 1, None] * np.cross(normal, radial)
-            + self.errors[:, 2, None] * normal
+            orbit_errors[..., 0, None] * radial
+            + orbit_errors[..., 1, None] * np.cross(normal, radial)
+            + orbit_errors[..., 2, None] * normal
         )
-        direction = line_of_sight.direction_itrf
-        projected = np.einsum("...i,...i->...", error, direction)
-        return np.asarray(projected - self.errors[:, 3])
+        clock = orbit_errors[..., 3]
+        if any(seconds or clock_upload for seconds, clock_upload in self.upload_errors):
+            seconds_ahead, upload_clock = np.array(self.upload_errors).T
+            inertial = line_of_sight.velocity_satellite_itrf + np.cross(_EARTH_ROTATION, position)
+            error = error - seconds_ahead[:, None] * inertial
+            clock = clock - upload_clock
+        projected = np.einsum("...i,...i->...", error, line_of_sight.direction_itrf)
+        return np.asarray(projected - clock)
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,6 +250,8 @@ class Observables:
         Sigmas that the receiver states.
     multipath : tuple of 2 ndarray, or None
         Multipath of code and phase in the above, m; None where it is off.
+    range_error : ndarray, shape (k, n), or None
+        True range less that to the broadcast orbit and clock, m; None where they are the truth.
     """
 
     pseudorange: FloatArray
@@ -249,6 +260,7 @@ class Observables:
     cn0_dbhz: FloatArray
     sigmas: Sigmas
     multipath: tuple[FloatArray, FloatArray] | None = None
+    range_error: FloatArray | None = None
 
 
 class MeasurementNoise:

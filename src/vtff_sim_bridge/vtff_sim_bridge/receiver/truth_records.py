@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.constants import GRAVITATIONAL_PARAMETER_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
@@ -54,6 +56,8 @@ def second_record(measured: Measurements, second: int) -> dict[str, Any]:
         "slant_tec_tecu": np.round(signals.slant_tec_tecu[-1, columns], 6).tolist(),
         "s4_l1": np.round(signals.s4_l1[-1, columns], 4).tolist(),
     }
+    if measured.observables.range_error is not None:
+        record["range_error"] = np.round(measured.observables.range_error[-1, columns], 6).tolist()
     if measured.observables.multipath is not None:
         record["multipath"] = _multipath(measured)
     return record
@@ -78,9 +82,9 @@ class SatelliteTruth:
     """Writes a record of each satellite when its broadcast ephemeris comes into use.
 
     The record ``satellite`` has ``time`` (s into the run), ``satellite``, ``orbit_error`` (true
-    less broadcast: radial, along-track, normal; m), ``clock_error`` (m) and, in ``signals``, for
-    each signal ``group_delay`` (what the broadcast message tells beyond the clock, m) and ``bias``
-    (what it does not, m). Pseudoranges are longer by the sum of the two.
+    less broadcast: radial, along-track, normal; m) and ``clock_error`` (m) at that time, and, in
+    ``signals``, for each signal ``group_delay`` (what the broadcast message tells beyond the clock,
+    m) and ``bias`` (what it does not, m). Pseudoranges are longer by the sum of the two.
 
     Parameters
     ----------
@@ -116,12 +120,19 @@ class SatelliteTruth:
         written = {id(ephemeris) for ephemeris in self._written}
         for ephemeris in ephemerides:
             if id(ephemeris) not in written:
-                self._truth.write("satellite", time=second, **self._record(ephemeris))
+                self._truth.write("satellite", time=second, **self._record(ephemeris, second))
         self._written = ephemerides
 
-    def _record(self, ephemeris: BroadcastEphemeris) -> dict[str, Any]:
+    def _record(self, ephemeris: BroadcastEphemeris, second: int) -> dict[str, Any]:
         system, prn = ephemeris.system, ephemeris.prn
-        *orbit, clock = self._constellation.orbit_error(system, prn).tolist()
+        errors = self._constellation.orbit_errors([(system, prn)], [second])[0, 0]
+        upload = self._constellation.upload_error(ephemeris)
+        mean_motion = math.sqrt(
+            GRAVITATIONAL_PARAMETER_BROADCAST[system] / ephemeris.semi_major_axis**3
+        )
+        errors[1] -= upload.seconds_ahead * mean_motion * ephemeris.semi_major_axis
+        errors[3] -= upload.clock
+        *orbit, clock = errors.tolist()
         return {
             "satellite": satellite_name(system, prn),
             "orbit_error": orbit,
