@@ -184,3 +184,23 @@ def test_more_recorded_than_published_names_the_cause(tmp_path):
     assert check_counts(tmp_path, {"/x": 5}) == [
         "/x: published 3, recorded 5 (another run or program publishes on the same ROS_DOMAIN_ID)",
     ]
+
+
+def test_a_stopped_child_is_named_and_ends_in_order(tmp_path):
+    code = (
+        "import signal, sys\n"
+        "signal.signal(signal.SIGINT, lambda *_: sys.exit(7))\n"
+        "signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGINT])\n"
+        "print('ready', flush=True)\n"
+        "while True: signal.pause()"
+    )
+    child = start(tmp_path, code)
+    wait_for_line(tmp_path, "ready")
+    assert not child.is_stopped
+    os.kill(child.process_id, signal.SIGSTOP)
+    deadline = time.monotonic() + 20.0
+    while not child.is_stopped and time.monotonic() < deadline:
+        time.sleep(0.01)
+    assert child.is_stopped
+    assert child.end() == 7
+    assert not child.is_stopped

@@ -89,6 +89,15 @@ class ManagedProcess:
         """Process id, which is also the id of its group."""
         return self._process.pid
 
+    @property
+    def is_stopped(self) -> bool:
+        """Whether the process is stopped, as by SIGSTOP; False where /proc does not tell."""
+        try:
+            status = pathlib.Path(f"/proc/{self._process.pid}/stat").read_text(encoding="utf-8")
+        except OSError:
+            return False
+        return status.rpartition(")")[2].split()[0] in ("T", "t")
+
     def tail(self) -> list[str]:
         """Return what the process printed after its last noteworthy line, at most 15 lines."""
         lines: list[str] = []
@@ -169,6 +178,8 @@ def end_together(processes: Sequence[ManagedProcess]) -> list[int]:
         running = [process for process in processes if process.exit_code is None]
         for process in running:
             process.signal_group(number)
+            # A process that is stopped takes the signal only when it goes on.
+            process.signal_group(signal.SIGCONT)
         deadline = time.monotonic() + patience
         while time.monotonic() < deadline and any(p.exit_code is None for p in running):
             time.sleep(0.01)
