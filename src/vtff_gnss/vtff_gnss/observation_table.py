@@ -116,7 +116,7 @@ class ObservationTable:
             receiver_status=self.receiver_status[index],
         )
 
-    def selected(
+    def select(
         self, systems: str | None = None, signals: Collection[str] | None = None
     ) -> ObservationTable:
         """Return the same epochs with some of the signals.
@@ -168,16 +168,16 @@ class ObservationTable:
             & (self.columns["band"] == band)
             & (self.columns["attribute"] == ord(attribute))
         )
-        prn, place = np.unique(self.columns["prn"][chosen], return_inverse=True)
+        prn, column_of_row = np.unique(self.columns["prn"][chosen], return_inverse=True)
         column = self.columns[name]
         missing = np.nan if column.dtype.kind == "f" else 0
         values = np.full((len(self), len(prn)), missing, dtype=column.dtype)
-        values[self.epoch_index[chosen], place] = column[chosen]
+        values[self.epoch_index[chosen], column_of_row] = column[chosen]
         return prn, values
 
 
 def signal_keys(columns: dict[str, npt.NDArray[Any]]) -> npt.NDArray[np.int64]:
-    """Return a number for each row that is the same for the same signal of the same satellite."""
+    """Return a number for each row; rows of one signal of one satellite have the same number."""
     key = columns["system"].astype(np.int64)
     for name in ("prn", "band", "attribute"):
         key = key << 8 | columns[name]

@@ -114,7 +114,7 @@ def open_observations(
             return _open_novatel(path, content, systems, signals, progress)
     except RinexError as error:
         raise ObservationFileError(str(error)) from None
-    raise ObservationFileError(_unknown(path, content))
+    raise ObservationFileError(_describe_unknown(path, content))
 
 
 def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]:
@@ -131,17 +131,17 @@ def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]
     try:
         content = decompress(path.read_bytes(), path)
         if is_rinex(content):
-            found = parse_rinex_navigation(content, path).ephemerides
+            ephemerides = parse_rinex_navigation(content, path).ephemerides
         elif _NOVATEL_START.search(content):
             events = _novatel_events(content, StreamCounters(), None)
-            found = tuple(e for e in events if isinstance(e, BroadcastEphemeris))
+            ephemerides = tuple(e for e in events if isinstance(e, BroadcastEphemeris))
         else:
-            raise ObservationFileError(_unknown(path, content))
+            raise ObservationFileError(_describe_unknown(path, content))
     except RinexError as error:
         raise ObservationFileError(str(error)) from None
-    if not found:
+    if not ephemerides:
         raise ObservationFileError(f"{path}: no ephemerides of GPS or Galileo in this file")
-    return found
+    return ephemerides
 
 
 def _open_rinex(
@@ -200,7 +200,7 @@ def _open_novatel(
         remarks.append(
             f"{counters.frames_crc_bad} damaged and {counters.frames_truncated} cut-off logs"
         )
-    table = ObservationTable.from_epochs(chosen).selected(systems, signals)
+    table = ObservationTable.from_epochs(chosen).select(systems, signals)
     if not len(table.columns["prn"]):
         raise ObservationFileError(f"{path}: no observations" + _of(systems, signals))
     return ObservationFile(
@@ -238,7 +238,7 @@ def _of(systems: str | None, signals: Collection[str] | None) -> str:
     return f" of {' and '.join(chosen)}" if chosen else " in this file"
 
 
-def _unknown(path: pathlib.Path, content: bytes) -> str:
+def _describe_unknown(path: pathlib.Path, content: bytes) -> str:
     if not content.strip():
         return f"{path}: the file is empty"
     return f"{path}: neither RINEX nor a NovAtel log (begins with {content[:16]!r})"

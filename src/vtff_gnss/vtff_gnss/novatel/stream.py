@@ -103,18 +103,18 @@ class ReceiverLogStream:
             text = frame.content[1:].decode("ascii")
             return [CommandResponse(is_ok=text.startswith("OK"), text=text)]
         if frame.format is FrameFormat.SHORT_BINARY:
-            return self._undecoded(frame, log_id=int.from_bytes(frame.content[4:6], "little"))
+            return self._count_undecoded(frame, log_id=int.from_bytes(frame.content[4:6], "little"))
         content = frame.content
         if frame.format is FrameFormat.ASCII:
             binary = self._messages.to_binary(content)
             if binary is None:
-                return self._undecoded(frame, log_id=None)
+                return self._count_undecoded(frame, log_id=None)
             content = binary
         log = parse_binary_log(content)
         if log.is_response:
             return [_command_response(log)]
         if log.message_id not in _DECODED_IDS:
-            return self._undecoded(frame, log.message_id, log.time)
+            return self._count_undecoded(frame, log.message_id, log.time)
         events = self._solutions.advance(log.time)
         try:
             events += self._decode_log(log)
@@ -124,7 +124,7 @@ class ReceiverLogStream:
             events.append(_raw_log(frame, log.message_id, log.time))
         return events
 
-    def _undecoded(
+    def _count_undecoded(
         self, frame: Frame, log_id: int | None, time: GpsTime | None = None
     ) -> list[Event]:
         self.counters.logs_undecoded += 1

@@ -25,28 +25,28 @@ class _Subframe:
         if len(subframe) != SUBFRAME_LENGTH:
             raise SubframeError(f"subframe {number}: {len(subframe)} bytes, 30 are required")
         self._bits = int.from_bytes(subframe, "big")
-        if self.unsigned(1, 1, 8) != _PREAMBLE:
+        if self.read_unsigned(1, 1, 8) != _PREAMBLE:
             raise SubframeError(f"subframe {number}: no preamble")
-        if self.unsigned(2, 20, 3) != number:
-            raise SubframeError(f"subframe {number}: it says {self.unsigned(2, 20, 3)}")
+        if self.read_unsigned(2, 20, 3) != number:
+            raise SubframeError(f"subframe {number}: it says {self.read_unsigned(2, 20, 3)}")
 
-    def unsigned(self, word: int, first_bit: int, length: int) -> int:
+    def read_unsigned(self, word: int, first_bit: int, length: int) -> int:
         """Return `length` bits from bit `first_bit` (1..24) of `word` (1..10) on."""
         end = 24 * (word - 1) + first_bit - 1 + length
         return (self._bits >> (8 * SUBFRAME_LENGTH - end)) & ((1 << length) - 1)
 
-    def signed(self, word: int, first_bit: int, length: int) -> int:
+    def read_signed(self, word: int, first_bit: int, length: int) -> int:
         """Return the field as a two's complement number."""
-        value = self.unsigned(word, first_bit, length)
+        value = self.read_unsigned(word, first_bit, length)
         return value - (1 << length) if value >> (length - 1) else value
 
-    def long_unsigned(self, word: int) -> int:
+    def read_long_unsigned(self, word: int) -> int:
         """Return 32 bits: the last 8 of `word` and all 24 of the next one."""
-        return self.unsigned(word, 17, 32)
+        return self.read_unsigned(word, 17, 32)
 
-    def long_signed(self, word: int) -> int:
-        """Return `long_unsigned` as a two's complement number."""
-        return self.signed(word, 17, 32)
+    def read_long_signed(self, word: int) -> int:
+        """Return `read_long_unsigned` as a two's complement number."""
+        return self.read_signed(word, 17, 32)
 
 
 def decode_subframes(
@@ -71,53 +71,57 @@ def decode_subframes(
         (the subframes are from different uploads).
     """
     first, second, third = (_Subframe(subframes[i], i + 1) for i in range(3))
-    issue_of_data_clock = first.unsigned(3, 23, 2) << 8 | first.unsigned(8, 1, 8)
-    issues = {issue_of_data_clock & 0xFF, second.unsigned(3, 1, 8), third.unsigned(10, 1, 8)}
+    issue_of_data_clock = first.read_unsigned(3, 23, 2) << 8 | first.read_unsigned(8, 1, 8)
+    issues = {
+        issue_of_data_clock & 0xFF,
+        second.read_unsigned(3, 1, 8),
+        third.read_unsigned(10, 1, 8),
+    }
     if len(issues) != 1:
         raise SubframeError(f"GPS PRN {prn}: issues of data {sorted(issues)} differ")
-    toe = second.unsigned(10, 1, 16) * 16.0
-    week = _full_week(first.unsigned(3, 1, 10), time)
-    time_of_transmission = first.unsigned(2, 1, 17) * 6.0
+    toe = second.read_unsigned(10, 1, 16) * 16.0
+    week = _full_week(first.read_unsigned(3, 1, 10), time)
+    time_of_transmission = first.read_unsigned(2, 1, 17) * 6.0
     # The broadcast week is that of transmission; toe may lie across the turn of the week.
     if toe - time_of_transmission > 302400.0:
         week -= 1
     elif toe - time_of_transmission < -302400.0:
         week += 1
     # A product is rounded correctly; a power need not be, and the last bit counts here.
-    root_of_semi_major_axis = second.long_unsigned(8) * 2.0**-19
+    root_of_semi_major_axis = second.read_long_unsigned(8) * 2.0**-19
     return BroadcastEphemeris(
         time=time,
         system=SYSTEM_GPS,
         prn=prn,
         source=EPHEMERIS_SOURCE_LNAV,
-        issue_of_data_ephemeris=second.unsigned(3, 1, 8),
+        issue_of_data_ephemeris=second.read_unsigned(3, 1, 8),
         issue_of_data_clock=issue_of_data_clock,
-        health=first.unsigned(3, 17, 6),
+        health=first.read_unsigned(3, 17, 6),
         gps_week=week,
         toe=toe,
-        toc=first.unsigned(8, 9, 16) * 16.0,
-        af0=first.signed(10, 1, 22) * 2.0**-31,
-        af1=first.signed(9, 9, 16) * 2.0**-43,
-        af2=first.signed(9, 1, 8) * 2.0**-55,
+        toc=first.read_unsigned(8, 9, 16) * 16.0,
+        af0=first.read_signed(10, 1, 22) * 2.0**-31,
+        af1=first.read_signed(9, 9, 16) * 2.0**-43,
+        af2=first.read_signed(9, 1, 8) * 2.0**-55,
         semi_major_axis=root_of_semi_major_axis * root_of_semi_major_axis,
-        eccentricity=second.long_unsigned(6) * 2.0**-33,
-        inclination=third.long_signed(5) * 2.0**-31 * GPS_PI,
-        inclination_rate=third.signed(10, 9, 14) * 2.0**-43 * GPS_PI,
-        longitude_of_ascending_node=third.long_signed(3) * 2.0**-31 * GPS_PI,
-        right_ascension_rate=third.signed(9, 1, 24) * 2.0**-43 * GPS_PI,
-        argument_of_perigee=third.long_signed(7) * 2.0**-31 * GPS_PI,
-        mean_anomaly=second.long_signed(4) * 2.0**-31 * GPS_PI,
-        mean_motion_difference=second.signed(4, 1, 16) * 2.0**-43 * GPS_PI,
-        cuc=second.signed(6, 1, 16) * 2.0**-29,
-        cus=second.signed(8, 1, 16) * 2.0**-29,
-        crc=third.signed(7, 1, 16) * 2.0**-5,
-        crs=second.signed(3, 9, 16) * 2.0**-5,
-        cic=third.signed(3, 1, 16) * 2.0**-29,
-        cis=third.signed(5, 1, 16) * 2.0**-29,
-        group_delay=first.signed(7, 17, 8) * 2.0**-31,
+        eccentricity=second.read_long_unsigned(6) * 2.0**-33,
+        inclination=third.read_long_signed(5) * 2.0**-31 * GPS_PI,
+        inclination_rate=third.read_signed(10, 9, 14) * 2.0**-43 * GPS_PI,
+        longitude_of_ascending_node=third.read_long_signed(3) * 2.0**-31 * GPS_PI,
+        right_ascension_rate=third.read_signed(9, 1, 24) * 2.0**-43 * GPS_PI,
+        argument_of_perigee=third.read_long_signed(7) * 2.0**-31 * GPS_PI,
+        mean_anomaly=second.read_long_signed(4) * 2.0**-31 * GPS_PI,
+        mean_motion_difference=second.read_signed(4, 1, 16) * 2.0**-43 * GPS_PI,
+        cuc=second.read_signed(6, 1, 16) * 2.0**-29,
+        cus=second.read_signed(8, 1, 16) * 2.0**-29,
+        crc=third.read_signed(7, 1, 16) * 2.0**-5,
+        crs=second.read_signed(3, 9, 16) * 2.0**-5,
+        cic=third.read_signed(3, 1, 16) * 2.0**-29,
+        cis=third.read_signed(5, 1, 16) * 2.0**-29,
+        group_delay=first.read_signed(7, 17, 8) * 2.0**-31,
         group_delay_secondary=0.0,
-        accuracy=lnav_accuracy(first.unsigned(3, 13, 4)),
-        fit_interval=lnav_fit_interval(second.unsigned(10, 17, 1), issue_of_data_clock),
+        accuracy=lnav_accuracy(first.read_unsigned(3, 13, 4)),
+        fit_interval=lnav_fit_interval(second.read_unsigned(10, 17, 1), issue_of_data_clock),
     )
 
 

@@ -141,5 +141,5 @@ def clock_steps(
 def _triangle(index: int) -> int:
     """Return a triangle wave with slopes of one and extremes of a quarter period."""
     quarter = _CLOCK_QUARTER_PERIOD
-    place = (index + quarter) % (4 * quarter)
-    return place - quarter if place < 2 * quarter else 3 * quarter - place
+    phase = (index + quarter) % (4 * quarter)
+    return phase - quarter if phase < 2 * quarter else 3 * quarter - phase

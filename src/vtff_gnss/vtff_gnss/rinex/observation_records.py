@@ -83,14 +83,14 @@ class RecordReader:
 
     def read(self, batches: Sequence[Batch]) -> SignalRows:
         """Return the rows of all batches in the order of the file."""
-        parts = [_no_rows()]
+        blocks = [_no_rows()]
         for batch in batches:
-            parts += self._read_batch(batch)
+            blocks += self._read_batch(batch)
         rows = SignalRows(
-            np.concatenate([part.epoch for part in parts]),
-            np.concatenate([part.line_number for part in parts]),
+            np.concatenate([block.epoch for block in blocks]),
+            np.concatenate([block.line_number for block in blocks]),
             {
-                name: np.concatenate([part.columns[name] for part in parts])
+                name: np.concatenate([block.columns[name] for block in blocks])
                 for name in OBSERVATION_COLUMNS
             },
         )
@@ -107,7 +107,7 @@ class RecordReader:
         is_unknown = (digits > 9).any(axis=1) | (prn == 0)
         is_unknown |= ~np.isin(letters, np.frombuffer(c.SYSTEM_LETTERS.encode(), np.uint8))
         self._note(is_unknown, line_number, epoch, lambda i: f"satellite {batch.satellites[i]!r}")
-        parts = []
+        blocks = []
         for letter in c.SYSTEM_LETTERS:
             chosen = np.flatnonzero((letters == ord(letter)) & ~is_unknown)
             if not len(chosen):
@@ -116,8 +116,8 @@ class RecordReader:
                 self._note_first(chosen, line_number, epoch, f"no types for system {letter}")
             elif letter in self._systems:
                 records = _Records(letter, prn[chosen], epoch[chosen], line_number[chosen])
-                parts.append(self._read_system(batch, records))
-        return parts
+                blocks.append(self._read_system(batch, records))
+        return blocks
 
     def _read_system(self, batch: Batch, records: _Records) -> SignalRows:
         """Read all records of one system."""

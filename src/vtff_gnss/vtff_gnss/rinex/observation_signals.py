@@ -63,17 +63,17 @@ def signal_columns(
     rinex2_attributes : mapping
         As `RINEX2_ATTRIBUTES`.
     """
-    place: dict[str, dict[str, int]] = {}
+    columns_of_signal: dict[str, dict[str, int]] = {}
     if version < 3.0:
         named = _named_types_2(letter, types, rinex2_attributes.get(letter, {}))
     else:
         named = [(_signal_3(letter, name[1:], version), name[0]) for name in types]
     for column, (signal, quantity) in enumerate(named):
         if signal and quantity in "CLDS" and signal[0].isdigit():
-            place.setdefault(signal, {}).setdefault(quantity, column)
+            columns_of_signal.setdefault(signal, {}).setdefault(quantity, column)
     return [
         SignalColumns(int(s[0]), s[1], *(columns.get(q, _UNUSED) for q in "CLDS"))
-        for s, columns in place.items()
+        for s, columns in columns_of_signal.items()
         if columns.keys() & set("CLD")
     ]
 
@@ -88,7 +88,7 @@ def _signal_3(letter: str, signal: str, version: float) -> str:
 def _named_types_2(
     letter: str, types: tuple[str, ...], attributes: Mapping[str, str]
 ) -> list[tuple[str, str]]:
-    """Return (signal, quantity) of RINEX 2 types; an empty signal for those that are left out."""
+    """Return (signal, quantity) of RINEX 2 types; an empty signal for types that are left out."""
     has_civil = "LA" in types or "CA" in types
     civil = [_CIVIL_TYPES.get(name, name) for name in types]
     named = []
@@ -101,7 +101,7 @@ def _named_types_2(
         if name in _CIVIL_TYPES:
             codes = ("C1",)
         elif has_civil and band == "1":
-            # Beside an own type for the C/A carrier, L1 is that of the P code.
+            # Beside a separate type for the C/A carrier, L1 is the carrier phase of the P code.
             codes = ("P1",)
         present = [code for code in codes if code in civil and code in attributes]
         present = present or [code for code in codes if code in attributes]

@@ -36,10 +36,10 @@ def at(seconds):
 @pytest.mark.parametrize("speed", [SPEED, -SPEED])
 def test_crossing_of_an_altitude(speed):
     _, kept = history(speed)
-    assert kept.crossing(300e3 + speed * 70.25) == pytest.approx(at(70.25), abs=1e7)
+    assert kept.time_at_altitude(300e3 + speed * 70.25) == pytest.approx(at(70.25), abs=1e7)
     # Altitudes that were not crossed: the nearer end of the history.
-    assert kept.crossing(300e3 + speed * 500.0) == at(100.0)
-    assert kept.crossing(300e3) == pytest.approx(at(40.0), abs=SECOND)
+    assert kept.time_at_altitude(300e3 + speed * 500.0) == at(100.0)
+    assert kept.time_at_altitude(300e3) == pytest.approx(at(40.0), abs=SECOND)
 
 
 def test_only_the_last_minute_is_kept():
@@ -49,7 +49,7 @@ def test_only_the_last_minute_is_kept():
     assert positions[-1] == pytest.approx(drawn.position(0, np.array([100.0]))[0], abs=1e-6)
     middle = drawn.position(0, np.array([80.5]))[0]
     assert kept.position_at(at(80.5)) == pytest.approx(middle, abs=3.0)
-    assert ContentHistory(10.0).crossing(300e3) is None
+    assert ContentHistory(10.0).time_at_altitude(300e3) is None
 
 
 def test_series_of_even_epochs():

@@ -91,7 +91,7 @@ class ContentHistory:
             np.array([position for _, position in ends]).reshape(-1, 3),
         )
 
-    def crossing(self, altitude: float) -> int | None:
+    def time_at_altitude(self, altitude: float) -> int | None:
         """Return when the spacecraft was at an altitude (m), ns.
 
         If it was not there within the history, this is the end of the history that is nearer to

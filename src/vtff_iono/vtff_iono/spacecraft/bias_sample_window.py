@@ -156,7 +156,7 @@ class BiasSampleWindow:
         levels = np.array([self._levels[key] for key in arc_of_sample])
         groups = sorted({bias_group(links[number]) for number in np.unique(link).tolist()})
         group_number = {group: number for number, group in enumerate(groups)}
-        group_of_link = np.array([group_number.get(bias_group(one), -1) for one in links])
+        group_of_link = np.array([group_number.get(bias_group(link_key), -1) for link_key in links])
         arc_number = {key: number for number, key in enumerate(sorted(self._levels))}
         counts = [len(epoch.link) for epoch in self._epochs]
         samples = BiasSamples(

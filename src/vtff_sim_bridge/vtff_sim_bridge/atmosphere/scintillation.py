@@ -109,8 +109,8 @@ def tapered_s4(s4: float, path_length: npt.ArrayLike, taper_length: float = 5e3)
     taper_length : float
         Length from which on the full index holds, m. A jump of S4 would be a jump of carrier phase.
     """
-    part = np.minimum(np.asarray(path_length, dtype=float) / taper_length, 1.0)
-    return np.asarray(s4 * part * part * (3.0 - 2.0 * part))
+    fraction = np.minimum(np.asarray(path_length, dtype=float) / taper_length, 1.0)
+    return np.asarray(s4 * fraction * fraction * (3.0 - 2.0 * fraction))
 
 
 class AlongTrackAxis:
@@ -209,11 +209,9 @@ class ScintillationField:
             raise ValueError("stream: must be within 0 and 2^31 - 1")
         if not np.isfinite(places).all():
             raise ValueError("coordinate: must be finite")
-        return self._interpolated(numbers.ravel(), places.ravel() / self._step).reshape(
-            places.shape
-        )
+        return self._interpolate(numbers.ravel(), places.ravel() / self._step).reshape(places.shape)
 
-    def _interpolated(self, stream: npt.NDArray[np.int64], points: FloatArray) -> ComplexArray:
+    def _interpolate(self, stream: npt.NDArray[np.int64], points: FloatArray) -> ComplexArray:
         """Return xi, shape (n,), at places counted in grid points."""
         floor = np.floor(points)
         block, index = np.divmod(floor.astype(np.int64), _BLOCK_POINTS)
@@ -222,15 +220,15 @@ class ScintillationField:
             half = len(points) // 2
             return np.concatenate(
                 (
-                    self._interpolated(stream[:half], points[:half]),
-                    self._interpolated(stream[half:], points[half:]),
+                    self._interpolate(stream[:half], points[:half]),
+                    self._interpolate(stream[half:], points[half:]),
                 )
             )
         pairs = [(key >> 32, (key & 0xFFFFFFFF) - (1 << 31)) for key in keys.tolist()]
         row = np.array(self._rows_of(pairs))[inverse]
-        part = points - floor
+        fraction = points - floor
         left, right = self._blocks[row, index], self._blocks[row, index + 1]
-        values: ComplexArray = left + part * (right - left)
+        values: ComplexArray = left + fraction * (right - left)
         return values
 
     def _rows_of(self, pairs: list[tuple[int, int]]) -> list[int]:

@@ -30,7 +30,7 @@ from vtff_sim_bridge.simremote.language import (
     parse_motion,
     parse_number,
     parse_vehicle_id,
-    shown,
+    quote,
 )
 from vtff_sim_bridge.simremote.motion import (
     GeodeticMotionState,
@@ -281,7 +281,7 @@ class ScenarioMachine:
     def _rule_of(self, command: Command) -> _Rule:
         rule = _RULES.get(command.verb)
         if rule is None:
-            raise CommandRefusedError(f"verb: {shown(command.verb)} is not emulated")
+            raise CommandRefusedError(f"verb: {quote(command.verb)} is not emulated")
         if rule.needs_timestamp and not command.has_timestamp:
             raise SimRemoteSyntaxError(
                 f"timestamp: {command.verb} needs one, such as '-,{command.verb}'"
@@ -298,8 +298,8 @@ class ScenarioMachine:
     def _vehicle(self, vehicle_id: str) -> VehicleMotion:
         vehicle = self.motions.get(vehicle_id)
         if vehicle is None:
-            known = ", ".join(self.motions)
-            raise CommandRefusedError(f"vehicle: {vehicle_id} is not in the scenario ({known})")
+            names = ", ".join(self.motions)
+            raise CommandRefusedError(f"vehicle: {vehicle_id} is not in the scenario ({names})")
         return vehicle
 
     def _require(self, allowed: Sequence[SimGenStatus], what: str) -> None:
@@ -336,7 +336,7 @@ class ScenarioMachine:
     def _scenario_name(self, command: Command) -> str:
         if command.arguments and command.arguments[0].lower() != "includepath":
             raise SimRemoteSyntaxError(
-                f"argument 1: 'includepath' expected, got {shown(command.arguments[0])}"
+                f"argument 1: 'includepath' expected, got {quote(command.arguments[0])}"
             )
         path = self.scenario_path
         return path if command.arguments else path.replace("\\", "/").rpartition("/")[2]
@@ -468,7 +468,7 @@ def _whole_number(field: str, texts: Sequence[str], allowed: tuple[int, ...]) ->
         if text == str(number):
             return number
     choices = ", ".join(map(str, allowed))
-    raise SimRemoteSyntaxError(f"{field}: one of {choices} expected, got {shown(text)}")
+    raise SimRemoteSyntaxError(f"{field}: one of {choices} expected, got {quote(text)}")
 
 
 _MANY = 64

@@ -133,7 +133,7 @@ def parse_timestamp(text: str) -> int | None:
         nanoseconds = _clock_nanoseconds("timestamp", text)
     if nanoseconds > MAXIMUM_TIME_SECONDS * NANOSECONDS_PER_SECOND:
         raise SimRemoteSyntaxError(
-            f"timestamp: at most {MAXIMUM_TIME_SECONDS} s expected, got {shown(text)}"
+            f"timestamp: at most {MAXIMUM_TIME_SECONDS} s expected, got {quote(text)}"
         )
     return nanoseconds
 
@@ -161,7 +161,7 @@ def parse_duration(text: str, field: str = "duration") -> int:
     """
     nanoseconds = _clock_nanoseconds(field, text.strip())
     if nanoseconds % NANOSECONDS_PER_SECOND:
-        raise SimRemoteSyntaxError(f"{field}: whole seconds expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"{field}: whole seconds expected, got {quote(text)}")
     return nanoseconds // NANOSECONDS_PER_SECOND
 
 
@@ -179,13 +179,13 @@ def _clock_nanoseconds(field: str, text: str) -> int:
     match = _CLOCK_TIME.fullmatch(text)
     if not match:
         raise SimRemoteSyntaxError(
-            f"{field}: '[d ]hh:mm:ss' expected, got {shown(text)}"
+            f"{field}: '[d ]hh:mm:ss' expected, got {quote(text)}"
             if field != "timestamp"
-            else f"timestamp: '-', '[d ]hh:mm:ss.sss' or seconds expected, got {shown(text)}"
+            else f"timestamp: '-', '[d ]hh:mm:ss.sss' or seconds expected, got {quote(text)}"
         )
-    days, hours, minutes, seconds = (int(part or 0) for part in match.groups()[:4])
+    days, hours, minutes, seconds = (int(group or 0) for group in match.groups()[:4])
     if hours > 23 or minutes > 59 or seconds > 59:
-        raise SimRemoteSyntaxError(f"{field}: hour, minute or second too large in {shown(text)}")
+        raise SimRemoteSyntaxError(f"{field}: hour, minute or second too large in {quote(text)}")
     whole = days * SECONDS_PER_DAY + hours * 3600 + minutes * 60 + seconds
     return whole * NANOSECONDS_PER_SECOND + int((match[5] or "").ljust(9, "0"))
 
@@ -200,15 +200,15 @@ def parse_calendar(text: str, field: str = "start_time") -> int:
     """
     match = _CALENDAR.fullmatch(text.strip())
     if not match or match[2].capitalize() not in _MONTHS:
-        raise SimRemoteSyntaxError(f"{field}: 'DD-MON-YYYY hh:mm:ss' expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"{field}: 'DD-MON-YYYY hh:mm:ss' expected, got {quote(text)}")
     month = _MONTHS.index(match[2].capitalize()) + 1
     day, year, hour, minute, second = (int(match[group]) for group in (1, 3, 4, 5, 6))
     try:
         moment = datetime.datetime(year, month, day, hour, minute, second)
     except ValueError as error:
-        raise SimRemoteSyntaxError(f"{field}: {error} in {shown(text)}") from None
+        raise SimRemoteSyntaxError(f"{field}: {error} in {quote(text)}") from None
     if moment < _GPS_EPOCH:
-        raise SimRemoteSyntaxError(f"{field}: before 06-Jan-1980 in {shown(text)}")
+        raise SimRemoteSyntaxError(f"{field}: before 06-Jan-1980 in {quote(text)}")
     return int((moment - _GPS_EPOCH).total_seconds())
 
 
@@ -231,13 +231,13 @@ def parse_command(line: str) -> Command:
     first = fields[0]
     if first[:1] in ("-", ".") or first[:1].isdigit():
         if len(fields) < 2:
-            raise SimRemoteSyntaxError(f"verb: missing after time stamp {shown(first)}")
+            raise SimRemoteSyntaxError(f"verb: missing after time stamp {quote(first)}")
         time_nanoseconds, has_timestamp, verb, start = parse_timestamp(first), True, fields[1], 2
     else:
         time_nanoseconds, has_timestamp, verb, start = None, False, first, 1
     verb = verb.upper()
     if not _VERB.fullmatch(verb):
-        raise SimRemoteSyntaxError(f"verb: a command name expected, got {shown(fields[start - 1])}")
+        raise SimRemoteSyntaxError(f"verb: a command name expected, got {quote(fields[start - 1])}")
     return Command(verb, tuple(fields[start:]), time_nanoseconds, has_timestamp)
 
 
@@ -245,7 +245,7 @@ def parse_vehicle_id(text: str) -> str:
     """Return a vehicle id such as ``v1_m1`` in lower case; raise SimRemoteSyntaxError if none."""
     vehicle_id = text.lower()
     if not _VEHICLE_ID.fullmatch(vehicle_id):
-        raise SimRemoteSyntaxError(f"vehicle: an id such as v1_m1 expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"vehicle: an id such as v1_m1 expected, got {quote(text)}")
     return vehicle_id
 
 
@@ -253,7 +253,7 @@ def parse_antenna_id(text: str) -> str:
     """Return an antenna id such as ``v1_a1`` in lower case; raise SimRemoteSyntaxError if none."""
     antenna_id = text.lower()
     if not _ANTENNA_ID.fullmatch(antenna_id):
-        raise SimRemoteSyntaxError(f"antenna: an id such as v1_a1 expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"antenna: an id such as v1_a1 expected, got {quote(text)}")
     return antenna_id
 
 
@@ -265,11 +265,11 @@ def parse_number(field: str, text: str) -> float:
         number = math.nan
     # float() also reads 1_000, non-ASCII digits, inf and nan.
     if "_" in text or not text.isascii() or not math.isfinite(number):
-        raise SimRemoteSyntaxError(f"{field}: a number expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"{field}: a number expected, got {quote(text)}")
     return number
 
 
-def _without_exponent(text: str) -> str:
+def _remove_exponent(text: str) -> str:
     """Return a decimal with exponent as a decimal without exponent."""
     mantissa, exponent_text = text.split("e")
     exponent = int(exponent_text)
@@ -322,7 +322,7 @@ def format_motion(time_nanoseconds: int | None, vehicle_id: str, state: MotionSt
         raise ValueError(f"{name} of {vehicle_id}: finite number expected, got {number}")
     if "e" in text:
         text = ",".join(
-            _without_exponent(part) if "e" in part else part for part in text.split(",")
+            _remove_exponent(number) if "e" in number else number for number in text.split(",")
         )
     return f"{format_timestamp(time_nanoseconds)},MOT,{vehicle_id},{text}"
 
@@ -363,11 +363,11 @@ def parse_reply(text: str) -> Reply:
     """
     match = _REPLY.fullmatch(text)
     if not match:
-        raise SimRemoteSyntaxError(f"reply: '<msg><status>' expected, got {shown(text)}")
+        raise SimRemoteSyntaxError(f"reply: '<msg><status>' expected, got {quote(text)}")
     try:
         status = SimGenStatus(int(match[1]))
     except ValueError:
-        raise SimRemoteSyntaxError(f"status: 0 to 7 expected, got {shown(match[1])}") from None
+        raise SimRemoteSyntaxError(f"status: 0 to 7 expected, got {quote(match[1])}") from None
     if not match[2]:
         return Reply(status)
     texts: dict[str, str] = {}
@@ -375,7 +375,7 @@ def parse_reply(text: str) -> Reply:
     while position < end and text[position:end].strip():
         child = _CHILD.match(text, position, end)
         if not child:
-            raise SimRemoteSyntaxError(f"reply: unknown element in {shown(text[position:end])}")
+            raise SimRemoteSyntaxError(f"reply: unknown element in {quote(text[position:end])}")
         content = child[2].strip()
         texts[child[1]] = content if "<" in content else _unescape(content)
         position = child.end()
@@ -402,6 +402,6 @@ def _unescape(text: str) -> str:
     return text.replace("&lt;", "<").replace("&gt;", ">").replace("&amp;", "&")
 
 
-def shown(text: str) -> str:
+def quote(text: str) -> str:
     """Return a received text for an error message: quoted, ASCII, at most 40 characters of it."""
     return ascii(text if len(text) <= 40 else text[:37] + "...")

@@ -120,7 +120,7 @@ class GeodeticMotionState(NamedTuple):
         )
         horizontal = (prime_vertical + height) * cos_latitude
 
-        def turned(vector_ned: Vector) -> Vector:
+        def rotate_to_itrf(vector_ned: Vector) -> Vector:
             north, east, down = vector_ned
             outward = -sin_latitude * north - cos_latitude * down
             return (
@@ -135,9 +135,9 @@ class GeodeticMotionState(NamedTuple):
                 horizontal * sin_longitude,
                 (prime_vertical * (1.0 - _ECCENTRICITY_SQUARED) + height) * sin_latitude,
             ),
-            turned(self.velocity_ned),
-            turned(self.acceleration_ned),
-            turned(self.jerk_ned),
+            rotate_to_itrf(self.velocity_ned),
+            rotate_to_itrf(self.acceleration_ned),
+            rotate_to_itrf(self.jerk_ned),
             *self[4:],
         )
 
@@ -146,8 +146,8 @@ class VehicleMotion:
     """Motion commands of one vehicle, ordered by the time from which they hold.
 
     The motion at a time is the newest command at or before it, extrapolated. Commands for later
-    times wait for theirs; one with the time of an earlier one replaces it. Times are integer
-    nanoseconds into the run, so that a time stamp compares equal however it was written.
+    times are kept until then; a command replaces an earlier command for the same time. Times are
+    integer nanoseconds into the run, so that a time stamp compares equal however it was written.
     """
 
     def __init__(self) -> None:

@@ -69,16 +69,16 @@ class _Words:
         end = 24 * (word - 1) + first_bit - 1 + length
         self._bits |= (value & ((1 << length) - 1)) << (240 - end)
 
-    def put_scaled(
-        self, place: tuple[int, int, int], value: float, scale: float, name: str, signed: bool
+    def put_steps(
+        self, field: tuple[int, int, int], value: float, scale: float, name: str, signed: bool
     ) -> None:
         """Put ``value / scale``, rounded, into (word, first bit, length)."""
-        length = place[2]
+        length = field[2]
         steps = round(value / scale) if math.isfinite(value) else 1 << length
         low, high = (-(1 << (length - 1)), 1 << (length - 1)) if signed else (0, 1 << length)
         if not low <= steps < high:
             raise ValueError(f"GPS PRN {self._prn}: {name}: {value} does not fit LNAV")
-        self.put(*place, steps)
+        self.put(*field, steps)
 
     def put_angle(self, word: int, value: float) -> None:
         """Put an angle, modulo a turn, into the last 8 bits of a word and the next word."""
@@ -189,43 +189,43 @@ def _fill_first(words: _Words, e: BroadcastEphemeris, message: LnavMessage) -> N
     words.put(3, 1, 10, e.time.week % _WEEK_MODULUS)
     words.put(3, 11, 2, message.codes_on_l2)
     words.put(3, 13, 4, _accuracy_index(e.accuracy))
-    words.put_scaled((3, 17, 6), e.health, 1.0, "health", signed=False)
-    words.put_scaled((3, 23, 2), e.issue_of_data_clock >> 8, 1.0, "IODC", signed=False)
+    words.put_steps((3, 17, 6), e.health, 1.0, "health", signed=False)
+    words.put_steps((3, 23, 2), e.issue_of_data_clock >> 8, 1.0, "IODC", signed=False)
     words.put(4, 1, 1, message.is_l2p_data_off)
-    words.put_scaled((7, 17, 8), e.group_delay, 2.0**-31, "group_delay", signed=True)
+    words.put_steps((7, 17, 8), e.group_delay, 2.0**-31, "group_delay", signed=True)
     words.put(8, 1, 8, e.issue_of_data_clock)
-    words.put_scaled((8, 9, 16), e.toc, 16.0, "toc", signed=False)
-    words.put_scaled((9, 1, 8), e.af2, 2.0**-55, "af2", signed=True)
-    words.put_scaled((9, 9, 16), e.af1, 2.0**-43, "af1", signed=True)
-    words.put_scaled((10, 1, 22), e.af0, 2.0**-31, "af0", signed=True)
+    words.put_steps((8, 9, 16), e.toc, 16.0, "toc", signed=False)
+    words.put_steps((9, 1, 8), e.af2, 2.0**-55, "af2", signed=True)
+    words.put_steps((9, 9, 16), e.af1, 2.0**-43, "af1", signed=True)
+    words.put_steps((10, 1, 22), e.af0, 2.0**-31, "af0", signed=True)
 
 
 def _fill_second(words: _Words, e: BroadcastEphemeris, message: LnavMessage) -> None:
     words.put(3, 1, 8, e.issue_of_data_ephemeris)
-    words.put_scaled((3, 9, 16), e.crs, 2.0**-5, "crs", signed=True)
-    words.put_scaled(
+    words.put_steps((3, 9, 16), e.crs, 2.0**-5, "crs", signed=True)
+    words.put_steps(
         (4, 1, 16), e.mean_motion_difference / GPS_PI, 2.0**-43, "mean_motion_difference", True
     )
     words.put_angle(4, e.mean_anomaly)
-    words.put_scaled((6, 1, 16), e.cuc, 2.0**-29, "cuc", signed=True)
-    words.put_scaled((6, 17, 32), e.eccentricity, 2.0**-33, "eccentricity", signed=False)
-    words.put_scaled((8, 1, 16), e.cus, 2.0**-29, "cus", signed=True)
+    words.put_steps((6, 1, 16), e.cuc, 2.0**-29, "cuc", signed=True)
+    words.put_steps((6, 17, 32), e.eccentricity, 2.0**-33, "eccentricity", signed=False)
+    words.put_steps((8, 1, 16), e.cus, 2.0**-29, "cus", signed=True)
     root = math.sqrt(e.semi_major_axis)
-    words.put_scaled((8, 17, 32), root, 2.0**-19, "semi_major_axis", signed=False)
-    words.put_scaled((10, 1, 16), e.toe, 16.0, "toe", signed=False)
+    words.put_steps((8, 17, 32), root, 2.0**-19, "semi_major_axis", signed=False)
+    words.put_steps((10, 1, 16), e.toe, 16.0, "toe", signed=False)
     words.put(10, 17, 1, e.fit_interval > DEFAULT_FIT_INTERVAL)
     words.put(10, 18, 5, message.age_of_data_offset)
 
 
 def _fill_third(words: _Words, e: BroadcastEphemeris, message: LnavMessage) -> None:
-    words.put_scaled((3, 1, 16), e.cic, 2.0**-29, "cic", signed=True)
+    words.put_steps((3, 1, 16), e.cic, 2.0**-29, "cic", signed=True)
     words.put_angle(3, e.longitude_of_ascending_node)
-    words.put_scaled((5, 1, 16), e.cis, 2.0**-29, "cis", signed=True)
+    words.put_steps((5, 1, 16), e.cis, 2.0**-29, "cis", signed=True)
     words.put_angle(5, e.inclination)
-    words.put_scaled((7, 1, 16), e.crc, 2.0**-5, "crc", signed=True)
+    words.put_steps((7, 1, 16), e.crc, 2.0**-5, "crc", signed=True)
     words.put_angle(7, e.argument_of_perigee)
-    words.put_scaled(
+    words.put_steps(
         (9, 1, 24), e.right_ascension_rate / GPS_PI, 2.0**-43, "right_ascension_rate", signed=True
     )
     words.put(10, 1, 8, e.issue_of_data_ephemeris)
-    words.put_scaled((10, 9, 14), e.inclination_rate / GPS_PI, 2.0**-43, "inclination_rate", True)
+    words.put_steps((10, 9, 14), e.inclination_rate / GPS_PI, 2.0**-43, "inclination_rate", True)

@@ -178,8 +178,8 @@ def _signal_numbers(
         np.frombuffer(column, dtype=np.uint8)
         for column in (system_bytes, prn_bytes, band_bytes, attribute_bytes)
     )
-    place = (system, band, attribute)
-    words = _WORD[place]
+    signal_index = (system, band, attribute)
+    words = _WORD[signal_index]
     if not words.all():
         index = int(np.argmin(words))
         signal = f"{band[index]}{chr(attribute[index])}"
@@ -191,8 +191,8 @@ def _signal_numbers(
     return _SignalNumbers(
         prn_novatel(system, prn),
         frequency.astype(np.uint16),
-        words | _STATE_LOCKED[place],
-        words | _STATE_UNLOCKED[place],
+        words | _STATE_LOCKED[signal_index],
+        words | _STATE_UNLOCKED[signal_index],
     )
 
 

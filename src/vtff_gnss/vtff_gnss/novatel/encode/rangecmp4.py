@@ -264,7 +264,7 @@ def _add_absolute(bits: _Bits, signal: _Signal, primary: _Difference | None) -> 
         if code is not None and not _fits(code, widths.pseudorange):
             code = None
         bits.add(_field(code, widths.pseudorange), widths.pseudorange)
-    pseudorange = layout.scaled(code, layout.PSEUDORANGE_SCALE, pseudorange_origin)
+    pseudorange = layout.to_physical(code, layout.PSEUDORANGE_SCALE, pseudorange_origin)
     phase = _within(
         _steps(signal.phase_range - pseudorange, layout.PHASE_RANGE_SCALE), widths.phase_range
     )
@@ -275,8 +275,8 @@ def _add_absolute(bits: _Bits, signal: _Signal, primary: _Difference | None) -> 
     bits.add(_field(rate, widths.range_rate), widths.range_rate)
     return _Difference(
         pseudorange,
-        layout.scaled(phase, layout.PHASE_RANGE_SCALE, pseudorange),
-        layout.scaled(rate, layout.RANGE_RATE_SCALE, rate_origin),
+        layout.to_physical(phase, layout.PHASE_RANGE_SCALE, pseudorange),
+        layout.to_physical(rate, layout.RANGE_RATE_SCALE, rate_origin),
     )
 
 

@@ -9,7 +9,7 @@ from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET
 from vtff_gnss.novatel.range.record_columns import SignalRow, records_from_rows, wavelength
 from vtff_gnss.novatel.range.signal_records import SignalRecords
 
-__all__ = ["COMPRESSED_SYSTEMS", "RANGECMP2_SIGNALS", "decode_rangecmp2", "signed"]
+__all__ = ["COMPRESSED_SYSTEMS", "RANGECMP2_SIGNALS", "decode_rangecmp2", "to_signed"]
 
 COMPRESSED_SYSTEMS = {
     0: c.SYSTEM_GPS,
@@ -74,7 +74,7 @@ _CARRIER_PHASE_SIGMA_CYCLES = (0.00391, 0.00521, 0.00696, 0.00929, 0.01239, 0.01
 )  # fmt: skip
 
 
-def signed(value: int, length: int) -> int:
+def to_signed(value: int, length: int) -> int:
     """Return the low `length` bits of `value` as a two's complement number."""
     return value - (1 << length) if value >> (length - 1) & 1 else value
 
@@ -114,12 +114,12 @@ def decode_rangecmp2(payload: bytes) -> SignalRecords:
 def _signal_row(satellite: int, fields: int, status: int, values: int) -> SignalRow:
     system = COMPRESSED_SYSTEMS.get(fields >> 4 & 31, _UNKNOWN_SYSTEM)
     channel = (fields & 15) - GLONASS_CHANNEL_OFFSET
-    base_range = signed(fields >> 10 & 0x1FFFFFFF, 29)
-    base_doppler_hz = signed(fields >> 39 & 0x1FFFFF, 21)
+    base_range = to_signed(fields >> 10 & 0x1FFFFFFF, 29)
+    base_doppler_hz = to_signed(fields >> 39 & 0x1FFFFF, 21)
     signal, carrier_ratio = RANGECMP2_SIGNALS.get((system, status & 31), (_UNKNOWN_SIGNAL, 1.0))
     lock_time_ms = status >> 8 & 0x1FFFF
     phase_range = base_range + (values >> 27 & 0xFFFFF) / 2048.0
-    doppler_hz = base_doppler_hz + signed(values >> 47 & 0x1FFFF, 17) / 256.0
+    doppler_hz = base_doppler_hz + to_signed(values >> 47 & 0x1FFFF, 17) / 256.0
     return SignalRow(
         system=system,
         signal=signal,

@@ -18,7 +18,7 @@ from typing import NamedTuple
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET
-from vtff_gnss.novatel.range.rangecmp2 import COMPRESSED_SYSTEMS, signed
+from vtff_gnss.novatel.range.rangecmp2 import COMPRESSED_SYSTEMS, to_signed
 from vtff_gnss.novatel.range.rangecmp45_layout import (
     CN0_SCALE_DBHZ,
     PHASE_RANGE_SCALE,
@@ -30,7 +30,7 @@ from vtff_gnss.novatel.range.rangecmp45_layout import (
     SECONDARY_DIFFERENCE,
     SIGNAL_TYPES,
     CompressedLayout,
-    scaled,
+    to_physical,
 )
 from vtff_gnss.novatel.range.record_columns import (
     CLASS_BOUND,
@@ -74,7 +74,8 @@ class _BitReader:
         self._bits = int.from_bytes(payload[4 : 4 + length], "little")
         self._left = 8 * length
 
-    def unsigned(self, length: int) -> int:
+    def read_unsigned(self, length: int) -> int:
+        """Return the next `length` bits as a number; raise ValueError at the end."""
         if length > self._left:
             raise ValueError(f"{self._name}: bit fields run over the end")
         value = self._bits & ((1 << length) - 1)
@@ -82,14 +83,14 @@ class _BitReader:
         self._left -= length
         return value
 
-    def signed_or_none(self, length: int) -> int | None:
+    def read_signed_or_none(self, length: int) -> int | None:
         """Return a two's complement number; None for the most negative one, which means invalid."""
-        value = signed(self.unsigned(length), length)
+        value = to_signed(self.read_unsigned(length), length)
         return None if value == -(1 << (length - 1)) else value
 
-    def members(self, length: int) -> list[int]:
+    def read_members(self, length: int) -> list[int]:
         """Return the numbers of the bits set in a mask."""
-        mask = self.unsigned(length)
+        mask = self.read_unsigned(length)
         return [bit for bit in range(length) if mask >> bit & 1]
 
 
@@ -173,7 +174,7 @@ class RangeCmp4Decoder:
                 quality = _quality(reader, RANGECMP4)
                 if header.is_difference:
                     widths = SECONDARY_DIFFERENCE if index else PRIMARY_DIFFERENCE
-                    differences = [reader.signed_or_none(width) for width in widths]
+                    differences = [reader.read_signed_or_none(width) for width in widths]
                     reference = self._references.get(key)
                     if (
                         reference is None
@@ -203,31 +204,33 @@ def _satellites(reader: _BitReader) -> Iterator[tuple[int, int, list[int]]]:
 
     The blocks lie between the masks, so the caller must read each block before the next step.
     """
-    for system in reader.members(16):
-        satellites = reader.members(64)
-        signals = reader.members(16)
-        included = [reader.members(len(signals)) for _ in satellites]
+    for system in reader.read_members(16):
+        satellites = reader.read_members(64)
+        signals = reader.read_members(16)
+        included = [reader.read_members(len(signals)) for _ in satellites]
         for satellite, chosen in zip(satellites, included, strict=True):
             yield system, satellite + 1, [signals[index] for index in chosen]
 
 
 def _block_header(reader: _BitReader, system: int, has_channel: bool) -> _BlockHeader:
-    is_difference = reader.unsigned(1)
-    block_id = reader.unsigned(3)
+    is_difference = reader.read_unsigned(1)
+    block_id = reader.read_unsigned(3)
     is_glonass = COMPRESSED_SYSTEMS.get(system) == c.SYSTEM_GLONASS
     if is_glonass and (has_channel or not is_difference):
-        return _BlockHeader(is_difference, block_id, reader.unsigned(5) - GLONASS_CHANNEL_OFFSET)
+        return _BlockHeader(
+            is_difference, block_id, reader.read_unsigned(5) - GLONASS_CHANNEL_OFFSET
+        )
     return _BlockHeader(is_difference, block_id, None)
 
 
 def _quality(reader: _BitReader, layout: CompressedLayout) -> _Quality:
     return _Quality(
-        is_parity_known=reader.unsigned(1),
-        is_half_cycle_added=reader.unsigned(1),
-        cn0_dbhz=reader.unsigned(11) * CN0_SCALE_DBHZ,
-        lock_time_class=reader.unsigned(4),
-        pseudorange_sigma=layout.sigma_metres[reader.unsigned(layout.sigma_bits)],
-        carrier_phase_sigma_cycles=layout.sigma_cycles[reader.unsigned(layout.sigma_bits)],
+        is_parity_known=reader.read_unsigned(1),
+        is_half_cycle_added=reader.read_unsigned(1),
+        cn0_dbhz=reader.read_unsigned(11) * CN0_SCALE_DBHZ,
+        lock_time_class=reader.read_unsigned(4),
+        pseudorange_sigma=layout.sigma_metres[reader.read_unsigned(layout.sigma_bits)],
+        carrier_phase_sigma_cycles=layout.sigma_cycles[reader.read_unsigned(layout.sigma_bits)],
     )
 
 
@@ -237,21 +240,21 @@ def _absolute(
     """Read a reference block; `primary` is the first signal of the satellite, if read already."""
     if primary is None:
         widths = layout.primary
-        unsigned = reader.unsigned(widths.pseudorange)
+        unsigned = reader.read_unsigned(widths.pseudorange)
         is_valid = unsigned != (1 << widths.pseudorange) - 1
         pseudorange = unsigned * PSEUDORANGE_SCALE if is_valid else math.nan
         range_rate_origin = 0.0
     else:
         widths = layout.secondary
-        difference = reader.signed_or_none(widths.pseudorange)
-        pseudorange = scaled(difference, PSEUDORANGE_SCALE, primary.pseudorange)
+        difference = reader.read_signed_or_none(widths.pseudorange)
+        pseudorange = to_physical(difference, PSEUDORANGE_SCALE, primary.pseudorange)
         range_rate_origin = primary.range_rate
-    phase = reader.signed_or_none(widths.phase_range)
-    rate = reader.signed_or_none(widths.range_rate)
+    phase = reader.read_signed_or_none(widths.phase_range)
+    rate = reader.read_signed_or_none(widths.range_rate)
     return _Measurement(
         pseudorange,
-        scaled(phase, PHASE_RANGE_SCALE, pseudorange),
-        scaled(rate, RANGE_RATE_SCALE, range_rate_origin),
+        to_physical(phase, PHASE_RANGE_SCALE, pseudorange),
+        to_physical(rate, RANGE_RATE_SCALE, range_rate_origin),
     )
 
 
@@ -261,9 +264,9 @@ def _from_differences(
     pseudorange, phase_range, range_rate = differences
     motion = reference.range_rate * elapsed
     return _Measurement(
-        scaled(pseudorange, PSEUDORANGE_SCALE, reference.pseudorange + motion),
-        scaled(phase_range, PHASE_RANGE_SCALE, reference.phase_range + motion),
-        scaled(range_rate, RANGE_RATE_SCALE, reference.range_rate),
+        to_physical(pseudorange, PSEUDORANGE_SCALE, reference.pseudorange + motion),
+        to_physical(phase_range, PHASE_RANGE_SCALE, reference.phase_range + motion),
+        to_physical(range_rate, RANGE_RATE_SCALE, reference.range_rate),
     )
 
 

@@ -22,7 +22,7 @@ __all__ = [
     "SIGNAL_TYPES",
     "CompressedLayout",
     "FieldWidths",
-    "scaled",
+    "to_physical",
 ]
 
 PSEUDORANGE_SCALE = 0.0005
@@ -142,6 +142,6 @@ SECONDARY_DIFFERENCE = FieldWidths(19, 16, 14)
 """Layout of the blocks of RANGECMP4 that hold differences."""
 
 
-def scaled(value: int | None, scale: float, origin: float) -> float:
+def to_physical(value: int | None, scale: float, origin: float) -> float:
     """Return the value of a field of steps of `scale` from `origin`; NaN for None, no value."""
     return math.nan if value is None else value * scale + origin

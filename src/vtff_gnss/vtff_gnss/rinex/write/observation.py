@@ -141,7 +141,7 @@ class _Layout:
         keys = signal_keys({**columns, "prn": np.zeros_like(columns["prn"])})
         signals, member = np.unique(keys, return_inverse=True)
         self.types: dict[str, list[str]] = {}
-        self.place: dict[int, int] = {}
+        self.first_column: dict[int, int] = {}
         self.width: dict[str, int] = {}
         self.cells: list[str] = [""] * len(keys)
         for index, signal in enumerate(signals.tolist()):
@@ -151,7 +151,7 @@ class _Layout:
             name = f"{columns['band'][first]}{chr(columns['attribute'][first])}"
             used = [q for q in _QUANTITIES if any(texts[q][row] != _BLANK for row in rows)]
             listed = self.types.setdefault(letter, [])
-            self.place[signal] = len(listed)
+            self.first_column[signal] = len(listed)
             listed += [quantity + name for quantity in used]
             for row in rows.tolist():
                 self.cells[row] = "".join(texts[quantity][row] for quantity in used)
@@ -245,6 +245,7 @@ def _epoch_lines(table: ObservationTable, layout: _Layout) -> Iterator[str]:
         )
         for satellite, rows in sorted(satellites.items()):
             line = f"{c.SYSTEM_LETTERS[satellite[0]]}{satellite[1]:02d}"
-            for row in sorted(rows, key=lambda row: layout.place[layout.signal[row]]):
-                line = line.ljust(3 + 16 * layout.place[layout.signal[row]]) + layout.cells[row]
+            for row in sorted(rows, key=lambda row: layout.first_column[layout.signal[row]]):
+                start = 3 + 16 * layout.first_column[layout.signal[row]]
+                line = line.ljust(start) + layout.cells[row]
             yield line.rstrip() + "\n"
