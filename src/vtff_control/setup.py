@@ -13,7 +13,15 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     package_data={package_name: ["py.typed"]},
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "scipy>=1.11,<2",
+        "python-can[multicast]>=4.6,<5",
+        "cantools>=40,<46",
+        "crccheck>=1.3,<2",
+        "vtff_dynamics==0.1.0",
+    ],
+    python_requires=">=3.10",
     zip_safe=True,
     maintainer="vtff developers",
     maintainer_email="maintainers@vtff.example",
@@ -24,6 +32,11 @@ setup(
             "sdre_controller = vtff_control.sdre_controller_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",
             "thruster_model = vtff_control.thruster_model_node:main",
+        ],
+        "vtff.controllers": [
+            "delay_aware = vtff_control.tracking.designs:DelayAwareController",
+            "paper = vtff_control.tracking.designs:PaperController",
+            "state_dependent = vtff_control.tracking.designs:StateDependentController",
         ],
     },
 )

@@ -13,7 +13,12 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     package_data={package_name: ["py.typed"]},
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "brahe>=1.8,<1.9",
+        "numba>=0.60,<1",
+    ],
+    python_requires=">=3.10",
     zip_safe=True,
     maintainer="vtff developers",
     maintainer_email="maintainers@vtff.example",

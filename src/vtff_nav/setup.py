@@ -13,7 +13,15 @@ setup(
         ("share/" + package_name, ["package.xml"]),
     ],
     package_data={package_name: ["py.typed"]},
-    install_requires=["setuptools"],
+    install_requires=[
+        "numpy>=1.26,<3",
+        "scipy>=1.11,<2",
+        "filterpy>=1.4.5,<3",
+        "pyserial>=3.5,<4",
+        "vtff_dynamics==0.1.0",
+        "vtff_gnss==0.1.0",
+    ],
+    python_requires=">=3.10",
     zip_safe=True,
     maintainer="vtff developers",
     maintainer_email="maintainers@vtff.example",
@@ -23,6 +31,10 @@ setup(
         "console_scripts": [
             "receiver_driver = vtff_nav.receiver_driver_node:main",
             "relative_ekf = vtff_nav.relative_ekf_node:main",
+        ],
+        "vtff.estimators": [
+            "cdgps = vtff_nav.relative.shipped_estimators:make_cdgps",
+            "paper = vtff_nav.relative.shipped_estimators:make_paper",
         ],
     },
 )

@@ -9,11 +9,15 @@ import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
+from vtff_control.tracking.controller import (
+    Controller,
+    ControllerSetting,
+    ControlResult,
+    check_control_result,
+)
 from vtff_control.tracking.sdre import (
     DEFAULT_WEIGHTS,
-    DESIGNS,
     FEEDFORWARD_GRAVITY,
-    ControlResult,
     SdreController,
     SdreDesign,
     stale_state_reason,
@@ -23,9 +27,11 @@ from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
+from vtff_node.plugins.loading import PluginError, PluginGroup, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
 REFUSED = ControlResult(np.zeros(3), False, False)
+CONTROLLERS = PluginGroup("vtff.controllers", "design", ("control", "reset"))
 
 
 def describe_weight(name: str) -> str:
@@ -40,7 +46,11 @@ class SdreControllerParameters:
     """Parameters of `sdre_controller`."""
 
     deputy: str = parameter("deputy", "name of the spacecraft to control")
-    design: str = parameter(SdreDesign.design, "control design", choices=DESIGNS)
+    design: str = parameter(
+        SdreDesign.design,
+        "controller, shipped or of an installed package (docs/plugins.md)",
+        choices=plugin_names(CONTROLLERS.name),
+    )
     feedforward: bool = parameter(
         SdreDesign.feedforward,
         "add the acceleration that holds the target in the eccentric, nonlinear frame",
@@ -83,6 +93,9 @@ class SdreControllerParameters:
         unit="s",
         minimum=0.0,
     )
+    compute_limit: float = parameter(
+        10.0, "longest wall time of one call of the controller", unit="s", minimum=0.001
+    )
 
     def __post_init__(self) -> None:
         """Check the lengths of the target vectors."""
@@ -98,26 +111,30 @@ class SdreControllerNode(VtffNode):
     publishes <deputy>/control/thrust_command (geometry_msgs/AccelStamped, m/s^2 in chief/rtn,
     stamped with the time of the state it answers). A state that is stale, not finite or marked
     unusable gives zero thrust and a diagnostic; one that is repeated or out of order has been
-    answered already and is reported. After a jump back in time control starts anew.
+    answered already and is reported. After a jump back in time control starts anew. A controller
+    that fails, is too slow or answers with something unusable is named, its command is zero thrust
+    and the node ends.
     """
 
     Parameters = SdreControllerParameters
+    Plugins = CONTROLLERS
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("sdre_controller", **node_arguments)
         given: SdreControllerParameters = self.parameters
-        self._controller = SdreController(
-            SdreDesign(
-                design=given.design,
+        self.plugin.call_limit = given.compute_limit
+        self._controller: Controller = self.plugin.make(
+            ControllerSetting(
+                sample_time=given.sample_time,
+                delay_steps=given.delay_steps,
                 acceleration_cap=given.acceleration_cap,
                 feedforward=given.feedforward,
                 feedforward_gravity=given.feedforward_gravity,
                 position_weight=given.position_weight or None,
                 velocity_weight=given.velocity_weight or None,
                 control_weight=given.control_weight or None,
-                sample_time=given.sample_time,
-                delay_steps=given.delay_steps,
-            )
+            ),
+            self.plugin_parameters,
         )
         self._target = np.array([*given.target_position_rtn, *given.target_velocity_rtn])
         self._result = REFUSED
@@ -148,40 +165,53 @@ class SdreControllerNode(VtffNode):
 
     def _on_relative_state(self, message: RelativeState) -> None:
         started = time.perf_counter()
-        if message.child_frame_id != self.parameters.deputy:
+        if message.child_frame_id != self.parameters.deputy or self.finished:
             return
         stamp = to_nanoseconds(message.header.stamp)
         if not self._order.accepts(stamp):
             return
-        self._result, self._reason = self._control(message, stamp)
+        plugin_problem = ""
+        try:
+            self._result, self._reason = self._control(message, stamp)
+        except PluginError as error:
+            plugin_problem = str(error)
+            self._result, self._reason = REFUSED, plugin_problem
         self._refused += not self._result.valid
         linear = self._command.accel.linear
         linear.x, linear.y, linear.z = self._result.acceleration_rtn.tolist()
         self._command.header.stamp = message.header.stamp
         self._command.header.frame_id = message.header.frame_id
         self._publisher.publish(self._command)
+        if plugin_problem:
+            self.fail(plugin_problem)
+            return
         self.acknowledge_step(message.header.stamp, started)
 
     def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
         if message.solution == RelativeState.SOLUTION_NONE:
-            self._controller.reset()
+            self._reset()
             return REFUSED, "navigation has no solution"
         if not message.age <= self.parameters.maximum_age:
-            self._controller.reset()
+            self._reset()
             return REFUSED, f"last measurement is {message.age:.1f} s old"
         if self._now_nanoseconds is not None:
             maximum_lag = self.parameters.maximum_lag
             reason = stale_state_reason(stamp, self._now_nanoseconds, maximum_lag)
             if reason:
-                self._controller.reset()
+                self._reset()
                 return REFUSED, reason
-        result = self._controller.control(
+        result = self.plugin.call(
+            self._controller.control,
             np.concatenate((message.position, message.velocity)),
             np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf)),
             self._target,
             stamp,
+            check=check_control_result,
         )
         return result, result.reason
+
+    def _reset(self) -> None:
+        self.plugin.call(self._controller.reset)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report whether commands are valid, and why not."""
@@ -199,7 +229,11 @@ class SdreControllerNode(VtffNode):
                     "saturated": self._result.saturated,
                     "states refused": self._refused,
                     "states out of order": self._order.refused,
-                    "gain solutions": self._controller.gain_solutions,
+                    **(
+                        {"gain solutions": self._controller.gain_solutions}
+                        if isinstance(self._controller, SdreController)
+                        else {}
+                    ),
                 },
                 hardware_id=self.parameters.deputy,
             )

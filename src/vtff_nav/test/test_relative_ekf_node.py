@@ -16,10 +16,11 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
 from vtff_msgs.msg import RelativeState  # noqa: E402
+from vtff_nav.relative.shipped_estimators import make_cdgps  # noqa: E402
 from vtff_nav.relative_ekf_node import (  # noqa: E402
     RelativeEkfNode,
     RelativeEkfParameters,
-    make_estimator,  # noqa: E402
+    estimator_setting,
 )
 from vtff_node import qos  # noqa: E402
 from vtff_node.parameters import ParameterError  # noqa: E402
@@ -94,7 +95,7 @@ def test_thrust_that_is_not_finite_is_refused(bench: Bench):
 
 def test_integrator_reaches_the_filter():
     given = RelativeEkfParameters(integrator="euler", longest_step=0.5)
-    configuration = make_estimator(given).configuration
+    configuration = make_cdgps(estimator_setting(given)).configuration
     assert (configuration.integrator, configuration.longest_step) == ("euler", 0.5)
 
 

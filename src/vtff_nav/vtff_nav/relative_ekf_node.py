@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -24,8 +25,8 @@ from vtff_msgs.msg import (
     StepDone,
 )
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
-from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics, MotionNoise
+from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.signal_bands import parse_bands
 from vtff_nav.relative.common.solution import (
@@ -34,9 +35,8 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_NONE,
     RelativeEstimator,
     RelativeSolution,
+    check_solution,
 )
-from vtff_nav.relative.integers.least_squares import compile_kernels
-from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 from vtff_nav.relative_conversions import (
     ambiguities_to_message,
     differential_tec_to_message,
@@ -49,12 +49,16 @@ from vtff_node.epoch_join import EpochJoin, JoinedEpoch
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import ParameterError, parameter
+from vtff_node.plugins.loading import PluginError, PluginGroup, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
 LOCKSTEP_PATIENCE = 0.05  # s of wall time for messages that arrive after the end of their step
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
+ESTIMATORS = PluginGroup(
+    "vtff.estimators", "estimator", ("add_ephemeris", "add_thrust", "process", "reset")
+)
 
 
 @dataclass(frozen=True)
@@ -63,8 +67,9 @@ class RelativeEkfParameters:
 
     estimator: str = parameter(
         "cdgps",
-        "cdgps: code and phase of all signals, with integers; paper: 8 states, phase of one signal",
-        choices=("cdgps", "paper"),
+        "cdgps: code and phase of all signals, with integers; paper: 8 states, phase of one "
+        "signal; or that of an installed package (docs/plugins.md)",
+        choices=plugin_names(ESTIMATORS.name),
     )
     chief: str = parameter("chief", "spacecraft whose RTN frame is used")
     deputy: str = parameter("deputy", "spacecraft whose relative state is estimated")
@@ -154,39 +159,33 @@ class RelativeEkfParameters:
         unit="s",
         minimum=0.0,
     )
+    compute_limit: float = parameter(
+        10.0, "longest wall time of one call of the estimator", unit="s", minimum=0.001
+    )
 
 
-def make_estimator(given: RelativeEkfParameters) -> RelativeEstimator:
-    """Return the estimator of the parameters.
+def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
+    """Return what the parameters tell the filter.
 
     Raises
     ------
     ValueError
         If a value is not possible; the text names it.
     """
-    common: dict[str, Any] = {
-        "force_model": ForceModel(given.gravity, given.gravity_degree, given.gravity_order),
-        "measurement_noise": MeasurementNoise(
+    return EstimatorSetting(
+        force_model=ForceModel(given.gravity, given.gravity_degree, given.gravity_order),
+        measurement_noise=MeasurementNoise(
             given.code_sigma, given.phase_sigma, given.use_receiver_sigmas
         ),
-        "elevation_mask_deg": given.elevation_mask_deg,
-        "longest_prediction": given.longest_prediction,
-    }
-    if given.signals:
-        common["bands"] = parse_bands(given.signals)
-    if given.estimator == "paper":
-        return PaperEstimator(PaperConfiguration(**common))
-    compile_kernels()  # takes seconds without a cache, which the first epoch cannot wait
-    return CdgpsEstimator(
-        CdgpsConfiguration(
-            dynamics=cast(Dynamics, given.dynamics),  # one of the choices of the parameter
-            integrator=given.integrator,
-            longest_step=given.longest_step,
-            noise_relative=MotionNoise(given.empirical_acceleration_sigma),
-            thrust_relative_sigma=given.thrust_sigma,
-            success_rate=given.success_rate,
-            **common,
-        )
+        bands=parse_bands(given.signals) if given.signals else None,
+        elevation_mask_deg=given.elevation_mask_deg,
+        longest_prediction=given.longest_prediction,
+        dynamics=cast(Dynamics, given.dynamics),  # one of the choices of the parameter
+        integrator=given.integrator,
+        longest_step=given.longest_step,
+        empirical_acceleration_sigma=given.empirical_acceleration_sigma,
+        thrust_sigma=given.thrust_sigma,
+        success_rate=given.success_rate,
     )
 
 
@@ -198,18 +197,22 @@ class RelativeEkfNode(VtffNode):
     once an epoch formation/relative_state (RelativeState, m and m/s in the chief's RTN frame),
     formation/ambiguities (AmbiguityStatus) and formation/differential_tec (SlantTec, TECU).
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
-    started by SOLUTION_NONE.
+    started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
+    unusable is named, its solution is SOLUTION_NONE and the node ends.
     """
 
     Parameters = RelativeEkfParameters
+    Plugins = ESTIMATORS
 
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("relative_ekf", **node_arguments)
         given: RelativeEkfParameters = self.parameters
+        self.plugin.call_limit = given.compute_limit
         try:
-            self._estimator = make_estimator(given)
+            setting = estimator_setting(given)
         except ValueError as error:
             raise ParameterError(str(error)) from error
+        self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         self._sources = [given.chief, given.deputy, *([LASER] if given.use_laser else [])]
         self._source_of_node = self._sources_by_node(given.receiver_nodes)
         waits_for_closing = self.lockstep and bool(given.receiver_nodes)
@@ -259,7 +262,7 @@ class RelativeEkfNode(VtffNode):
     # ---- input -------------------------------------------------------------------------------
 
     def _on_ephemeris(self, message: GnssEphemeris) -> None:
-        self._estimator.add_ephemeris(ephemeris_from_message(message))
+        self._tell(self._estimator.add_ephemeris, ephemeris_from_message(message))
 
     def _on_thrust(self, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)
@@ -274,9 +277,20 @@ class RelativeEkfNode(VtffNode):
                 throttle_duration_sec=5.0,
             )
             return
-        self._estimator.add_thrust(
-            GpsTime.from_unix_nanoseconds(stamp), self.parameters.thrust_duration, acceleration
-        )
+        start = GpsTime.from_unix_nanoseconds(stamp)
+        self._tell(self._estimator.add_thrust, start, self.parameters.thrust_duration, acceleration)
+
+    def _tell(self, method: Callable[..., None], *arguments: object) -> None:
+        """Call a method of the estimator; where that fails, answer the last epoch and end."""
+        if self.finished:
+            return
+        try:
+            self.plugin.call(method, *arguments)
+        except PluginError as error:
+            if self._newest >= 0:
+                newest = GpsTime.from_unix_nanoseconds(self._newest)
+                self._publish(RelativeSolution.none(newest, (str(error),)))
+            self.fail(str(error))
 
     def _on_epoch(self, craft: str, message: GnssObservations) -> None:
         self._add(craft, to_nanoseconds(message.header.stamp), observations_from_message(message))
@@ -307,7 +321,7 @@ class RelativeEkfNode(VtffNode):
         """Start navigation anew when time has jumped back, as in a log that begins again."""
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: navigation starts anew")
-            self._estimator.reset()
+            self._tell(self._estimator.reset)
             self._join.restart()
             self._newest = -1
         self._newest = max(self._newest, stamp)
@@ -333,20 +347,36 @@ class RelativeEkfNode(VtffNode):
     # ---- work --------------------------------------------------------------------------------
 
     def _process_complete(self) -> None:
-        while (epoch := self._join.take(time.monotonic())) is not None:
+        while not self.finished and (epoch := self._join.take(time.monotonic())) is not None:
             self._process(epoch)
 
     def _process(self, epoch: JoinedEpoch) -> None:
         started = time.perf_counter()
         given: RelativeEkfParameters = self.parameters
         measured = epoch.measured
-        solution = self._estimator.process(
-            GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds),
-            measured.get(given.chief),
-            measured.get(given.deputy),
-            measured.get(LASER),
-        )
+        time_epoch = GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds)
+        plugin_problem = ""
+        try:
+            solution = self.plugin.call(
+                self._estimator.process,
+                time_epoch,
+                measured.get(given.chief),
+                measured.get(given.deputy),
+                measured.get(LASER),
+                check=check_solution,
+            )
+        except PluginError as error:
+            plugin_problem = str(error)
+            solution = RelativeSolution.none(time_epoch, (plugin_problem,))
         self._compute_time = time.perf_counter() - started
+        self._publish(solution)
+        if plugin_problem:
+            self.fail(plugin_problem)
+            return
+        self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
+
+    def _publish(self, solution: RelativeSolution) -> None:
+        given: RelativeEkfParameters = self.parameters
         self._solution = solution
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
         self._ambiguity_publisher.publish(ambiguities_to_message(solution, given.chief))
@@ -355,7 +385,6 @@ class RelativeEkfNode(VtffNode):
         self._state_publisher.publish(
             relative_state_to_message(solution, given.chief, given.deputy)
         )
-        self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
 
     # ---- health ------------------------------------------------------------------------------
 

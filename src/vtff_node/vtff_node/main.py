@@ -16,8 +16,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from vtff_node import parameters
 from vtff_node.lifeline import watch_lifeline
-from vtff_node.node import EXIT_USAGE, CommonParameters, VtffNode
+from vtff_node.node import EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
+from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
@@ -104,6 +105,9 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     except USAGE_ERRORS as error:
         print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
         return EXIT_USAGE
+    except PluginError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return EXIT_FAILURE
     else:
         return spin(nodes, stop)
     finally:
@@ -136,7 +140,16 @@ def help_text(node_class: Any) -> str:
     lines = [inspect.cleandoc(node_class.__doc__ or ""), ""]
     lines.append("Parameters (--ros-args -p name:=value):")
     for table in filter(None, (node_class.Parameters, CommonParameters)):
-        for field in parameters.fields_in_order(table):
-            default = "required" if field.metadata["required"] else parameters.default_of(field)
-            lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")
+        lines += _table_lines(table)
+    if node_class.Plugins is not None:
+        lines += help_lines(node_class.Plugins, _table_lines)
     return "\n".join(lines)
+
+
+def _table_lines(table: type) -> list[str]:
+    lines = []
+    for field in parameters.fields_in_order(table):
+        is_required = parameters.metadata_of(field)["required"]
+        default = "required" if is_required else parameters.default_of(field)
+        lines.append(f"  {field.name:28} {parameters.describe(field)}; default: {default}")
+    return lines

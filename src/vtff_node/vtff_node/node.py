@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import os
 import pathlib
@@ -21,6 +22,7 @@ from rclpy.subscription import Subscription
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.awaited_inputs import AwaitedInputs
+from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 #: Folder of the current run, set by `vtff run`; nodes leave their message counts there.
@@ -73,10 +75,12 @@ class VtffNode(Node):
 
     A subclass names its parameter table in `Parameters`, creates publishers with
     `publisher` and subscriptions with `subscribe`, acknowledges each step with
-    `acknowledge_step` and describes its health in `health`.
+    `acknowledge_step` and describes its health in `health`. A subclass whose work is done by a
+    plug-in names the group in `Plugins`; `plugin` and `plugin_parameters` are then set.
     """
 
     Parameters: ClassVar[type | None] = None
+    Plugins: ClassVar[PluginGroup | None] = None
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
         super().__init__(name, **node_arguments)
@@ -86,6 +90,12 @@ class VtffNode(Node):
         self.parameters: Any = (
             parameters.declare(self, self.Parameters) if self.Parameters is not None else None
         )
+        self.plugin_parameters: Any = None
+        if self.Plugins is not None:
+            self.plugin = load_plugin(
+                self.Plugins, getattr(self.parameters, self.Plugins.parameter)
+            )
+            self.plugin_parameters = self._declare_plugin_parameters(self.plugin)
         parameters.refuse_unknown(self)
         #: Newest scenario time this node has seen, ns since 1970; 0 before the first message.
         self.scenario_nanoseconds = 0
@@ -109,6 +119,16 @@ class VtffNode(Node):
         self._required_topics: list[str] = []
         self._awaited_inputs = AwaitedInputs(self.awaited_inputs, self._say)
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
+
+    def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
+        table = plugin.parameter_table
+        if table is None:
+            return None
+        for field in dataclasses.fields(table):
+            if self.has_parameter(field.name):
+                problem = f"its parameter '{field.name}' is one of {self.get_name()}"
+                raise PluginError(plugin.describe(problem))
+        return parameters.declare(self, table)
 
     def publisher(
         self, message_type: type, topic: str, profile: QoSProfile = qos.PUBLISH

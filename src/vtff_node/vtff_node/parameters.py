@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
 TableT = TypeVar("TableT")
@@ -89,14 +89,31 @@ def fields_in_order(table: type) -> list[dataclasses.Field[Any]]:
     return sorted(dataclasses.fields(table), key=lambda field: field.name in inherited)
 
 
+def metadata_of(field: dataclasses.Field[Any]) -> Mapping[str, Any]:
+    """Return what is known of a field; a table of a plug-in may be a plain dataclass."""
+    has_no_default = (
+        field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
+    )
+    plain = {
+        "description": "",
+        "unit": "",
+        "minimum": None,
+        "maximum": None,
+        "choices": (),
+        "required": has_no_default,
+    }
+    return {**plain, **field.metadata}
+
+
 def describe(field: dataclasses.Field[Any]) -> str:
     """Return one line of documentation of a table field, with unit, choices and range."""
-    text = str(field.metadata["description"])
-    if field.metadata["unit"]:
-        text += f" [{field.metadata['unit']}]"
-    if field.metadata["choices"]:
-        text += " (" + " | ".join(field.metadata["choices"]) + ")"
-    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    metadata = metadata_of(field)
+    text = str(metadata["description"])
+    if metadata["unit"]:
+        text += f" [{metadata['unit']}]"
+    if metadata["choices"]:
+        text += " (" + " | ".join(metadata["choices"]) + ")"
+    minimum, maximum = metadata["minimum"], metadata["maximum"]
     if minimum is not None and maximum is not None:
         text += f" ({minimum} to {maximum})"
     elif minimum is not None:
@@ -110,7 +127,7 @@ def default_of(field: dataclasses.Field[Any]) -> Any:
     """Return the default of a table field; ``None`` where it is required."""
     if field.default_factory is not dataclasses.MISSING:
         return field.default_factory()
-    return field.default
+    return None if field.default is dataclasses.MISSING else field.default
 
 
 def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
@@ -121,12 +138,13 @@ def check(name: str, field: dataclasses.Field[Any], value: Any) -> None:
     ParameterError
         If the value is not allowed; the text names the parameter, the value and what is allowed.
     """
-    choices = field.metadata["choices"]
+    metadata = metadata_of(field)
+    choices = metadata["choices"]
     if choices and value not in choices:
         raise ParameterError(
             f"parameter '{name}' is '{value}'; choose one of: {', '.join(choices)}"
         )
-    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    minimum, maximum = metadata["minimum"], metadata["maximum"]
     for item in value if isinstance(value, (list, tuple)) else (value,):
         if isinstance(item, bool) or not isinstance(item, (int, float)):
             continue
@@ -160,7 +178,7 @@ def declare(node: Any, table: type[TableT]) -> TableT:
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
             raise ParameterError(f"parameter '{field.name}': {error}") from error
         if value is None:
-            if field.metadata["required"]:
+            if metadata_of(field)["required"]:
                 raise ParameterError(
                     f"parameter '{field.name}' is required: {describe(field)}; "
                     f"give it with --ros-args -p {field.name}:=..."
@@ -209,13 +227,20 @@ def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
         "list[int]": Parameter.Type.INTEGER_ARRAY,
         "list[str]": Parameter.Type.STRING_ARRAY,
     }
-    kind = types[str(field.type)]  # tables postpone annotations: the type is its text
+    # Postponed annotations are text; those of a plug-in's table may be types.
+    type_name = field.type.__name__ if field.type in (bool, int, float, str) else str(field.type)  # type: ignore[union-attr]
+    if type_name not in types:
+        raise ParameterError(
+            f"parameter '{field.name}' has the type {type_name}; possible are {', '.join(types)}"
+        )
+    kind = types[type_name]
     # Dynamic typing lets a user write 1 for 1.0; the value is converted below.
     numbers = kind in (Parameter.Type.DOUBLE, Parameter.Type.DOUBLE_ARRAY)
     descriptor = ParameterDescriptor(
         description=describe(field), read_only=True, dynamic_typing=numbers
     )
-    minimum, maximum = field.metadata["minimum"], field.metadata["maximum"]
+    metadata = metadata_of(field)
+    minimum, maximum = metadata["minimum"], metadata["maximum"]
     if minimum is not None or maximum is not None:
         if kind is Parameter.Type.DOUBLE:
             low = -LARGEST_FLOAT if minimum is None else float(minimum)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_control.tracking.controller import ControlResult
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
 from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -154,28 +155,6 @@ class SdreDesign:
     def caps(self) -> FloatArray:
         """Cap of each RTN axis in m/s2, shape (3,)."""
         return np.array(np.broadcast_to(np.asarray(self.acceleration_cap, dtype=float), (3,)))
-
-
-@dataclass(frozen=True)
-class ControlResult:
-    """Outcome of one control step.
-
-    Attributes
-    ----------
-    acceleration_rtn
-        Commanded acceleration in the chief's RTN axes in m/s2, shape (3,); zero if not valid.
-    saturated
-        True if the cap limited an axis.
-    valid
-        False if no command could be computed.
-    reason
-        Why the result is not valid, one line; empty if it is.
-    """
-
-    acceleration_rtn: FloatArray
-    saturated: bool
-    valid: bool
-    reason: str = ""
 
 
 def stale_state_reason(stamp_state: int, stamp_now: int, maximum_age: float) -> str:

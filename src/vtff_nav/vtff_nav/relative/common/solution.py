@@ -36,6 +36,7 @@ __all__ = [
     "LaserMeasurement",
     "RelativeEstimator",
     "RelativeSolution",
+    "check_solution",
 ]
 
 SOLUTION_NONE = 0
@@ -262,7 +263,12 @@ class RelativeSolution:
 
 
 class RelativeEstimator(Protocol):
-    """Methods of a relative navigation filter."""
+    """Methods of a relative navigation filter, which a plug-in of ``vtff.estimators`` implements.
+
+    A plug-in is a class made as ``Class(setting)`` with an
+    `vtff_nav.relative.common.estimator_setting.EstimatorSetting`, or, where it has an attribute
+    ``Parameters`` (a frozen dataclass), as ``Class(setting, parameters)``.
+    """
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
         """Add a broadcast ephemeris; one that is already there costs nothing."""
@@ -305,3 +311,39 @@ class RelativeEstimator(Protocol):
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
+
+
+_SHAPES = {
+    "position_rtn": (3,),
+    "velocity_rtn": (3,),
+    "covariance_rtn": (6, 6),
+    "position_itrf": (3,),
+    "covariance_position_itrf": (3, 3),
+    "position_chief_gcrf": (3,),
+    "velocity_chief_gcrf": (3,),
+    "covariance_chief_gcrf": (6, 6),
+}
+
+
+def check_solution(solution: object) -> None:
+    """Refuse a solution that cannot be published.
+
+    Raises
+    ------
+    ValueError
+        If it is no RelativeSolution, its kind is none that a filter returns, or an array has a
+        wrong shape or, unless the kind is `SOLUTION_NONE`, a number that is not finite.
+    """
+    if not isinstance(solution, RelativeSolution):
+        raise ValueError(f"a RelativeSolution is expected, got {type(solution).__name__}")
+    if solution.solution not in SOLUTION_NAMES:
+        raise ValueError(f"solution: {solution.solution!r} is none of {sorted(SOLUTION_NAMES)}")
+    for name, shape in _SHAPES.items():
+        array = np.asarray(getattr(solution, name))
+        if array.shape != shape or array.dtype.kind not in "fiu":
+            raise ValueError(
+                f"{name}: numbers of shape {shape} expected, "
+                f"got shape {array.shape} of {array.dtype}"
+            )
+        if solution.solution != SOLUTION_NONE and not np.isfinite(array).all():
+            raise ValueError(f"{name}: not finite in a solution of kind {solution.solution}")

@@ -1,0 +1,55 @@
+"""What the node `relative_ekf` tells a relative navigation filter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_nav.relative.common.dynamics import Dynamics
+from vtff_nav.relative.common.measurements import MeasurementNoise
+
+__all__ = ["EstimatorSetting"]
+
+
+@dataclass(frozen=True)
+class EstimatorSetting:
+    """Parameters of `relative_ekf` that concern the filter; a filter uses what it needs.
+
+    Parameters
+    ----------
+    force_model : ForceModel
+        Forces of the motion model.
+    measurement_noise : MeasurementNoise
+        Noise of each receiver.
+    bands : mapping of int to tuple of int, or None
+        RINEX frequency digits that are used, by system; None for the filter's own choice.
+    elevation_mask_deg : float
+        Lowest elevation that is used.
+    longest_prediction : float
+        Time without measurements after which navigation starts anew, s.
+    dynamics : {"orbital", "kinematic", "static"}
+        Motion of the deputy.
+    integrator : str
+        How the motion is stepped, one of `vtff_dynamics.orbit.propagator.INTEGRATORS`.
+    longest_step : float
+        Longest step of integration, s.
+    empirical_acceleration_sigma : float
+        Unmodelled relative acceleration, m/s2.
+    thrust_sigma : float
+        Error of the thrust as a part of its magnitude.
+    success_rate : float
+        Success rate that integers must have.
+    """
+
+    force_model: ForceModel = field(default_factory=ForceModel)
+    measurement_noise: MeasurementNoise = MeasurementNoise()
+    bands: Mapping[int, tuple[int, ...]] | None = None
+    elevation_mask_deg: float = 5.0
+    longest_prediction: float = 600.0
+    dynamics: Dynamics = "orbital"
+    integrator: str = "rk4"
+    longest_step: float = 5.0
+    empirical_acceleration_sigma: float = 5e-8
+    thrust_sigma: float = 5e-4
+    success_rate: float = 0.999

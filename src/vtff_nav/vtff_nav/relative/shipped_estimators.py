@@ -1,0 +1,60 @@
+"""The estimators that vtff ships, as plug-ins of ``vtff.estimators``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
+from vtff_nav.relative.common.dynamics import MotionNoise
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_nav.relative.integers.least_squares import compile_kernels
+from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
+
+__all__ = ["make_cdgps", "make_paper"]
+
+
+def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
+    """Return the filter of code and phase of all signals, with integers; its kernels compiled.
+
+    Raises
+    ------
+    ValueError
+        If a value is not possible; the text names it.
+    """
+    compile_kernels()  # takes seconds without a cache, which the first epoch cannot wait
+    return CdgpsEstimator(
+        CdgpsConfiguration(
+            dynamics=setting.dynamics,
+            integrator=setting.integrator,
+            longest_step=setting.longest_step,
+            noise_relative=MotionNoise(setting.empirical_acceleration_sigma),
+            thrust_relative_sigma=setting.thrust_sigma,
+            success_rate=setting.success_rate,
+            **_common(setting),
+        )
+    )
+
+
+def make_paper(setting: EstimatorSetting) -> PaperEstimator:
+    """Return the paper's filter of 8 states, with the phase of one signal.
+
+    Raises
+    ------
+    ValueError
+        If a value is not possible; the text names it.
+    """
+    return PaperEstimator(PaperConfiguration(**_common(setting)))
+
+
+def _common(setting: EstimatorSetting) -> dict[str, Any]:
+    """Return what both filters take."""
+    common: dict[str, Any] = {
+        "force_model": setting.force_model,
+        "measurement_noise": setting.measurement_noise,
+        "elevation_mask_deg": setting.elevation_mask_deg,
+        "longest_prediction": setting.longest_prediction,
+    }
+    if setting.bands is not None:
+        common["bands"] = dict(setting.bands)
+    return common
