@@ -44,7 +44,10 @@ def main() -> None:
     libraries = [environment.get("LD_LIBRARY_PATH", "").strip(":"), str(prefix / "lib")]
     libraries += [str(path) for path in wheel_libraries]
     environment["LD_LIBRARY_PATH"] = ":".join(filter(None, libraries))
-    profiles = root / "config/dds/fastdds.xml"
+    local, network = (
+        shlex.quote(str(root / "config/dds" / name))
+        for name in ("fastdds.xml", "fastdds_network.xml")
+    )
     lines = ["# Written by tools/write_environment.py; do not edit."]
     lines += [f"export {name}={shlex.quote(environment[name])}" for name in VARIABLES]
     lines += [
@@ -53,9 +56,12 @@ def main() -> None:
         "unset PYTHONDONTWRITEBYTECODE",
         f"export PYTHONPYCACHEPREFIX={shlex.quote(str(prefix / 'bytecode'))}",
         f'export PATH={shlex.quote(str(prefix / "bin"))}:"$PATH"',
-        f"export FASTRTPS_DEFAULT_PROFILES_FILE={shlex.quote(str(profiles))}",
         # A run must not meet the graphs of other users of the same network.
         "export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}",
+        f"export FASTRTPS_DEFAULT_PROFILES_FILE={local}",
+        'if [ "$ROS_AUTOMATIC_DISCOVERY_RANGE" != LOCALHOST ]; then',
+        f"export FASTRTPS_DEFAULT_PROFILES_FILE={network}",
+        "fi",
     ]
     target = prefix / "vtff_environment.sh"
     target.write_text("\n".join(lines) + "\n", encoding="utf-8")

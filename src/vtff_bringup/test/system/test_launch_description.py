@@ -7,6 +7,7 @@ what they are given; where it is installed, a short run is launched.
 from __future__ import annotations
 
 import importlib
+import os
 import pathlib
 import runpy
 import sys
@@ -15,6 +16,7 @@ import types
 import pytest
 import yaml
 
+from vtff_bringup.run import domain
 from vtff_bringup.system import launch_description as launch_system
 from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
@@ -55,7 +57,7 @@ def kept_launch(monkeypatch, tmp_path):
     monkeypatch.setattr(
         launch_system, "executable_path", lambda package, name: pathlib.Path(package) / name
     )
-    monkeypatch.setattr(launch_system, "share_file", lambda package, name: tmp_path / name)
+    monkeypatch.setattr(domain, "share_file", lambda package, name: tmp_path / name)
 
 
 def kinds(actions, kind):
@@ -100,6 +102,53 @@ def test_same_command_lines_as_the_runner(kept_launch, monkeypatch, tmp_path, pa
         assert node.named["additional_env"]["VTFF_RUN_DIRECTORY"] == str(run)
     bridge = next(node for node in nodes if node.named["executable"] == "simgen_bridge")
     assert bridge.named["parameters"][-1]["duration"] == 20.0
+
+
+def test_every_process_has_its_lifeline_and_the_time_of_vtff_run_to_end(kept_launch, tmp_path):
+    actions = launch_system.launch_actions(str(REFERENCE), run_directory=str(tmp_path / "run"))
+    started = [*kinds(actions, "ExecuteProcess"), *kinds(actions, "Node")]
+    for action in started:
+        times = (action.named["sigterm_timeout"], action.named["sigkill_timeout"])
+        assert times == ("20.0", "10.0")
+    lines = {
+        action.named.get("executable", action.named["name"]): action.named["additional_env"][
+            "VTFF_LIFELINE"
+        ].split(":")
+        for action in started
+    }
+    assert {holder for holder, _, _ in lines.values()} == {str(os.getpid())}
+    # Nodes keep recorders and emulators alive, recorders only emulators.
+    kept = {name: len(line[2].split(",")) if line[2] else 0 for name, line in lines.items()}
+    assert kept.pop("bag_recorder") == 1
+    assert kept.pop("simgen_emulator") == 0
+    assert set(kept.values()) == {2}
+
+
+@pytest.mark.parametrize(
+    ("given", "profile"),
+    [
+        ({}, "fastdds.xml"),
+        ({"ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET"}, "fastdds_network.xml"),
+        ({"FASTRTPS_DEFAULT_PROFILES_FILE": "/mine.xml"}, "mine.xml"),
+    ],
+)
+def test_dds_stays_on_this_machine_unless_it_is_widened(
+    kept_launch, monkeypatch, tmp_path, given, profile
+):
+    for name in ("ROS_AUTOMATIC_DISCOVERY_RANGE", "FASTRTPS_DEFAULT_PROFILES_FILE"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in given.items():
+        monkeypatch.setenv(name, value)
+    environment = dict(os.environ)
+    domain.add_dds_settings(environment)
+    assert pathlib.Path(environment["FASTRTPS_DEFAULT_PROFILES_FILE"]).name == profile
+    again = dict(environment)
+    domain.add_dds_settings(again)
+    assert again == environment
+    actions = launch_system.launch_actions(str(REFERENCE), run_directory=str(tmp_path / "run"))
+    added = kinds(actions, "Node")[0].named["additional_env"]
+    in_force = {**os.environ, **added}["FASTRTPS_DEFAULT_PROFILES_FILE"]
+    assert in_force == environment["FASTRTPS_DEFAULT_PROFILES_FILE"]
 
 
 def _without_empty_lists(arguments):

@@ -17,10 +17,19 @@ import subprocess
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 
-__all__ = ["DOMAIN_VARIABLE", "DomainOccupiedError", "has_participants", "reserve_domain"]
+from vtff_node.executables import share_file
+
+__all__ = [
+    "DOMAIN_VARIABLE",
+    "DomainOccupiedError",
+    "add_dds_settings",
+    "has_participants",
+    "reserve_domain",
+]
 
 DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 RANGE_VARIABLE = "ROS_AUTOMATIC_DISCOVERY_RANGE"
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"
 
 #: Domains that a run may take by itself; above 101 their ports overlap those of other programs.
 FREE_DOMAINS = range(1, 101)
@@ -60,6 +69,27 @@ def reserve_domain(environment: Mapping[str, str], nodes: Sequence[str]) -> Iter
         else:
             domain = _reserve_free(reserved, environment, nodes)
         yield domain
+
+
+def add_dds_settings(environment: dict[str, str]) -> None:
+    """Add how DDS finds and reaches other programs, where the user has not chosen it.
+
+    By default everything stays on the loopback interface. With a wider
+    ``ROS_AUTOMATIC_DISCOVERY_RANGE`` the profile for several machines takes the place of the
+    default one, which would keep them apart.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If the profiles are not installed.
+    """
+    environment.setdefault(RANGE_VARIABLE, "LOCALHOST")
+    local = share_file("vtff_bringup", "config/dds/fastdds.xml").resolve()
+    chosen = environment.get(PROFILES_VARIABLE, "")
+    if chosen and pathlib.Path(chosen).resolve() != local:
+        return
+    network = local.with_name("fastdds_network.xml")
+    environment[PROFILES_VARIABLE] = str(network if _spans_machines(environment) else local)
 
 
 def has_participants(domain: int) -> bool:

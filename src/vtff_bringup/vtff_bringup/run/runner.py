@@ -17,13 +17,13 @@ from typing import Any
 
 import yaml
 
-from vtff_bringup.run.domain import DOMAIN_VARIABLE, reserve_domain
+from vtff_bringup.run.domain import DOMAIN_VARIABLE, add_dds_settings, reserve_domain
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.processes import ManagedProcess, end_together
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
-from vtff_node.executables import executable_path, share_file
+from vtff_node.executables import executable_path
 from vtff_node.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 
 POLL_INTERVAL = 0.05  # s
@@ -323,10 +323,8 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
 def _child_environment() -> dict[str, str]:
     """Return the environment of the children, without what is particular to one of them."""
     environment = {**ONE_BLAS_THREAD, **os.environ}
-    environment.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     environment.setdefault("PYTHONUNBUFFERED", "1")
-    profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
-    environment.setdefault("FASTRTPS_DEFAULT_PROFILES_FILE", str(profiles))
+    add_dds_settings(environment)
     return environment
 
 

@@ -12,11 +12,12 @@ import pathlib
 import shlex
 from typing import Any
 
+from vtff_bringup.run.domain import add_dds_settings
 from vtff_bringup.run.processes import ESCALATION
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, RunSettings
 from vtff_bringup.system.system_file import find_system_file, load_system
-from vtff_node.executables import executable_path, share_file
+from vtff_node.executables import executable_path
 from vtff_node.lifeline import Lifelines, Stage
 from vtff_node.node import RUN_DIRECTORY_VARIABLE
 
@@ -157,14 +158,11 @@ def _parse_number(name: str, text: str, kind: type) -> Any:
 
 def _additional_environment(directory: pathlib.Path) -> dict[str, str]:
     """Return the variables that the processes get beside the environment of `ros2 launch`."""
-    profiles = share_file("vtff_bringup", "config/dds/fastdds.xml")
-    defaults = {
-        "FASTRTPS_DEFAULT_PROFILES_FILE": str(profiles),
-        "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-        **ONE_BLAS_THREAD,
-    }
-    chosen = {name: value for name, value in defaults.items() if name not in os.environ}
-    return {RUN_DIRECTORY_VARIABLE: str(directory), **chosen}
+    environment = dict(os.environ)
+    add_dds_settings(environment)
+    environment = {**ONE_BLAS_THREAD, **environment}
+    changed = {name: value for name, value in environment.items() if os.environ.get(name) != value}
+    return {RUN_DIRECTORY_VARIABLE: str(directory), **changed}
 
 
 def _make_node_action(node: NodeDescription, environment: dict[str, str]) -> Any:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import can
 import numpy.typing as npt
@@ -19,6 +18,7 @@ from vtff_control.thruster.can_frames import (
     time_of_week_milliseconds,
 )
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_node.loopback_can_bus import LoopbackCanBus
 
 RESEND_INTERVAL = 0.2  # s without an answer after which a command is sent again
 FIRST_RETRY = 0.1  # s from a loss of the bus to the first attempt to open it again
@@ -62,8 +62,8 @@ def open_bus(interface: str, channel: str, port: int = 0) -> can.BusABC:
     Parameters
     ----------
     interface
-        Interface of python-can: virtual (within a process), socketcan, udp_multicast, or that of
-        an adapter.
+        Interface of python-can: virtual (within a process), socketcan, that of an adapter, or
+        udp_multicast, which reaches the programs of this machine only.
     channel
         Name of the bus: any text, vcan0, or an address of a multicast group.
     port
@@ -74,11 +74,9 @@ def open_bus(interface: str, channel: str, port: int = 0) -> can.BusABC:
     can.CanError or OSError
         If it cannot be opened; `can.CanInterfaceNotImplementedError` if it never can.
     """
-    options: dict[str, Any] = {}
     if interface == "udp_multicast":
-        # Hop limit 0: the frames of a test bench on one machine stay on that machine.
-        options = {"hop_limit": 0, "fd": False, **({"port": port} if port else {})}
-    return can.Bus(channel, interface, **options)
+        return LoopbackCanBus(channel, port)
+    return can.Bus(channel, interface)
 
 
 class ThrusterLink:

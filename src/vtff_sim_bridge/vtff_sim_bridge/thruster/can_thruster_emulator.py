@@ -21,6 +21,7 @@ import cantools
 from crccheck.crc import Crc8SaeJ1850
 
 from vtff_node.lifeline import watch_lifeline
+from vtff_node.loopback_can_bus import LoopbackCanBus
 from vtff_node.stop_signals import StopRequest
 
 LOGGER = logging.getLogger("can_thruster_emulator")
@@ -381,11 +382,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _open_bus(options: argparse.Namespace) -> can.BusABC:
-    if options.interface != "udp_multicast":
-        return can.Bus(options.channel, options.interface)
-    # Hop limit 0: the frames stay on this machine.
-    port = {"port": options.port} if options.port else {}
-    return can.Bus(options.channel, options.interface, hop_limit=0, fd=False, **port)
+    if options.interface == "udp_multicast":
+        return LoopbackCanBus(options.channel, options.port)
+    return can.Bus(options.channel, options.interface)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -396,7 +395,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--interface",
         default="udp_multicast",
-        help="interface of python-can: udp_multicast, socketcan, ... (%(default)s)",
+        help="interface of python-can: socketcan, ..., or udp_multicast, which stays on this "
+        "machine (%(default)s)",
     )
     parser.add_argument(
         "--channel", default="239.74.163.2", help="bus of that interface (%(default)s)"
