@@ -55,6 +55,9 @@ DEPUTY_250M = np.array([6930250.0, 0.0, 0.0, 0.0, 3810.815, 6600.525])
 DEPUTY_5KM = np.array([6935000.0, 0.0, 0.0, 0.0, 3808.307, 6596.182])
 J2 = ForceModel(degree=2, order=0)
 
+# Seed of the noise of the laser in `fly`, a draw for each second.
+LASER_SEED = 3
+
 L1 = {0: (1,)}
 L1_L2 = {0: (1, 2)}
 BIASES = (
@@ -321,7 +324,7 @@ def fly(
     laser: Laser | None = None,
 ) -> Flight:
     """Run the filter over a scenario."""
-    random = np.random.default_rng(3)
+    random = np.random.default_rng(LASER_SEED)
     estimator = CdgpsEstimator(parameters, scenario.ephemerides)
     solutions, itrf, rtn, chief_errors = [], [], [], []
     for second in range(len(scenario.chief_gcrf)):

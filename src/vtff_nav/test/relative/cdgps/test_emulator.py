@@ -13,6 +13,7 @@ import pytest
 from cdgps_test_support import (
     DEPUTY_5KM,
     L1,
+    LASER_SEED,
     START,
     Flight,
     Laser,
@@ -233,6 +234,8 @@ def test_laser(scenario, flight, sigma):
     assert abs(last.laser_latency - Laser.latency) < 4.0 * last.laser_latency_sigma
     residuals = [s.laser_residual for s in with_laser.solutions[60:]]
     assert np.std(residuals) == pytest.approx(sigma, rel=0.3)
+    noise = np.random.default_rng(LASER_SEED).standard_normal(120)
+    assert np.corrcoef(residuals, noise[60:])[0, 1] > 0.8
     assert with_laser.rms() <= flight.until(120).rms()
     assert with_laser.is_fixed[1:].all()
 
