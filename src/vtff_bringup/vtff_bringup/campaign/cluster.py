@@ -59,7 +59,7 @@ def connected_client(
     Raises
     ------
     ClusterError
-        If the scheduler cannot be reached.
+        If the scheduler cannot be reached, or the cluster of this machine not be started.
     """
     import dask
     import distributed
@@ -78,7 +78,7 @@ def connected_client(
     }
     with dask.config.set(settings), contextlib.ExitStack() as stack:
         # A Ctrl-C of the terminal goes to the workers too: what starts here never gets it.
-        with _interrupts_held():
+        with _interrupts_held(), _start_failures_told():
             cluster = stack.enter_context(
                 distributed.LocalCluster(
                     n_workers=workers,
@@ -93,6 +93,16 @@ def connected_client(
                 )
             )
         yield stack.enter_context(distributed.Client(cluster, set_as_default=False))
+
+
+@contextlib.contextmanager
+def _start_failures_told() -> Iterator[None]:
+    """Turn the failure of a cluster to start into an error of one line."""
+    try:
+        yield
+    except (RuntimeError, OSError, TimeoutError) as error:
+        text = " ".join(str(error).split()) or type(error).__name__
+        raise ClusterError(f"no Dask cluster on this machine: {text}") from error
 
 
 @contextlib.contextmanager
