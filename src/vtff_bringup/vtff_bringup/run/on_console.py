@@ -14,7 +14,7 @@ from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
 from vtff_bag.run.description import add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
-from vtff_bringup.run.errors import exit_with_error, print_error
+from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.progress import RunProgress
 from vtff_bringup.run.runner import Runner, RunResult, check_counts
@@ -102,7 +102,10 @@ def run_system(
     if late_steps is not None:
         largest = round(float(result.progress["largest_lag"]), 3)
         measured = {"late_steps": late_steps, "largest_lag_s": largest}
-        add_measured(settings.run_directory, measured)
+        try:
+            add_measured(settings.run_directory, measured)
+        except OSError as error:
+            print_error(console, describe_os_error(error))
     return result
 
 
@@ -134,6 +137,9 @@ def conclude_run(
         held = f"{message_count} messages, {topic_count} topics"
         console.print(f"{_speed_text(result)}; {held}", soft_wrap=True)
     console.print(f"run: {run_directory}", markup=False, soft_wrap=True)
+    if result.full_disk:
+        line = f"[red]the disk is full:[/red] {escape(result.full_disk)}"
+        console.print(line, soft_wrap=True)
     return exit_code, message_count
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import os
 import pathlib
 import signal
@@ -15,8 +16,11 @@ from typing import TextIO
 #: Signals sent to a process that has to end, with the time in s before the next one.
 ESCALATION = ((signal.SIGINT, 20.0), (signal.SIGTERM, 10.0), (signal.SIGKILL, 5.0))
 
+#: Words of the system when a file cannot grow.
+FULL_DISK = tuple(os.strerror(number) for number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG))
+
 #: Words that mark a line of a child as noteworthy: the user sees it at once.
-NOTEWORTHY = ("[WARN]", "[ERROR]", "[FATAL]", "error:", "warning:", "Traceback")
+NOTEWORTHY = ("[WARN]", "[ERROR]", "[FATAL]", "error:", "warning:", "Traceback", *FULL_DISK)
 
 TAIL_LINES = 15
 

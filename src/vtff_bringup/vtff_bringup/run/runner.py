@@ -7,6 +7,7 @@ import dataclasses
 import json
 import os
 import pathlib
+import re
 import selectors
 import signal
 import sys
@@ -20,13 +21,14 @@ import yaml
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, add_dds_settings, reserve_domain
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
-from vtff_bringup.run.processes import ManagedProcess, end_together
+from vtff_bringup.run.processes import FULL_DISK, ManagedProcess, end_together
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path
 from vtff_node.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 
 POLL_INTERVAL = 0.05  # s
+LOG_STAMP = re.compile(r"^\[\w+\] \[[\d.]+\] \[[^]]*\]: ")  # of a line that a node logs
 NODE_RECORDS = "nodes"  # folder in which each node writes its message counts
 ANOTHER_PUBLISHER = "(another run or program publishes on the same ROS_DOMAIN_ID)"
 
@@ -48,6 +50,8 @@ class RunResult:
         s from the start of the first process to the end of the last.
     progress
         Last progress report of the node that ends the run.
+    full_disk
+        First line of a process that tells of a full disk; empty if there was none.
     """
 
     exit_code: int
@@ -55,6 +59,7 @@ class RunResult:
     last_output: tuple[str, ...]
     wall_time: float
     progress: dict[str, Any]
+    full_disk: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,6 +117,7 @@ class Runner:
         self._on_progress = on_progress
         self._on_line = on_line
         self._interrupted = False
+        self._full_disk = ""
         self._progress: dict[str, Any] = {}
         # The groups stand in the order in which they are ended.
         self._nodes: list[tuple[ManagedProcess, bool]] = []
@@ -156,12 +162,14 @@ class Runner:
                 self._drain_progress(progress_read)
         wall_time = time.monotonic() - started
         failure = failure or (failures[0] if failures else None)
+        exit_code, reason = 0, ""
+        output: tuple[str, ...] = ()
         if self._interrupted:
-            return RunResult(EXIT_INTERRUPTED, "interrupted", (), wall_time, self._progress)
-        if failure is not None:
+            exit_code, reason = EXIT_INTERRUPTED, "interrupted"
+        elif failure is not None:
+            exit_code, reason = failure.exit_code, failure.reason
             output = tuple(failure.process.tail())
-            return RunResult(failure.exit_code, failure.reason, output, wall_time, self._progress)
-        return RunResult(0, "", (), wall_time, self._progress)
+        return RunResult(exit_code, reason, output, wall_time, self._progress, self._full_disk)
 
     def _node_names(self) -> list[str]:
         return [node.qualified_name for node in self._system.nodes]
@@ -218,6 +226,8 @@ class Runner:
         return path
 
     def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:
+        if any(words in line for words in FULL_DISK):
+            self._full_disk = self._full_disk or f"{name}: {LOG_STAMP.sub('', line)}"
         if self._on_line is not None and not self._interrupted:
             self._show(self._on_line, name, line, noteworthy)
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -26,6 +28,7 @@ class TruthFile:
     """
 
     def __init__(self, path: str | Path | None = None) -> None:
+        self._path = path
         self._stream: TextIO | None = (
             None if path is None else Path(path).open("w", encoding="utf-8")
         )
@@ -36,18 +39,36 @@ class TruthFile:
         return self._stream is not None
 
     def write(self, record: str, **fields: Any) -> None:
-        """Write one record."""
+        """Write one record; raises OSError with the path if the file cannot take it."""
         if self._stream is not None:
             line = json.dumps({"record": record, **fields}, separators=(",", ":"))
-            self._stream.write(line + "\n")
+            with self._named_errors():
+                self._stream.write(line + "\n")
 
     def flush(self) -> None:
-        """Hand what is buffered to the system."""
+        """Hand what is buffered to the system; raises OSError with the path if that fails."""
         if self._stream is not None:
-            self._stream.flush()
+            with self._named_errors():
+                self._stream.flush()
 
     def close(self) -> None:
-        """Close the file; nothing can be written afterwards."""
+        """Close the file; nothing can be written afterwards. Raises as `flush` does."""
         if self._stream is not None:
-            self._stream.close()
+            with self._named_errors():
+                self._stream.close()
             self._stream = None
+
+    @contextlib.contextmanager
+    def _named_errors(self) -> Iterator[None]:
+        """Give up the file at an error, and raise one that names it.
+
+        What is buffered can never be written then: it must not be tried again at every later call.
+        """
+        try:
+            yield
+        except OSError as error:
+            stream, self._stream = self._stream, None
+            if stream is not None:
+                with contextlib.suppress(OSError):
+                    stream.close()
+            raise OSError(error.errno, error.strerror, str(self._path)) from error

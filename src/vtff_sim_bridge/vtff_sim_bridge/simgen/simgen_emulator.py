@@ -82,8 +82,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
             write_port_file(options.port_file, server.port)
         LOGGER.info("SimREMOTE on %s:%d, %s", options.host, server.port, options.clock)
         server.serve()
+        if receivers is not None:
+            receivers.close()
     except (ValueError, OSError) as error:
-        LOGGER.error("%s", error)
+        LOGGER.error("%s", describe_failure(error))
         return 1
     finally:
         signal.set_wakeup_fd(-1)
@@ -109,6 +111,13 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
         options.port_link_directory,
         options.gnss_truth,
     )
+
+
+def describe_failure(error: Exception) -> str:
+    """Return why the emulator ends, with the file in front where it is one that failed."""
+    if isinstance(error, OSError) and error.filename:
+        return f"{error.filename}: {error.strerror}"
+    return str(error)
 
 
 def write_port_file(path: Path, port: int) -> None:
