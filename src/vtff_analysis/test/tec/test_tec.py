@@ -7,6 +7,7 @@ import pathlib
 import numpy as np
 import pytest
 from bag_samples import sample_messages, write_bag
+from bias_file_support import sinex_file, sinex_line
 from formation_recording import formation_seconds
 from pyarrow import compute, csv, parquet
 from sample_files import export_sample, require_sample_bag
@@ -121,14 +122,13 @@ def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, sample):
     assert alike[0] == alike[1]
 
 
-def test_biases_of_another_year(tmp_path, hours):
-    other = tmp_path / "CAS_2023.BIA"
-    text = gzip.decompress(bele("CAS0OPSRAP_20240100000_01D_01D_DCB.BIA.gz").read_bytes())
-    other.write_text(text.decode().replace("2024:01", "2023:01"))
-    nav = bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz")
-    result = run(hours, "--nav", nav, "--biases", other, "--out", tmp_path / "out")
+def test_biases_of_another_year(tmp_path, sample):
+    """Biases of 2024 are refused for the sample, which is of 2016."""
+    biases = sinex_file(tmp_path, sinex_line("DSB", "G07", "", "C1C", "C2W", -3.25, 0.5))
+    out = tmp_path / "out"
+    result = run(sample.rover, "--nav", sample.navigation, "--biases", biases, "--out", out)
     assert result.exit_code == 1
-    assert "valid from 2023-01-10" in result.output and "2024-01-10" in result.output
+    assert "valid from 2024-01-10" in result.output and "of 2016-03-21" in result.output
 
 
 def test_one_frequency_is_not_enough(tmp_path, sample):

@@ -1,9 +1,9 @@
 """Bias files written here line by line: every field, validity, and what is left out."""
 
-import gzip
 import math
 
 import pytest
+from bias_file_support import sinex_file, sinex_line
 
 from vtff_dynamics.time.timescales import parse_epoch
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GLONASS, SYSTEM_GPS
@@ -11,21 +11,6 @@ from vtff_iono.bias.bias_files import read_code_biases
 from vtff_iono.bias.code_biases import BiasFileError
 
 NOON = parse_epoch("2024-01-10T12:00:00 GPS")
-
-
-def sinex_line(kind, name, station, first, second, value, sigma, unit="ns", end="2024:011:00000"):
-    """Return a line of BIAS/SOLUTION in the columns of version 1.00."""
-    return (
-        f" {kind:4} G063 {name:3} {station:9} {first:4} {second:4} 2024:010:00000 {end:14} "
-        f"{unit:4} {value:21.4f} {sigma:11.4f}"
-    )
-
-
-def sinex_file(folder, *lines, name="test.BIA"):
-    path = folder / name
-    text = "\n".join(("%=BIA 1.00 TST", "+BIAS/SOLUTION", "*BIAS", *lines, "-BIAS/SOLUTION", ""))
-    path.write_bytes(gzip.compress(text.encode()) if name.endswith(".gz") else text.encode())
-    return path
 
 
 @pytest.mark.parametrize("name", ["test.BIA", "test.BIA.gz"])
