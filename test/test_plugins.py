@@ -1,0 +1,278 @@
+"""Controllers and estimators of a package outside the tree: they fly; broken ones are named."""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import re
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+from vtff_bag.file.reader import BagReader
+from vtff_control.tracking.controller import (
+    ControllerSetting,
+    ControlResult,
+    check_control_result,
+)
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_nav.relative.common.solution import RelativeSolution, check_solution
+from vtff_nav.relative_ekf_node import RelativeEkfParameters, estimator_setting
+from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin, plugin_names
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+CONTROLLERS = PluginGroup("vtff.controllers", "design", ("control", "reset"))
+
+
+def install(folder: pathlib.Path, sources: dict[str, str], entry_points: str) -> None:
+    """Make an installed package mylab 1.0, as pip would."""
+    package = folder / "mylab"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text("")
+    for name, source in sources.items():
+        (package / name).write_text(source)
+    metadata = folder / "mylab-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: mylab\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(entry_points)
+
+
+def documented_files() -> dict[str, str]:
+    """Return the files that docs/plugins.md prints, by name."""
+    text = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"`mylab/(?:mylab/)?([a-z.]+)`:\n\n```\w+\n(.*?)```", text, re.DOTALL)
+    return dict(blocks)
+
+
+def fly(packages: pathlib.Path, run: pathlib.Path, *arguments: str):
+    search_path = os.pathsep.join((str(packages), os.environ.get("PYTHONPATH", "")))
+    return subprocess.run(
+        [sys.executable, "-m", "vtff_bringup.cli", "run", *arguments, "--no-report"]
+        + ["--composed", "--out", str(run)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        timeout=240.0,
+        env={**os.environ, "PYTHONPATH": search_path, "COLUMNS": "1000"},
+    )
+
+
+def messages(run: pathlib.Path, topic: str):
+    return [decoded.message for decoded in BagReader(run).messages(topic)]
+
+
+@pytest.fixture(scope="module")
+def mylab(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    folder = tmp_path_factory.mktemp("packages")
+    files = documented_files()
+    groups = re.findall(
+        r'\[project\.entry-points\."(.*?)"\]\n(.*?)\n\n', files.pop("pyproject.toml"), re.DOTALL
+    )
+    install(folder, files, "".join(f"[{g}]\n{e}\n\n".replace('"', "") for g, e in groups))
+    return folder
+
+
+def test_documented_controller_flies(mylab, tmp_path):
+    result = fly(
+        mylab,
+        tmp_path / "run",
+        "reference_software",
+        "--duration=30",
+        "sdre_controller.design:=mylab_controller",
+        "sdre_controller.stiffness:=2e-4",
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    states = messages(tmp_path / "run", "/formation/relative_state_truth")
+    commands = messages(tmp_path / "run", "/deputy/control/thrust_command")
+    assert len(commands) >= 30
+    # In-track the law of the document, at its own stiffness and the given one.
+    wanted = -2e-4 * (states[0].position[1] - 100.0) - 2e-2 * states[0].velocity[1]
+    assert commands[0].accel.linear.y == pytest.approx(wanted, rel=1e-12)
+
+
+def test_documented_estimator_flies(mylab, tmp_path):
+    result = fly(
+        mylab,
+        tmp_path / "run",
+        "reference",
+        "--duration=30",
+        "relative_ekf.estimator:=mylab_filter",
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    truth = {
+        (state.header.stamp.sec, state.header.stamp.nanosec): state
+        for state in messages(tmp_path / "run", "/formation/relative_state_truth")
+    }
+    errors = [
+        np.linalg.norm(np.subtract(state.position, true.position))
+        for state in messages(tmp_path / "run", "/formation/relative_state")
+        if state.solution == 2
+        and (true := truth.get((state.header.stamp.sec, state.header.stamp.nanosec))) is not None
+    ]
+    assert len(errors) > 10
+    assert np.median(errors) < 10.0  # m, of codes
+
+
+BROKEN = """
+import time
+
+import numpy as np
+
+from vtff_control.tracking.controller import ControlResult
+
+
+class Broken:
+    def __init__(self, setting):
+        self.calls = 0
+
+    def reset(self):
+        pass
+
+    def control(self, relative_state_rtn, state_chief_gcrf, target_rtn, stamp=None):
+        self.calls += 1
+        if self.calls > 5:
+            {statement}
+        return ControlResult(np.full(3, 0.01), False, True)
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("return ControlResult(np.full(3, np.nan), False, True)", "not finite"),
+        ("time.sleep(60.0)", "too slow"),
+    ],
+)
+def test_broken_controller_is_named_and_the_run_ends_with_zero_thrust(tmp_path, statement, reason):
+    packages = tmp_path / "packages"
+    source = BROKEN.format(statement=statement)
+    install(packages, {"broken.py": source}, "[vtff.controllers]\nbroken = mylab.broken:Broken\n")
+    run = tmp_path / "run"
+    settings = ("sdre_controller.design:=broken", "sdre_controller.compute_limit:=2.0")
+    result = fly(packages, run, "reference_software", "--duration=30", *settings)
+    assert result.returncode == 1, result.stdout + result.stderr
+    lines = [line for line in (result.stdout + result.stderr).splitlines() if "mylab 1.0" in line]
+    assert len(lines) == 1, result.stdout + result.stderr
+    assert "design 'broken' (mylab 1.0, mylab.broken:Broken): control: " in lines[0]
+    assert reason in lines[0]
+    commands = messages(run, "/deputy/control/thrust_command")
+    assert [command.accel.linear.y for command in commands] == [0.01] * 5 + [0.0]
+
+
+def plugin(tmp_path, monkeypatch, source: str, name: str = "Broken", value: str = "mylab.broken"):
+    install(tmp_path, {"broken.py": source}, f"[vtff.controllers]\nbroken = {value}:{name}\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    for module in [module for module in sys.modules if module.split(".")[0] == "mylab"]:
+        monkeypatch.delitem(sys.modules, module)
+    return load_plugin(CONTROLLERS, "broken")
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("return ControlResult(np.zeros(2), False, True)", "shape (2,)"),
+        ("return ControlResult(np.zeros((3, 1)), False, True)", "shape (3, 1)"),
+        ("return ControlResult(np.array([0.0, np.inf, 0.0]), False, True)", "not finite"),
+        ("return np.zeros(3)", "a ControlResult is expected, got ndarray"),
+        ("return None", "a ControlResult is expected, got NoneType"),
+        ("return 1 / 0", "ZeroDivisionError: division by zero (broken.py, line 19)"),
+        ("raise SystemExit(3)", "SystemExit: 3"),
+        ("time.sleep(30.0)", "too slow, no answer within 0.2 s"),
+        ("while True: pass", "too slow, no answer within 0.2 s"),
+    ],
+)
+def test_every_kind_of_broken_answer_is_named(tmp_path, monkeypatch, statement, reason):
+    source = BROKEN.format(statement=statement).replace("> 5", "> 0")
+    loaded = plugin(tmp_path, monkeypatch, source)
+    loaded.call_limit = 0.2
+    controller = loaded.make(ControllerSetting(), None)
+    with pytest.raises(PluginError) as caught:
+        loaded.call(
+            controller.control, np.zeros(6), np.zeros(6), np.zeros(6), check=check_control_result
+        )
+    text = str(caught.value)
+    assert text.startswith("design 'broken' (mylab 1.0, mylab.broken:Broken): control: ")
+    assert reason in text
+    assert "\n" not in text
+
+
+def test_alarm_of_a_call_that_has_ended_does_not_ring(tmp_path, monkeypatch):
+    loaded = plugin(tmp_path, monkeypatch, BROKEN.format(statement="pass"))
+    loaded.call_limit = 0.05
+    controller = loaded.make(ControllerSetting(), None)
+    arguments = (np.zeros(6), np.zeros(6), np.zeros(6))
+    assert loaded.call(controller.control, *arguments).valid
+    time.sleep(0.1)
+
+
+@pytest.mark.parametrize(
+    ("source", "error", "reason"),
+    [
+        ("import no_such_module", PluginError, "cannot be loaded: ModuleNotFoundError"),
+        ("class Other: ...", PluginError, "cannot be loaded: AttributeError"),
+        ("Broken = 3", PluginError, "a class is expected, not int"),
+        ("class Broken:\n    Parameters = dict\n", PluginError, "Parameters is not a dataclass"),
+    ],
+)
+def test_what_cannot_be_loaded_is_named(tmp_path, monkeypatch, source, error, reason):
+    with pytest.raises(error, match="mylab 1.0, mylab.broken:Broken") as caught:
+        plugin(tmp_path, monkeypatch, source)
+    assert reason in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("body", "error", "reason"),
+    [
+        ("def __init__(self, setting): raise ValueError('gain')", ValueError, "gain"),
+        ("def __init__(self): pass", PluginError, "TypeError"),
+        ("def __init__(self, setting): pass", PluginError, "no method 'control'"),
+    ],
+)
+def test_what_cannot_be_made_is_named(tmp_path, monkeypatch, body, error, reason):
+    loaded = plugin(tmp_path, monkeypatch, f"class Broken:\n    {body}\n")
+    with pytest.raises(error, match="mylab 1.0, mylab.broken:Broken") as caught:
+        loaded.make(ControllerSetting(), None)
+    assert reason in str(caught.value)
+
+
+def test_shipped_ones_come_through_the_same_door():
+    assert set(plugin_names("vtff.controllers")) >= {"paper", "state_dependent", "delay_aware"}
+    assert set(plugin_names("vtff.estimators")) >= {"cdgps", "paper"}
+    for name in ("paper", "state_dependent", "delay_aware"):
+        loaded: Plugin = load_plugin(CONTROLLERS, name)
+        assert loaded.make(ControllerSetting(delay_steps=2), None).design.design == name
+
+
+def test_name_that_is_not_installed_is_refused():
+    with pytest.raises(ValueError, match="'design' is 'nobody'; installed are: .*paper"):
+        load_plugin(CONTROLLERS, "nobody")
+
+
+def test_two_packages_with_one_name_are_refused(tmp_path, monkeypatch):
+    with pytest.raises(ValueError, match="several packages offer it: .*mylab 1.0"):
+        install(tmp_path, {}, "[vtff.controllers]\npaper = mylab.broken:Paper\n")
+        monkeypatch.syspath_prepend(tmp_path)
+        load_plugin(CONTROLLERS, "paper")
+
+
+def test_settings_have_the_defaults_of_the_node():
+    assert estimator_setting(RelativeEkfParameters()) == EstimatorSetting()
+
+
+def test_unusable_solution_is_refused():
+    none = RelativeSolution.none(None, ("no reason",))
+    check_solution(none)
+    for field, value, reason in (
+        ("position_rtn", np.zeros(2), r"position_rtn: .*\(3,\) expected, got shape \(2,\)"),
+        ("covariance_rtn", np.zeros((3, 3)), "covariance_rtn"),
+        ("solution", 5, "solution: 5"),
+        ("solution", 4, "position_rtn: not finite"),
+    ):
+        with pytest.raises(ValueError, match=reason):
+            check_solution(RelativeSolution(**{**vars(none), field: value}))
+    with pytest.raises(ValueError, match="RelativeSolution is expected, got dict"):
+        check_solution({})
+    check_control_result(ControlResult(np.zeros(3), False, True))
