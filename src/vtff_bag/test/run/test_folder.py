@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import pathlib
 
 import pytest
 
+from vtff_bag.run.description import RUN_FILE, add_measured, describe_run_folder, write_arguments
 from vtff_bag.run.folder import RunFolderError, chosen_folder, new_folder, remove_if_empty
 
 
@@ -50,3 +52,19 @@ def test_only_an_empty_folder_is_taken_away(tmp_path):
     (folder / "log").unlink()
     remove_if_empty(folder)
     assert not folder.exists()
+
+
+def test_what_was_measured_on_this_machine_stays_out_of_the_bag(tmp_path):
+    write_arguments(tmp_path, {"system": "reference", "seed": 1}, {"ros_domain_id": 7})
+    add_measured(tmp_path, {"late_steps": 2, "largest_lag_s": 1.5})
+    content = json.loads((tmp_path / RUN_FILE).read_text())
+    assert content == {
+        "system": "reference",
+        "seed": 1,
+        "ros_domain_id": 7,
+        "late_steps": 2,
+        "largest_lag_s": 1.5,
+    }
+    described = describe_run_folder(tmp_path)
+    assert described.arguments == {"system": "reference", "seed": 1}
+    assert "domain" not in str(described.as_custom_data())

@@ -12,8 +12,11 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from vtff_analysis import report
+from vtff_bag.file.metadata import offered_qos
+from vtff_bag.file.writer import BagWriter
 from vtff_bringup import cli
 from vtff_bringup.run import on_console
+from vtff_bringup.run.flown import require_flight
 from vtff_bringup.run.runner import RunResult
 
 
@@ -88,3 +91,39 @@ def test_help_loses_no_words(command):
 def test_the_command_has_its_name_however_it_is_started():
     command = [sys.executable, "-m", "vtff_bringup.cli", "run", "--help"]
     assert "Usage: vtff run" in subprocess.run(command, capture_output=True, text=True).stdout
+
+
+def write_bag(folder, topic):
+    """Write a bag with one message on a topic."""
+    qos = offered_qos()
+    with BagWriter(folder) as writer:
+        number = writer.add_topic(topic, "std_msgs/msg/Empty", [qos], "RIHS01_" + "0" * 64, "")
+        writer.write(number, b"\0\1\0\0\0", 1)
+    return str(folder)
+
+
+def test_a_run_that_never_flew_is_refused(tmp_path):
+    grounded = write_bag(tmp_path / "grounded", "/diagnostics")
+    flown = write_bag(tmp_path / "flown", "/formation/relative_state")
+    require_flight(pathlib.Path(flown))
+    for command in (["report", grounded], ["compare", flown, grounded]):
+        result = CliRunner().invoke(cli.make_app(), command)
+        assert result.exit_code == 2
+        text = result.output.replace("\n", "")
+        assert text == f"error: {grounded}: nothing flew in this run, its bag holds no data"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["flown", "grounded"]
+
+
+def test_max_lag_is_for_real_time():
+    result = CliRunner().invoke(cli.make_app(), ["run", "reference_software", "--max-lag", "3"])
+    assert result.exit_code == 2
+    assert result.output == "error: --max-lag needs --realtime\n"
+
+
+def test_lateness_and_a_full_disk_are_in_the_last_lines(tmp_path):
+    progress = {"done": 20.0, "total": 20.0, "late_steps": 3, "largest_lag": 1.26}
+    full = "bag_recorder: cannot write: No space left on device"
+    result = RunResult(1, "a failed", (), 25.0, progress, full)
+    _, shown = shown_by(on_console.conclude_run, tmp_path, result)
+    assert "3 steps began late, the worst by 1.3 s" in shown.replace("\n", " ")
+    assert shown.splitlines()[-1] == f"the disk is full: {full}"
