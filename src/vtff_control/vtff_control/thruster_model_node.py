@@ -1,4 +1,4 @@
-"""Node `thruster_model`: a thruster without a bus, with delay, cap and quantum."""
+"""Node `thruster_model`: a thruster without a bus, with delay, cap and quantum (impulse bit)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A thruster without a bus: delay, cap and quantum of a commanded acceleration.
+"""A thruster without a bus: delay, cap and quantum (impulse bit) of a commanded acceleration.
 
 The thruster is the one place where the control loop's delay is applied (paper 3.5 and figure 2:
 the command computed from the state at second k acts from k+1 to k+2).

@@ -1,4 +1,8 @@
-"""NovAtel OEM4/OEMV/OEM6/OEM7 receiver logs: bytes in, typed events out."""
+"""NovAtel OEM4/OEMV/OEM6/OEM7 receiver logs: bytes in, typed events out.
+
+A further log gets its number in `message_ids`, its decoder in one of the log modules and its event
+in `events`; `stream` chooses the decoder by the number.
+"""
 
 from vtff_gnss.novatel.events import (
     CommandResponse,

@@ -1,4 +1,4 @@
-"""Scintillation indices of every signal, one set for each window (a minute, as a rule).
+"""Scintillation indices of every signal, one set for each window (`ScintillationSettings.window`).
 
 S4 is the standard deviation over the mean of the intensity. Receivers of the OEM6 kind do not log
 intensity; their C/N0, converted from dB-Hz to a linear ratio, replaces it when it is logged at the

@@ -1,4 +1,8 @@
-"""Parameters of the carrier-phase differential filter."""
+"""Parameters of the carrier-phase differential filter: process noise, elevation mask, bands.
+
+The process noise is of type `vtff_nav.relative.common.dynamics.MotionNoise`. The elevation mask
+here is that of relative navigation; `ionosphere_processor` has its own.
+"""
 
 from __future__ import annotations
 
