@@ -52,7 +52,9 @@ class BagPlayerNode(VtffNode):
         self.replay: Replay | None = None
         self._step_replay: StepReplay | None = None
         self._replay_publishers: ReplayPublishers | None = None
-        for line in (*self.reader.notes, *self.selection.skipped):
+        self._warned_notes = 0
+        self._warn_of_damage()
+        for line in self.selection.skipped:
             self.get_logger().warning(line)
         self._begins_at = time.monotonic()
         {"wall": self._pace_by_wall, "steps": self._pace_by_steps, "clock": self._pace_by_clock}[
@@ -188,10 +190,21 @@ class BagPlayerNode(VtffNode):
 
     # ---- reports -----------------------------------------------------------------------------
 
+    def _warn_of_damage(self) -> None:
+        """Log the defects of the bag that are new; some show only when a part of it is read."""
+        for note in self.reader.notes[self._warned_notes :]:
+            self.get_logger().warning(note)
+        self._warned_notes = len(self.reader.notes)
+
+    def on_stop(self) -> None:
+        """Log the defects that the last messages have shown."""
+        self._warn_of_damage()
+
     def _position(self) -> float:
         return self.replay.position if self.replay is not None else 0.0
 
     def _publish_state(self) -> None:
+        self._warn_of_damage()
         self._state_publisher.publish(self.health()[0])
         assert self.replay is not None
         self.report_progress(self.replay.position, self.replay.duration)

@@ -1,5 +1,7 @@
 """bag_player against real readers: bytes, order, quality of service, services, pacing, keys."""
 
+import os
+import subprocess
 import time
 
 import bag_samples
@@ -27,6 +29,7 @@ from std_srvs.srv import Trigger
 from vtff_bag.bag_player_node import BagPlayerNode
 from vtff_bag.player.replay_qos import publisher_profile
 from vtff_msgs.srv import Seek, SetRate
+from vtff_node.executables import executable_path
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_stamp
 
@@ -275,3 +278,57 @@ def test_finite_durations_are_restored():
     profile = publisher_profile([offer])
     assert profile.deadline.nanoseconds == 2_000_000_005
     assert profile.lifespan.nanoseconds == 7
+
+
+def damaged_bag(directory, damage):
+    """Write a bag of many chunks and damage it in the way that a word says."""
+    bag_samples.write_bag(directory, bag_samples.sample_messages(3000), chunk_size=4096)
+    file, metadata = next(directory.glob("*.mcap")), directory / "metadata.yaml"
+    content = file.read_bytes()
+    if damage == "cut":
+        file.write_bytes(content[: len(content) // 2])
+    elif damage == "hit":
+        # The summary is intact: the damage shows only when the chunk is read.
+        hit = BagReader(directory).contents[0].blocks[50].offset + 200
+        file.write_bytes(content[:hit] + bytes(100) + content[hit + 100 :])
+    elif damage == "empty":
+        file.write_bytes(b"")
+    elif damage == "text":
+        file.write_bytes(b"hello")
+    elif damage == "metadata":
+        metadata.write_text("[[[")
+    elif damage == "storage":
+        metadata.write_text(metadata.read_text().replace("mcap", "sqlite3"))
+    return directory
+
+
+@pytest.mark.parametrize(
+    ("damage", "exit_code", "expected"),
+    [
+        ("cut", 0, "are damaged or cut off"),
+        ("hit", 0, "damaged between bytes"),
+        ("metadata", 0, "metadata.yaml: not valid YAML"),
+        ("empty", 2, "error: parameter 'bag':"),
+        ("text", 2, "nothing in it is readable"),
+        ("storage", 2, "storage 'sqlite3' is not supported"),
+    ],
+)
+def test_a_damaged_bag_is_named_in_one_line(damage, exit_code, expected, tmp_path):
+    bag = damaged_bag(tmp_path / "bag", damage)
+    program = str(executable_path("vtff_bag", "bag_player"))
+    parameters = (f"bag:={bag}", "rate:=1000000.0", "delay:=0.0")
+    arguments = [word for value in parameters for word in ("-p", value)]
+    with domain_id() as free_domain:
+        result = subprocess.run(
+            [program, "--ros-args", *arguments],
+            capture_output=True,
+            text=True,
+            timeout=LIMIT,
+            env={**os.environ, "ROS_DOMAIN_ID": str(free_domain)},
+        )
+    printed = result.stdout + result.stderr
+    assert result.returncode == exit_code, printed
+    assert sum(expected in line for line in printed.splitlines()) == 1, printed
+    assert "Traceback" not in printed
+    if exit_code:
+        assert len(printed.splitlines()) == 1, printed
