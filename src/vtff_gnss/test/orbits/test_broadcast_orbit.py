@@ -159,9 +159,11 @@ def test_table_without_satellites():
 
 
 def test_reference_can_be_moved(nominal):
+    # The clock of a message has a drift that changes; that of the nominal constellation has not.
+    ephemerides = [dataclasses.replace(e, af1=-2e-12, af2=3e-18) for e in nominal]
+    here = EphemerisTable(ephemerides).states(START, 1000.0)
     for step in (-7200.0, 1800.0, 5 * 86400.0):
-        moved = [ephemeris_with_reference(e, e.time_of_ephemeris + step) for e in nominal]
-        here = EphemerisTable(nominal).states(START, 1000.0)
+        moved = [ephemeris_with_reference(e, e.time_of_ephemeris + step) for e in ephemerides]
         there = EphemerisTable(moved).states(START, 1000.0)
         assert np.abs(here.position_itrf - there.position_itrf).max() < 2e-6
         assert np.abs(here.clock_offset - there.clock_offset).max() < 1e-18
