@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import importlib.util
 import os
 import pathlib
 import signal
@@ -249,7 +250,10 @@ class _Progress:
             self._console.print(f"{finished} of {self.total} cases are finished already")
             self._next_line += finished / self.total
         if dashboard:
-            self._console.print(f"dashboard: {dashboard}", markup=False, soft_wrap=True)
+            # Dask draws its pages with bokeh, which set-up leaves out for its size.
+            has_pages = importlib.util.find_spec("bokeh") is not None
+            hint = "" if has_pages else " (its pages need: pip install bokeh)"
+            self._console.print(f"dashboard: {dashboard}{hint}", markup=False, soft_wrap=True)
         self._show()
 
     def count(self, record: dict[str, Any]) -> None:
