@@ -22,6 +22,7 @@ from vtff_bringup.run.domain import DOMAIN_VARIABLE, add_dds_settings, reserve_d
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.processes import FULL_DISK, ManagedProcess, end_together
+from vtff_bringup.run.standstill import StandstillWatch
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path
@@ -68,13 +69,18 @@ class _Failure:
 
     process: ManagedProcess
     what: str
+    stands_still: bool = False  # it has not ended by itself
 
     @property
     def exit_code(self) -> int:
+        if self.stands_still:
+            return EXIT_FAILURE
         return EXIT_USAGE if self.process.exit_code == EXIT_USAGE else EXIT_FAILURE
 
     @property
     def reason(self) -> str:
+        if self.stands_still:
+            return f"{self.process.name} {self.what}; log: {self.process.log_path}"
         code = self.process.exit_code
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
         return f"{self.process.name} {self.what} ({how}); log: {self.process.log_path}"
@@ -138,6 +144,7 @@ class Runner:
         """
         started = time.monotonic()
         failure: _Failure | None = None
+        stopped: list[str] = []
         environment = _child_environment()
         with (
             self._handle_signals(),
@@ -157,6 +164,7 @@ class Runner:
             try:
                 self._start(environment, progress_write, lifelines)
                 failure = self._follow(progress_read)
+                stopped = self._stopped_names(failure)
             finally:
                 failures = self._end_all()
                 self._drain_progress(progress_read)
@@ -168,6 +176,8 @@ class Runner:
             exit_code, reason = EXIT_INTERRUPTED, "interrupted"
         elif failure is not None:
             exit_code, reason = failure.exit_code, failure.reason
+            if stopped:
+                reason += f"; stopped: {', '.join(stopped)}"
             output = tuple(failure.process.tail())
         return RunResult(exit_code, reason, output, wall_time, self._progress, self._full_disk)
 
@@ -241,11 +251,14 @@ class Runner:
 
     def _follow(self, progress_read: int) -> _Failure | None:
         """Wait for the end of the run; return the failure that ended it, if there was one."""
+        standstill = StandstillWatch()
+        ending = next((process for process, ends_run in self._nodes if ends_run), None)
         with selectors.DefaultSelector() as selector:
             selector.register(progress_read, selectors.EVENT_READ)
             while not self._interrupted:
                 if selector.select(POLL_INTERVAL):
                     self._read_progress(progress_read)
+                    standstill.take_progress()
                 for process in [*self._helpers, *self._recorders]:
                     if process.exit_code is not None:
                         return _Failure(process, "ended before the run did")
@@ -256,11 +269,28 @@ class Runner:
                         return _Failure(process, "failed")
                     if ends_run:
                         return None
+                standing = standstill.find(self._all_processes(), ending)
+                if standing is not None:
+                    return _Failure(*standing, stands_still=True)
         return None
+
+    def _all_processes(self) -> list[ManagedProcess]:
+        return [*(process for process, _ in self._nodes), *self._recorders, *self._helpers]
+
+    def _stopped_names(self, failure: _Failure | None) -> list[str]:
+        """Return the other processes that are stopped: what has failed may have waited for them."""
+        return [
+            process.name
+            for process in self._all_processes()
+            if failure is not None and process is not failure.process and process.is_stopped
+        ]
 
     def _end_all(self) -> list[_Failure]:
         """End the nodes, then the recorders, which record their last messages, then the helpers."""
         failures = []
+        # A recorder that was stopped takes what the nodes hold for it, before they end.
+        for process in self._all_processes():
+            process.signal_group(signal.SIGCONT)
         nodes = [process for process, _ in self._nodes]
         for processes in (nodes, self._recorders, self._helpers):
             for process, code in zip(processes, end_together(processes), strict=True):
