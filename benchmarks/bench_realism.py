@@ -1,7 +1,7 @@
 """Relative navigation in worlds that do not match the filter: RMS, NEES and fixed solutions.
 
 Run with the workspace environment: ``python benchmarks/bench_realism.py [--seconds 900]
-[--seeds 1] [--filter default robust] [world ...]``; ``--list`` prints the worlds. Each flies
+[--seeds 1] [--filter robust] [world ...]``; ``--list`` prints the worlds. Each flies
 without ROS: truth, controller fed with truth, bytes of both emulated receivers, decoder, and the
 filter of `relative_ekf` with its defaults (``robust``: with floors instead of the stated sigmas and
 a thrust sigma of 0.05). Errors are 3-D, from 60 s on. NEES is e' P^-1 e over its degrees of
@@ -276,7 +276,7 @@ def main() -> int:
     parser.add_argument("worlds", nargs="*", help="worlds to fly, all by default; see --list")
     parser.add_argument("--seconds", type=int, default=900, help="length of a flight (900)")
     parser.add_argument("--seeds", type=int, default=1, help="flights of each world (1)")
-    parser.add_argument("--filter", nargs="+", choices=FILTERS, default=["default"])
+    parser.add_argument("--filter", action="append", choices=FILTERS, help="default or robust")
     parser.add_argument("--list", action="store_true", help="print the worlds and end")
     given = parser.parse_args()
     if given.list:
@@ -293,7 +293,7 @@ def main() -> int:
         f"{'NEES v':>8} {'fixed %':>7} {'none %':>6}"
     )
     for name in given.worlds or WORLDS:
-        for label in given.filter:
+        for label in given.filter or ["default"]:
             flights = [
                 fly(WORLDS[name], given.seconds, seed, FILTERS[label])
                 for seed in range(1, given.seeds + 1)

@@ -11,6 +11,7 @@ import gnss_emulator_support as support
 import numpy as np
 import pytest
 
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_sim_bridge.gnss.configuration import (
     BiasDriftModel,
     ConstellationConfiguration,
@@ -19,6 +20,8 @@ from vtff_sim_bridge.gnss.configuration import (
     load_gnss_configuration,
 )
 from vtff_sim_bridge.gnss.sky import Constellation
+from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
+from vtff_sim_bridge.simremote.motion import VehicleMotion
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError
 
 SECONDS = 12
@@ -293,3 +296,116 @@ def test_uploads_move_the_message_and_not_the_satellite(motions, plain):
         # Each set has an error of its own.
         assert abs(np.corrcoef(steps[:31], steps[31:62])[0, 1]) < 0.6
     assert told.ephemerides(support.START + SECONDS)
+
+
+ANTEX = """{version:<60}ANTEX VERSION / SYST
+{nothing:<60}START OF ANTENNA
+{name:<60}TYPE / SERIAL NO
+     0.0                                                    DAZI
+     0.0  90.0  45.0                                        ZEN1 / ZEN2 / DZEN
+   G01                                                      START OF FREQUENCY
+    100.00      0.00     50.00                              NORTH / EAST / UP
+   NOAZI    0.00    0.00    0.00
+   G01                                                      END OF FREQUENCY
+   G02                                                      START OF FREQUENCY
+      0.00    200.00      0.00                              NORTH / EAST / UP
+   NOAZI    7.00    7.00    7.00
+   G02                                                      END OF FREQUENCY
+{nothing:<60}END OF ANTENNA
+""".format(version="     1.4            M", nothing="", name="PATCH           NONE")
+
+
+def turned(motions, angles: tuple[float, float, float]):
+    """Return motion commands with an attitude."""
+    return [[m._replace(heading_elevation_bank=angles) for m in step] for step in motions]
+
+
+@pytest.mark.parametrize(
+    ("angles", "expected_ned"),
+    [
+        ((0.0, 0.0, 0.0), (1.0, 2.0, 3.0)),
+        ((math.pi / 2.0, 0.0, 0.0), (-2.0, 1.0, 3.0)),
+        ((0.0, math.pi / 2.0, 0.0), (3.0, 2.0, -1.0)),
+        ((0.0, 0.0, math.pi / 2.0), (1.0, -3.0, 2.0)),
+    ],
+)
+def test_lever_arm_turns_with_the_body(motions, angles, expected_ned):
+    track = []
+    for lever in (None, (1.0, 2.0, 3.0)):
+        motion = VehicleMotion()
+        motion.command(0, turned(motions, angles)[0][0])
+        track.append(vehicle_track(motion, 1, slice(0, 20), lever))
+    lever = track[1].position_itrf - track[0].position_itrf
+    latitude, longitude, _ = geodetic_from_itrf(track[0].position_itrf[0])
+    up = np.array(
+        [
+            math.cos(latitude) * math.cos(longitude),
+            math.cos(latitude) * math.sin(longitude),
+            math.sin(latitude),
+        ]
+    )
+    east = np.array([-math.sin(longitude), math.cos(longitude), 0.0])
+    ned = np.array([np.cross(up, east), east, -up]) @ lever[0]
+    np.testing.assert_allclose(ned, expected_ned, atol=1e-8)
+    # The velocity of the antenna is the derivative of its position.
+    slope = (track[1].position_itrf[2:] - track[1].position_itrf[:-2]) / 0.1
+    centre = (track[0].position_itrf[2:] - track[0].position_itrf[:-2]) / 0.1
+    moved = track[1].velocity_itrf - track[0].velocity_itrf
+    np.testing.assert_allclose(moved[1:-1], slope - centre, atol=1e-6)
+    assert np.linalg.norm(moved[0]) > 1e-3
+
+
+def test_spinning_lever_arm_moves_with_the_spin(motions):
+    motion = VehicleMotion()
+    spin = motions[0][0]._replace(angular_velocity_body=(0.0, 0.0, 2.0))
+    motion.command(0, spin)
+    track = vehicle_track(motion, 1, slice(0, 20), (0.5, 0.0, 0.0))
+    still = vehicle_track(motion, 1, slice(0, 20))
+    speed = np.linalg.norm(track.velocity_itrf - still.velocity_itrf, axis=1)
+    np.testing.assert_allclose(speed, 1.0, rtol=2e-3)
+
+
+def test_lever_arm_and_phase_centre_of_a_file_are_in_the_ranges(motions, plain, tmp_path):
+    (tmp_path / "patch.atx").write_text(ANTEX, encoding="ascii")
+    text = """  lever_arm: {frame: body, position: [0.0, 0.0, -0.5]}
+  phase_centre: {antex: patch.atx, antenna: PATCH NONE}"""
+    truth = tmp_path / "truth.jsonl"
+    run = support.Run(load_gnss_configuration(gnss_file(tmp_path, text)), motions, truth_path=truth)
+    code, phase, _ = measured_ranges(run)
+    signals = run.measurements("chief").signals
+    plan, seen = signals.plan, signals.line_of_sight
+    np.testing.assert_allclose(code - plain[0], phase - plain[1], atol=1e-6)
+    elevation, azimuth = (x[-1][plan.satellite] for x in (seen.elevation, seen.azimuth))
+    above = 0.5 * np.sin(elevation)
+    on_l1 = -0.1 * np.cos(elevation) * np.cos(azimuth) - 0.05 * np.sin(elevation)
+    on_l2 = -0.2 * np.cos(elevation) * np.sin(azimuth) + 0.007
+    expected = np.where(plan.band == 1, on_l1, on_l2) - above
+    np.testing.assert_allclose((phase - plain[1])[-1], expected, atol=2e-4)
+    last = seconds_of(truth, "chief")[-1]["antenna_delay"]
+    for satellite, by_signal in last.items():
+        link = np.flatnonzero((plan.prn == int(satellite[1:])) & (plan.band == 2))[0]
+        assert by_signal["G2W"][0] == pytest.approx(on_l2[link], abs=2e-4)
+    lines = [json.loads(line) for line in truth.read_text(encoding="utf-8").splitlines()]
+    told = next(line for line in lines if line["record"] == "receiver")
+    assert told["phase_centre"] == "PATCH NONE" and told["lever_arm_body"] == [0.0, 0.0, -0.5]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("  lever_arm: {position: [0, 0, 1]}", r"receivers\[0\].lever_arm.frame: field is missing"),
+        ("  lever_arm: {frame: rtn, position: [0, 0, 1]}", "lever_arm.frame: one of body expected"),
+        ("  lever_arm: {frame: body, position: [0, 1]}", "lever_arm.position: three numbers"),
+        ("  phase_centre: {antex: patch.atx, antenna: NO NONE}", "there is no antenna 'NO NONE'"),
+        ("  phase_centre: {antex: none.atx, antenna: A B}", "phase_centre.antex: .*none.atx: No"),
+        (
+            "  phase_centre: {antex: patch.atx, antenna: PATCH NONE}",
+            "phase_centre.antenna: .* has no frequency of G2W",
+        ),
+    ],
+)
+def test_wrong_antennas_are_refused_with_file_and_field(tmp_path, text, problem):
+    (tmp_path / "patch.atx").write_text(ANTEX.replace("G02", "G05"), encoding="ascii")
+    with pytest.raises(ScenarioError, match=problem) as caught:
+        load_gnss_configuration(gnss_file(tmp_path, text))
+    assert "\n" not in str(caught.value) and "gnss.yaml" in str(caught.value)

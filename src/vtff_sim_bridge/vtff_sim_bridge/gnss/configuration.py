@@ -9,12 +9,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 from vtff_gnss.antenna_pattern import ParabolicPattern
+from vtff_gnss.antex import PhaseCentre, read_antex
+from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile, read_profile
 from vtff_sim_bridge.atmosphere.horizontal_structure import (
@@ -24,7 +26,7 @@ from vtff_sim_bridge.atmosphere.horizontal_structure import (
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
-from vtff_sim_bridge.gnss.signal_table import SIGNALS
+from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal
 from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
 
 __all__ = [
@@ -36,6 +38,7 @@ __all__ = [
     "ReceiverConfiguration",
     "TrackingModel",
     "load_gnss_configuration",
+    "phase_centre_frequency",
 ]
 
 
@@ -266,6 +269,11 @@ class ReceiverConfiguration:
         Also serve the port on TCP; 0 for any free one.
     biases : dict of str to float
         Receiver bias of the pseudoranges of each signal, m.
+    lever_arm_body : tuple of 3 float or None
+        From the centre of mass to the reference point of the antenna in body axes, m.
+    phase_centre : PhaseCentre or None
+        Offsets and variations from that point. The up axis of the antenna is the negative z axis of
+        the body, its north axis is the x axis.
     """
 
     name: str
@@ -282,6 +290,13 @@ class ReceiverConfiguration:
     multipath: MultipathModel = field(default_factory=MultipathModel)
     bias_drift: BiasDriftModel = field(default_factory=BiasDriftModel)
     antenna: ParabolicPattern | None = None
+    lever_arm_body: tuple[float, ...] | None = None
+    phase_centre: PhaseCentre | None = None
+
+    @property
+    def has_antenna_geometry(self) -> bool:
+        """Whether the phase centres are elsewhere than in the centre of mass."""
+        return self.lever_arm_body is not None or self.phase_centre is not None
 
 
 @dataclass(frozen=True, eq=False)
@@ -337,7 +352,9 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
     if not isinstance(entries, list) or not entries:
         raise top.error("receivers", "a list of at least one mapping expected")
     receivers = tuple(
-        _receiver(Section(str(path), f"receivers[{index}]", _merge(top, index, defaults, entry)))
+        _receiver(
+            Section(str(path), f"receivers[{index}]", _merge(top, index, defaults, entry)), path
+        )
         for index, entry in enumerate(entries)
     )
     names = [receiver.name for receiver in receivers]
@@ -369,7 +386,7 @@ def _merge(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> di
     return {**defaults, **entry}
 
 
-def _receiver(section: Section) -> ReceiverConfiguration:
+def _receiver(section: Section, path: Path) -> ReceiverConfiguration:
     groups: dict[str, Any] = {}
     for name, kind in (
         ("clock", ClockModel),
@@ -382,6 +399,11 @@ def _receiver(section: Section) -> ReceiverConfiguration:
             groups[name] = section.section(name).filled(kind)
     if "antenna" in section and section.value("antenna") is not None:
         groups["antenna"] = _antenna(section.section("antenna"))
+    if "lever_arm" in section and section.value("lever_arm") is not None:
+        groups["lever_arm_body"] = _lever_arm_body(section.section("lever_arm"))
+    if "phase_centre" in section and section.value("phase_centre") is not None:
+        signals = _numbers_by_signal(section.section("cn0_zenith_dbhz"))
+        groups["phase_centre"] = _phase_centre(section.section("phase_centre"), path, signals)
     if "biases" in section:
         groups["biases"] = _numbers_by_signal(section.section("biases"))
     for name, hint in (("baud", int), ("limits_baud", bool), ("tcp_port", int | None)):
@@ -404,6 +426,33 @@ def _receiver(section: Section) -> ReceiverConfiguration:
         raise section.error("cn0_zenith_dbhz", "at least one signal expected")
     section.finish()
     return receiver
+
+
+def _lever_arm_body(section: Section) -> tuple[float, ...]:
+    """Return a lever arm; its frame must be told, because a wrong one is not seen in the data."""
+    section.choice("frame", ("body",))
+    position = section.vector("position")
+    section.finish()
+    return tuple(position.tolist())
+
+
+def _phase_centre(section: Section, path: Path, signals: Iterable[str]) -> PhaseCentre:
+    file = path.parent / section.text("antex")
+    antenna = section.text("antenna")
+    try:
+        phase_centre = section.checked("antenna", lambda: read_antex(file, antenna))
+    except OSError as error:
+        raise section.error("antex", f"{file}: {error.strerror or error}") from None
+    for name in signals:
+        if phase_centre_frequency(SIGNALS[name]) not in phase_centre.maps:
+            raise section.error("antenna", f"{file}: {antenna!r} has no frequency of {name}")
+    section.finish()
+    return phase_centre
+
+
+def phase_centre_frequency(signal: Signal) -> str:
+    """Return how ANTEX files call the frequency of a signal, as ``G01``."""
+    return f"{SYSTEM_LETTERS[signal.system]}{signal.band:02d}"
 
 
 def _antenna(section: Section) -> ParabolicPattern:

@@ -55,9 +55,7 @@ class Effect(enum.IntEnum):
     PHASE_LINE_BIAS = 16
     ORBIT_DRIFT = 17
     EPHEMERIS_UPLOAD = 18
-    DYNAMIC_SLIP = 19
-    GEOMETRY = 20
-    IONOSPHERIC_WAVE = 21
+    IONOSPHERIC_WAVE = 19
 
 
 def receiver_number(name: str) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial.transform import Rotation
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -14,6 +15,8 @@ from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SE
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 __all__ = ["VehicleTrack", "vehicle_track"]
+
+_DIFFERENCE_TIME = 0.01  # s, on both sides of an epoch, over which axes turn evenly
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,16 +30,35 @@ class VehicleTrack:
     boresight_itrf : ndarray, shape (20, 3), or None
         Unit vectors along the boresight of the antenna, which is the negative z axis of the body;
         None for a body that is aligned with north-east-down: then it is the local zenith.
+    body_axes_itrf : ndarray, shape (20, 3, 3), or None
+        Rows are the x, y and z axes of the body; only in tracks of an antenna.
     """
 
     position_itrf: FloatArray
     velocity_itrf: FloatArray
     acceleration_itrf: FloatArray
     boresight_itrf: FloatArray | None = None
+    body_axes_itrf: FloatArray | None = None
 
 
-def vehicle_track(motion: VehicleMotion, second: int, emitted: slice) -> VehicleTrack:
-    """Return the motion at the time tags of a second; outside `emitted` the nearest of those."""
+def vehicle_track(
+    motion: VehicleMotion,
+    second: int,
+    emitted: slice,
+    antenna_body: npt.ArrayLike | None = None,
+) -> VehicleTrack:
+    """Return the motion at the time tags of a second; outside `emitted` the nearest of those.
+
+    Parameters
+    ----------
+    motion : VehicleMotion
+    second : int
+        Number of the second: its epochs are those after ``second - 1`` s.
+    emitted : slice
+        Which of the 20 epochs are wanted.
+    antenna_body : array_like, shape (3,), optional
+        Point of the body whose motion is returned, in body axes from the centre of mass, m.
+    """
     end = second * EPOCHS_PER_SECOND
     indices = range(EPOCHS_PER_SECOND)[emitted]
     times = [(end - EPOCHS_PER_SECOND + 1 + index) * EPOCH_NANOSECONDS for index in indices]
@@ -57,8 +79,13 @@ def vehicle_track(motion: VehicleMotion, second: int, emitted: slice) -> Vehicle
     if any(any(map(any, state[4:])) for _, state in commands):
         angles = np.array([motion.at(time).heading_elevation_bank for time in times])
         boresight = _boresight_itrf(angles, vectors[:, 0])[nearest]
+    axes = None
+    if antenna_body is not None:
+        axes, moved = _antenna_motion(commands, elapsed, np.asarray(antenna_body, dtype=float))
+        vectors[:, :2] += moved
+        axes = axes[nearest]
     vectors = vectors[nearest]
-    return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight)
+    return VehicleTrack(vectors[:, 0], vectors[:, 1], vectors[:, 2], boresight, axes)
 
 
 def _extrapolate(state: MotionState, seconds: FloatArray) -> FloatArray:
@@ -71,6 +98,40 @@ def _extrapolate(state: MotionState, seconds: FloatArray) -> FloatArray:
     vectors[:, 1] = velocity + seconds * (acceleration + half * jerk)
     vectors[:, 2] = acceleration + seconds * jerk
     return vectors
+
+
+def _antenna_motion(
+    commands: list[tuple[int, MotionState]], elapsed: npt.NDArray[np.int64], antenna: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return body axes (k, 3, 3), and position and velocity of a point less the centre's (k, 2, 3).
+
+    The acceleration of a lever arm is left out: in orbit it is below 1e-6 m/s2 for each metre.
+    """
+    seconds = elapsed / NANOSECONDS_PER_SECOND
+    around = []
+    for shift in (-_DIFFERENCE_TIME, 0.0, _DIFFERENCE_TIME):
+        states = [
+            state.extrapolate(float(time) + shift)
+            for (_, state), time in zip(commands, seconds, strict=True)
+        ]
+        angles = np.array([state.heading_elevation_bank for state in states])
+        position = np.array([state.position_itrf for state in states])
+        around.append(_body_axes_itrf(angles, position))
+    before, axes, after = around
+    lever = np.einsum("j,kji->ki", antenna, axes)
+    rate = np.einsum("j,kji->ki", antenna, after - before) / (2.0 * _DIFFERENCE_TIME)
+    return axes, np.stack((lever, rate), axis=1)
+
+
+def _body_axes_itrf(heading_elevation_bank: FloatArray, position_itrf: FloatArray) -> FloatArray:
+    """Return the axes of bodies with 3-2-1 angles to north-east-down as rows, (k, 3, 3)."""
+    down = -ellipsoid_normal(position_itrf)
+    east = np.cross((0.0, 0.0, 1.0), -down)
+    east /= np.linalg.norm(east, axis=1, keepdims=True)
+    north = np.cross(east, down)
+    to_ned = Rotation.from_euler("ZYX", heading_elevation_bank).as_matrix()
+    axes_ned_itrf = np.stack((north, east, down), axis=1)
+    return np.asarray(np.einsum("knj,kni->kji", to_ned, axes_ned_itrf))
 
 
 def _boresight_itrf(

@@ -35,6 +35,9 @@ class ArrivingSignals:
         With scintillation, without the noise of its estimate.
     code_delay, phase_delay : ndarray, shape (k, m)
         Lengths that ionosphere and scintillation add to the code and carrier ranges, m.
+    antenna_delay : ndarray, shape (k, m), or None
+        Length that the phase centres of the antenna add, m; None where they are its reference
+        point.
     """
 
     plan: LinkPlan
@@ -49,6 +52,7 @@ class ArrivingSignals:
     cn0_dbhz: FloatArray
     code_delay: FloatArray
     phase_delay: FloatArray
+    antenna_delay: FloatArray | None = None
 
     @property
     def epoch_count(self) -> int:
@@ -60,7 +64,9 @@ class ArrivingSignals:
         columns: dict[str, Any] = {
             field.name: getattr(self, field.name)[epochs]
             for field in fields(self)
-            if field.name not in ("plan", "line_of_sight")
+            if field.name not in ("plan", "line_of_sight", "antenna_delay")
         }
         geometry = {name: column[epochs] for name, column in vars(self.line_of_sight).items()}
+        if self.antenna_delay is not None:
+            columns["antenna_delay"] = self.antenna_delay[epochs]
         return ArrivingSignals(self.plan, LineOfSight(**geometry), **columns)

@@ -195,6 +195,10 @@ class MeasurementEngine:
         power = self._power_levels.offsets_db(second, emitted, plan.satellites)
         if power is not None:
             cn0_dbhz = cn0_dbhz + power[:, plan.satellite]
+        phase_centre, body_axes = self.configuration.phase_centre, track.body_axes_itrf
+        antenna_delay = None
+        if phase_centre is not None and body_axes is not None:
+            antenna_delay = plan.antenna_delay(line_of_sight, body_axes, phase_centre)
         code_delay = group_delay(stec_tecu[:, plan.satellite], plan.frequency)
         # The ionosphere delays the code by as much as it advances the phase; scintillation moves
         # the phase only.
@@ -219,6 +223,7 @@ class MeasurementEngine:
             cn0_dbhz=cn0_dbhz,
             code_delay=code_delay,
             phase_delay=phase_delay,
+            antenna_delay=antenna_delay,
         )
 
     def _knows_time(self, second: int) -> bool:
@@ -298,6 +303,9 @@ class MeasurementEngine:
         ranges = ranges[:, plan.satellite]
         pseudorange = ranges + signals.code_delay + plan.code_bias
         carrier = ranges + signals.phase_delay
+        if signals.antenna_delay is not None:
+            pseudorange = pseudorange + signals.antenna_delay
+            carrier = carrier + signals.antenna_delay
         multipath = None
         if self._multipath.is_on:
             multipath = self._multipath.errors(

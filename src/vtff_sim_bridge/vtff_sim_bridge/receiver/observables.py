@@ -11,10 +11,15 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.antex import PhaseCentre
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.line_of_sight import LineOfSight
-from vtff_sim_bridge.gnss.configuration import NoiseModel, ReceiverConfiguration
+from vtff_sim_bridge.gnss.configuration import (
+    NoiseModel,
+    ReceiverConfiguration,
+    phase_centre_frequency,
+)
 from vtff_sim_bridge.gnss.gauss_markov import GaussMarkovField
 from vtff_sim_bridge.gnss.random_streams import (
     EPOCHS_PER_SECOND,
@@ -95,6 +100,8 @@ class LinkPlan:
     system, prn, band, attribute : ndarray of uint8
     stream : ndarray of int, shape (n,)
         Number of each satellite's scintillation pattern.
+    phase_centre_frequency : ndarray of str, shape (m,)
+        How ANTEX files call the frequency of each link.
     upload_errors : tuple of UploadError
         What the n broadcast ephemerides are off by.
     """
@@ -114,6 +121,7 @@ class LinkPlan:
     band: npt.NDArray[np.uint8]
     attribute: npt.NDArray[np.uint8]
     stream: npt.NDArray[np.int64]
+    phase_centre_frequency: npt.NDArray[np.str_]
     upload_errors: tuple[UploadError, ...]
 
     @classmethod
@@ -163,6 +171,9 @@ class LinkPlan:
             band=np.array([signal.band for signal in signals], dtype=np.uint8),
             attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
             stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
+            phase_centre_frequency=np.array(
+                [phase_centre_frequency(s) for s in signals], dtype=str
+            ),
             upload_errors=tuple(map(constellation.upload_error, ephemerides)),
         )
 
@@ -190,6 +201,32 @@ class LinkPlan:
                 off_boresight = np.arccos(np.clip(cosine, -1.0, 1.0))
             gain = gain + receiver.antenna.gain_db(off_boresight)
         return np.asarray(self.cn0_zenith_dbhz + gain[:, self.satellite])
+
+    def antenna_delay(
+        self,
+        line_of_sight: LineOfSight,
+        body_axes_itrf: FloatArray,
+        phase_centre: PhaseCentre,
+    ) -> FloatArray:
+        """Return what ranges are longer by than those from the antenna's reference point, (k, m).
+
+        Parameters
+        ----------
+        line_of_sight : LineOfSight
+            Shape (k, n).
+        body_axes_itrf : ndarray, shape (k, 3, 3)
+            Rows are the x, y and z axes of the body.
+        phase_centre : PhaseCentre
+            Of the antenna, whose north, east and up axes are x, y and -z.
+        """
+        axes = body_axes_itrf * np.array([1.0, 1.0, -1.0])[:, None]
+        directions = np.einsum("kai,kni->kna", axes, line_of_sight.direction_itrf)
+        delay = np.empty((len(directions), len(self.row)))
+        for frequency in set(self.phase_centre_frequency):
+            links = np.flatnonzero(self.phase_centre_frequency == frequency)
+            centre = phase_centre.maps[frequency]
+            delay[:, links] = centre.delay(directions[:, self.satellite[links]])
+        return delay
 
     def range_error(self, line_of_sight: LineOfSight, orbit_errors: FloatArray) -> FloatArray:
         """Return the true range less that to the broadcast orbit and clock, m, shape (k, n).

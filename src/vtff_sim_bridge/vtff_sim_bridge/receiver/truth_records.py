@@ -11,6 +11,7 @@ import numpy as np
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import GRAVITATIONAL_PARAMETER_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
@@ -28,7 +29,10 @@ __all__ = ["SatelliteTruth", "arc_record", "receiver_record", "second_record"]
 
 def receiver_record(receiver: ReceiverConfiguration) -> dict[str, Any]:
     """Return all settings of a receiver; ``biases`` (m) tells every signal that it tracks."""
-    record = {"receiver" if n == "name" else n: v for n, v in dataclasses.asdict(receiver).items()}
+    phase_centre = receiver.phase_centre
+    settings = dataclasses.asdict(dataclasses.replace(receiver, phase_centre=None))
+    record = {"receiver" if n == "name" else n: v for n, v in settings.items()}
+    record["phase_centre"] = None if phase_centre is None else phase_centre.antenna
     record["biases"] = {s.name: receiver.biases.get(s.name, 0.0) for s in signals_of(receiver)}
     return record
 
@@ -59,13 +63,17 @@ def second_record(measured: Measurements, second: int) -> dict[str, Any]:
     if measured.observables.range_error is not None:
         record["range_error"] = np.round(measured.observables.range_error[-1, columns], 6).tolist()
     if measured.observables.multipath is not None:
-        record["multipath"] = _multipath(measured)
+        record["multipath"] = _by_signal(measured, measured.observables.multipath)
+    if signals.antenna_delay is not None:
+        record["antenna_delay"] = _by_signal(measured, (signals.antenna_delay,))
     return record
 
 
-def _multipath(measured: Measurements) -> dict[str, dict[str, list[float]]]:
-    """Return the multipath of code and phase, m, by satellite and signal at the last epoch."""
-    plan, errors = measured.signals.plan, measured.observables.multipath
+def _by_signal(
+    measured: Measurements, errors: Sequence[FloatArray]
+) -> dict[str, dict[str, list[float]]]:
+    """Return errors (k, m) by tracked satellite and signal at the last epoch, rounded to 1 um."""
+    plan = measured.signals.plan
     names = {(s.system, s.band, s.attribute): name for name, s in SIGNALS.items()}
     by_satellite: dict[str, dict[str, list[float]]] = {}
     for link in np.flatnonzero(measured.tracks.is_tracked[-1]).tolist():
@@ -73,7 +81,7 @@ def _multipath(measured: Measurements) -> dict[str, dict[str, list[float]]]:
         satellite = satellite_name(system, int(plan.prn[link]))
         signal = names[system, int(plan.band[link]), int(plan.attribute[link])]
         by_satellite.setdefault(satellite, {})[signal] = [
-            round(float(error[-1, link]), 6) for error in errors or ()
+            round(float(error[-1, link]), 6) for error in errors
         ]
     return by_satellite
 

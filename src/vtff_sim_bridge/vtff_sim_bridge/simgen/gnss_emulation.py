@@ -153,7 +153,10 @@ class ReceiverSet:
         """Return what a receiver sends at epochs of one second."""
         origin = (second - 1) * EPOCHS_PER_SECOND + 1
         emitted = slice(first - origin, last - origin + 1)
-        receiver.measure(second, emitted, vehicle_track(motion, second, emitted))
+        antenna = None
+        if receiver.configuration.has_antenna_geometry:
+            antenna = receiver.configuration.lever_arm_body or (0.0, 0.0, 0.0)
+        receiver.measure(second, emitted, vehicle_track(motion, second, emitted, antenna))
         emulated, faults = self._emulated[name], self._byte_faults[name]
         emulated.time_status = receiver.time_status
         parts = []
