@@ -1,0 +1,400 @@
+"""Faults for a run that flies: of its processes, its disk, its memory and its clock."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import mmap
+import os
+import pathlib
+import random
+import resource
+import shutil
+import signal
+import socket
+import struct
+import subprocess
+import sys
+import threading
+import time
+import tty
+from collections.abc import Iterator
+
+from graph_support import ROOT, SYSTEMS
+
+from vtff_bag.file.errors import BagError
+from vtff_bag.file.reader import BagReader
+from vtff_node.executables import executable_path
+
+#: Processes of config/system/reference.yaml: name of the log file -> words of its command line.
+PROCESSES = {
+    "simgen_emulator": "simgen_emulator",
+    "can_thruster_emulator": "can_thruster_emulator",
+    "simgen_bridge": "parameters/simgen_bridge.yaml",
+    "chief__receiver_driver": "parameters/chief__receiver_driver.yaml",
+    "deputy__receiver_driver": "parameters/deputy__receiver_driver.yaml",
+    "relative_ekf": "parameters/relative_ekf.yaml",
+    "sdre_controller": "parameters/sdre_controller.yaml",
+    "deputy__thruster": "parameters/deputy__thruster.yaml",
+    "bag_recorder": "parameters/bag_recorder.yaml",
+}
+
+#: Makes the main thread of any Python process of the run hang at SIGUSR1; its other threads live.
+_HANG_HOOK = """
+import signal, time
+def _hang(number, frame):
+    while True:
+        time.sleep(3600)
+signal.signal(signal.SIGUSR1, _hang)
+"""
+
+_CLOCK_SHIM = r"""
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <fcntl.h>
+#include <stdlib.h>
+#include <sys/mman.h>
+#include <sys/time.h>
+#include <time.h>
+#include <unistd.h>
+
+/* Adds the seconds in a shared file to the clock of the day; the monotonic clock stays. */
+static const volatile double *offset;
+static int (*real_clock_gettime)(clockid_t, struct timespec *);
+
+__attribute__((constructor)) static void open_offset(void) {
+  const char *path = getenv("CLOCK_OFFSET_FILE");
+  real_clock_gettime = dlsym(RTLD_NEXT, "clock_gettime");
+  int file = path ? open(path, O_RDONLY) : -1;
+  if (file < 0) return;
+  void *mapped = mmap(0, sizeof(double), PROT_READ, MAP_SHARED, file, 0);
+  close(file);
+  if (mapped != MAP_FAILED) offset = mapped;
+}
+
+int clock_gettime(clockid_t clock, struct timespec *now) {
+  if (!real_clock_gettime) real_clock_gettime = dlsym(RTLD_NEXT, "clock_gettime");
+  int result = real_clock_gettime(clock, now);
+  if (!result && offset && (clock == CLOCK_REALTIME || clock == CLOCK_REALTIME_COARSE))
+    now->tv_sec += (time_t)*offset;
+  return result;
+}
+
+int gettimeofday(struct timeval *now, void *zone) {
+  struct timespec precise;
+  (void)zone;
+  clock_gettime(CLOCK_REALTIME, &precise);
+  now->tv_sec = precise.tv_sec;
+  now->tv_usec = precise.tv_nsec / 1000;
+  return 0;
+}
+
+time_t time(time_t *where) {
+  struct timespec precise;
+  clock_gettime(CLOCK_REALTIME, &precise);
+  if (where) *where = precise.tv_sec;
+  return precise.tv_sec;
+}
+"""
+
+
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What became of a run: what the user sees, and what is left.
+
+    ``wall_time`` is from the fault to the end of the command in s, ``lost`` the steps of 1 s that
+    were flown and are not in the bag, ``left`` the processes that outlived the run.
+    """
+
+    exit_code: int
+    output: str
+    wall_time: float
+    steps: int
+    lost: int
+    closed: bool
+    left: list[int]
+
+    @property
+    def reason(self) -> str:
+        """The line that says why the run ended, without the place of its log."""
+        lines = [line for line in self.output.splitlines() if "; log: " in line]
+        return lines[-1].partition("; log: ")[0] if lines else ""
+
+    @property
+    def details(self) -> str:
+        """The first error that a process reported, without name and time of the logger."""
+        lines = [line for line in self.output.splitlines() if "[ERROR]" in line]
+        return lines[0].partition("[ERROR]")[2].partition("]: ")[2] if lines else ""
+
+
+class Flight:
+    """A run in the background, whose processes can be disturbed.
+
+    Parameters
+    ----------
+    folder
+        Folder of the test; the run gets a folder in it.
+    arguments
+        Further arguments of `vtff run`.
+    environment
+        Further variables of the environment.
+    """
+
+    def __init__(
+        self,
+        folder: pathlib.Path,
+        *arguments: object,
+        system: str = "reference.yaml",
+        environment: dict[str, str] | None = None,
+    ) -> None:
+        self.run = folder / "run"
+        hook = folder / "hook"
+        hook.mkdir(parents=True)
+        (hook / "sitecustomize.py").write_text(_HANG_HOOK)
+        own = {"COLUMNS": "400", "PYTHONPATH": f"{hook}:{os.environ.get('PYTHONPATH', '')}"}
+        self._output = (folder / "output").open("w+")
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "vtff_bringup.cli", "run", str(SYSTEMS / system)]
+            + [*map(str, arguments), "--out", str(self.run), "--no-report"],
+            cwd=ROOT,
+            stdout=self._output,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, **own, **(environment or {})},
+            start_new_session=True,
+        )
+        self._fault_at = time.monotonic()
+
+    def process_id(self, name: str) -> int:
+        """Return the process of a name of `PROCESSES`."""
+        for number in self._children():
+            if PROCESSES[name] in _command_line(number):
+                return number
+        raise AssertionError(f"{name} does not run: {self.output()}")
+
+    def _children(self) -> list[int]:
+        children = []
+        for path in pathlib.Path("/proc").glob("[0-9]*/stat"):
+            with contextlib.suppress(OSError):
+                fields = path.read_text().rpartition(")")[2].split()
+                if int(fields[1]) == self._process.pid and fields[0] != "Z":
+                    children.append(int(path.parent.name))
+        return children
+
+    def output(self) -> str:
+        """Return what the command has printed so far."""
+        return pathlib.Path(self._output.name).read_text()
+
+    def wait_for_steps(self, size: int = 250_000, timeout: float = 180.0) -> None:
+        """Wait until the bag has grown by a number of bytes: the loop turns."""
+        first = self._recorded_bytes()
+        deadline = time.monotonic() + timeout
+        while self._recorded_bytes() < first + size:
+            assert self._process.poll() is None, self.output()
+            assert time.monotonic() < deadline, f"nothing is recorded: {self.output()}"
+            time.sleep(0.05)
+
+    def _recorded_bytes(self) -> int:
+        with contextlib.suppress(OSError):
+            return sum(path.stat().st_size for path in (self.run / "bag").glob("*.mcap"))
+        return 0
+
+    @contextlib.contextmanager
+    def fault(self) -> Iterator[Flight]:
+        """Note when the fault begins."""
+        self._fault_at = time.monotonic()
+        yield self
+
+    def send(self, name: str, number: signal.Signals) -> None:
+        """Send a signal to a process."""
+        os.kill(self.process_id(name), number)
+
+    def limit(self, name: str, kind: int, value: int) -> None:
+        """Set a resource limit of a process."""
+        resource.prlimit(self.process_id(name), kind, (value, value))
+
+    def memory(self, name: str) -> int:
+        """Return the size of the address space of a process in bytes."""
+        statm = pathlib.Path(f"/proc/{self.process_id(name)}/statm").read_text()
+        return int(statm.split()[0]) * mmap.PAGESIZE
+
+    def end(self, timeout: float = 180.0, interrupts: bool = False) -> Outcome:
+        """Wait for the end of the run and return what became of it."""
+        started = self._children()
+        if interrupts:
+            self._process.send_signal(signal.SIGINT)
+        try:
+            self._process.wait(timeout)
+            wall_time = time.monotonic() - self._fault_at
+        finally:
+            if self._process.poll() is None:
+                os.killpg(self._process.pid, signal.SIGKILL)
+                for number in started:
+                    with contextlib.suppress(OSError):
+                        os.killpg(number, signal.SIGKILL)
+        left = [n for n in started if _is_alive(n) and str(self.run) in _command_line(n)]
+        steps, lost, closed = self._recorded()
+        return Outcome(
+            self._process.returncode, self.output(), wall_time, steps, lost, closed, left
+        )
+
+    def _recorded(self) -> tuple[int, int, bool]:
+        """Return the steps in the bag, those that are missing in it, and whether it was closed."""
+        try:
+            reader = BagReader(self.run)
+            steps = sum(1 for _ in reader.raw_messages(["/clock"]))
+        except BagError as error:
+            raise AssertionError(f"the bag is not readable: {error}; {self.output()}") from error
+        flown = steps
+        for path in (self.run / "nodes").glob("*.json"):
+            flown = max(flown, json.loads(path.read_text())["published"].get("/clock", 0))
+        return steps, flown - steps, reader.complete
+
+
+def _command_line(number: int) -> str:
+    with contextlib.suppress(OSError):
+        content = pathlib.Path(f"/proc/{number}/cmdline").read_bytes()
+        return content.replace(b"\0", b" ").decode(errors="replace")
+    return ""
+
+
+def _is_alive(number: int) -> bool:
+    with contextlib.suppress(OSError):
+        return " Z " not in pathlib.Path(f"/proc/{number}/stat").read_text()
+    return False
+
+
+class ClockShim:
+    """A clock of the day that can jump, for the processes of one run only.
+
+    Parameters
+    ----------
+    folder
+        Folder for the library, which the C compiler of the machine makes, and for the offset.
+    """
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        compiler = shutil.which("cc")
+        assert compiler is not None
+        (folder / "clock.c").write_text(_CLOCK_SHIM)
+        library, self._offset = folder / "clock.so", folder / "offset"
+        subprocess.run(
+            [compiler, "-shared", "-fPIC", "-O1", "-o", library, folder / "clock.c", "-ldl"],
+            check=True,
+        )
+        self._offset.write_bytes(struct.pack("d", 0.0))
+        self.environment = {"LD_PRELOAD": str(library), "CLOCK_OFFSET_FILE": str(self._offset)}
+
+    def jump(self, seconds: float) -> None:
+        """Set the clock of the day forward or back."""
+        with self._offset.open("r+b") as file:
+            file.write(struct.pack("d", seconds))
+
+
+class Link:
+    """A link between two programs that can be cut, disturbed and delayed.
+
+    Parameters
+    ----------
+    target
+        TCP port of this machine, or the path of a serial port.
+    """
+
+    def __init__(self, target: int | pathlib.Path) -> None:
+        self._target = target
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        self._noise = 0.0
+        self._delay = 0.0
+        self._ends: list[int] = []
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def _serve(self) -> None:
+        with contextlib.suppress(OSError):
+            while True:
+                near = self._listener.accept()[0].detach()
+                far = self._open_target()
+                self._ends += [near, far]
+                for pair in ((near, far), (far, near)):
+                    threading.Thread(target=self._carry, args=pair, daemon=True).start()
+
+    def _open_target(self) -> int:
+        if isinstance(self._target, int):
+            return socket.create_connection(("127.0.0.1", self._target)).detach()
+        descriptor = os.open(self._target, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(descriptor)
+        return descriptor
+
+    def _carry(self, source: int, sink: int) -> None:
+        generator = random.Random(0)
+        with contextlib.suppress(OSError):
+            while content := os.read(source, 65536):
+                time.sleep(self._delay)
+                if self._noise:
+                    changed = bytearray(content)
+                    for _ in range(max(1, int(len(changed) * self._noise))):
+                        changed[generator.randrange(len(changed))] = generator.randrange(256)
+                    content = bytes(changed)
+                while content:
+                    content = content[os.write(sink, content) :]
+
+    def cut(self) -> None:
+        """End the connection and refuse further ones."""
+        self._listener.close()
+        for descriptor in self._ends:
+            with contextlib.suppress(OSError):
+                socket.socket(fileno=os.dup(descriptor)).shutdown(socket.SHUT_RDWR)
+        self._noise, self._delay = 0.0, 3600.0
+
+    def noise(self) -> None:
+        """Change one byte of fifty from now on."""
+        self._noise = 0.02
+
+    def delay(self) -> None:
+        """Hold back what is carried by a fifth of a second."""
+        self._delay = 0.2
+
+
+class EmulatedUnit:
+    """SimGEN and the receivers as programs of the test, with links that can be disturbed.
+
+    Parameters
+    ----------
+    folder
+        Folder of the test.
+    """
+
+    def __init__(self, folder: pathlib.Path) -> None:
+        ports = folder / "ports"
+        ports.mkdir()
+        with socket.create_server(("127.0.0.1", 0)) as free:
+            port: int = free.getsockname()[1]
+        self._process = subprocess.Popen(
+            [str(executable_path("vtff_sim_bridge", "simgen_emulator")), "--port", str(port)]
+            + ["--vehicles", "v1_m1,v2_m1", "--clock", "lockstep", "--log-level", "warning"]
+            + ["--gnss", str(ROOT / "config/gnss/reference.yaml"), "--seed", "1"]
+            + ["--port-link-directory", str(ports)]
+        )
+        deadline = time.monotonic() + 60.0
+        while not (ports / "deputy").exists():
+            assert time.monotonic() < deadline and self._process.poll() is None
+            time.sleep(0.05)
+        self.links = {"simremote": Link(port), "chief": Link(ports / "chief")}
+        self.arguments = (
+            "simgen_host:=127.0.0.1",
+            f"simgen_port:={self.links['simremote'].port}",
+            f"chief_port:=tcp://127.0.0.1:{self.links['chief'].port}",
+            f"deputy_port:=serial://{ports / 'deputy'}",
+        )
+
+    def __enter__(self) -> EmulatedUnit:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.terminate()
+        try:
+            self._process.wait(20.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()

@@ -1,0 +1,259 @@
+"""Fault matrix: each process, link and resource of a run, and what a user sees when it fails.
+
+The whole matrix is slow; the short form disturbs one flight in several ways. The table in
+docs/reliability.md is written by:
+
+    VTFF_FAULT_TABLE=docs/reliability.md python -m pytest test/test_fault_matrix.py -m slow
+"""
+
+from __future__ import annotations
+
+import os
+import pathlib
+import resource
+import shutil
+import signal
+import time
+
+import pytest
+from fault_injection import PROCESSES, ClockShim, EmulatedUnit, Flight, Outcome
+
+LARGEST_LOSS = 2  # s of scenario that a fault may cost
+LARGEST_WALL_TIME = 120.0  # s from a fault to the end of the command: time-out and teardown
+PAUSE = 2.0  # s of wall time, less than the time-out of a step
+ENDLESS = ("--duration", 100_000)
+
+#: A process that stands still in lockstep is missed by the node that waits for it; one that is
+#: stopped is named by the runner, too.
+MISSED = {
+    "simgen_emulator": ("simgen_bridge", "simgen_emulator"),
+    "can_thruster_emulator": ("thruster",),
+    "sdre_controller": ("thruster", "sdre_controller"),
+    "deputy__thruster": ("thruster",),
+    "chief__receiver_driver": ("/chief/receiver_driver", "/relative_ekf"),
+    "deputy__receiver_driver": ("/deputy/receiver_driver", "/relative_ekf"),
+}
+
+
+def check(outcome: Outcome, *named: str) -> None:
+    """Check what holds for each fault that ends a run."""
+    assert outcome.exit_code == 1, outcome.output
+    assert any(name in outcome.output for name in named), outcome.output
+    assert "Traceback" not in outcome.output
+    assert outcome.left == []
+    assert outcome.lost <= LARGEST_LOSS
+    assert outcome.wall_time < LARGEST_WALL_TIME
+
+
+def check_complete(outcome: Outcome) -> None:
+    """Check a run that a fault must not end."""
+    assert outcome.exit_code == 0, outcome.output
+    assert "Traceback" not in outcome.output
+    assert outcome.left == []
+    assert outcome.lost == 0 and outcome.closed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROCESSES)
+def test_kill(name, tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS)
+    flight.wait_for_steps()
+    with flight.fault():
+        flight.send(name, signal.SIGKILL)
+    outcome = flight.end()
+    fault_table(name, "kill", outcome)
+    check(outcome, name.replace("__", "/"), name)
+    assert outcome.closed or name == "bag_recorder"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["stop", "hang"])
+@pytest.mark.parametrize("name", PROCESSES)
+def test_stand_still(name, how, tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS)
+    flight.wait_for_steps()
+    with flight.fault():
+        flight.send(name, signal.SIGSTOP if how == "stop" else signal.SIGUSR1)
+    outcome = flight.end()
+    fault_table(name, how, outcome)
+    # The pacing node is missed by the runner, when a minute has brought no progress.
+    check(outcome, *((name,) if how == "stop" else MISSED.get(name, (name,))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", PROCESSES)
+def test_pause(name, tmp_path, fault_table):
+    """A process that stands still for less than the time-out goes on; nothing is lost."""
+    flight = Flight(tmp_path, "--duration", 60)
+    flight.wait_for_steps()
+    with flight.fault():
+        flight.send(name, signal.SIGSTOP)
+        time.sleep(PAUSE)
+        flight.send(name, signal.SIGCONT)
+    outcome = flight.end()
+    fault_table(name, f"pause of {PAUSE:g} s", outcome)
+    check_complete(outcome)
+    assert outcome.steps == 61 + 1  # the last status has a clock of its own
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("link", ["simremote", "chief"])
+@pytest.mark.parametrize("how", ["cut", "noise", "delay"])
+def test_link(link, how, tmp_path, fault_table):
+    with EmulatedUnit(tmp_path) as unit:
+        flight = Flight(tmp_path, *ENDLESS, *unit.arguments)
+        flight.wait_for_steps()
+        with flight.fault():
+            getattr(unit.links[link], how)()
+        if how == "delay":
+            flight.wait_for_steps(size=30_000)
+            outcome = flight.end(interrupts=True)
+        else:
+            outcome = flight.end()
+    fault_table(f"link {link}", how, outcome)
+    if how == "delay":
+        assert outcome.exit_code == 130 and "Traceback" not in outcome.output
+        assert outcome.left == [] and outcome.lost <= LARGEST_LOSS
+    else:
+        check(outcome, "simgen_bridge", "receiver_driver")
+
+
+@pytest.mark.slow
+def test_full_disk(tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS)
+    flight.wait_for_steps()
+    with flight.fault():
+        size = max(path.stat().st_size for path in (flight.run / "bag").glob("*.mcap"))
+        flight.limit("bag_recorder", resource.RLIMIT_FSIZE, size + 100_000)
+    outcome = flight.end()
+    fault_table("disk of bag_recorder", "full", outcome)
+    check(outcome, "bag_recorder")
+
+
+@pytest.mark.slow
+def test_no_memory(tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS)
+    flight.wait_for_steps()
+    with flight.fault():
+        flight.limit("relative_ekf", resource.RLIMIT_AS, flight.memory("relative_ekf"))
+        # What is left to the process may last for ever: an allocation that fails ends it.
+        time.sleep(PAUSE)
+        flight.send("relative_ekf", signal.SIGKILL)
+    outcome = flight.end()
+    fault_table("memory of relative_ekf", "none left, then killed", outcome)
+    check(outcome, "relative_ekf")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+@pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
+@pytest.mark.parametrize("jump", [3600.0, -3600.0])
+def test_clock_of_the_day_jumps(jump, pacing, tmp_path, fault_table):
+    """Neither the scenario nor its pacing depends on the clock of the day."""
+    shim = ClockShim(tmp_path)
+    further = ("--realtime",) if pacing == "realtime" else ()
+    duration = 20 if pacing == "realtime" else 60
+    flight = Flight(tmp_path, "--duration", duration, *further, environment=shim.environment)
+    flight.wait_for_steps()
+    with flight.fault():
+        shim.jump(jump)
+    outcome = flight.end()
+    fault_table("clock", f"{jump:+.0f} s, {pacing}", outcome)
+    check_complete(outcome)
+
+
+@pytest.mark.slow
+def test_restart(tmp_path, fault_table):
+    """A run begins at once after one whose node was killed, on the same domain."""
+    environment = {"ROS_DOMAIN_ID": str(os.getpid() % 90 + 5)}
+    first = Flight(tmp_path / "first", *ENDLESS, environment=environment)
+    first.wait_for_steps()
+    with first.fault():
+        first.send("relative_ekf", signal.SIGKILL)
+    check(first.end(), "relative_ekf")
+    second = Flight(tmp_path / "second", "--duration", 5, environment=environment)
+    outcome = second.end()
+    fault_table("run after a killed node", "restart", outcome)
+    check_complete(outcome)
+
+
+def test_one_flight_is_disturbed_in_several_ways(tmp_path):
+    """The short form: pauses that a run survives, then a process that stays stopped."""
+    flight = Flight(tmp_path, *ENDLESS, system="reference_software.yaml")
+    flight.wait_for_steps()
+    for name in ("sdre_controller", "simgen_emulator", "bag_recorder"):
+        flight.send(name, signal.SIGSTOP)
+        time.sleep(0.5)
+        flight.send(name, signal.SIGCONT)
+        flight.wait_for_steps(size=20_000)
+    with flight.fault():
+        flight.send("sdre_controller", signal.SIGSTOP)
+    outcome = flight.end()
+    check(outcome, "thrust on /deputy/propulsion/thrust_applied")
+    assert "; stopped: sdre_controller" in outcome.output
+    assert outcome.closed and outcome.lost == 0 and outcome.steps > 20
+
+
+@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler")
+def test_a_jump_of_the_clock_of_the_day_does_not_touch_real_time_pacing(tmp_path):
+    shim = ClockShim(tmp_path)
+    flight = Flight(
+        tmp_path,
+        *("--realtime", "--duration", 6),
+        system="reference_software.yaml",
+        environment=shim.environment,
+    )
+    flight.wait_for_steps(size=1)
+    with flight.fault():
+        shim.jump(-3600.0)
+    outcome = flight.end()
+    check_complete(outcome)
+
+
+@pytest.fixture
+def fault_table():
+    """Return a function that adds a row to the table of the page that VTFF_FAULT_TABLE names."""
+    page = os.environ.get("VTFF_FAULT_TABLE")
+
+    def add(subject: str, fault: str, outcome: Outcome) -> None:
+        if page is None:
+            return
+        cells = [
+            subject.replace("__", "/"),
+            fault,
+            "; ".join(filter(None, (outcome.reason, outcome.details))) or "the run completes",
+            f"{outcome.wall_time:.0f} s",
+            f"{outcome.lost} s",
+            "closed" if outcome.closed else "readable, not closed",
+            str(outcome.exit_code),
+        ]
+        add_row(pathlib.Path(page), cells)
+
+    return add
+
+
+START, END = "<!-- fault matrix: begin -->", "<!-- fault matrix: end -->"
+
+
+def add_row(page: pathlib.Path, cells: list[str]) -> None:
+    """Put a row into the table of the page, in place of the one of the same fault."""
+    before, _, rest = page.read_text(encoding="utf-8").partition(START)
+    table, _, after = rest.partition(END)
+    key = f"| {cells[0]} | {cells[1]} |"
+    rows = [line for line in table.strip().splitlines() if not line.startswith(key)]
+    rows.append(f"| {' | '.join(cells)} |")
+    text = "\n".join([*rows[:2], *sorted(rows[2:])])
+    page.write_text(f"{before}{START}\n{text}\n{END}{after}", encoding="utf-8")
+
+
+def test_a_row_of_the_table_replaces_the_one_of_its_fault(tmp_path):
+    page = tmp_path / "page.md"
+    page.write_text(
+        f"# Title\n{START}\n| a | b | c |\n|---|---|---|\n| x | y | old |\n{END}\nrest\n"
+    )
+    add_row(page, ["x", "y", "new"])
+    add_row(page, ["w", "y", "other"])
+    assert page.read_text() == (
+        f"# Title\n{START}\n| a | b | c |\n|---|---|---|\n| w | y | other |\n| x | y | new |\n"
+        f"{END}\nrest\n"
+    )
