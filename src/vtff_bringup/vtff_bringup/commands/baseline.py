@@ -19,13 +19,9 @@ if TYPE_CHECKING:
     from vtff_analysis.baseline.sources import BaselineSources
     from vtff_analysis.baseline.summary import BaselineSummary
     from vtff_dynamics.time.timescales import GpsTime
-    from vtff_nav.relative.common.measurements import MeasurementNoise
 
 _ESTIMATORS = ("cdgps", "paper")
 _DYNAMICS = ("static", "kinematic", "orbital")
-_ORBITAL_MASK_DEG, _GROUND_MASK_DEG = 5.0, 10.0
-_GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA = 1.0, 0.003
-"""m; they include the multipath of a simple antenna."""
 _REASONS_SHOWN = 4
 
 
@@ -139,6 +135,7 @@ def baseline(
     vtff baseline bags/mine
     """
     # Imported here, because numpy, brahe and matplotlib take a while.
+    from vtff_analysis.baseline.defaults import complete_options
     from vtff_analysis.baseline.sources import BaselineError
     from vtff_bag.file.errors import BagError
     from vtff_bag.run.folder import RunFolderError
@@ -152,7 +149,7 @@ def baseline(
         with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
             names = (rover_name, base_name)
             sources = _read_sources(rover, base, navigation or [], bands, partial, names, bar)
-        options = _complete_options(
+        options = complete_options(
             sources, dynamics, estimator, bands, elevation_mask, base_position, estimate_base,
             (code_sigma, phase_sigma), troposphere,
             _parse_limit(start, sources, "--start"), _parse_limit(end, sources, "--end"),
@@ -205,73 +202,6 @@ def _read_sources(
         rover, base, navigation, letters, partial,
         lambda name: bar.update(task, description=f"reading {name}"),
     )  # fmt: skip
-
-
-def _complete_options(
-    sources: BaselineSources,
-    dynamics: str | None,
-    estimator: str,
-    bands: dict[int, tuple[int, ...]],
-    elevation_mask_deg: float | None,
-    base_position: tuple[float, float, float] | None,
-    estimate_base: bool,
-    sigmas: tuple[float | None, float | None],
-    troposphere: bool | None,
-    start: GpsTime | None,
-    end: GpsTime | None,
-) -> BaselineOptions:
-    """Return the options of the command line, completed by defaults for ground or orbit."""
-    from vtff_analysis.baseline.processing import BaselineOptions
-    from vtff_analysis.baseline.sources import BaselineError
-
-    if estimate_base and base_position is not None:
-        raise BaselineError("--base-position and --estimate-base contradict each other")
-    # Only a bag has no position of the base: its receivers are taken for spacecraft.
-    is_in_orbit = sources.is_in_orbit is not False
-    if dynamics is None:
-        dynamics = "orbital" if is_in_orbit else "kinematic"
-    is_orbital = dynamics == "orbital"
-    if base_position is None and sources.is_position_stated and not (estimate_base or is_orbital):
-        base_position = sources.position_base_itrf
-    if elevation_mask_deg is None:
-        elevation_mask_deg = _ORBITAL_MASK_DEG if is_orbital else _GROUND_MASK_DEG
-    noise = _measurement_noise(is_orbital, *sigmas)
-    return BaselineOptions(
-        dynamics=dynamics,  # type: ignore[arg-type]
-        estimator=estimator,
-        bands=bands,
-        elevation_mask_deg=elevation_mask_deg,
-        position_base_itrf=base_position,
-        noise=noise,
-        troposphere=not is_orbital if troposphere is None else troposphere,
-        start=start,
-        end=end,
-    )
-
-
-def _measurement_noise(
-    is_orbital: bool, code_sigma: float | None, phase_sigma: float | None
-) -> MeasurementNoise:
-    """Return the noise of each receiver.
-
-    Receivers state their thermal noise (codes of 0.05 m in the logs of the OEMV), which near
-    the ground is a small part of the multipath.
-    """
-    from vtff_nav.relative.common.measurements import MeasurementNoise
-
-    usual = MeasurementNoise()
-    if is_orbital and code_sigma is None and phase_sigma is None:
-        return usual
-    usual_code, usual_phase = (
-        (usual.code_sigma, usual.phase_sigma)
-        if is_orbital
-        else (_GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA)
-    )
-    return MeasurementNoise(
-        code_sigma=code_sigma or usual_code,
-        phase_sigma=phase_sigma or usual_phase,
-        use_receiver_sigmas=False,
-    )
 
 
 def _parse_limit(text: str | None, sources: BaselineSources, option: str) -> GpsTime | None:

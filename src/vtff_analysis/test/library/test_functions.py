@@ -1,0 +1,61 @@
+"""Functions for daily use: they give what the command gives, and tell wrong arguments."""
+
+from __future__ import annotations
+
+import pathlib
+
+import numpy as np
+import pytest
+
+from vtff_analysis.library.functions import baseline, fly, tec
+from vtff_analysis.studies.closed_loop import simulate_closed_loop
+from vtff_control.tracking.sdre import SdreDesign
+from vtff_sim_bridge.truth.scenario import load_scenario
+
+SCENARIO = pathlib.Path(__file__).resolve().parents[4] / "config/scenario/reference.yaml"
+
+
+def test_fly_is_the_closed_loop_of_the_scenario():
+    flown = fly(SCENARIO, "delay_aware", duration=60.0)
+    expected = simulate_closed_loop(
+        load_scenario(SCENARIO), SdreDesign(design="delay_aware"), duration=60.0
+    )
+    assert len(flown.time) == 61
+    np.testing.assert_array_equal(
+        flown.deputy().state_relative_rtn, expected.deputy().state_relative_rtn
+    )
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"design": "nobody"}, "design: 'nobody' is not one of paper"),
+        ({"duration": 0.25}, "duration: one or more whole steps"),
+    ],
+)
+def test_fly_tells_wrong_arguments(arguments, text):
+    with pytest.raises(ValueError, match=text):
+        fly(SCENARIO, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        ({"dynamics": "fast"}, "dynamics: expected one of .*; got 'fast'"),
+        ({"position_base_itrf": [4e3, 3e3, 4e3]}, r"position_base_itrf: .* m or more .*in km"),
+        ({"position_base_itrf": [[4e6], [3e6], [4e6]]}, r"shape \(3,\); got shape \(3, 1\)"),
+    ],
+)
+def test_baseline_tells_wrong_arguments_before_it_reads(arguments, text):
+    with pytest.raises(ValueError, match=text):
+        baseline("no_rover.rnx", "no_base.rnx", **arguments)
+
+
+def test_files_that_are_none_are_told(tmp_path):
+    other = tmp_path / "text.rnx"
+    other.write_text("no observations\n")
+    for call in (lambda: tec(other), lambda: baseline(other, other), lambda: tec(other, other)):
+        with pytest.raises(ValueError, match=r"text\.rnx"):
+            call()
+    with pytest.raises(OSError, match="nothing"):
+        tec(tmp_path / "nothing.rnx")

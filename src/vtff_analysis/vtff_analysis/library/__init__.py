@@ -1,0 +1,1 @@
+"""Functions for daily use from plain Python, without ROS (docs/libraries.md)."""
