@@ -54,6 +54,23 @@ def test_delay_aware_counts_the_commands_that_wait() -> None:
         waiting = [waiting[1], command]
 
 
+def test_fast_sampling_without_delay_is_the_continuous_feedback() -> None:
+    gain = riccati_gain(
+        hcw_state_matrix(osculating_mean_motion(CHIEF)), SdreDesign("delay_aware").weights
+    )
+    expected = -gain @ (NEAR - TARGET)
+    differences = []
+    for sample_time in (0.1, 0.01):
+        design = SdreDesign(
+            "delay_aware", acceleration_cap=10.0, sample_time=sample_time, delay_steps=0
+        )
+        command = SdreController(design).control(NEAR, CHIEF, TARGET).acceleration_rtn
+        differences.append(float(np.linalg.norm(command - expected) / np.linalg.norm(expected)))
+    # The difference is of the first order in the sample time.
+    assert differences[0] < 0.1
+    assert differences[1] == pytest.approx(0.1 * differences[0], rel=0.2)
+
+
 def test_a_gap_in_the_stamps_empties_the_queue() -> None:
     controller = SdreController(SdreDesign("delay_aware"))
     first = controller.control(NEAR, CHIEF, TARGET, 0).acceleration_rtn
