@@ -457,14 +457,14 @@ class SimgenBridgeNode(VtffNode):
 def _scenario_in_force(given: SimgenBridgeParameters) -> Scenario:
     """Load the scenario and let the parameters replace what they name."""
     try:
-        scenario = load_scenario(pathlib.Path(given.scenario_file))
+        scenario = load_scenario(
+            pathlib.Path(given.scenario_file), given.seed if given.seed >= 0 else None
+        )
     except ScenarioError as error:
         raise ParameterError(str(error)) from error
     changes: dict[str, Any] = {}
     if given.duration > 0.0:
         changes["duration"] = given.duration
-    if given.seed >= 0:
-        changes["seed"] = given.seed
     if given.integrator != "scenario":
         changes["integrator"] = given.integrator
     try:

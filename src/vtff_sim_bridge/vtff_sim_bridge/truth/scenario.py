@@ -7,6 +7,7 @@ range is a `ScenarioError` that names the file and the field. The form of the fi
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 import typing
@@ -23,6 +24,7 @@ from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_me
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterErrors
@@ -132,7 +134,7 @@ class Scenario:
         )
 
 
-def load_scenario(path: str | Path) -> Scenario:
+def load_scenario(path: str | Path, seed: int | None = None) -> Scenario:
     """Read a scenario file.
 
     Fields (SI units; angles in degrees where the name says so)::
@@ -142,6 +144,8 @@ def load_scenario(path: str | Path) -> Scenario:
         duration, step         s; the duration is a whole number of steps
         seed                   whole number of 0 or more
         integrator             rk4 | euler
+        draw                   (optional) fields of truth.drawn_geometry.GeometryDraw: epoch and
+                               orbits that the seed draws
         force_model            fields of vtff_dynamics.orbit.propagator.ForceModel
         spacecraft             a list, the chief first:
           - name               lower-case letters, digits, underscores
@@ -168,6 +172,8 @@ def load_scenario(path: str | Path) -> Scenario:
     ----------
     path
         The YAML file.
+    seed
+        Replaces the seed of the file.
 
     Returns
     -------
@@ -178,10 +184,10 @@ def load_scenario(path: str | Path) -> Scenario:
     ScenarioError
         If the file cannot be read or does not have this form.
     """
-    return read_scenario(read_yaml(Path(path)), str(path))
+    return read_scenario(read_yaml(Path(path)), str(path), seed)
 
 
-def read_scenario(fields: typing.Any, file: str) -> Scenario:
+def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Scenario:
     """Read the fields of a scenario file.
 
     Parameters
@@ -190,6 +196,8 @@ def read_scenario(fields: typing.Any, file: str) -> Scenario:
         What the file holds; see `load_scenario`.
     file
         Name of the file for messages.
+    seed
+        Replaces the seed of the file.
 
     Raises
     ------
@@ -199,6 +207,19 @@ def read_scenario(fields: typing.Any, file: str) -> Scenario:
     root = Section(file, "", fields)
     epoch = root.checked("epoch", lambda: parse_epoch(root.text("epoch")))
     force_model = _force_model(root.section("force_model"))
+    seed_of_file = root.whole_number("seed")
+    seed = seed_of_file if seed is None else seed
+    drawn = None
+    if "draw" in root:
+        drawn = root.section("draw").filled(GeometryDraw).draw(seed)
+        epoch = epoch + float(drawn.delay)
+    spacecraft = _all_spacecraft(root.sections("spacecraft"), epoch, force_model)
+    if drawn is not None:
+        chief_gcrf = spacecraft[0].state_gcrf
+        spacecraft = tuple(
+            dataclasses.replace(craft, state_gcrf=drawn.turned(craft.state_gcrf, chief_gcrf))
+            for craft in spacecraft
+        )
     scenario = root.checked(
         "",
         lambda: Scenario(
@@ -206,11 +227,11 @@ def read_scenario(fields: typing.Any, file: str) -> Scenario:
             description=root.text("description"),
             epoch=epoch,
             duration=root.number("duration"),
-            seed=root.whole_number("seed"),
+            seed=seed,
             force_model=force_model,
             integrator=root.choice("integrator", INTEGRATORS),
             step=root.number("step", minimum=1e-9),
-            spacecraft=_all_spacecraft(root.sections("spacecraft"), epoch, force_model),
+            spacecraft=spacecraft,
         ),
     )
     root.finish()
