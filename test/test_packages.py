@@ -169,6 +169,60 @@ def test_imports_are_declared(package):
     assert not missing, f"{package}/package.xml lacks test_depend {sorted(missing)}"
 
 
+def requirement_name(text):
+    return re.split(r"[\[<>=!~ ]", text)[0].lower().replace("_", "-")
+
+
+def runtime_requirements():
+    lines = (ROOT / "requirements/runtime.txt").read_text(encoding="utf-8").splitlines()
+    return [line for line in lines if line and not line.startswith("#")]
+
+
+#: Module -> distribution, where they differ.
+DISTRIBUTIONS = {
+    "can": "python-can",
+    "foxglove": "foxglove-sdk",
+    "novatel_edie": "novatel-edie",
+    "serial": "pyserial",
+    "yaml": "pyyaml",
+}
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_setup_py_requires_what_is_imported(package):
+    required = setup_argument(package, "install_requires")
+    version = setup_argument(package, "version")
+    allowed = {*runtime_requirements(), *(f"{name}=={version}" for name in FOLDERS)}
+    assert set(required) <= allowed, "ranges are those of requirements/runtime.txt"
+    modules = imports(package, tests=False) - ROS_PACKAGES - {"vtff_msgs"}
+    if package in ("vtff_control", "vtff_iono", "vtff_nav"):
+        modules.discard("vtff_node")  # only nodes import it, and they need ROS
+    needed = {DISTRIBUTIONS.get(m, m).lower().replace("_", "-") for m in modules}
+    assert needed <= {requirement_name(text) for text in required}
+
+
+def test_distribution_vtff_is_the_packages():
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.11 has tomllib")
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    project = settings["project"]
+    versions = {setup_argument(package, "version") for package in PYTHON_PACKAGES}
+    assert versions == {project["version"]}
+    everything = [*project["dependencies"], *project["optional-dependencies"]["ros"]]
+    assert sorted(everything) == sorted(runtime_requirements())
+    libraries = ("vtff_dynamics", "vtff_gnss", "vtff_nav", "vtff_iono", "vtff_control")
+    needed = {text for name in libraries for text in setup_argument(name, "install_requires")}
+    assert {text for text in needed if not text.startswith("vtff_")} <= set(project["dependencies"])
+    found = settings["tool"]["setuptools"]["packages"]["find"]["where"]
+    assert sorted(found) == [f"src/{package}" for package in sorted(PYTHON_PACKAGES)]
+    for group, entries in project["entry-points"].items():
+        lines = [
+            line
+            for package in PYTHON_PACKAGES
+            for line in (setup_argument(package, "entry_points") or {}).get(group, [])
+        ]
+        assert sorted(lines) == sorted(f"{name} = {value}" for name, value in entries.items())
+
+
 def test_colcon_finds_an_order():
     """colcon counts test_depend too."""
     kinds = ("buildtool_depends", "build_depends", "exec_depends", "test_depends")
