@@ -23,6 +23,7 @@ import mmap
 import os
 import pathlib
 import random
+import re
 import resource
 import signal
 import struct
@@ -91,6 +92,9 @@ def _prepare_receiver(folder: pathlib.Path) -> Parse:
     return parse
 
 
+_ASCII_LOG = re.compile(rb"#([A-Z0-9]+A,[^*]*)\*[0-9A-Fa-f]{8}")
+
+
 def _repair_receiver(content: bytes, generator: random.Random) -> bytes:
     """Write the checksum of frames anew, and sometimes their message number."""
     from vtff_gnss.novatel.framing import crc32_novatel
@@ -108,12 +112,9 @@ def _repair_receiver(content: bytes, generator: random.Random) -> bytes:
         if end + 4 <= len(repaired):
             struct.pack_into("<I", repaired, end, crc32_novatel(bytes(repaired[start:end])))
         start = repaired.find(b"\xaa\x44\x12", start + 3)
-    star = repaired.find(b"*")
-    begin = repaired.find(b"#")
-    if 0 <= begin < star <= len(repaired) - 9:
-        checksum = crc32_novatel(bytes(repaired[begin + 1 : star]))
-        repaired[star + 1 : star + 9] = f"{checksum:08x}".encode()
-    return bytes(repaired)
+    return _ASCII_LOG.sub(
+        lambda log: b"#%b*%08x" % (log[1], crc32_novatel(log[1])), bytes(repaired)
+    )
 
 
 # ---- RINEX -------------------------------------------------------------------------------------
