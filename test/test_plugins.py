@@ -43,7 +43,7 @@ def install(folder: pathlib.Path, sources: dict[str, str], entry_points: str) ->
 def documented_files() -> dict[str, str]:
     """Return the files that docs/plugins.md prints, by name."""
     text = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
-    blocks = re.findall(r"`mylab/(?:mylab/)?([a-z.]+)`:\n\n```\w+\n(.*?)```", text, re.DOTALL)
+    blocks = re.findall(r"\*\*mylab/(?:mylab/)?([a-z.]+)\*\*:\n\n```\w+\n(.*?)```", text, re.DOTALL)
     return dict(blocks)
 
 
