@@ -1,6 +1,6 @@
 """Launch the reference formation with truth fed to the controller."""
 
-from vtff_bringup.system.launch_description import launch_description
+from vtff_bringup.run.launch_description import launch_description
 
 
 def generate_launch_description():

@@ -4,7 +4,7 @@
 system file and parameters of nodes; ``ros2 launch --show-args`` lists the other arguments.
 """
 
-from vtff_bringup.system.launch_description import launch_description
+from vtff_bringup.run.launch_description import launch_description
 
 
 def generate_launch_description():

@@ -15,11 +15,11 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from vtff_node import parameters
-from vtff_node.lifeline import watch_lifeline
 from vtff_node.node import EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.plugins.loading import PluginError, help_lines
-from vtff_node.stop_signals import StopRequest
+from vtff_node.process.lifeline import watch_lifeline
+from vtff_node.process.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.

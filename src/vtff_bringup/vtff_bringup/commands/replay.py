@@ -75,7 +75,7 @@ def _play(console: Console, parameters: dict[str, Any]) -> int:
 
     from vtff_bag.bag_player_node import BagPlayerNode
     from vtff_node.main import USAGE_ERRORS
-    from vtff_node.stop_signals import StopRequest
+    from vtff_node.process.stop_signals import StopRequest
 
     stop = StopRequest()
     stop.install()

@@ -20,7 +20,7 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USA
 if TYPE_CHECKING:
     from vtff_analysis.view.foxglove_server import FoxgloveServer
     from vtff_analysis.view.scene import Scene
-    from vtff_node.stop_signals import StopRequest
+    from vtff_node.process.stop_signals import StopRequest
 
 POLL_INTERVAL = 0.1  # s of wall time
 TEXT_INTERVAL = 1.0  # s of wall time between lines of a live run
@@ -100,7 +100,7 @@ def _view_bag(
         print(scene_text(scene))
         return 0
     from vtff_analysis.view.server import ViewerServer
-    from vtff_node.stop_signals import StopRequest
+    from vtff_node.process.stop_signals import StopRequest
 
     content = scene.as_json()
     stop = StopRequest()
@@ -140,7 +140,7 @@ def _view_live(
     from vtff_analysis.view.live import LiveScene, ViewerNode
     from vtff_analysis.view.server import ViewerServer
     from vtff_node.main import make_executor
-    from vtff_node.stop_signals import StopRequest
+    from vtff_node.process.stop_signals import StopRequest
 
     stop = StopRequest()
     stop.install()

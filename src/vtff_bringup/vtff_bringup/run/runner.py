@@ -26,7 +26,7 @@ from vtff_bringup.run.standstill import StandstillWatch
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path
-from vtff_node.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
+from vtff_node.process.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 
 POLL_INTERVAL = 0.05  # s
 LOG_STAMP = re.compile(r"^\[\w+\] \[[\d.]+\] \[[^]]*\]: ")  # of a line that a node logs

@@ -9,7 +9,7 @@ import pathlib
 import warnings
 import zipfile
 import zlib
-from typing import IO
+from typing import Protocol
 
 from vtff_gnss.rinex.errors import RinexError
 
@@ -24,6 +24,12 @@ _LARGEST_EXPANSION = 200  # times the compressed file
 # What the decompressors raise at damaged or incomplete content.
 # A HatanakaException is a RuntimeError.
 _DAMAGES = (OSError, EOFError, ValueError, RuntimeError, zlib.error, zipfile.BadZipFile)
+
+
+class _Readable(Protocol):
+    """A compressed file that gives its content."""
+
+    def read(self, size: int = ..., /) -> bytes: ...
 
 
 def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
@@ -108,7 +114,7 @@ def _unzip(content: bytes, path: str | pathlib.Path) -> bytes:
             return _read_bounded(packed, content, path)
 
 
-def _read_bounded(packed: IO[bytes], content: bytes, path: str | pathlib.Path) -> bytes:
+def _read_bounded(packed: _Readable, content: bytes, path: str | pathlib.Path) -> bytes:
     """Return what a compressed file holds, if it is not many times what observations expand to."""
     largest = _LARGEST_SMALL_CONTENT + _LARGEST_EXPANSION * len(content)
     restored = packed.read(largest + 1)

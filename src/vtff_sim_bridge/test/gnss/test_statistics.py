@@ -12,8 +12,8 @@ from vtff_gnss.fix import Fix
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import NoiseModel, TrackingModel
-from vtff_sim_bridge.gnss.random_streams import Effect, NoiseField
 from vtff_sim_bridge.gnss.receiver_clock import OSCILLATORS, ClockModel, ReceiverClock
+from vtff_sim_bridge.noise.random_streams import Effect, NoiseField
 
 FIX_SECONDS = 400
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import RADIUS_EARTH_JGM3
 from vtff_dynamics.vectors import FloatArray
-from vtff_sim_bridge.gnss.random_streams import Effect, generator
+from vtff_sim_bridge.noise.random_streams import Effect, generator
 
 __all__ = ["HorizontalGradient", "HorizontalStructure", "TravellingDisturbance"]
 

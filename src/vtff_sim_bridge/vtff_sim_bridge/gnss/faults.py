@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, satellite_from_name
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
 __all__ = ["FAULT_KINDS", "ByteFaults", "Fault"]
 

@@ -19,7 +19,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
-from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
+from vtff_sim_bridge.noise.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
 from vtff_sim_bridge.simremote.power_command import PowerCommand
 
 __all__ = ["PowerLevels"]

@@ -27,7 +27,7 @@ from vtff_sim_bridge.atmosphere.scintillation import (
     tapered_s4,
 )
 from vtff_sim_bridge.atmosphere.slant_tec import SlantTecIntegrator
-from vtff_sim_bridge.gnss.random_streams import Effect
+from vtff_sim_bridge.noise.random_streams import Effect
 
 __all__ = ["Ionosphere", "RegionCrossing", "ScintillatedLinks"]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
 __all__ = ["OSCILLATORS", "ClockModel", "ReceiverClock"]
 

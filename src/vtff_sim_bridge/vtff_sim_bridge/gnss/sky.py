@@ -34,8 +34,8 @@ from vtff_gnss.orbits.nominal_constellation import (
 from vtff_gnss.orbits.yuma import read_yuma
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_sim_bridge.gnss.configuration import ConstellationConfiguration
-from vtff_sim_bridge.gnss.gauss_markov import SlowGaussMarkov
-from vtff_sim_bridge.gnss.random_streams import Effect, generator
+from vtff_sim_bridge.noise.gauss_markov import SlowGaussMarkov
+from vtff_sim_bridge.noise.random_streams import Effect, generator
 
 __all__ = ["Constellation", "Sky", "UploadError", "fnav_ephemeris"]
 

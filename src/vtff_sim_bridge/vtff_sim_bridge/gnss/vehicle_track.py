@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
-from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
+from vtff_sim_bridge.noise.random_streams import EPOCH_NANOSECONDS, EPOCHS_PER_SECOND
 from vtff_sim_bridge.simremote.motion import MotionState, VehicleMotion
 
 __all__ = ["VehicleTrack", "vehicle_track"]

@@ -25,10 +25,10 @@ from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere, RegionCrossing, ScintillatedLinks
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, receiver_number
 from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, receiver_number
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.navigation_solution import solve_navigation

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.observations import ObservationSeries
-from vtff_sim_bridge.gnss.random_streams import EPOCH_NANOSECONDS
+from vtff_sim_bridge.noise.random_streams import EPOCH_NANOSECONDS
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.observables import Observables
 from vtff_sim_bridge.receiver.tracking import Tracks

@@ -20,15 +20,15 @@ from vtff_sim_bridge.gnss.configuration import (
     ReceiverConfiguration,
     phase_centre_frequency,
 )
-from vtff_sim_bridge.gnss.gauss_markov import GaussMarkovField
-from vtff_sim_bridge.gnss.random_streams import (
+from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
+from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
+from vtff_sim_bridge.noise.gauss_markov import GaussMarkovField
+from vtff_sim_bridge.noise.random_streams import (
     EPOCHS_PER_SECOND,
     Effect,
     NoiseField,
     generator,
 )
-from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
-from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
 from vtff_sim_bridge.receiver.tracking import Link
 
 __all__ = [

@@ -12,8 +12,8 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_sim_bridge.gnss.configuration import TrackingModel
 from vtff_sim_bridge.gnss.faults import Fault
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
 from vtff_sim_bridge.gnss.signal_table import Signal
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
 __all__ = ["Arc", "Link", "Tracker", "Tracks"]
 

@@ -16,14 +16,14 @@ from vtff_sim_bridge.gnss.configuration import GnssConfiguration, ReceiverConfig
 from vtff_sim_bridge.gnss.faults import ByteFaults
 from vtff_sim_bridge.gnss.power_levels import PowerLevels
 from vtff_sim_bridge.gnss.propagation import Ionosphere
-from vtff_sim_bridge.gnss.random_streams import (
+from vtff_sim_bridge.gnss.signal_table import SIGNALS
+from vtff_sim_bridge.gnss.sky import Constellation
+from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
+from vtff_sim_bridge.noise.random_streams import (
     EPOCH_NANOSECONDS,
     EPOCHS_PER_SECOND,
     receiver_number,
 )
-from vtff_sim_bridge.gnss.signal_table import SIGNALS
-from vtff_sim_bridge.gnss.sky import Constellation
-from vtff_sim_bridge.gnss.vehicle_track import vehicle_track
 from vtff_sim_bridge.receiver.measurement_engine import MeasurementEngine
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.receiver_port import ReceiverPort

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vtff_node.lifeline import watch_lifeline
-from vtff_node.stop_signals import handle_stop_signals
+from vtff_node.process.lifeline import watch_lifeline
+from vtff_node.process.stop_signals import handle_stop_signals
 from vtff_sim_bridge.simgen.emulator_state import CLOCK_MODES, ScenarioMachine
 from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT

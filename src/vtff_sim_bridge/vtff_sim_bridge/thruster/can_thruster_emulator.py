@@ -20,9 +20,9 @@ import can
 import cantools
 from crccheck.crc import Crc8SaeJ1850
 
-from vtff_node.lifeline import watch_lifeline
 from vtff_node.loopback_can_bus import LoopbackCanBus
-from vtff_node.stop_signals import StopRequest
+from vtff_node.process.lifeline import watch_lifeline
+from vtff_node.process.stop_signals import StopRequest
 
 LOGGER = logging.getLogger("can_thruster_emulator")
 

@@ -12,15 +12,15 @@ import time
 
 import pytest
 
-from vtff_node.lifeline import LIFELINE_VARIABLE, Lifelines, Stage
+from vtff_node.process.lifeline import LIFELINE_VARIABLE, Lifelines, Stage
 
 LIMIT = 30.0  # s after which a test gives up
 
 # A process of a run: says that it watches, and at its end appends its name to a file.
 CHILD = """
     import signal, sys, time
-    from vtff_node import lifeline
-    from vtff_node.stop_signals import StopRequest
+    from vtff_node.process import lifeline
+    from vtff_node.process.stop_signals import StopRequest
 
     name, report, teardown = sys.argv[1:]
     lifeline.END_PATIENCE = 1.0
@@ -38,7 +38,7 @@ CHILD = """
 # The program that starts a process of each stage, those that end last first.
 HOLDER = """
     import os, subprocess, sys, time
-    from vtff_node.lifeline import Lifelines, Stage
+    from vtff_node.process.lifeline import Lifelines, Stage
 
     child, report, teardown = sys.argv[1:]
     lifelines = Lifelines()
@@ -128,7 +128,7 @@ def test_a_closed_terminal_ends_a_process_unless_nohup_ignores_it(ignored, code)
     handling = "signal.signal(signal.SIGHUP, signal.SIG_IGN)" if ignored else ""
     program = f"""if True:
         import signal, time
-        from vtff_node.stop_signals import StopRequest
+        from vtff_node.process.stop_signals import StopRequest
         {handling}
         stop = StopRequest()
         stop.install()

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from vtff_sim_bridge.gnss.gauss_markov import GaussMarkovField, SlowGaussMarkov
-from vtff_sim_bridge.gnss.random_streams import Effect
+from vtff_sim_bridge.noise.gauss_markov import GaussMarkovField, SlowGaussMarkov
+from vtff_sim_bridge.noise.random_streams import Effect
 
 COUNT = 400
 """Processes of a field; each is an independent sample."""

@@ -17,7 +17,7 @@ import pytest
 import yaml
 
 from vtff_bringup.run import domain
-from vtff_bringup.system import launch_description as launch_system
+from vtff_bringup.run import launch_description as launch_system
 from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import load_system

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from scipy.signal import lfilter
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_sim_bridge.gnss.random_streams import EPOCHS_PER_SECOND, Effect, generator
+from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
 __all__ = ["GaussMarkovField", "SlowGaussMarkov"]
 
