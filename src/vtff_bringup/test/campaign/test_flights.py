@@ -120,6 +120,18 @@ def test_a_case_that_raises_is_told_and_the_next_is_flown(tmp_path):
     assert second["status"] == "complete"
 
 
+def test_the_seed_of_a_case_is_that_of_its_scenario(tmp_path):
+    """Noise of the thruster, which the scenario has, differs between seeds and repeats with one."""
+    flown = prepared(tmp_path)
+    noisy = {"scenario.spacecraft.1.thruster_errors": {"noise": 0.2}}
+    cases = [Case(number, seed, {}, noisy) for number, seed in enumerate((1, 1, 2), 1)]
+    records = fly_cases(flown.plan, cases)
+    assert [record["status"] for record in records] == ["complete"] * 3, records
+    first, again, other = (record["figures"] for record in records)
+    assert first == again
+    assert first != other
+
+
 def test_a_worker_of_another_version_flies_nothing(tmp_path):
     flown = prepared(tmp_path)
 

@@ -36,7 +36,8 @@ def fly_library_case(plan: FlightPlan, case: Case) -> dict[str, Any]:
         If the scenario or a parameter is refused.
     """
     files = case_files(plan, case)
-    scenario = read_scenario(files["scenario"].fields, files["scenario"].name)
+    source = files["scenario"]
+    scenario = read_scenario(source.fields, source.name, case.seed)
     if plan.duration is not None:
         scenario = dataclasses.replace(scenario, duration=plan.duration)
     controller = _parameters(plan.controller, CONTROLLER_PARAMETERS, plan.controller_name, case)
