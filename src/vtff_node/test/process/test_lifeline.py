@@ -125,11 +125,12 @@ def test_closed_lifelines_end_the_process(tmp_path):
 
 @pytest.mark.parametrize(("ignored", "code"), [(False, 0), (True, -signal.SIGKILL)])
 def test_a_closed_terminal_ends_a_process_unless_nohup_ignores_it(ignored, code):
-    handling = "signal.signal(signal.SIGHUP, signal.SIG_IGN)" if ignored else ""
+    # The tests themselves may run under nohup, whose handling a process inherits.
+    handling = "SIG_IGN" if ignored else "SIG_DFL"
     program = f"""if True:
         import signal, time
         from vtff_node.process.stop_signals import StopRequest
-        {handling}
+        signal.signal(signal.SIGHUP, signal.{handling})
         stop = StopRequest()
         stop.install()
         print("ready", flush=True)
@@ -138,9 +139,12 @@ def test_a_closed_terminal_ends_a_process_unless_nohup_ignores_it(ignored, code)
     """
     with subprocess.Popen([sys.executable, "-c", program], stdout=subprocess.PIPE) as process:
         assert process.stdout is not None
-        process.stdout.readline()
-        process.send_signal(signal.SIGHUP)
-        if ignored:
-            time.sleep(0.3)
+        try:
+            process.stdout.readline()
+            process.send_signal(signal.SIGHUP)
+            if ignored:
+                time.sleep(0.3)
+                process.kill()
+            assert process.wait(LIMIT) == code
+        finally:
             process.kill()
-        assert process.wait(LIMIT) == code
