@@ -190,7 +190,9 @@ def test_formation_table_shows_the_paper_within_80_columns(formation_report):
     shown = formation_report[-1]
     assert "38.17" in shown and "fed with truth, like 'paper software'" in shown
     assert "…" not in shown
-    assert not [line for line in shown.splitlines() if len(line) > 80]
+    # The path of the report is as long as it is.
+    lines = [line for line in shown.splitlines() if not line.startswith("report: ")]
+    assert not [line for line in lines if len(line) > 80]
 
 
 def printed_table(summary):

@@ -15,6 +15,8 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 LISTEN = 1.5  # s of wall time; programs answer a newcomer within a fraction of it
+_NAME_PATIENCE = 0.3  # s before the end of listening from which a publisher without name is told
+_UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node that is not yet discovered
 
 
 def find_occupant(nodes: Sequence[str], listen: float = LISTEN) -> str:
@@ -26,7 +28,9 @@ def find_occupant(nodes: Sequence[str], listen: float = LISTEN) -> str:
         deadline = time.monotonic() + listen
         while time.monotonic() < deadline:
             publishers = probe.get_publishers_info_by_topic("/clock")
-            if publishers:
+            # A publisher is discovered before the name of its node.
+            is_named = publishers and publishers[0].node_name != _UNKNOWN_NODE
+            if is_named or (publishers and time.monotonic() > deadline - _NAME_PATIENCE):
                 first = publishers[0]
                 name = f"{first.node_namespace.rstrip('/')}/{first.node_name}"
                 return f"{name} publishes /clock there"
