@@ -72,7 +72,7 @@ class RelativeStateHistory:
 
 @dataclass(frozen=True, eq=False)
 class NavigationHistory:
-    """What navigation states about its own solution, for each usable estimate.
+    """Statements of navigation about its own solution, for each usable estimate.
 
     Attributes
     ----------
@@ -135,7 +135,7 @@ class DeputyHistory:
     target
         Targets published during the run, each in force from its time on.
     navigation
-        What navigation states about its solution, at the times of `estimate`.
+        Statements of navigation about its solution, at the times of `estimate`.
     """
 
     name: str

@@ -59,7 +59,7 @@ class Bound:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the cases of a campaign say about a bound.
+    """Verdict of the cases of a campaign on a bound.
 
     Attributes
     ----------

@@ -32,12 +32,12 @@ _TEMPLATE = "campaign_report.html.j2"
 
 @dataclass(frozen=True)
 class CampaignDescription:
-    """What a report tells of a campaign beside its table.
+    """Facts of a campaign that a report shows beside its table.
 
     Attributes
     ----------
     name, description
-        Of the campaign.
+        Name and description of the campaign.
     inputs
         Unit by name of each variable, empty for none.
     figures
@@ -81,7 +81,7 @@ def render_campaign_report(table: pa.Table, description: CampaignDescription) ->
         Table of the campaign, a row a case, with columns ``case``, ``status``, ``reason``,
         ``wall_time_s``, ``processor_time_s``, and those of inputs and figures.
     description
-        What the table does not tell.
+        Facts that the table does not hold.
     """
     status = table["status"].to_pylist()
     complete = table.filter(pa.array([state == "complete" for state in status]))

@@ -57,7 +57,7 @@ class Execution:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CampaignResult:
-    """What came out of a campaign.
+    """Result of a campaign.
 
     Attributes
     ----------
@@ -95,7 +95,7 @@ class PreparedCampaign:
     cases
         Its cases.
     plan
-        What the workers get.
+        Plan that the workers get.
     folder
         Where its results go.
     """

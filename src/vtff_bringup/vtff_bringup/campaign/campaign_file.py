@@ -20,7 +20,7 @@ from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_y
 __all__ = ["LOOPS", "Campaign", "CampaignError", "find_campaign_file", "load_campaign"]
 
 LOOPS = ("run", "library")
-"""What flies a case: `vtff run`, or the closed loop without ROS."""
+"""Program that flies a case: `vtff run`, or the closed loop without ROS."""
 
 _RESERVED_COLUMNS = frozenset(
     (
@@ -56,7 +56,7 @@ class Campaign:
     composed
         Whether the nodes of a run share one process.
     seed
-        Of the campaign: samples and seeds of the cases come from it.
+        Seed of the campaign: samples and seeds of the cases come from it.
     seeds
         Number of seeds of each combination, each a new one, or the seeds themselves, the same for
         every combination.
@@ -65,7 +65,7 @@ class Campaign:
     fixed
         Value by key (argument, ``node.parameter`` or ``argument.path``), the same in every case.
     variables
-        What differs from case to case.
+        Variables: inputs that differ from case to case.
     figures
         Names of the figures to keep.
     bounds

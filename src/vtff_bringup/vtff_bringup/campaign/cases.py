@@ -31,7 +31,7 @@ class Case:
     number
         From 1, in the order of the campaign.
     seed
-        Of its random streams.
+        Seed of its random streams.
     inputs
         Value of every variable by its name.
     settings

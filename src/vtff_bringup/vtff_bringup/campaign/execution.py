@@ -44,15 +44,15 @@ def fly_campaign(
     client
         A `distributed.Client`.
     plan
-        What all cases share.
+        Plan that all cases share.
     cases
-        What is flown.
+        Cases to fly.
     on_record
         Called in this thread.
     batch
         Cases of a task of Dask.
     fly
-        What a worker does with a batch of cases.
+        Function that a worker calls with a batch of cases.
 
     Raises
     ------

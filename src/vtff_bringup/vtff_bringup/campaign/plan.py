@@ -22,7 +22,7 @@ class FileContent:
     Attributes
     ----------
     name
-        Of the file, for messages and comments.
+        Name of the file, for messages and comments.
     fields
         Its content; paths of other files in it are absolute.
     """

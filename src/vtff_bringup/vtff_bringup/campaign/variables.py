@@ -96,13 +96,13 @@ def sample_variables(
     Parameters
     ----------
     variables
-        Those with a distribution.
+        Variables with a distribution.
     count
         Number of samples; a power of two with ``sobol``.
     design
         One of `DESIGNS`.
     seed
-        Of the samples.
+        Seed of the samples.
 
     Returns
     -------

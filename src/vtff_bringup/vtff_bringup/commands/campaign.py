@@ -145,7 +145,7 @@ def fly_campaign_visibly(
     console
         Where progress and errors go.
     prepared, execution
-        What is flown, and how.
+        Campaign to fly, and how to fly it.
     again
         Command that goes on after an interruption.
 

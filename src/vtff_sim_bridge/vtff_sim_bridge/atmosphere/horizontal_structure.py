@@ -31,7 +31,7 @@ class HorizontalGradient:
     azimuth_deg : float
         Direction of the growth, from north over east, below the first vehicle at the start.
     shell_altitude : float
-        Of the shell, m; above the receivers.
+        Altitude of the shell, m; above the receivers.
     extent_deg : float
         Angle from the start of the run at which the growth ends on either side, deg.
     """
@@ -71,7 +71,7 @@ class TravellingDisturbance:
     azimuth_deg : float
         Direction of travel, from north over east, below the first vehicle at the start.
     shell_altitude : float
-        Of the shell, m; above the receivers.
+        Altitude of the shell, m; above the receivers.
     """
 
     amplitude_tecu: float
@@ -98,7 +98,7 @@ class TravellingDisturbance:
         elapsed : ndarray, shape (k, 1)
             Time into the run, s.
         phase : float
-            Of the wave at the start, rad.
+            Phase of the wave at the start, rad.
         """
         distance = (RADIUS_EARTH_JGM3 + self.shell_altitude) * angle
         turns = distance / self.wavelength - elapsed / self.period
@@ -112,7 +112,7 @@ class HorizontalStructure:
     ----------
     structures : sequence of HorizontalGradient or TravellingDisturbance
     seed : int
-        Of the run.
+        Seed of the run.
     position_itrf : array_like, shape (3,)
         First vehicle at the start, m: angles count from below it.
 

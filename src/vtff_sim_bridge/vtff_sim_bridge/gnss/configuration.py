@@ -56,7 +56,7 @@ class ConstellationConfiguration:
         True less broadcast orbit, for each satellite and axis, and clock, m: errors that the
         broadcast ephemerides do not tell.
     error_correlation_time : float
-        Of these errors, s; 0: they are constant.
+        Time constant of these errors, s; 0: they are constant.
     upload_error_sigma : float
         Steps of along-track position and clock, m, from one broadcast ephemeris of a satellite to
         its next: the message is off, the satellite flies on smoothly.
@@ -188,13 +188,13 @@ class MultipathModel:
     Parameters
     ----------
     code_amplitude, phase_amplitude : float
-        Of the sinusoids at the horizon, m; they fall with the cosine of the elevation.
+        Amplitudes of the sinusoids at the horizon, m; they fall with the cosine of the elevation.
     period : float
-        Of the sinusoids, s; that of a signal is between 0.7 and 1.3 times it.
+        Period of the sinusoids, s; that of a signal is between 0.7 and 1.3 times it.
     code_sigma, phase_sigma : float
-        Of the Gauss-Markov processes, m.
+        Sigmas of the Gauss-Markov processes, m.
     correlation_time : float
-        Of the Gauss-Markov processes, s.
+        Time constant of the Gauss-Markov processes, s.
     elevation_model : str
         ``constant``: the sigmas hold at all elevations; ``cosine``: they are those at the horizon
         and fall with the cosine of the elevation.

@@ -32,9 +32,9 @@ class GaussMarkovField:
     Parameters
     ----------
     seed : int
-        Of the run.
+        Seed of the run.
     effect : Effect
-        What the processes are for.
+        Effect that the processes stand for.
     addresses : sequence of tuple of int
         Address of each process.
     correlation_time : float
@@ -89,9 +89,9 @@ class SlowGaussMarkov:
     Parameters
     ----------
     seed : int
-        Of the run.
+        Seed of the run.
     effect : Effect
-        What the processes are for.
+        Effect that the processes stand for.
     address : tuple of int
         Address of this group of processes.
     count : int

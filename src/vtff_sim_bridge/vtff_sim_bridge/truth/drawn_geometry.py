@@ -12,7 +12,7 @@ from vtff_dynamics.vectors import FloatArray
 __all__ = ["GeometryDraw"]
 
 _STREAM = 3
-"""Of the draws, after those of `thruster_errors`; the number is part of every seed."""
+"""Stream of the draws, after those of `thruster_errors`; its number is part of every seed."""
 _SECONDS_PER_DAY = 86400
 
 
