@@ -60,7 +60,7 @@ FILTERS = {
 
 @dataclass(frozen=True)
 class World:
-    """What is flown: files in config/, and changes to what they hold."""
+    """World that is flown: files in config/, and changes of their contents."""
 
     scenario: str = "reference"
     gnss: str = "reference"

@@ -101,7 +101,7 @@ time_t time(time_t *where) {
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """What became of a run: what the user sees, and what is left.
+    """Outcome of a run: the lines that the user sees, and the files and processes left.
 
     ``wall_time`` is from the fault to the end of the command in s, ``lost`` the steps of 1 s that
     were flown and are not in the bag, ``left`` the processes that outlived the run.

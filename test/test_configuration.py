@@ -1,4 +1,4 @@
-"""Where a value lives: defaults in the nodes, what differs in params files, wiring in systems.
+"""Place of a value: defaults in nodes, differences in params files, wiring in systems.
 
 Defaults stand in the parameter dataclass of a node, a params file holds what differs from them,
 and a system file connects nodes and hands on the scenario's target, step and names. What the

@@ -1,4 +1,4 @@
-"""What a user sees when something is wrong: one clear error, an exit code, a bag that opens."""
+"""Messages when something is wrong: one clear error, an exit code, a bag that opens."""
 
 from __future__ import annotations
 

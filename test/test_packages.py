@@ -1,4 +1,4 @@
-"""What the packages declare and what they import: the layering, the rosdep keys, the versions."""
+"""Declarations and imports of the packages: the layering, the rosdep keys, the versions."""
 
 from __future__ import annotations
 

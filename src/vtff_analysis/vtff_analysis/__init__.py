@@ -1,1 +1,1 @@
-"""What reads recordings: reports, comparisons, exports, views, TEC, baselines and studies."""
+"""Readers of recordings: reports, comparisons, exports, views, TEC, baselines and studies."""

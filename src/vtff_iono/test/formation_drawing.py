@@ -36,7 +36,7 @@ MASK = np.radians(6.0)
 
 @dataclasses.dataclass
 class DrawnFormation:
-    """What is drawn; `seconds` makes it.
+    """Parameters of a drawn formation; `seconds` draws it.
 
     `altitude` gives the altitude of the chief at times since `START`, s; the deputy is `offset`
     higher and `lag` seconds behind. `profile` is altitude and density. `receiver_bias` are the

@@ -1,4 +1,4 @@
-"""What is believed of a second when relative navigation and the receivers disagree."""
+"""State that is believed when relative navigation and the receivers disagree."""
 
 import numpy as np
 import pytest

@@ -1,4 +1,4 @@
-"""What /diagnostics says of the receiver biases."""
+"""Receiver biases in /diagnostics."""
 
 from types import SimpleNamespace
 

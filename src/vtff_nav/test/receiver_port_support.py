@@ -38,7 +38,7 @@ def epoch_time(number: int) -> GpsTime:
 
 
 class Outputs:
-    """What an emulated receiver has to log: a few signals that change from epoch to epoch."""
+    """Observations that an emulated receiver logs: a few signals that change every epoch."""
 
     def __init__(self, signals: int = 6, seed: int = 1) -> None:
         self._signals = signals

@@ -81,7 +81,7 @@ def bench() -> Iterator[Bench]:
 
 
 def test_thrust_that_is_not_finite_is_refused(bench: Bench):
-    """It is counted, and the node goes on."""
+    """The refused thrust is counted, and the node goes on."""
     for second, value in enumerate((math.nan, math.inf, 0.1)):
         message = AccelStamped()
         message.header.stamp = to_stamp(EPOCH + second * SECOND)

@@ -1,4 +1,4 @@
-"""What a node says about its inputs: reminders every few seconds, one line when all are there."""
+"""Messages of a node about its inputs: reminders every few seconds, one line when all are there."""
 
 from vtff_node.awaited_inputs import REMINDER_INTERVAL, AwaitedInputs
 

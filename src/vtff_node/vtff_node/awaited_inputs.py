@@ -1,4 +1,4 @@
-"""What a node says about its inputs at the start: what it waits for, and when it has everything."""
+"""Messages of a node about its inputs at the start: missing inputs, and when all are there."""
 
 from __future__ import annotations
 

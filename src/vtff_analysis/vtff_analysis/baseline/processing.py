@@ -32,7 +32,7 @@ _RTN_NAMES = ("radial", "in-track", "cross-track")
 
 @dataclass(frozen=True)
 class BaselineOptions:
-    """How to compute a baseline.
+    """Options of the computation of a baseline.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Where a run is on the disk: its name, its bag, its folder, and the folders of what is derived."""
+"""Place of a run on the disk: its name, its bag, its folder, and the folders of derived files."""
 
 from __future__ import annotations
 

@@ -68,7 +68,7 @@ class OffsetError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class OffsetResult:
-    """What an offset shows of the profile, at even steps of altitude.
+    """Density profile measured with an offset, at even steps of altitude.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def run_offsets(
     progress: Callable[[int, int], None] | None = None,
     seed: int = 1,
 ) -> list[OffsetResult]:
-    """Return the model's results of all offsets; `progress` is told how many are done."""
+    """Return the model's results of all offsets; `progress` gets the number of offsets done."""
     results = []
     for number, offset in enumerate(offsets, 1):
         results.append(model_offset(profile, offset, seed))

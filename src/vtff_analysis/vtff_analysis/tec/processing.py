@@ -36,7 +36,7 @@ _FEWEST_EPOCHS = 2
 
 @dataclass(frozen=True, eq=False)
 class TecResult:
-    """What `vtff tec` writes about one receiver.
+    """Results that `vtff tec` writes for a receiver.
 
     Parameters
     ----------

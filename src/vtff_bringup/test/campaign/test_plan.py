@@ -1,4 +1,4 @@
-"""What a case changes in files and on the command line of its run."""
+"""Changes of a case in files and on the command line of its run."""
 
 from __future__ import annotations
 

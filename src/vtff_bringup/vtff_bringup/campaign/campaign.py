@@ -35,7 +35,7 @@ _SCRATCH_FOLDER = ".workers"
 
 @dataclasses.dataclass(frozen=True)
 class Execution:
-    """How a campaign is flown; none of it changes a number.
+    """Settings of the flight of a campaign; no setting changes a number.
 
     Attributes
     ----------

@@ -364,7 +364,7 @@ class _Planner:
         }
 
     def _try_library(self, plan: FlightPlan) -> None:
-        """Fly two steps of the first case: what the closed loop refuses is told now."""
+        """Fly two steps of the first case: values that the closed loop refuses are refused now."""
         scenario = read_scenario(plan.files["scenario"].fields, plan.files["scenario"].name)
         try:
             short = dataclasses.replace(plan, duration=2.0 * scenario.step)

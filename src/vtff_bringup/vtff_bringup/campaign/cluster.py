@@ -25,7 +25,7 @@ class ClusterError(RuntimeError):
 
 @dataclass(frozen=True)
 class RemoteCluster:
-    """Where a running Dask scheduler is.
+    """Address of a running Dask scheduler.
 
     Attributes
     ----------
@@ -131,7 +131,7 @@ def _remote_client(remote: RemoteCluster) -> Iterator[Any]:
             require_encryption=True,
         )
     try:
-        # A scheduler that is gone is told at once: the campaign can go on with --resume.
+        # The loss of the scheduler is reported at once: the campaign can go on with --resume.
         with dask.config.set({"distributed.client.scheduler-info-interval": "2s"}):
             client = distributed.Client(
                 remote.address,

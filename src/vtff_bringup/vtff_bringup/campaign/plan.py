@@ -1,4 +1,4 @@
-"""What a worker needs to fly any case of a campaign, and how a case changes it."""
+"""Plan with which a worker flies any case of a campaign, and the changes of a case."""
 
 from __future__ import annotations
 

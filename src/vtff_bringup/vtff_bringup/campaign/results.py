@@ -1,4 +1,4 @@
-"""What a campaign leaves: a journal with one line a case, and the Parquet table made of it."""
+"""Results of a campaign: a journal with one line a case, and the Parquet table made of it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a campaign varies: lists, ranges and distributions, and the designs that sample them."""
+"""Variables of a campaign: lists, ranges and distributions, and the designs that sample them."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Variable:
 
     def quantiles(self, probability: npt.ArrayLike) -> list[float | int]:
         """Return the values of the distribution at probabilities, shape (n,)."""
-        with np.errstate(over="ignore"):  # what is not finite is told by the caller
+        with np.errstate(over="ignore"):  # the caller refuses numbers that are not finite
             values = np.asarray(self.distribution.ppf(probability))
         if hasattr(self.distribution.dist, "pmf"):
             return [int(value) for value in values]

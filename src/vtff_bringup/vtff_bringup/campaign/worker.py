@@ -1,4 +1,4 @@
-"""What a Dask worker does: it flies cases and returns a record of each, never an exception."""
+"""Work of a Dask worker: it flies cases and returns a record of each, never an exception."""
 
 from __future__ import annotations
 

@@ -15,7 +15,8 @@ import rclpy
 from rclpy.signals import SignalHandlerOptions
 
 LISTEN = 1.5  # s of wall time; programs answer a newcomer within a fraction of it
-_NAME_PATIENCE = 0.3  # s before the end of listening from which a publisher without name is told
+# Publishers without a name are reported from this time (s) before the end of listening on.
+_NAME_PATIENCE = 0.3
 _UNKNOWN_NODE = "_NODE_NAME_UNKNOWN_"  # rmw's name of a node that is not yet discovered
 
 

@@ -176,7 +176,7 @@ def end_together(processes: Sequence[ManagedProcess]) -> list[int]:
     Parameters
     ----------
     processes
-        The processes. Of those that have ended already only the remaining children are killed.
+        The processes. Only the remaining children of processes that have ended already are killed.
     """
     for number, patience in ESCALATION:
         running = [process for process in processes if process.exit_code is None]

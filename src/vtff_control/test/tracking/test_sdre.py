@@ -166,7 +166,7 @@ def test_feedforward_holds_a_deputy_at_rest(gravity: str) -> None:
 
 
 def test_a_deputy_on_its_target_gets_the_feedforward_alone() -> None:
-    """What waits in the queue to hold the target is no deviation."""
+    """A waiting command that holds the target is no deviation."""
     target = np.array([-1000.0, -15000.0, 0.0, 0.0, 0.0, 0.0])
     design = SdreDesign("delay_aware", feedforward=True, feedforward_gravity="two_body")
     controller = SdreController(design)

@@ -47,7 +47,7 @@ class FrameError(ValueError):
 
 @dataclass(frozen=True)
 class ThrustReport:
-    """What a thruster does for a command.
+    """Report of a thruster on a command.
 
     Attributes
     ----------

@@ -42,7 +42,7 @@ class ControlResult:
 
 @dataclass(frozen=True)
 class ControllerSetting:
-    """What `sdre_controller` tells a controller; a controller uses what it needs.
+    """Parameters that `sdre_controller` gives a controller, which uses those that it needs.
 
     Attributes
     ----------

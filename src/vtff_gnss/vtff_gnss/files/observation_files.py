@@ -42,7 +42,7 @@ class ObservationFileError(ValueError):
 
 @dataclass(frozen=True)
 class ObservationFile:
-    """What one receiver has recorded.
+    """Recording of one receiver.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def _open_novatel(
             f"{path}: {counters.frames_good} NovAtel logs, but none with observations (RANGE, "
             f"RANGECMP, RANGECMP2, 4 or 5) of a receiver that knew the time"
         )
-    # Where several range logs give the same epochs, the one that gives most of them.
+    # Where several range logs give the same epochs, the log that gives most of them.
     log_name = Counter(epoch.log_name for epoch in epochs).most_common(1)[0][0]
     chosen: list[ObservationEpoch] = []
     remarks = []

@@ -102,7 +102,7 @@ def gps_ephemeris_from_subframes(payload: bytes, time: GpsTime) -> BroadcastEphe
 def galileo_ephemeris(message: Any, time: GpsTime) -> BroadcastEphemeris:
     """Convert GALINAVEPHEMERIS or GALFNAVEPHEMERIS of either definition.
 
-    The logs have no week; the one that brings toe nearest to the header time is taken.
+    The logs have no week; the week that brings toe nearest to the header time is taken.
     """
     toe = float(message.toe)
     reference = GpsTime.from_week_tow(time.week, toe)

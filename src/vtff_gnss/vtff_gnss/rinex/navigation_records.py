@@ -110,7 +110,7 @@ def read_ephemeris(
 
     Notes
     -----
-    The week of `toe` is the one that brings it nearest to the clock epoch, since writers differ
+    The week of `toe` is the week that brings it nearest to the clock epoch, since writers differ
     in what the week field counts around the turn of a week.
     """
     first = record[0]

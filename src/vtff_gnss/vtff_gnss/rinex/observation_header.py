@@ -22,7 +22,7 @@ _MAX_TYPES = 999
 
 @dataclass
 class RinexObservationHeader:
-    """What the header of an observation file says; None or empty where it says nothing.
+    """Header of an observation file; fields that the header lacks are None or empty.
 
     Parameters
     ----------

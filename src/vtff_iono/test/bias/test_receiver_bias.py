@@ -69,7 +69,7 @@ def test_too_few_satellites():
 
 
 def test_sigma_of_contents():
-    """What the samples show of the satellites takes the place of what these state."""
+    """The noise seen in the samples takes the place of the noise that the samples state."""
     known = ReceiverBias(8.0, 0.3, 0.3, 0.0, (8.0,), False, 100)
     shown = replace(known, satellite_sigma_tecu=0.13)
     stec_sigma = np.full(4, math.hypot(0.1, 3.7))

@@ -139,7 +139,7 @@ def test_geometry_is_that_of_the_first_observation_of_a_row(day):
 
 
 def test_a_position_for_each_observation(day, ephemerides):
-    """The same as one position; without a position there is no geometry."""
+    """Equal positions give the result of one position; no geometry without a position."""
     time, columns, _ = station(ephemerides, 8)
     fixed = absolute_tec(time, columns, POSITION, ephemerides, satellite_bias)
     positions = np.tile(POSITION, (len(time), 1))

@@ -144,7 +144,7 @@ def test_a_doubtful_rate_counts_within_the_scatter_of_the_others():
 
 
 def test_certain_rates_are_too_few_to_judge_by():
-    """Of a window with four certain rates no doubtful one counts."""
+    """No doubtful rate counts in a window with four certain rates."""
     content = 20.0 + np.concatenate((np.zeros(5), np.full(4, 2.0)))[:, None]
     rows = processed(FIRST + np.arange(9) * 30.0, content, phase_sigma=0.0)
     assert rows.break_reason[5] == ArcBreak.GEOMETRY_FREE

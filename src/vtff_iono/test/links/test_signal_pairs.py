@@ -39,7 +39,7 @@ def test_code_and_phase_give_the_same_content():
 
 
 def test_wide_lane_has_neither_geometry_nor_ionosphere():
-    """It is the difference of the ambiguities, -1000 and -2000 cycles."""
+    """The wide lane is the difference of the ambiguities, -1000 and -2000 cycles."""
     time, columns = exact(np.array([[10.0, 200.0], [90.0, 0.0]]))
     rows = PairSelector().rows(time, columns)
     assert rows.wide_lane_cycles == pytest.approx(1000.0, abs=1e-5)

@@ -80,7 +80,7 @@ def test_power_is_taken_relative_to_its_running_mean():
 
 @pytest.mark.parametrize(("trend", "length"), [(10.0, 200), (2.55, 51), (1000.0, 800)])
 def test_the_running_mean_has_the_length_of_the_trend(trend, length):
-    """It is shorter at the beginning, and lags behind its middle at the end."""
+    """The mean is shorter at the beginning, and lags behind its middle at the end."""
     power = 5.0 + np.cumsum(np.random.default_rng(3).normal(0.0, 0.1, (2, 800)), axis=1)
     relative = np.empty_like(power)
     for index in range(800):

@@ -249,7 +249,7 @@ def test_sigma_phi_needs_four_samples_per_period_of_the_cut_off(cutoff, is_enoug
 
 @pytest.mark.parametrize(("satellites", "is_removed"), [(2, True), (1, False)])
 def test_the_median_of_four_signals_removes_the_clock(satellites, is_removed):
-    """Of two satellites with two signals; with fewer signals the median would be the signal."""
+    """Two satellites have two signals each; with fewer signals the median would be the signal."""
     time, columns = minute(satellites=satellites, phase_sigma=0.0)
     epoch = np.round(1e-9 * (time - time[0]) * RATE).astype(int)
     clock = 0.1 * np.sin(2.0 * np.pi * 3.0 * epoch / RATE)

@@ -48,7 +48,7 @@ _BIAS_INTERVAL_NANOSECONDS = 3600 * NANOSECONDS_PER_SECOND
 
 
 class Rejection(enum.IntFlag):
-    """Why a sample was rejected: the sum of all reasons; 0 for a good sample."""
+    """Reasons for which a sample was rejected, summed; 0 for a good sample."""
 
     NONE = 0
     NO_SECOND_SIGNAL = 1

@@ -39,7 +39,7 @@ __all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs", "arc_keys"]
 
 
 class ArcBreak(enum.IntEnum):
-    """Why a new arc begins with a sample."""
+    """Reason for which a new arc begins with a sample."""
 
     NONE = 0
     """The sample continues an arc, or belongs to no arc."""

@@ -86,7 +86,7 @@ def default_phase_cutoff_hz(altitude: float) -> float:
 
 @dataclass(frozen=True)
 class ScintillationSettings:
-    """How indices are computed.
+    """Settings of the computation of indices.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ _EPHEMERIS_KEPT = 7200 * NANOSECONDS_PER_SECOND
 
 @dataclass(frozen=True)
 class SpacecraftSettings:
-    """How the observations of one spacecraft are processed.
+    """Settings of the processing of a spacecraft's observations.
 
     Parameters
     ----------

@@ -174,7 +174,7 @@ class ReceiverSession:
 
     @property
     def reconnects(self) -> int:
-        """How often the port was opened again."""
+        """Number of times that the port was opened again."""
         return max(0, self.connections - 1)
 
     def advance(self, now: float) -> list[Event]:

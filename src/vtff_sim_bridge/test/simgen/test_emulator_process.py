@@ -29,7 +29,7 @@ COMMANDS = b"UNLOGALL\r\nLOG RANGEB ONTIME 0.05\r\nLOG BESTXYZB ONTIME 1\r\nLOG 
 
 
 class Reader:
-    """What a driver does: opens a port, sends commands, reads in a thread."""
+    """A driver: it opens a port, sends commands, and reads in a thread."""
 
     def __init__(self, path: Path, pause: float = 0.0) -> None:
         self.descriptor = os.open(path, os.O_RDWR | os.O_NOCTTY)

@@ -44,7 +44,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class ConstellationConfiguration:
-    """Where the satellites come from.
+    """Source of the satellites.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ _CANDIDATE_MARGIN = math.radians(2.5)
 
 
 class UploadError(NamedTuple):
-    """What a broadcast ephemeris is off by: broadcast less correct orbit and clock.
+    """Error of a broadcast ephemeris: broadcast less correct orbit and clock.
 
     Parameters
     ----------

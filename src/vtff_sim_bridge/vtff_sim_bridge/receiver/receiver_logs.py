@@ -80,7 +80,7 @@ LogEncoder = Callable[[Any, LogContext], bytes]
 
 @dataclass(frozen=True)
 class LogDefinition:
-    """How a log is encoded, and what triggers it.
+    """Encoding of a log, and its triggers.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ class CommandRefusedError(Exception):
 
 
 class _Rule(NamedTuple):
-    """How a verb is called: its handler and what the grammar allows around it."""
+    """Rule of a verb: its handler, and the words that the grammar allows around it."""
 
     handler: Callable[[ScenarioMachine, Command], str | None]
     maximum_arguments: int

@@ -18,7 +18,7 @@ _SECONDS_PER_DAY = 86400
 
 @dataclass(frozen=True)
 class GeometryDraw:
-    """What a scenario leaves to the seed; everything is uniform.
+    """Quantities that a scenario leaves to the seed; all are drawn uniformly.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Strict reading of the fields of a scenario file; every problem is told with file and field."""
+"""Strict reading of the fields of a scenario file; every problem names file and field."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a thruster really gives when it reports a thrust: scale, direction, noise and bias.
+"""Errors of a thruster against the thrust that it reports: scale, direction, noise and bias.
 
 The model is that of Gates (1963), A simplified model of midcourse maneuver execution errors,
 JPL TR 32-504: errors in proportion to the thrust (scale, direction, noise) and a fixed one (bias).

@@ -63,7 +63,7 @@ _MILLISECONDS_PER_WEEK = 604_800_000
 
 @dataclass(frozen=True)
 class HeaderSettings:
-    """What the headers of one port of one receiver have in common.
+    """Fields that the headers of one port of a receiver have in common.
 
     Parameters
     ----------

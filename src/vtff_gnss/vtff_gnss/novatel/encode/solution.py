@@ -108,7 +108,7 @@ def encode_bestxyz(
     galileo_beidou_mask: int = 0,
     gps_glonass_mask: int = _MASK_GPS_L1_L2,
 ) -> bytes:
-    """Return a fix as a BESTXYZ log; its clock offset is told by TIME.
+    """Return a fix as a BESTXYZ log; its clock offset stands in the TIME log.
 
     A fix with `STATUS_NONE` becomes INSUFFICIENT_OBS with zeros, a NaN velocity likewise.
 

@@ -290,7 +290,7 @@ def test_laser_at_5_km(case: Case):
 
 @for_cases([("250 m", 0.0)])
 def test_laser_at_250_m(case: Case):
-    """What holds at 250 m, where the latency is NOT within 1e-4 s after 10 min.
+    """Accuracy at 250 m, where the latency is NOT within 1e-4 s after 10 min.
 
     The range changes by less than 0.3 m/s there, so that 1e-4 s is 0.03 mm of range. Even with the
     forces known exactly and no plasma, all phases of 10 min leave a sigma of 1.2e-4 s: a late

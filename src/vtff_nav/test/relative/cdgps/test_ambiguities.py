@@ -164,7 +164,7 @@ def test_half_integers_only_when_certain():
 
 
 def test_no_wrong_integers_in_many_trials():
-    """Of the accepted integers of weak models fewer than the failure rate are wrong."""
+    """Fewer accepted integers of weak models than the failure rate are wrong."""
     accepted = wrong = 0
     random = np.random.default_rng(1)
     for seed in range(600):

@@ -76,7 +76,7 @@ def test_noise_that_is_added_has_been_there():
 
 
 def test_residual_against_all_others():
-    """What is measured less what the update by all others predicts."""
+    """The residual is the measurement less its prediction by an update with all others."""
     random = np.random.default_rng(7)
     design, values, variances = measurements(random, 4, 9)
     nuisance = np.ones((9, 1))

@@ -1,1 +1,1 @@
-"""What every relative estimator shares: measurements, dynamics, inputs and solutions."""
+"""Parts that relative estimators share: measurements, dynamics, inputs and solutions."""

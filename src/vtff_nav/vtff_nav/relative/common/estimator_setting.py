@@ -1,4 +1,4 @@
-"""What the node `relative_ekf` tells a relative navigation filter."""
+"""Parameters that the node `relative_ekf` gives a relative navigation filter."""
 
 from __future__ import annotations
 
