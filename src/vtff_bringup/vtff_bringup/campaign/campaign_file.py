@@ -260,7 +260,7 @@ def _positive(root: Section, name: str) -> float | None:
 
 
 def _truth_value(root: Section, name: str) -> bool:
-    return bool(root.typed(name, bool)) if name in root else True
+    return bool(root.value_of_type(name, bool)) if name in root else True
 
 
 def _mapping(root: Section, name: str) -> dict[str, Any]:

@@ -337,7 +337,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receiver_defaults", "a mapping of fields expected")
     constellation = ConstellationConfiguration()
     if "constellation" in top:
-        constellation = top.section("constellation").filled(ConstellationConfiguration)
+        constellation = top.section("constellation").make_dataclass(ConstellationConfiguration)
     if constellation.source != "nominal":
         source = str(path.parent / constellation.source)
         constellation = dataclasses.replace(constellation, source=source)
@@ -362,7 +362,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         raise top.error("receivers", f"names are given twice: {', '.join(names)}")
     faults: tuple[Fault, ...] = ()
     if top.value("faults") if "faults" in top else None:
-        faults = tuple(section.filled(Fault) for section in top.sections("faults"))
+        faults = tuple(section.make_dataclass(Fault) for section in top.sections("faults"))
     for index, fault in enumerate(faults):
         if fault.receiver not in names:
             raise top.error(f"faults[{index}].receiver", f"there is no {fault.receiver!r}")
@@ -396,7 +396,7 @@ def _receiver(section: Section, path: Path) -> ReceiverConfiguration:
         ("bias_drift", BiasDriftModel),
     ):
         if name in section:
-            groups[name] = section.section(name).filled(kind)
+            groups[name] = section.section(name).make_dataclass(kind)
     if "antenna" in section and section.value("antenna") is not None:
         groups["antenna"] = _antenna(section.section("antenna"))
     if "lever_arm" in section and section.value("lever_arm") is not None:
@@ -408,7 +408,7 @@ def _receiver(section: Section, path: Path) -> ReceiverConfiguration:
         groups["biases"] = _numbers_by_signal(section.section("biases"))
     for name, hint in (("baud", int), ("limits_baud", bool), ("tcp_port", int | None)):
         if name in section:
-            groups[name] = section.typed(name, hint)
+            groups[name] = section.value_of_type(name, hint)
     generation = "OEM6"
     if "generation" in section:
         generation = section.choice("generation", ("OEM6", "OEM7"))
@@ -440,7 +440,7 @@ def _phase_centre(section: Section, path: Path, signals: Iterable[str]) -> Phase
     file = path.parent / section.text("antex")
     antenna = section.text("antenna")
     try:
-        phase_centre = section.checked("antenna", lambda: read_antex(file, antenna))
+        phase_centre = section.convert("antenna", lambda: read_antex(file, antenna))
     except OSError as error:
         raise section.error("antex", f"{file}: {error.strerror or error}") from None
     for name in signals:
@@ -456,7 +456,7 @@ def phase_centre_frequency(signal: Signal) -> str:
 
 
 def _antenna(section: Section) -> ParabolicPattern:
-    pattern = section.checked(
+    pattern = section.convert(
         "",
         lambda: ParabolicPattern(
             0.0,
@@ -492,10 +492,14 @@ def _horizontal_structures(
 ) -> tuple[HorizontalGradient | TravellingDisturbance, ...]:
     structures: list[HorizontalGradient | TravellingDisturbance] = []
     if section.value("gradients") if "gradients" in section else None:
-        structures += [entry.filled(HorizontalGradient) for entry in section.sections("gradients")]
+        structures += [
+            entry.make_dataclass(HorizontalGradient) for entry in section.sections("gradients")
+        ]
     name = "travelling_disturbances"
     if section.value(name) if name in section else None:
-        structures += [entry.filled(TravellingDisturbance) for entry in section.sections(name)]
+        structures += [
+            entry.make_dataclass(TravellingDisturbance) for entry in section.sections(name)
+        ]
     return tuple(structures)
 
 
@@ -505,12 +509,12 @@ def _profile(section: Section, path: Path) -> ElectronDensityProfile:
         table = path.parent / section.text("table")
         column = section.text("column") if "column" in section else "density_per_m3"
         try:
-            profile = section.checked("table", lambda: read_profile(table, column))
+            profile = section.convert("table", lambda: read_profile(table, column))
         except OSError as error:
             raise section.error("table", f"{table}: {error.strerror or error}") from None
     else:
-        layers = [layer.filled(ChapmanLayer) for layer in section.sections("chapman")]
-        profile = section.checked("chapman", lambda: chapman_profile(layers))
+        layers = [layer.make_dataclass(ChapmanLayer) for layer in section.sections("chapman")]
+        profile = section.convert("chapman", lambda: chapman_profile(layers))
     if "scale" in section:
         profile = profile.scaled(section.number("scale", 0.0))
     section.finish()
@@ -521,7 +525,7 @@ def _region(section: Section) -> IrregularityRegion:
     latitudes = (section.number("latitude_south_deg"), section.number("latitude_north_deg"))
     names = ("local_time_start_hours", "local_time_end_hours", "altitude_bottom", "altitude_top")
     numbers = {name: section.number(name) for name in (*names, "s4", "decorrelation_time")}
-    region = section.checked(
+    region = section.convert(
         "",
         lambda: IrregularityRegion(
             name=section.text("name"),

@@ -205,13 +205,13 @@ def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Sce
         If the fields do not have the form of a scenario.
     """
     root = Section(file, "", fields)
-    epoch = root.checked("epoch", lambda: parse_epoch(root.text("epoch")))
+    epoch = root.convert("epoch", lambda: parse_epoch(root.text("epoch")))
     force_model = _force_model(root.section("force_model"))
     seed_of_file = root.whole_number("seed")
     seed = seed_of_file if seed is None else seed
     drawn = None
     if "draw" in root:
-        drawn = root.section("draw").filled(GeometryDraw).draw(seed)
+        drawn = root.section("draw").make_dataclass(GeometryDraw).draw(seed)
         epoch = epoch + float(drawn.delay)
     spacecraft = _all_spacecraft(root.sections("spacecraft"), epoch, force_model)
     if drawn is not None:
@@ -220,7 +220,7 @@ def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Sce
             dataclasses.replace(craft, state_gcrf=drawn.turned(craft.state_gcrf, chief_gcrf))
             for craft in spacecraft
         )
-    scenario = root.checked(
+    scenario = root.convert(
         "",
         lambda: Scenario(
             name=root.text("name"),
@@ -318,7 +318,7 @@ def _advance_true_anomaly(state: FloatArray, change: float) -> FloatArray:
 
 def _force_model(section: Section, base: ForceModel | None = None) -> ForceModel:
     """Return a force model from the fields that ForceModel declares; `base` has the others."""
-    return section.filled(ForceModel, base)
+    return section.make_dataclass(ForceModel, base)
 
 
 def _all_spacecraft(
@@ -347,7 +347,7 @@ def _all_spacecraft(
             own_force_model = _force_model(section.section("force_model"), force_model)
         thruster_errors = None
         if "thruster_errors" in section:
-            thruster_errors = section.section("thruster_errors").filled(ThrusterErrorModel)
+            thruster_errors = section.section("thruster_errors").make_dataclass(ThrusterErrorModel)
         section.finish()
         spacecraft.append(
             Spacecraft(name, role, state_gcrf, target, own_force_model, thruster_errors)
@@ -375,7 +375,7 @@ def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatA
         state = deputy_state_gcrf(chief.state_gcrf, np.concatenate((position, velocity)))
     else:
         distance = section.number(form)
-        state = section.checked(form, lambda: state_ahead_on_orbit(chief.state_gcrf, distance))
+        state = section.convert(form, lambda: state_ahead_on_orbit(chief.state_gcrf, distance))
     section.finish()
     if np.linalg.norm(state[:3]) < RADIUS_EARTH_JGM3:
         raise section.error(form, "the position is inside the Earth; is it in metres?")
@@ -399,7 +399,7 @@ def _state_from_elements(section: Section, epoch: GpsTime) -> FloatArray:
     inclination = math.radians(section.number("inclination_deg"))
     argument_of_perigee = math.radians(section.number("argument_of_perigee_deg"))
     section.finish()
-    elements = section.checked(
+    elements = section.convert(
         "",
         lambda: ClassicalElements(
             semi_major_axis=semi_major_axis,

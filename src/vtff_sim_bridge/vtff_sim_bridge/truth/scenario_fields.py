@@ -109,7 +109,7 @@ class Section:
             if name not in self._read:
                 raise self.error(str(name), "unknown field")
 
-    def checked(self, name: str, convert: Callable[[], _Value]) -> _Value:
+    def convert(self, name: str, convert: Callable[[], _Value]) -> _Value:
         """Run a conversion and turn its ValueError into one that names the field."""
         try:
             return convert()
@@ -176,7 +176,7 @@ class Section:
             raise self.error("", f"exactly one of {', '.join(names)} expected, got {len(given)}")
         return given[0]
 
-    def typed(self, name: str, hint: Any) -> Any:
+    def value_of_type(self, name: str, hint: Any) -> Any:
         """Return a field that has the type of a dataclass field."""
         value = self.value(name)
         accepted = _types_of(hint)
@@ -189,7 +189,7 @@ class Section:
         names = " or ".join(_YAML_NAMES.get(kind, kind.__name__) for kind in accepted)
         raise self.error(name, f"{names} expected, got {value!r}")
 
-    def filled(self, kind: type[_Group], base: _Group | None = None) -> _Group:
+    def make_dataclass(self, kind: type[_Group], base: _Group | None = None) -> _Group:
         """Return a dataclass of plain fields from this section, which is then finished.
 
         Fields that the section does not give have the value of `base`, or else their default.
@@ -199,7 +199,7 @@ class Section:
         for entry in dataclasses.fields(typing.cast(Any, kind)):
             is_required = entry.default is dataclasses.MISSING and base is None
             if entry.name in self or is_required:
-                given[entry.name] = self.typed(entry.name, hints[entry.name])
+                given[entry.name] = self.value_of_type(entry.name, hints[entry.name])
         self.finish()
         try:
             if base is not None:
