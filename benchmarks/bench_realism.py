@@ -1,306 +1,251 @@
-"""Relative navigation in worlds that do not match the filter: RMS, NEES and fixed solutions.
+"""Relative navigation in worlds that do not match the filter: errors, NEES, integers.
 
-Run with the workspace environment: ``python benchmarks/bench_realism.py [--seconds 900]
-[--seeds 1] [--filter robust] [world ...]``; ``--list`` prints the worlds. Each flies
-without ROS: truth, controller fed with truth, bytes of both emulated receivers, decoder, and the
-filter of `relative_ekf` with its defaults (``robust``: with floors instead of the stated sigmas and
-a thrust sigma of 0.05). Errors are 3-D, from 60 s on. NEES is e' P^-1 e over its degrees of
-freedom, so 1 is honest; with one seed and slow errors it says little.
+Each world is flown without ROS: truth, controller fed with truth, bytes of both emulated receivers,
+decoder, and the filter of `relative_ekf` with its defaults. Noise and, where the world does not
+prescribe it, geometry (epoch, node, place on the orbit, constellation) come from the seed. Errors
+are 3-D, from 60 s on. NEES is e' P^-1 e over its degrees of freedom, so 1 is honest; with few seeds
+and slow errors it says little.
 """
 
 from __future__ import annotations
 
 import argparse
+import ast
+import concurrent.futures
 import dataclasses
+import math
+import os
 import pathlib
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+import time
+from collections.abc import Sequence
+from typing import Any
 
-import numpy as np
+from realism.flight import Figures, Flight, fly, summarise
+from realism.worlds import FIRST_SECOND, WORLDS, Must
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
-from vtff_control.tracking.sdre import SdreDesign
-from vtff_dynamics.frames.rtn import relative_state_rtn
-from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.novatel import ReceiverLogStream
-from vtff_gnss.novatel.encode.frame import HeaderSettings
-from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
-from vtff_nav.relative.common.measurements import MeasurementNoise
-from vtff_nav.relative.common.solution import SOLUTION_FIXED, SOLUTION_NONE
-from vtff_nav.relative.shipped_estimators import make_cdgps
-from vtff_sim_bridge.atmosphere.horizontal_structure import HorizontalGradient
-from vtff_sim_bridge.bridge.simgen_link import motion_state
-from vtff_sim_bridge.gnss.configuration import (
-    GnssConfiguration,
-    MultipathModel,
-    NoiseModel,
-    load_gnss_configuration,
-)
-from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
-from vtff_sim_bridge.receiver.truth_file import TruthFile
-from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
-from vtff_sim_bridge.simremote.motion import VehicleMotion
-from vtff_sim_bridge.truth.scenario import Scenario, load_scenario
-from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel
 
-CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
-LOGS = b"LOG RANGEB ONTIME 1\r\nLOG GPSEPHEMB ONCHANGED\r\n"
-FIRST_SECOND = 60
+EXAMPLES = """\
+examples:
+  bench_realism.py --list
+  bench_realism.py ideal thrust_1.05 --seeds 3 --jobs 2
+  bench_realism.py --cache /tmp/flights --jobs 2            # the flights are kept, and flown once
+  bench_realism.py forces_5km --cache /tmp/flights --set empirical_acceleration_sigma=1e-7
+  bench_realism.py stated_third --set measurement_noise.use_receiver_sigmas=False
 
-FILTERS = {
-    "default": EstimatorSetting(),
-    "robust": EstimatorSetting(
-        measurement_noise=MeasurementNoise(0.6, 0.004, False), thrust_sigma=0.05
-    ),
-}
-
-
-@dataclass(frozen=True)
-class World:
-    """World that is flown: files in config/, and changes of their contents."""
-
-    scenario: str = "reference"
-    gnss: str = "reference"
-    change_scenario: Callable[[Scenario], Scenario] = lambda scenario: scenario
-    change_gnss: Callable[[GnssConfiguration], GnssConfiguration] = lambda gnss: gnss
-
-
-def thrust_errors(scale: float) -> Callable[[Scenario], Scenario]:
-    """Return a change that gives the deputy a thruster with errors."""
-    model = ThrusterErrorModel(scale, 2.0, 0.01)
-
-    def change(scenario: Scenario) -> Scenario:
-        chief, *deputies = scenario.spacecraft
-        return dataclasses.replace(
-            scenario,
-            spacecraft=(
-                chief,
-                *(dataclasses.replace(deputy, thruster_errors=model) for deputy in deputies),
-            ),
-        )
-
-    return change
-
-
-def exact_thrust(scenario: Scenario) -> Scenario:
-    """Return a scenario whose thrusters give what they report."""
-    spacecraft = tuple(
-        dataclasses.replace(craft, thruster_errors=None) for craft in scenario.spacecraft
-    )
-    return dataclasses.replace(scenario, spacecraft=spacecraft)
-
-
-def receivers(**changes: object) -> Callable[[GnssConfiguration], GnssConfiguration]:
-    """Return a change of fields of every receiver."""
-
-    def change(gnss: GnssConfiguration) -> GnssConfiguration:
-        return dataclasses.replace(
-            gnss,
-            receivers=tuple(
-                dataclasses.replace(receiver, **changes)  # type: ignore[arg-type]
-                for receiver in gnss.receivers
-            ),
-        )
-
-    return change
-
-
-def multipath(phase_sigma: float, code_sigma: float) -> Callable[..., GnssConfiguration]:
-    """Return a change that adds Gauss-Markov multipath of 100 s."""
-    return receivers(multipath=MultipathModel(code_sigma=code_sigma, phase_sigma=phase_sigma))
-
-
-def gradient(tecu_per_deg: float) -> Callable[[GnssConfiguration], GnssConfiguration]:
-    """Return a change that adds a gradient along the first track, towards north-east."""
-    structure = HorizontalGradient(tecu_per_deg, 30.0, 700e3, extent_deg=60.0)
-    return lambda gnss: dataclasses.replace(gnss, structures=(structure,))
-
-
-def broadcast_errors(gnss: GnssConfiguration) -> GnssConfiguration:
-    """Return a configuration with drifting errors of 1.5 m of orbits and clocks."""
-    constellation = dataclasses.replace(
-        gnss.constellation,
-        orbit_error_sigma=1.5,
-        clock_error_sigma=1.5,
-        error_correlation_time=21600.0,
-    )
-    return dataclasses.replace(gnss, constellation=constellation)
-
-
-def at_5km(scenario: Scenario) -> Scenario:
-    """Return the reference scenario with the orbits and the target of realistic_5km."""
-    far = load_scenario(CONFIG / "scenario/realistic_5km.yaml")
-    spacecraft = tuple(
-        dataclasses.replace(craft, force_model=None, thruster_errors=None)
-        for craft in far.spacecraft
-    )
-    return dataclasses.replace(scenario, spacecraft=spacecraft)
-
-
-SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
-OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
-WORLDS = {
-    "ideal": World(),
-    "ideal_5km": World(change_scenario=at_5km),
-    "thrust_1.05": World(change_scenario=thrust_errors(1.05)),
-    "thrust_0.95": World(change_scenario=thrust_errors(0.95)),
-    "forces": World("realistic", change_scenario=exact_thrust),
-    "forces_5km": World("realistic_5km", change_scenario=exact_thrust),
-    "broadcast": World(change_gnss=broadcast_errors),
-    "broadcast_5km": World(change_scenario=at_5km, change_gnss=broadcast_errors),
-    "multipath_1mm": World(change_gnss=multipath(0.001, 0.1)),
-    "multipath_2mm": World(change_gnss=multipath(0.002, 0.2)),
-    "multipath_5mm": World(change_gnss=multipath(0.005, 0.5)),
-    "multipath_sinusoid": World(change_gnss=receivers(multipath=SINUSOID)),
-    "stated_third": World(change_gnss=receivers(noise=OPTIMISTIC)),
-    "gradient_0.5_5km": World(change_scenario=at_5km, change_gnss=gradient(0.5)),
-    "gradient_2_5km": World(change_scenario=at_5km, change_gnss=gradient(2.0)),
-    "realistic": World("realistic", "realistic"),
-    "realistic_5km": World("realistic_5km", "realistic"),
-}
-
-
-@dataclass(frozen=True)
-class Flight:
-    """Errors of a flight from `FIRST_SECOND` on, one row a second."""
-
-    error: FloatArray
-    sigma: FloatArray
-    nees_position: FloatArray
-    nees_velocity: FloatArray
-    is_fixed: FloatArray
-    has_solution: FloatArray
-
-
-def fly(world: World, seconds: int, seed: int, setting: EstimatorSetting) -> Flight:
-    """Fly a world with a filter."""
-    scenario = dataclasses.replace(
-        world.change_scenario(load_scenario(CONFIG / f"scenario/{world.scenario}.yaml")),
-        seed=seed,
-        duration=float(seconds),
-    )
-    gnss = load_gnss_configuration(CONFIG / f"gnss/{world.gnss}.yaml")
-    gnss = dataclasses.replace(world.change_gnss(gnss), seed=seed)
-    design = SdreDesign("delay_aware", acceleration_cap=1.4)
-    thrust_rtn = simulate_closed_loop(scenario, design).deputy().applied_rtn
-    chief, deputy = scenario.spacecraft[0].name, scenario.spacecraft[1].name
-    truth, rig = scenario.formation_truth(), Receivers(gnss, scenario)
-    estimator = make_cdgps(setting)
-    rows = []
-    for second in range(seconds):
-        for name, motion in zip((chief, deputy), rig.vehicles.values(), strict=True):
-            applied = thrust_rtn[second] if name == deputy else None
-            motion.command(second * 10**9, motion_state(truth.motion_itrf(name, applied)))
-        chief_epoch, deputy_epoch = rig.advance(second, estimator.add_ephemeris)
-        solution = estimator.process(truth.time, chief_epoch, deputy_epoch)
-        estimator.add_thrust(truth.time, 1.0, thrust_rtn[second])
-        states = truth.state_gcrf(chief), truth.state_gcrf(deputy)
-        if second >= FIRST_SECOND:
-            estimate = np.concatenate((solution.position_rtn, solution.velocity_rtn))
-            error, covariance = estimate - relative_state_rtn(*states), solution.covariance_rtn
-            has_solution = solution.solution != SOLUTION_NONE and bool(np.isfinite(error).all())
-            nees = [
-                error[axes] @ np.linalg.solve(covariance[axes, axes], error[axes]) / 3.0
-                if has_solution
-                else np.nan
-                for axes in (slice(0, 3), slice(3, 6))
-            ]
-            sigma = float(np.sqrt(np.trace(covariance[:3, :3])))
-            is_fixed = solution.solution == SOLUTION_FIXED
-            rows.append((np.linalg.norm(error[:3]), sigma, *nees, is_fixed, has_solution))
-        truth.advance({deputy: thrust_rtn[second]})
-    return Flight(*np.array(rows, dtype=float).T)
-
-
-class Receivers:
-    """Both emulated receivers, and decoders of what they send."""
-
-    def __init__(self, gnss: GnssConfiguration, scenario: Scenario) -> None:
-        firmware = {
-            receiver.name: ReceiverFirmware(settings=HeaderSettings(generation=receiver.generation))
-            for receiver in gnss.receivers
-        }
-        for emulated in firmware.values():
-            emulated.receive(LOGS)
-        motion = scenario.formation_truth().motion_itrf(scenario.chief.name)
-        end = scenario.epoch + scenario.duration
-        self._set = ReceiverSet(
-            gnss, firmware, scenario.epoch, end, motion[:2].ravel(), TruthFile(None)
-        )
-        self._streams = {name: ReceiverLogStream() for name in firmware}
-        self.vehicles = {receiver.vehicle: VehicleMotion() for receiver in gnss.receivers}
-
-    def advance(
-        self, second: int, add_ephemeris: Callable[[BroadcastEphemeris], None]
-    ) -> list[ObservationEpoch | None]:
-        """Return the epochs of a second; ephemerides go to `add_ephemeris`."""
-        sent: dict[str, bytearray] = {name: bytearray() for name in self._streams}
-        self._set.advance(
-            second * 10**9, self.vehicles.__getitem__, lambda name, new: sent[name].extend(new)
-        )
-        for motion in self.vehicles.values():
-            motion.forget_before(second * 10**9)
-        epochs: list[ObservationEpoch | None] = []
-        for name, stream in self._streams.items():
-            epoch = None
-            for event in stream.feed(bytes(sent[name])):
-                if isinstance(event, ObservationEpoch):
-                    epoch = event
-                elif isinstance(event, BroadcastEphemeris):
-                    add_ephemeris(event)
-            epochs.append(epoch)
-        return epochs
-
-
-def describe(flights: list[Flight]) -> str:
-    """Return the figures of flights of one world."""
-    error = np.concatenate([flight.error for flight in flights])
-    rms, largest = np.sqrt(np.nanmean(error**2)) * 1e3, np.nanmax(error) * 1e3
-    sigma = np.sqrt(np.nanmean(np.concatenate([f.sigma for f in flights]) ** 2)) * 1e3
-    position = np.nanmean([np.nanmean(flight.nees_position) for flight in flights])
-    velocity = np.nanmean([np.nanmean(flight.nees_velocity) for flight in flights])
-    fixed = 100.0 * np.mean([flight.is_fixed.mean() for flight in flights])
-    absent = 100.0 * np.mean([1.0 - flight.has_solution.mean() for flight in flights])
-    return (
-        f"{rms:9.2f} {largest:9.2f} {sigma:9.2f} {position:8.2f} {velocity:8.2f} {fixed:7.1f} "
-        f"{absent:6.1f}"
-    )
+columns: RMS, med(ian) and worst of the flights, largest error and stated sigma in mm; NEES of
+position (with its standard error) and velocity; the same in burns; shares of fixed, degraded and
+missing solutions in %; integers and how many of them were wrong for more than 2 s. A line `must`
+follows that says what is wanted, and which of it is missed."""
 
 
 def main() -> int:
     """Fly the worlds and print their figures."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
+    given = parse_arguments()
+    try:
+        return fly_worlds(given)
+    except KeyboardInterrupt:
+        print("interrupted", file=sys.stderr)
+        return 130
+
+
+def parse_arguments() -> argparse.Namespace:
+    """Return the command line; ends with code 2 and one line if it is wrong."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("worlds", nargs="*", help="worlds to fly, all by default; see --list")
-    parser.add_argument("--seconds", type=int, default=900, help="length of a flight (900)")
-    parser.add_argument("--seeds", type=int, default=1, help="flights of each world (1)")
-    parser.add_argument("--filter", action="append", choices=FILTERS, help="default or robust")
+    parser.add_argument("--seconds", type=int, help="length of a flight; default: of each world")
+    parser.add_argument("--seeds", type=int, default=10, help="flights of each world (10)")
+    parser.add_argument("--first-seed", type=int, default=1, help="seed of the first flight (1)")
+    parser.add_argument("--jobs", type=int, default=1, help="flights at a time (1)")
+    parser.add_argument(
+        "--cache", type=pathlib.Path, help="folder in which flights are kept (5 MB for 900 s)"
+    )
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="FIELD=VALUE",
+        help="field of EstimatorSetting, e.g. thrust_sigma=0.05",
+    )
+    parser.add_argument("--each", action="store_true", help="print every flight, too")
     parser.add_argument("--list", action="store_true", help="print the worlds and end")
     given = parser.parse_args()
     if given.list:
         print("\n".join(WORLDS))
-        return 0
+        parser.exit()
     unknown = sorted(set(given.worlds) - set(WORLDS))
-    if unknown or given.seconds <= FIRST_SECOND or given.seeds < 1:
-        wrong = f"world {unknown[0]!r}" if unknown else "--seconds above 60 and --seeds above 0"
-        print(f"bench_realism.py: {wrong}: see --list and --help", file=sys.stderr)
-        return 2
+    if unknown:
+        parser.error(f"no world {unknown[0]!r}: see --list")
+    if given.seconds is not None and given.seconds <= FIRST_SECOND:
+        parser.error(f"--seconds: more than {FIRST_SECOND} expected")
+    for name in ("seeds", "jobs"):
+        if getattr(given, name) < 1:
+            parser.error(f"--{name}: 1 or more expected")
+    if given.first_seed < 0:
+        parser.error("--first-seed: 0 or more expected")
+    try:
+        given.setting = EstimatorSetting()
+        for entry in given.set:
+            given.setting = with_field(given.setting, entry)
+    except ValueError as error:
+        parser.error(f"--set {error}")
+    return given
+
+
+def with_field(setting: Any, entry: str) -> Any:
+    """Return a dataclass with a field replaced, by ``field=value`` or ``field.field=value``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such field, or the value is none.
+    """
+    name, equals, text = entry.partition("=")
+    name, _, inner = name.partition(".")
+    if not equals or name not in {field.name for field in dataclasses.fields(setting)}:
+        names = ", ".join(field.name for field in dataclasses.fields(setting))
+        raise ValueError(f"{entry}: FIELD=VALUE expected with one of {names}")
+    if inner:
+        return dataclasses.replace(
+            setting, **{name: with_field(getattr(setting, name), f"{inner}={text}")}
+        )
+    try:
+        value = ast.literal_eval(text)
+    except (SyntaxError, ValueError):
+        value = text
+    return dataclasses.replace(setting, **{name: value})
+
+
+def fly_worlds(given: argparse.Namespace) -> int:
+    """Fly the worlds of the command line and print each when its flights are over."""
+    names = given.worlds or list(WORLDS)
+    seeds = range(given.first_seed, given.first_seed + given.seeds)
     print(
-        f"{given.seconds} s, {given.seeds} seed(s), errors in mm from {FIRST_SECOND} s on\n"
-        f"{'world':<20} {'filter':<8} {'RMS':>9} {'largest':>9} {'sigma':>9} {'NEES r':>8} "
-        f"{'NEES v':>8} {'fixed %':>7} {'none %':>6}"
+        f"{given.seeds} seed(s), errors in mm from {FIRST_SECOND} s on\n"
+        f"{'world':<19} {'RMS':>7} {'med':>7} {'worst':>7} {'largest':>8} {'sigma':>7} "
+        f"{'NEES r':>12} {'v':>6} {'burn r':>7} {'v':>6} {'fixed':>6} {'degr':>5} {'none':>5} "
+        f"{'integers':>9} {'wrong':>5}",
+        flush=True,
     )
-    for name in given.worlds or WORLDS:
-        for label in given.filter or ["default"]:
-            flights = [
-                fly(WORLDS[name], given.seconds, seed, FILTERS[label])
-                for seed in range(1, given.seeds + 1)
+    progress = Progress(len(names) * given.seeds)
+    pool = concurrent.futures.ProcessPoolExecutor(given.jobs)
+    with pool:
+        jobs = {
+            name: [
+                pool.submit(fly, name, seed, given.seconds, given.setting, given.cache)
+                for seed in seeds
             ]
-            print(f"{name:<20} {label:<8} {describe(flights)}", flush=True)
+            for name in names
+        }
+        for of_world in jobs.values():
+            for job in of_world:
+                job.add_done_callback(progress.count)
+        try:
+            for name, of_world in jobs.items():
+                flights = [job.result() for job in of_world]
+                progress.clear()
+                print_world(name, flights, seeds if given.each else ())
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+            progress.clear()
     return 0
 
 
+class Progress:
+    """One line on stderr: flights that are over, and the time that is left at this pace."""
+
+    def __init__(self, total: int) -> None:
+        self._total, self._done, self._start = total, 0, time.monotonic()
+
+    def count(self, job: concurrent.futures.Future[Flight]) -> None:
+        """Count a flight that has ended."""
+        if job.cancelled():
+            return
+        self._done += 1
+        left = (time.monotonic() - self._start) / self._done * (self._total - self._done)
+        end = "\r" if sys.stderr.isatty() else "\n"
+        text = f"{self._done} of {self._total} flights, {left / 60.0:.1f} min left"
+        print(f"{text:<50}", end=end, file=sys.stderr, flush=True)
+
+    def clear(self) -> None:
+        """Clear the line."""
+        if sys.stderr.isatty():
+            print(f"{'':<50}", end="\r", file=sys.stderr, flush=True)
+
+
+def print_world(name: str, flights: Sequence[Flight], seeds: Sequence[int]) -> None:
+    """Print the figures of a world beside what they must be, and those of each of `seeds`."""
+    world = WORLDS[name]
+    for seed, flight in zip(seeds, flights, strict=False):
+        print(f"{f'  seed {seed}':<19} {describe(summarise([flight], world))}")
+    figures = summarise(flights, world)
+    print(f"{name:<19} {describe(figures)}")
+    if world.outages:
+        print(
+            f"{'  in outages':<19} NEES r {figures.outage_position:.2f} "
+            f"v {figures.outage_velocity:.2f}, fixed {figures.recovery:.0f} s after"
+        )
+    wanted, missed = judge(figures, world.must)
+    print(f"{'  must':<19} {', '.join(wanted)}")
+    print(f"{'  missed' if missed else '  ok':<19} {', '.join(missed)}", flush=True)
+
+
+def describe(figures: Figures) -> str:
+    """Return the columns of figures."""
+    nees = f"{figures.nees_position:.2f}+-{figures.nees_scatter:.2f}"
+    return (
+        f"{figures.rms:7.2f} {figures.median_rms:7.2f} {figures.worst_rms:7.2f} "
+        f"{figures.largest:8.2f} {figures.sigma:7.2f} {nees:>12} {figures.nees_velocity:6.2f} "
+        f"{figures.burn_position:7.2f} {figures.burn_velocity:6.2f} {figures.fixed:6.1f} "
+        f"{figures.degraded:5.1f} {figures.absent:5.1f} {figures.integers:9d} "
+        f"{figures.wrong_long:5d}"
+    )
+
+
+def judge(figures: Figures, must: Must) -> tuple[list[str], list[str]]:
+    """Return what is wanted, and what of it is missed."""
+    wanted, missed = [], []
+
+    def check(text: str, is_kept: bool, value: float) -> None:
+        wanted.append(text)
+        if not is_kept:
+            missed.append(f"{text} ({value:.2f})")
+
+    if must.rms_mm is not None:
+        rms = figures.rms if must.worst_rms_mm is None else figures.median_rms
+        what = "RMS" if must.worst_rms_mm is None else "median RMS"
+        check(f"{what} <= {must.rms_mm:g}", rms <= must.rms_mm, rms)
+    if must.worst_rms_mm is not None:
+        worst = figures.worst_rms
+        check(f"worst RMS <= {must.worst_rms_mm:g}", worst <= must.worst_rms_mm, worst)
+    if must.fixed_percent is not None:
+        fixed = figures.fixed
+        check(f"fixed >= {must.fixed_percent:g} %", fixed >= must.fixed_percent, fixed)
+    if must.nees is not None:
+        low, high = must.nees
+        for label, value in (
+            ("NEES r", figures.nees_position),
+            ("NEES v", figures.nees_velocity),
+            ("burn r", figures.burn_position),
+            ("burn v", figures.burn_velocity),
+            ("outage r", figures.outage_position),
+            ("outage v", figures.outage_velocity),
+        ):
+            if not math.isnan(value) or label.startswith("NEES"):
+                check(f"{label} {low:g}..{high:g}", low <= value <= high, value)
+    if must.degraded_percent is not None:
+        degraded = figures.degraded
+        check(f"degraded < {must.degraded_percent:g} %", degraded < must.degraded_percent, degraded)
+    if must.recovery_s is not None:
+        recovery = figures.recovery
+        check(f"fixed {must.recovery_s:g} s after", recovery <= must.recovery_s, recovery)
+    check("no wrong integers", figures.wrong_long == 0, figures.wrong_long)
+    return wanted, missed
+
+
 if __name__ == "__main__":
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.exit(main())

@@ -1,0 +1,293 @@
+"""The relative filter over a recorded flight: its errors, their consistency, its integers."""
+
+from __future__ import annotations
+
+import collections
+import math
+import pathlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vtff_dynamics.frames.rtn import relative_state_rtn
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_nav.relative.common.solution import (
+    AMBIGUITY_FIXED,
+    AMBIGUITY_HELD,
+    SOLUTION_FIXED,
+    SOLUTION_NONE,
+    RelativeEstimator,
+    RelativeSolution,
+)
+from vtff_nav.relative.shipped_estimators import make_cdgps
+
+from .recording import Recording, Second, load_or_fly
+from .worlds import FIRST_SECOND, WORLDS, World
+
+__all__ = ["Figures", "Flight", "Integers", "Log", "fly", "run_filter", "summarise"]
+
+_BURN = 1e-2  # m/s2: smallest thrust of a burn
+_AFTER_OUTAGE = 30.0  # s
+_LONGEST_WRONG = 2.0  # s: integers that were wrong for longer count
+_WRONG_CYCLES = 0.25
+# Columns of `Flight.rows`.
+_TIME, _ERROR, _SIGMA, _NEES_R, _NEES_V, _FIXED, _SOLVED, _DEGRADED, _THRUST = range(9)
+
+
+class Integers:
+    """Counts the integers that a filter rests on, and those that are not the truth."""
+
+    def __init__(self) -> None:
+        self.count = 0
+        self.wrong = 0
+        self.wrong_long = 0
+        self._since: dict[SignalKey, float] = {}
+
+    def add(
+        self, elapsed: float, solution: RelativeSolution, cycles: dict[SignalKey, float]
+    ) -> None:
+        """Add a solution and the true ambiguities of its time.
+
+        All integers of a group (signals that share a receiver bias) may be off by the same number,
+        which the bias takes up; wrong are those that are off otherwise than most.
+        """
+        table = solution.ambiguities
+        excess: dict[tuple[int, int, int], dict[SignalKey, float]] = {}
+        if solution.solution != SOLUTION_NONE:
+            rows = zip(
+                table.system.tolist(),
+                table.prn.tolist(),
+                table.band.tolist(),
+                table.attribute.tolist(),
+                table.ambiguity_cycles.tolist(),
+                table.state.tolist(),
+                strict=True,
+            )
+            for system, prn, band, attribute, value, state in rows:
+                key = SignalKey(system, prn, band, attribute)
+                if state in (AMBIGUITY_FIXED, AMBIGUITY_HELD) and key in cycles:
+                    excess.setdefault(key.group, {})[key] = value - cycles[key]
+        wrong: dict[SignalKey, float] = {}
+        for of_group in excess.values():
+            votes = collections.Counter(round(2.0 * value) for value in of_group.values())
+            common = votes.most_common(1)[0][0] / 2.0
+            self.count += len(of_group)
+            for key, value in of_group.items():
+                if abs(value - common) > _WRONG_CYCLES:
+                    wrong[key] = self._since.get(key, elapsed)
+        self._since = wrong
+        self.wrong += len(wrong)
+        self.wrong_long += sum(elapsed - since > _LONGEST_WRONG for since in wrong.values())
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """Outcome of a flight: a row for each epoch from `FIRST_SECOND` on, and counts of integers."""
+
+    rows: FloatArray
+    integers: int
+    wrong_integers: int
+    wrong_integers_long: int
+    first_fixed: float
+
+
+def run_filter(recording: Recording, world: World, setting: EstimatorSetting) -> Flight:
+    """Run a filter over a recording."""
+    estimator: RelativeEstimator = make_cdgps(world.change_setting(setting))
+    log = Log()
+    for index, second in enumerate(recording):
+        for ephemeris in second.ephemerides:
+            estimator.add_ephemeris(ephemeris)
+        if index % world.interval == 0:
+            solution = estimator.process(second.time, *second.epochs)
+            log.add(index, second, solution)
+        if second.thrust_rtn.any():
+            estimator.add_thrust(second.time, 1.0, second.thrust_rtn)
+    return log.flight()
+
+
+class Log:
+    """Takes the solutions of a flight."""
+
+    def __init__(self) -> None:
+        self._integers = Integers()
+        self._rows: list[tuple[float, ...]] = []
+        self._first_fixed = math.inf
+
+    def add(self, elapsed: int, second: Second, solution: RelativeSolution) -> None:
+        """Add the solution of an epoch, `elapsed` seconds into the flight."""
+        self._integers.add(elapsed, solution, second.cycles)
+        is_fixed = solution.solution == SOLUTION_FIXED
+        if is_fixed:
+            self._first_fixed = min(self._first_fixed, elapsed)
+        if elapsed < FIRST_SECOND:
+            return
+        truth = relative_state_rtn(second.state_chief_gcrf, second.state_deputy_gcrf)
+        error = np.concatenate((solution.position_rtn, solution.velocity_rtn)) - truth
+        covariance = solution.covariance_rtn
+        is_solved = solution.solution != SOLUTION_NONE and bool(np.isfinite(error).all())
+        nees = [math.nan, math.nan]
+        if is_solved:
+            nees = [
+                float(error[axes] @ np.linalg.solve(covariance[axes, axes], error[axes])) / 3.0
+                for axes in (slice(0, 3), slice(3, 6))
+            ]
+        self._rows.append(
+            (
+                elapsed,
+                float(np.linalg.norm(error[:3])),
+                float(np.sqrt(np.trace(covariance[:3, :3]))),
+                *nees,
+                is_fixed,
+                is_solved,
+                bool(solution.degraded),
+                float(np.linalg.norm(second.thrust_rtn)),
+            )
+        )
+
+    def flight(self) -> Flight:
+        """Return what was logged."""
+        integers = self._integers
+        return Flight(
+            np.array(self._rows, dtype=float),
+            integers.count,
+            integers.wrong,
+            integers.wrong_long,
+            self._first_fixed,
+        )
+
+
+@dataclass(frozen=True)
+class Figures:
+    """Figures of the flights of a world; lengths in mm, shares in %, NaN where there is none.
+
+    Parameters
+    ----------
+    rms, median_rms, worst_rms : float
+        RMS of the 3-D error of position over all flights, and median and largest of the flights.
+    largest, sigma : float
+        Largest error; RMS of the stated sigma.
+    nees_position, nees_velocity : float
+        Mean of e' P^-1 e over its degrees of freedom: 1 is honest.
+    nees_scatter : float
+        Standard error of `nees_position`, from the scatter of the flights.
+    burn_position, burn_velocity : float
+        NEES while the thruster gives more than 1 cm/s2.
+    outage_position, outage_velocity : float
+        NEES in the outages.
+    fixed, degraded, absent : float
+        Shares of the epochs outside of outages.
+    integers, wrong, wrong_long : int
+        Integers that epochs rest on; wrong ones; those wrong for more than 2 s.
+    recovery : float
+        Longest time from the end of an outage to a fixed solution, s.
+    """
+
+    rms: float
+    median_rms: float
+    worst_rms: float
+    largest: float
+    sigma: float
+    nees_position: float
+    nees_velocity: float
+    nees_scatter: float
+    burn_position: float
+    burn_velocity: float
+    outage_position: float
+    outage_velocity: float
+    fixed: float
+    degraded: float
+    absent: float
+    integers: int
+    wrong: int
+    wrong_long: int
+    recovery: float
+
+
+def summarise(flights: Sequence[Flight], world: World) -> Figures:
+    """Return the figures of flights of one world."""
+    whole = [flight.rows for flight in flights]
+    inside = [_is_within(rows[:, _TIME], world.outages, 0.0) for rows in whole]
+    counted = [rows[~_is_within(rows[:, _TIME], world.outages, _AFTER_OUTAGE)] for rows in whole]
+    together = np.concatenate(counted)
+    outage = np.concatenate([rows[mask] for rows, mask in zip(whole, inside, strict=True)])
+    burn = together[together[:, _THRUST] > _BURN]
+    each = np.array([_rms(rows[:, _ERROR]) for rows in counted])
+    nees = np.array([_mean(rows[:, _NEES_R]) for rows in counted])
+    return Figures(
+        rms=1e3 * _rms(together[:, _ERROR]),
+        median_rms=1e3 * float(np.median(each)),
+        worst_rms=1e3 * float(np.max(each)),
+        largest=1e3 * _largest(together[:, _ERROR]),
+        sigma=1e3 * _rms(together[:, _SIGMA]),
+        nees_position=_mean(nees),
+        nees_velocity=_mean(np.array([_mean(rows[:, _NEES_V]) for rows in counted])),
+        nees_scatter=float(np.std(nees, ddof=1) / math.sqrt(len(nees)))
+        if len(nees) > 1
+        else math.nan,
+        burn_position=_mean(burn[:, _NEES_R]),
+        burn_velocity=_mean(burn[:, _NEES_V]),
+        outage_position=_mean(outage[:, _NEES_R]),
+        outage_velocity=_mean(outage[:, _NEES_V]),
+        fixed=100.0 * float(together[:, _FIXED].mean()),
+        degraded=100.0 * float(together[:, _DEGRADED].mean()),
+        absent=100.0 * float(1.0 - together[:, _SOLVED].mean()),
+        integers=sum(flight.integers for flight in flights),
+        wrong=sum(flight.wrong_integers for flight in flights),
+        wrong_long=sum(flight.wrong_integers_long for flight in flights),
+        recovery=max((_recovery(rows, world.outages) for rows in whole), default=math.nan),
+    )
+
+
+def _is_within(
+    time: FloatArray, intervals: Sequence[tuple[float, float]], after: float
+) -> np.ndarray[tuple[int], np.dtype[np.bool_]]:
+    """Return which times are within intervals, or less than `after` behind one."""
+    is_within = np.zeros(len(time), dtype=bool)
+    for start, end in intervals:
+        is_within |= (time >= start) & (time < end + after)
+    return is_within
+
+
+def _recovery(rows: FloatArray, outages: Sequence[tuple[float, float]]) -> float:
+    """Return the longest time from the end of an outage to the next fixed solution, s."""
+    fixed = rows[rows[:, _FIXED] > 0.0, _TIME]
+    times = [float(np.min(fixed[fixed >= end] - end, initial=math.inf)) for _, end in outages]
+    return max(times, default=math.nan)
+
+
+def _rms(values: FloatArray) -> float:
+    values = values[np.isfinite(values)]
+    return float(np.sqrt(np.mean(values**2))) if len(values) else math.nan
+
+
+def _standard_error(values: FloatArray) -> float:
+    """Return the standard error of the mean; NaN for a single value."""
+    if len(values) < 2:
+        return math.nan
+    return float(np.std(values, ddof=1) / math.sqrt(len(values)))
+
+
+def _mean(values: FloatArray) -> float:
+    values = values[np.isfinite(values)]
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _largest(values: FloatArray) -> float:
+    values = values[np.isfinite(values)]
+    return float(values.max()) if len(values) else math.nan
+
+
+def fly(
+    name: str,
+    seed: int,
+    seconds: int | None,
+    setting: EstimatorSetting,
+    cache: pathlib.Path | None,
+) -> Flight:
+    """Fly a world with a filter; a job of `bench_realism.py`."""
+    world = WORLDS[name]
+    return run_filter(load_or_fly(name, world, seed, seconds, cache), world, setting)

@@ -1,0 +1,308 @@
+"""The worlds of `bench_realism.py`: what flies, what receivers see, and what runs must show."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pathlib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Literal
+
+import numpy as np
+
+from vtff_dynamics.frames.rtn import relative_state_rtn
+from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_sim_bridge.atmosphere.horizontal_structure import HorizontalGradient
+from vtff_sim_bridge.gnss.configuration import (
+    GnssConfiguration,
+    MultipathModel,
+    NoiseModel,
+    load_gnss_configuration,
+)
+from vtff_sim_bridge.gnss.faults import Fault
+from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
+from vtff_sim_bridge.truth.scenario import Scenario, load_scenario, state_ahead_on_orbit
+from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel
+
+__all__ = ["FIRST_SECOND", "WORLDS", "Must", "World"]
+
+CONFIG = pathlib.Path(__file__).resolve().parents[2] / "config"
+FIRST_SECOND = 60
+"""Errors count from here on, s: before, the filter starts."""
+
+Change = Callable[[GnssConfiguration], GnssConfiguration]
+Motion = Literal["scenario", "kept", "free"]
+
+_DRAW = GeometryDraw(epoch_days=1.0, node=True, place_on_orbit=True)
+# Galileo is not tracked in reference.yaml, so that the seed of the constellation draws GPS alone.
+_NEES_OK = (0.5, 1.5)
+
+
+@dataclass(frozen=True)
+class Must:
+    """What the flights of a world must show together.
+
+    Parameters
+    ----------
+    rms_mm : float or None
+        Largest RMS of the error of position, 3-D, mm.
+    worst_rms_mm : float or None
+        Largest RMS of a single flight, mm; `rms_mm` then holds for the median of the flights.
+    fixed_percent : float or None
+        Smallest share of fixed solutions.
+    nees : tuple of 2 float or None
+        Interval of the mean NEES, of position and velocity each.
+    degraded_percent : float or None
+        Largest share of solutions that say that something is wrong.
+    recovery_s : float or None
+        Longest time from the end of an outage to a fixed solution, s.
+    """
+
+    rms_mm: float | None = None
+    worst_rms_mm: float | None = None
+    fixed_percent: float | None = None
+    nees: tuple[float, float] | None = _NEES_OK
+    degraded_percent: float | None = 5.0
+    recovery_s: float | None = None
+
+
+@dataclass(frozen=True)
+class World:
+    """What is flown: files in config/, changes to what they hold, and what the flights must show.
+
+    Parameters
+    ----------
+    scenario, gnss : str
+        Names of files in config/scenario and config/gnss.
+    distance : float or None
+        The deputy is that far ahead on the orbit of the chief, m; None: as the scenario says.
+    motion : {"scenario", "kept", "free"}
+        The controller, fed with truth, flies to the target of the scenario or keeps the first
+        relative position; or there is no thrust.
+    draws_geometry : bool
+        Epoch, node, place on the orbit and constellation come from the seed.
+    seconds : int
+        Length of a flight, s.
+    interval : int
+        Time between the epochs that the filter gets, s.
+    change_scenario, change_gnss : callable
+        Applied to the contents of the files.
+    gradient_tecu_per_deg : float
+        Growth of the vertical TEC along the track of the chief, for each degree over ground.
+    change_setting : callable
+        Applied to the parameters of the filter.
+    outages : tuple of (float, float)
+        Times between which there are no measurements, and 30 s after: their errors do not count
+        in the RMS, and NEES within is printed apart.
+    must : Must
+    """
+
+    scenario: str = "reference"
+    gnss: str = "reference"
+    distance: float | None = 250.0
+    motion: Motion = "kept"
+    draws_geometry: bool = True
+    seconds: int = 900
+    interval: int = 1
+    change_scenario: Callable[[Scenario], Scenario] = lambda scenario: scenario
+    change_gnss: Change = lambda gnss: gnss
+    gradient_tecu_per_deg: float = 0.0
+    change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: setting
+    outages: tuple[tuple[float, float], ...] = ()
+    must: Must = field(default_factory=Must)
+
+    def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
+        """Return scenario and receivers of a flight; `seconds` replaces its length."""
+        scenario = load_scenario(CONFIG / f"scenario/{self.scenario}.yaml")
+        scenario = self.change_scenario(scenario)
+        scenario = dataclasses.replace(scenario, seed=seed, duration=float(seconds or self.seconds))
+        chief, *deputies = scenario.spacecraft
+        if self.distance is not None:
+            state = state_ahead_on_orbit(chief.state_gcrf, self.distance)
+            deputies = [dataclasses.replace(craft, state_gcrf=state) for craft in deputies]
+        gnss = self.change_gnss(load_gnss_configuration(CONFIG / f"gnss/{self.gnss}.yaml"))
+        gnss = dataclasses.replace(gnss, seed=seed)
+        if self.draws_geometry:
+            drawn, first = _DRAW.draw(seed), chief.state_gcrf
+            chief, *deputies = (
+                dataclasses.replace(craft, state_gcrf=drawn.turned(craft.state_gcrf, first))
+                for craft in (chief, *deputies)
+            )
+            scenario = dataclasses.replace(scenario, epoch=scenario.epoch + float(drawn.delay))
+            constellation = dataclasses.replace(gnss.constellation, seed=seed)
+            gnss = dataclasses.replace(gnss, constellation=constellation)
+        if self.motion == "kept":
+            deputies = [
+                dataclasses.replace(
+                    craft, target_rtn=relative_state_rtn(chief.state_gcrf, craft.state_gcrf)
+                )
+                for craft in deputies
+            ]
+        scenario = dataclasses.replace(scenario, spacecraft=(chief, *deputies))
+        if self.gradient_tecu_per_deg:
+            gnss = along_track_gradient(gnss, scenario, self.gradient_tecu_per_deg)
+        return scenario, gnss
+
+
+def thrust_errors(scale: float) -> Callable[[Scenario], Scenario]:
+    """Return a change that gives the deputy a thruster with errors."""
+    model = ThrusterErrorModel(scale, 2.0, 0.01)
+
+    def change(scenario: Scenario) -> Scenario:
+        chief, *deputies = scenario.spacecraft
+        erring = [dataclasses.replace(deputy, thruster_errors=model) for deputy in deputies]
+        return dataclasses.replace(scenario, spacecraft=(chief, *erring))
+
+    return change
+
+
+def exact_thrust(scenario: Scenario) -> Scenario:
+    """Return a scenario whose thrusters give what they report."""
+    spacecraft = tuple(
+        dataclasses.replace(craft, thruster_errors=None) for craft in scenario.spacecraft
+    )
+    return dataclasses.replace(scenario, spacecraft=spacecraft)
+
+
+def receivers(**changes: object) -> Change:
+    """Return a change of fields of every receiver."""
+
+    def change(gnss: GnssConfiguration) -> GnssConfiguration:
+        return dataclasses.replace(
+            gnss,
+            receivers=tuple(
+                dataclasses.replace(receiver, **changes)  # type: ignore[arg-type]
+                for receiver in gnss.receivers
+            ),
+        )
+
+    return change
+
+
+def multipath(phase_sigma: float, code_sigma: float) -> Change:
+    """Return a change that adds Gauss-Markov multipath of 100 s."""
+    return receivers(multipath=MultipathModel(code_sigma=code_sigma, phase_sigma=phase_sigma))
+
+
+def along_track_gradient(
+    gnss: GnssConfiguration, scenario: Scenario, tecu_per_deg: float
+) -> GnssConfiguration:
+    """Return receivers under a TEC that grows along the track of the chief, without end.
+
+    The content begins at that of the profile: less than no electrons are nowhere.
+    """
+    motion = scenario.formation_truth().motion_itrf(scenario.chief.name)
+    up = ellipsoid_normal(motion[0])
+    east = np.cross((0.0, 0.0, 1.0), up)
+    east /= np.linalg.norm(east)
+    azimuth = math.degrees(math.atan2(motion[1] @ east, motion[1] @ np.cross(up, east)))
+    structure = HorizontalGradient(tecu_per_deg, azimuth, 700e3, extent_deg=90.0)
+    return dataclasses.replace(gnss, structures=(structure,))
+
+
+def broadcast_errors(gnss: GnssConfiguration) -> GnssConfiguration:
+    """Return a configuration with drifting errors of 1.5 m of orbits and clocks."""
+    constellation = dataclasses.replace(
+        gnss.constellation,
+        orbit_error_sigma=1.5,
+        clock_error_sigma=1.5,
+        error_correlation_time=21600.0,
+    )
+    return dataclasses.replace(gnss, constellation=constellation)
+
+
+_OUTAGE, _SILENCE = (600.0, 630.0), (720.0, 740.0)
+
+
+def many_faults(gnss: GnssConfiguration) -> GnssConfiguration:
+    """Return a configuration with slips, half cycles, an outage, a jump, silence and bad bytes.
+
+    Slips and half cycles come to one satellite after the other, of which some ten are in view.
+    """
+    faults = []
+    for prn in range(1, 33):
+        satellite = f"G{prn:02d}"
+        signal = ("G1C", "G2W", "G5Q")[prn % 3]
+        craft = ("chief", "deputy")[prn % 2]
+        cycles = float((1, -1, 3, 20)[prn % 4])
+        faults += [
+            Fault("slip", craft, 100.0 + 7.0 * prn, 0.0, satellite, signal, cycles, prn % 5 != 0),
+            Fault("half_cycle", craft, 340.0 + 7.0 * prn, 0.0, satellite, "G1C"),
+        ]
+    faults += [
+        Fault("outage", "deputy", _OUTAGE[0], _OUTAGE[1] - _OUTAGE[0]),
+        Fault("clock_jump", "chief", 680.0, seconds=1e-3),
+        Fault("silent", "deputy", _SILENCE[0], _SILENCE[1] - _SILENCE[0]),
+        Fault("corrupted_bytes", "deputy", 790.0, 60.0, rate=2e-4),
+        Fault("dropped_bytes", "chief", 790.0, 60.0, rate=1e-4),
+    ]
+    return dataclasses.replace(gnss, faults=tuple(faults))
+
+
+SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
+OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
+
+WORLDS: dict[str, World] = {
+    # The shipped approach from 1000 m to 100 m, in the geometry of the file.
+    "ideal": World(
+        distance=None, motion="scenario", draws_geometry=False, must=Must(0.35, fixed_percent=100.0)
+    ),
+    "ideal_geometries": World(must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0)),
+    "ideal_5km": World(distance=5e3, must=Must(0.8)),
+    "thrust_1.05": World(
+        distance=None, motion="scenario", change_scenario=thrust_errors(1.05), must=Must(0.7)
+    ),
+    "thrust_0.95": World(
+        distance=None, motion="scenario", change_scenario=thrust_errors(0.95), must=Must(0.7)
+    ),
+    "forces": World("realistic", change_scenario=exact_thrust, must=Must(0.45)),
+    "forces_5km": World("realistic", distance=5e3, change_scenario=exact_thrust, must=Must(0.8)),
+    "forces_225km": World(
+        "realistic",
+        distance=225e3,
+        motion="free",
+        interval=10,
+        change_scenario=exact_thrust,
+        must=Must(3.0),
+    ),
+    "broadcast": World(change_gnss=broadcast_errors, must=Must(0.45)),
+    "broadcast_5km": World(distance=5e3, change_gnss=broadcast_errors, must=Must(0.8)),
+    "multipath_1mm": World(
+        change_gnss=multipath(0.001, 0.1), seconds=3600, must=Must(2.2, fixed_percent=100.0)
+    ),
+    "multipath_2mm": World(
+        change_gnss=multipath(0.002, 0.2), seconds=3600, must=Must(4.2, fixed_percent=100.0)
+    ),
+    "multipath_5mm": World(
+        change_gnss=multipath(0.005, 0.5), seconds=3600, must=Must(9.5, fixed_percent=99.0)
+    ),
+    "multipath_sinusoid": World(
+        change_gnss=receivers(multipath=SINUSOID), must=Must(8.0, fixed_percent=99.0, nees=None)
+    ),
+    "stated_third": World(
+        change_gnss=receivers(noise=OPTIMISTIC), must=Must(1.2, fixed_percent=100.0)
+    ),
+    "gradient_0.5_5km": World(
+        distance=5e3, gradient_tecu_per_deg=0.5, must=Must(1.0, fixed_percent=100.0)
+    ),
+    "gradient_2_5km": World(
+        distance=5e3, gradient_tecu_per_deg=2.0, must=Must(2.0, fixed_percent=100.0)
+    ),
+    "realistic": World(
+        "realistic", "realistic", distance=None, motion="scenario", must=Must(2.5, None, 100.0)
+    ),
+    "realistic_5km": World(
+        "realistic_5km", "realistic", distance=None, motion="scenario", must=Must(None, None, 99.0)
+    ),
+    "faults": World(
+        "realistic",
+        "realistic",
+        distance=None,
+        motion="scenario",
+        change_gnss=many_faults,
+        outages=(_OUTAGE, _SILENCE),
+        must=Must(3.0, degraded_percent=None, recovery_s=30.0),
+    ),
+}
