@@ -77,7 +77,7 @@ def measure_library(folder: pathlib.Path, count: int = 60) -> None:
     print(f" throughput of 2 workers to 1: {times[1] / times[2]:.2f}")
 
 
-def measure_run(folder: pathlib.Path, count: int = 6) -> None:
+def measure_run(folder: pathlib.Path, count: int = 12) -> None:
     """Fly cases of `vtff run` one after the other, and the same runs bare."""
     command = [sys.executable, "-m", "vtff_bringup.cli", "run", "reference_software", "--composed"]
     command += ["--duration", f"{RUN_DURATION:g}"]

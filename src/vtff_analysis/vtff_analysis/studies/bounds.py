@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy.stats import beta
+from scipy.special import betaincinv
 
 from vtff_sim_bridge.truth.scenario_fields import Section
 
@@ -111,7 +111,7 @@ def lower_confidence_limit(successes: int, trials: int, confidence: float) -> fl
     """
     if successes == 0:
         return 0.0
-    return float(beta.ppf(1.0 - confidence, successes, trials - successes + 1))
+    return float(betaincinv(successes, trials - successes + 1, 1.0 - confidence))
 
 
 def read_bound(section: Section, figure: str) -> Bound:

@@ -17,6 +17,7 @@ WORKER_DEATHS = 2
 """Workers that a case may end before it is given up."""
 
 _CONNECT_TIMEOUT = 20.0  # s
+_LOG_LENGTH = 200
 
 
 class ClusterError(RuntimeError):
@@ -75,6 +76,9 @@ def connected_client(
         "distributed.scheduler.allowed-failures": WORKER_DEATHS,
         # Loopback answers at once: a worker that does not is dead.
         "distributed.comm.timeouts.connect": f"{_CONNECT_TIMEOUT}s",
+        # Dask's own records of events, by default 10 000 of each kind, would grow with the cases.
+        "distributed.admin.log-length": _LOG_LENGTH,
+        "distributed.admin.low-level-log-length": _LOG_LENGTH,
     }
     with dask.config.set(settings), contextlib.ExitStack() as stack:
         # A Ctrl-C of the terminal goes to the workers too: what starts here never gets it.

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import scipy.stats
-from scipy.stats import qmc
 
 from vtff_sim_bridge.truth.scenario_fields import Section
 
@@ -114,6 +112,8 @@ def sample_variables(
     ValueError
         If a distribution gives a value that is not finite.
     """
+    from scipy.stats import qmc
+
     generator = np.random.default_rng(seed)
     if design == "sobol":
         points = qmc.Sobol(len(variables), scramble=True, seed=generator).random(count)
@@ -160,12 +160,14 @@ def _range(entry: Section) -> tuple[float, ...]:
 
 def _distribution(entry: Section) -> Any:
     """Return the frozen distribution of scipy.stats that an entry describes."""
+    from scipy import stats  # takes half a second to import, and workers do without it
+
     name = entry.text("distribution")
-    family = getattr(scipy.stats, name, None)
-    if not isinstance(family, (scipy.stats.rv_continuous, scipy.stats.rv_discrete)):
+    family = getattr(stats, name, None)
+    if not isinstance(family, (stats.rv_continuous, stats.rv_discrete)):
         raise entry.error("distribution", f"scipy.stats has no distribution {name!r}")
     names = [*_shape_names(family), "loc"]
-    if isinstance(family, scipy.stats.rv_continuous):
+    if isinstance(family, stats.rv_continuous):
         names.append("scale")
     given = {name: entry.number(name) for name in names if name in entry}
     missing = [shape for shape in _shape_names(family) if shape not in given]
