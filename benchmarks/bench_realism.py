@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import argparse
 import ast
-import concurrent.futures
 import dataclasses
 import math
+import multiprocessing
 import os
 import pathlib
+import signal
 import sys
 import time
 from collections.abc import Sequence
@@ -131,27 +132,28 @@ def fly_worlds(given: argparse.Namespace) -> int:
         flush=True,
     )
     progress = Progress(len(names) * given.seeds)
-    pool = concurrent.futures.ProcessPoolExecutor(given.jobs)
-    with pool:
+    with multiprocessing.Pool(given.jobs, _ignore_interrupts) as pool:
         jobs = {
             name: [
-                pool.submit(fly, name, seed, given.seconds, given.setting, given.cache)
+                pool.apply_async(
+                    fly,
+                    (name, seed, given.seconds, given.setting, given.cache),
+                    callback=progress.count,
+                )
                 for seed in seeds
             ]
             for name in names
         }
-        for of_world in jobs.values():
-            for job in of_world:
-                job.add_done_callback(progress.count)
-        try:
-            for name, of_world in jobs.items():
-                flights = [job.result() for job in of_world]
-                progress.clear()
-                print_world(name, flights, seeds if given.each else ())
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+        for name, of_world in jobs.items():
+            flights = [job.get() for job in of_world]
             progress.clear()
+            print_world(name, flights, seeds if given.each else ())
     return 0
+
+
+def _ignore_interrupts() -> None:
+    """Leave Ctrl-C to the first process, which ends the others."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 class Progress:
@@ -160,10 +162,8 @@ class Progress:
     def __init__(self, total: int) -> None:
         self._total, self._done, self._start = total, 0, time.monotonic()
 
-    def count(self, job: concurrent.futures.Future[Flight]) -> None:
+    def count(self, flight: Flight) -> None:
         """Count a flight that has ended."""
-        if job.cancelled():
-            return
         self._done += 1
         left = (time.monotonic() - self._start) / self._done * (self._total - self._done)
         end = "\r" if sys.stderr.isatty() else "\n"
