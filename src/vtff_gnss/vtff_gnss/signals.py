@@ -5,9 +5,9 @@ tracking attribute. Where arrays are sorted or grouped by these names, one integ
 them, and these integers are made and read here only: `satellite_number`, `signal_number` and
 their inverses. The numbers sort as the names do: by system, PRN, band, attribute.
 
-A further constellation begins here and in `vtff_gnss.constants` (system, letter, frequencies); its
-orbits follow in `vtff_gnss.orbits.broadcast_orbit`, its drawn satellites in
-`vtff_gnss.orbits.nominal_constellation`.
+A further constellation begins here and in `vtff_gnss.constants` (system, letter, frequencies,
+gravitational constant of its broadcast orbits). CONTRIBUTING.md, "A further constellation", lists
+the other places.
 """
 
 from __future__ import annotations

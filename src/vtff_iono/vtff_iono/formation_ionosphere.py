@@ -32,6 +32,9 @@ __all__ = ["FormationIonosphere", "FormationResult", "FormationSettings"]
 class FormationSettings:
     """Settings of the processing of a formation.
 
+    Elevation masks: `SlantTecSettings.elevation_mask` and `DensitySettings.elevation_mask`, which
+    the node sets from its `elevation_mask_deg`, and `RayEdgeSettings.elevation_mask`.
+
     Parameters
     ----------
     spacecraft : SpacecraftSettings

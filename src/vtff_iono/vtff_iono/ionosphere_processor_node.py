@@ -31,7 +31,8 @@ from vtff_iono.formation_ionosphere import (
     FormationResult,
     FormationSettings,
 )
-from vtff_iono.scintillation.indices import ORBIT_PHASE_CUTOFF_HZ, ScintillationSettings
+from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
+from vtff_iono.scintillation.indices import ScintillationSettings
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftIonosphere, SpacecraftSettings
 from vtff_msgs.msg import (
@@ -68,40 +69,62 @@ class IonosphereProcessorParameters:
     chief: str = parameter("chief", "name of the spacecraft that the deputy is compared with")
     deputy: str = parameter("deputy", "name of the other spacecraft")
     elevation_mask_deg: float = parameter(
-        10.0,
-        "satellites below this elevation are marked and not used",
+        ELEVATION_MASK_DEG,
+        "lowest elevation of satellites for contents and density; edges of rays have no mask",
         unit="deg",
         minimum=0.0,
         maximum=60.0,
     )
     cn0_minimum_dbhz: float = parameter(
-        15.0, "signals below this C/N0 are marked and not used", unit="dB-Hz", minimum=0.0
+        SlantTecSettings.cn0_minimum_dbhz,
+        "signals below this C/N0 are marked and not used",
+        unit="dB-Hz",
+        minimum=0.0,
     )
-    code_sigma: float = parameter(0.3, "noise of a pseudorange", unit="m", minimum=1e-3)
+    code_sigma: float = parameter(
+        SlantTecSettings.pseudorange_sigma, "noise of a pseudorange", unit="m", minimum=1e-3
+    )
     phase_sigma: float = parameter(
-        0.001, "noise of a carrier phase at the full rate", unit="m", minimum=1e-5
+        SlantTecSettings.carrier_phase_sigma,
+        "noise of a carrier phase at the full rate",
+        unit="m",
+        minimum=1e-5,
     )
     bias_file: str = parameter(
         "", "satellite biases, Bias-SINEX or DCB; empty = those that the satellites broadcast"
     )
     bias_interval: float = parameter(
-        300.0, "longest time between estimates of the receiver biases", unit="s", minimum=10.0
+        SpacecraftSettings.bias_interval,
+        "longest time between estimates of the receiver biases",
+        unit="s",
+        minimum=10.0,
     )
     bias_delay: float = parameter(
-        600.0, "observations before the first estimate of the receiver biases", unit="s", minimum=0
+        SpacecraftSettings.bias_delay,
+        "observations before the first estimate of the receiver biases",
+        unit="s",
+        minimum=0,
     )
-    window: float = parameter(60.0, "window of the scintillation indices", unit="s", minimum=1.0)
+    window: float = parameter(
+        ScintillationSettings.window, "window of the scintillation indices", unit="s", minimum=1.0
+    )
     phase_cutoff_hz: float = parameter(
-        ORBIT_PHASE_CUTOFF_HZ,
+        ScintillationSettings.phase_cutoff_hz,
         "high-pass cut-off of sigma-phi; 1 Hz is 7.5 km in low orbit",
         unit="Hz",
         minimum=0.01,
     )
     roti_interval: float = parameter(
-        1.0, "interval of the rates that ROTI is made of", unit="s", minimum=0.05
+        SpacecraftSettings.roti_interval,
+        "interval of the rates that ROTI is made of",
+        unit="s",
+        minimum=0.05,
     )
     irregularity_altitude: float = parameter(
-        320e3, "altitude at which rays are said to meet an irregularity", unit="m", minimum=1e5
+        RayEdgeSettings.irregularity_altitude,
+        "altitude at which rays are said to meet an irregularity",
+        unit="m",
+        minimum=1e5,
     )
     source_nodes: list[str] = parameter(
         [],
@@ -119,7 +142,7 @@ def formation_settings(parameters: IonosphereProcessorParameters) -> FormationSe
     return FormationSettings(
         spacecraft=SpacecraftSettings(
             slant_tec=SlantTecSettings(
-                elevation_minimum=mask,
+                elevation_mask=mask,
                 cn0_minimum_dbhz=parameters.cn0_minimum_dbhz,
                 pseudorange_sigma=parameters.code_sigma,
                 carrier_phase_sigma=parameters.phase_sigma,
@@ -129,7 +152,7 @@ def formation_settings(parameters: IonosphereProcessorParameters) -> FormationSe
             bias_interval=parameters.bias_interval,
             bias_delay=parameters.bias_delay,
         ),
-        density=DensitySettings(elevation_minimum=mask),
+        density=DensitySettings(elevation_mask=mask),
         ray_edges=RayEdgeSettings(irregularity_altitude=parameters.irregularity_altitude),
         carrier_phase_sigma=parameters.phase_sigma,
     )

@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 
 class StepCoordinator:
-    """Keeps the acknowledgements of steps and decides when a step is complete.
+    """Keeps the acknowledgements of steps and says whether all nodes have acknowledged.
 
     Parameters
     ----------

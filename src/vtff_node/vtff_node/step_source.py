@@ -1,5 +1,7 @@
-"""The step source of a lockstep run: it begins the steps and knows which nodes each step waits for.
+"""The step source of a lockstep run: it begins the steps and decides when a step is complete.
 
+A step is complete (`StepSource.is_complete`) when all nodes have acknowledged it
+(`vtff_node.lockstep`) and all awaited data have come.
 The simulator bridge, a receiver log and a replayed bag can each be the step source of a run.
 """
 

@@ -122,10 +122,10 @@ def write_receivers(run_directory, crafts=("chief", "deputy")):
     bag.close()
 
 
-def report(run_directory):
+def report(run_directory, **arguments):
     """Write the report; return folder, summary and what the console showed."""
     console = Console(file=io.StringIO(), width=80)
-    folder = write_report(run_directory, console, {"system": "test", "port": [1, 2]})
+    folder = write_report(run_directory, console, {"system": "test", "port": [1, 2], **arguments})
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     return folder, summary, console.file.getvalue()
 
@@ -242,6 +242,27 @@ def test_navigation_is_compared_with_truth(run_directory):
     assert summary["navigation_error_radial_rms_m"] == pytest.approx(0.01)
     assert_documented(summary)
     assert "like 'paper HIL'" in shown
+
+
+@pytest.mark.parametrize(
+    ("ports", "receivers"),
+    [
+        (("serial:///runs/some_run/ports/chief",) * 2, "emulated"),
+        (("/dev/ttyUSB0", "tcp://192.0.2.7:3001"), "real"),
+        (("serial://${run_directory}/ports/chief", "/dev/ttyUSB0"), "emulated and real"),
+    ],
+)
+def test_receivers_are_called_emulated_or_real(run_directory, ports, receivers):
+    write_formation(run_directory, navigation=True)
+    for spacecraft, port in zip(("chief", "deputy"), ports, strict=True):
+        content = {f"/{spacecraft}/receiver_driver": {"ros__parameters": {"port": port}}}
+        file = run_directory / "parameters" / f"{spacecraft}_receiver_driver.yaml"
+        file.write_text(yaml.safe_dump(content))
+    _, summary, shown = report(run_directory, gnss="gnss/evening.yaml")
+    assert summary["receivers"] == receivers
+    assert_documented(summary)
+    assert f"GNSS navigation of {receivers} receivers" in " ".join(shown.split())
+    assert ("world 'evening'" in " ".join(shown.split())) == (receivers != "real")
 
 
 def test_two_deputies(run_directory):

@@ -122,6 +122,8 @@ def _summarise_simulation(history: RunHistory, settings: RunSettings) -> Summary
         summary["late_commands"] = simulator.late_commands
     if settings.seed is not None:
         summary["run_seed"] = settings.seed
+    if settings.receivers is not None:
+        summary["receivers"] = settings.receivers
     summary["run_duration_s"] = duration
     return summary
 

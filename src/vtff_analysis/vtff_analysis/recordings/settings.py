@@ -15,6 +15,9 @@ from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_pa
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.vectors import FloatArray
 
+# Emulators open their serial ports in this folder of the run (system files, `simgen_emulator`).
+_EMULATED_PORTS = "/ports/"
+
 
 @dataclass(frozen=True, eq=False)
 class ControllerSettings:
@@ -52,11 +55,15 @@ class RunSettings:
         Settings of the controllers by the name of the deputy.
     notes
         One line for each file that could not be read.
+    receivers
+        ``emulated`` or ``real``: what stands behind the ports of the receiver drivers;
+        ``emulated and real`` if both do, None if the run has no driver.
     """
 
     seed: int | None = None
     controllers: dict[str, ControllerSettings] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    receivers: str | None = None
 
     def controller(self, deputy: str) -> ControllerSettings:
         """Return the settings of a deputy's controller, empty ones if it has none."""
@@ -78,17 +85,20 @@ def read_settings(described: RunDescription) -> RunSettings:
     notes: list[str] = []
     seed: int | None = None
     controllers: dict[str, ControllerSettings] = {}
+    kinds: set[str] = set()
     for name, text in sorted(described.parameter_texts.items()):
         nodes = node_parameters(text)
         if not nodes:
             notes.append(f"parameters/{name}.yaml: not a ROS parameter file")
-        for values in nodes.values():
+        for node, values in nodes.items():
+            if node.endswith("/receiver_driver") and "port" in values:
+                kinds.add("emulated" if _EMULATED_PORTS in str(values["port"]) else "real")
             if "target_position_rtn" in values:
                 deputy = str(values.get("deputy", DEPUTY))
                 controllers[deputy] = _controller_settings(values, name, notes)
             if SCENARIO_PARAMETER in values:
                 seed = _seed(values, described.scenario_text)
-    return RunSettings(seed, controllers, tuple(notes))
+    return RunSettings(seed, controllers, tuple(notes), " and ".join(sorted(kinds)) or None)
 
 
 def _controller_settings(

@@ -30,6 +30,7 @@ from vtff_analysis.report.ionosphere_table import (
     ionosphere_rows,
 )
 from vtff_analysis.report.tables import (
+    formation_heads,
     formation_remarks,
     formation_rows,
     number_text,
@@ -197,7 +198,7 @@ def _render_formation(summary: Mapping[str, Any], deputies: Sequence[str]) -> st
     columns = formation_columns(summary.get("scenario"))
     for name in deputies:
         numbers = _numbers_of_deputy(summary, name, deputies)
-        heads = ["", "measured", *[column.title.replace("\n", " ") for column in columns]]
+        heads = ["", *[head.replace("\n", " ") for head in formation_heads(columns)]]
         rows: list[Sequence[str]] = []
         for heading, section in formation_rows(numbers, columns):
             rows.append(heading)

@@ -1,7 +1,13 @@
-"""Console tables of a run: measured numbers, beside the paper's where it has them."""
+"""Tables of a run: measured numbers, beside the paper's where it has them.
+
+Rows are the lists below and heads are `formation_heads`, for console and ``report.html`` alike.
+The numbers come from `vtff_analysis.evaluation.summary`, the columns of the papers from
+`vtff_analysis.paper_reference`; the ionosphere has `vtff_analysis.report.ionosphere_table`.
+"""
 
 from __future__ import annotations
 
+import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -199,8 +205,13 @@ def formation_rows(
     return sections
 
 
+def formation_heads(columns: Sequence[PaperColumn]) -> list[str]:
+    """Return the heads of the columns of numbers; a title of two lines has a line break."""
+    return ["measured", *[column.title for column in columns]]
+
+
 def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn]) -> Table:
-    table = _table(title, ["measured", *[column.title for column in columns]])
+    table = _table(title, formation_heads(columns))
     for heading, rows in formation_rows(summary, columns):
         table.add_section()
         table.add_row(f"[bold]{heading}[/bold]")
@@ -240,11 +251,13 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
     lines = []
     control_input = summary.get("control_input")
     if control_input is not None:
-        fed = "truth" if control_input == "truth" else "GNSS navigation"
+        fed = "truth" if control_input == "truth" else _describe_navigation(summary)
         lines.append(f"measured: controller fed with {fed}{_comparable_column(summary, columns)}.")
     for column in columns:
         fed = (
-            "GNSS navigation in the loop (HIL)" if column.hardware_in_the_loop else "fed with truth"
+            "GNSS navigation of real receivers in the loop (HIL)"
+            if column.hardware_in_the_loop
+            else "fed with truth"
         )
         lines.append(f"{_join_lines(column.title)}: {column.source}; {fed}.")
     duration = summary["run_duration_s"]
@@ -266,6 +279,16 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
     if "keeping_in_track_rms_m" in summary:
         lines.append("RMS: of the deviation from the target. dv: sum of |acceleration| x time.")
     return lines
+
+
+def _describe_navigation(summary: Summary) -> str:
+    """Return what the controller was fed with: which receivers, in which world."""
+    receivers = summary.get("receivers")
+    if receivers is None:
+        return "GNSS navigation"
+    world = pathlib.PurePath(str(summary.get("argument_gnss", ""))).stem
+    where = f" in the world {world!r}" if world and receivers != "real" else ""
+    return f"GNSS navigation of {receivers} receivers{where}"
 
 
 def _comparable_column(summary: Summary, columns: Sequence[PaperColumn]) -> str:

@@ -1,7 +1,8 @@
 """A thruster without a bus: delay, cap and quantum (impulse bit) of a commanded acceleration.
 
 The thruster is the one place where the control loop's delay is applied (paper 3.5 and figure 2:
-the command computed from the state at second k acts from k+1 to k+2).
+the command computed from the state at second k acts from k+1 to k+2). The quantum of the CAN
+thruster of the reference system stands in `vtff_sim_bridge.thruster.can_thruster_emulator`.
 """
 
 from __future__ import annotations

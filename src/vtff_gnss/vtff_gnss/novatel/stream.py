@@ -1,4 +1,8 @@
-"""A NovAtel byte stream to typed events."""
+"""A NovAtel byte stream to typed events.
+
+A further log: see `vtff_gnss.novatel`; here it needs its number in `_DECODED_IDS` and a branch in
+`_decode_log`, or an entry in `_EPHEMERIS_DECODERS`.
+"""
 
 from __future__ import annotations
 

@@ -145,7 +145,7 @@ def test_a_glonass_channel_that_nobody_told():
 
 def test_settings_are_used():
     time, columns = observations(np.arange(20.0), np.full((20, 1), 20.0))
-    settings = SlantTecSettings(elevation_minimum=math.radians(30.0))
+    settings = SlantTecSettings(elevation_mask=math.radians(30.0))
     rows = SlantTecProcessor(settings=settings).update(time, columns, elevations(time, columns))
     assert (rows.rejected & Rejection.LOW_ELEVATION).all()
 

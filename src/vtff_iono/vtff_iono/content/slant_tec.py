@@ -24,6 +24,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.links.arcs import ArcDetector, Arcs, ArcSettings, arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, PairRows, PairSelector, SignalPair
 
@@ -97,7 +98,7 @@ class SlantTecSettings:
 
     Parameters
     ----------
-    elevation_minimum : float
+    elevation_mask : float
         Elevation mask, rad.
     cn0_minimum_dbhz : float
         Smallest C/N0 of the weaker signal, dB-Hz.
@@ -109,7 +110,7 @@ class SlantTecSettings:
         not level the arc.
     """
 
-    elevation_minimum: float = math.radians(10.0)
+    elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
     cn0_minimum_dbhz: float = 20.0
     pseudorange_sigma: float = 0.3
     carrier_phase_sigma: float = 0.001
@@ -233,7 +234,7 @@ class SlantTecProcessor:
             (Rejection.PHASE_INVALID, ~rows.phase_valid),
             (Rejection.PARITY_UNKNOWN, ~rows.parity_known),
             (Rejection.LOW_CN0, rows.cn0_dbhz < settings.cn0_minimum_dbhz),
-            (Rejection.LOW_ELEVATION, elevation < settings.elevation_minimum),
+            (Rejection.LOW_ELEVATION, elevation < settings.elevation_mask),
             (Rejection.NO_GEOMETRY, np.isnan(elevation)),
         )
         rejected = np.zeros(len(rows), dtype=np.uint16)

@@ -33,6 +33,7 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator"]
 
@@ -43,7 +44,7 @@ class DensitySettings:
 
     Parameters
     ----------
-    elevation_minimum : float
+    elevation_mask : float
         Lowest elevation of a satellite at both spacecraft, rad.
     bias_sigma_tecu, bias_walk_tecu : float
         Sigma of b at first, TECU, and its random walk, TECU per square root of s.
@@ -57,7 +58,7 @@ class DensitySettings:
         A density this many sigmas below zero is impossible.
     """
 
-    elevation_minimum: float = math.radians(10.0)
+    elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
     bias_sigma_tecu: float = 100.0
     bias_walk_tecu: float = 1e-6
     mapping_sigma: float = 0.1
@@ -168,7 +169,7 @@ class ElectronDensityEstimator:
         used = (
             np.isfinite(observed)
             & np.isfinite(sigma)
-            & (elevations >= settings.elevation_minimum).all(axis=0)
+            & (elevations >= settings.elevation_mask).all(axis=0)
         )
         nothing = np.full(len(observed), np.nan)
         if not used.any() or abs(separation) < settings.separation_minimum:

@@ -27,11 +27,12 @@ from scipy.optimize import least_squares
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.fluctuation_lag import series_lag
 
 __all__ = ["ContentSeries", "EdgeCrossing", "fit_edge_crossings"]
 
-_ELEVATION_MINIMUM = math.radians(10.0)
+_ELEVATION_MASK = math.radians(ELEVATION_MASK_DEG)
 _LARGEST_LAG = 5.0
 # Second differences over this time show scintillation; a change of slope is short in them.
 _DIFFERENCE = 0.5
@@ -290,7 +291,7 @@ def _satellites(
         good = usable & (arcs > 0).all(axis=0) & np.isfinite(stec + elevation).all(axis=0)
         if np.count_nonzero(good) < _COVERAGE * np.count_nonzero(window):
             continue
-        if elevation[:, good].min() < _ELEVATION_MINIMUM:
+        if elevation[:, good].min() < _ELEVATION_MASK:
             continue
         _, arc = np.unique(arcs[:, good], axis=1, return_inverse=True)
         constants = np.eye(arc.max() + 1)[arc.ravel()]

@@ -65,9 +65,9 @@ class RayEdgeSettings:
     irregularity_altitude : float
         Altitude at which rays are taken to meet an irregularity, m; for a spacecraft above it, the
         altitude of the spacecraft.
-    elevation_minimum : float
+    elevation_mask : float
         Lowest elevation of rays whose intensity is looked at, rad.
-    rate_elevation_minimum : float
+    rate_elevation_mask : float
         Lowest elevation of rays whose rate of TEC is looked at, rad. The rates of low rays change
         with their mapping, which is not known well enough.
     """
@@ -76,8 +76,8 @@ class RayEdgeSettings:
     roti_tecu_per_minute: float = 2.0
     gradient_tecu_per_km: float = 0.05
     irregularity_altitude: float = 320e3
-    elevation_minimum: float = 0.0
-    rate_elevation_minimum: float = math.radians(25.0)
+    elevation_mask: float = 0.0
+    rate_elevation_mask: float = math.radians(25.0)
 
 
 class _RayQuantity(NamedTuple):
@@ -202,7 +202,7 @@ class RayEdgeFinder:
         if len(epochs) < _FEWEST_EPOCHS:
             return []
         sample_length = statistics.median(np.diff(epochs).tolist()) / NANOSECONDS_PER_SECOND
-        is_high = rows.elevation >= self._settings.elevation_minimum
+        is_high = rows.elevation >= self._settings.elevation_mask
         system, prn = block.columns["system"], block.columns["prn"]
         # Observations of the first signal of each satellite, by the number of its first link.
         observations: dict[int, npt.NDArray[np.int64]] = {}
@@ -273,7 +273,7 @@ class RayEdgeFinder:
             if link >= len(counts) or not counts[link]:
                 continue
             last_row = rows_of_link[in_arc[rows_of_link]][-1]
-            if not rows.elevation[last_row] >= self._settings.rate_elevation_minimum:
+            if not rows.elevation[last_row] >= self._settings.rate_elevation_mask:
                 continue
             content = _SecondContent(
                 end, int(rows.arc[last_row]), float(totals[link] / counts[link])

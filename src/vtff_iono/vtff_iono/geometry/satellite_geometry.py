@@ -16,7 +16,14 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_gnss.signals import satellite_number
 
-__all__ = ["SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
+__all__ = ["ELEVATION_MASK_DEG", "SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
+
+ELEVATION_MASK_DEG = 10.0
+"""Default elevation mask of contents, density and vertical edges.
+
+`ionosphere_processor` and `vtff tec` have it as a parameter. Edges of rays have limits of their own
+(`vtff_iono.edges.ray_edges.RayEdgeSettings`).
+"""
 
 # Largest number of epochs that are computed together; it bounds the memory.
 _MOST_EPOCHS = 1000

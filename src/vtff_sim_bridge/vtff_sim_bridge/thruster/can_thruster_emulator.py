@@ -28,7 +28,7 @@ LOGGER = logging.getLogger("can_thruster_emulator")
 
 CLOCK_MODES = ("lockstep", "realtime")
 ACCELERATION_CAP = 1.4  # m/s2 on each axis, paper 000 appendix A
-QUANTUM = 1e-5  # m/s2, the resolution of the frames
+QUANTUM = 1e-5  # m/s2, impulse bit over a step of 1 s: the resolution of the frames
 WATCHDOG_TIMEOUT = 2.0  # s
 HEARTBEAT_INTERVAL = 1.0  # s of wall time
 LONGEST_WAIT = 0.2  # s, bounds the reaction to a signal

@@ -1,4 +1,4 @@
-"""Parameters of the filter of the testbed paper."""
+"""Parameters of the filter of the testbed paper: process noise, elevation mask, weights."""
 
 from __future__ import annotations
 
