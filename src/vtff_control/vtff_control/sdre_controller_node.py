@@ -14,7 +14,9 @@ from vtff_control.tracking.controller import (
     ControllerSetting,
     ControlResult,
     check_control_result,
+    takes_covariance,
 )
+from vtff_control.tracking.navigation_bounds import sigma_reason, usable_covariance
 from vtff_control.tracking.sdre import (
     DEFAULT_WEIGHTS,
     FEEDFORWARD_GRAVITY,
@@ -22,6 +24,7 @@ from vtff_control.tracking.sdre import (
     SdreDesign,
     stale_state_reason,
 )
+from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import RelativeState
 from vtff_node import diagnostics
 from vtff_node.main import run_node
@@ -83,10 +86,35 @@ class SdreControllerParameters:
     target_velocity_rtn: list[float] = parameter(
         [0.0, 0.0, 0.0], "wanted velocity in the rotating frame", unit="m/s"
     )
-    maximum_age: float = parameter(
-        10.0, "oldest last measurement of a state that is still acted on", unit="s", minimum=0.0
+    disturbance_observer: bool = parameter(
+        SdreDesign.disturbance_observer,
+        "estimate deviation and disturbance from states and commands, compensate the disturbance",
     )
-
+    tolerated_deviation: float = parameter(
+        SdreDesign.tolerated_deviation,
+        "deviation that is tolerated with perfect navigation; with it the bandwidth follows the "
+        "covariance, 0 = it does not",
+        unit="m",
+        minimum=0.0,
+    )
+    quantum: float = parameter(
+        SdreDesign.quantum,
+        "smallest change of the thruster's acceleration; with it the mean of the rounded commands "
+        "is exact, 0 leaves rounding to the thruster",
+        unit="m/s^2",
+        minimum=0.0,
+    )
+    maximum_sigma: float = parameter(
+        SdreDesign.maximum_sigma,
+        "largest sigma of a position that is tracked; beyond, the relative velocity is removed",
+        unit="m",
+        minimum=0.0,
+    )
+    maximum_sigma_ratio: float = parameter(
+        SdreDesign.maximum_sigma_ratio,
+        "the same in proportion to the distance from the chief",
+        minimum=0.0,
+    )
     maximum_lag: float = parameter(
         1.5,
         "outside lockstep, oldest state by /clock that is still acted on",
@@ -111,9 +139,9 @@ class SdreControllerNode(VtffNode):
     publishes <deputy>/control/thrust_command (geometry_msgs/AccelStamped, m/s^2 in chief/rtn,
     stamped with the time of the state it answers). A state that is stale, not finite or marked
     unusable gives zero thrust and a diagnostic; one that is repeated or out of order has been
-    answered already and is reported. After a jump back in time control starts anew. A controller
-    that fails, is too slow or answers with something unusable is named, its command is zero thrust
-    and the node ends.
+    answered already and is reported. A prediction is acted on as far as its covariance allows.
+    After a jump back in time control starts anew. A controller that fails, is too slow or answers
+    with something unusable is named, its command is zero thrust and the node ends.
     """
 
     Parameters = SdreControllerParameters
@@ -133,9 +161,20 @@ class SdreControllerNode(VtffNode):
                 position_weight=given.position_weight or None,
                 velocity_weight=given.velocity_weight or None,
                 control_weight=given.control_weight or None,
+                disturbance_observer=given.disturbance_observer,
+                tolerated_deviation=given.tolerated_deviation,
+                quantum=given.quantum,
+                maximum_sigma=given.maximum_sigma,
+                maximum_sigma_ratio=given.maximum_sigma_ratio,
             ),
             self.plugin_parameters,
         )
+        self._takes_covariance = takes_covariance(self._controller)
+        if not self._takes_covariance:
+            self.get_logger().info(
+                f"design '{given.design}' takes no covariance: thrust is zero where sigma is above "
+                f"{given.maximum_sigma:g} m or {given.maximum_sigma_ratio:g} of the distance"
+            )
         self._target = np.array([*given.target_position_rtn, *given.target_velocity_rtn])
         self._result = REFUSED
         self._reason = "no relative state yet"
@@ -191,24 +230,47 @@ class SdreControllerNode(VtffNode):
         if message.solution == RelativeState.SOLUTION_NONE:
             self._reset()
             return REFUSED, "navigation has no solution"
-        if not message.age <= self.parameters.maximum_age:
-            self._reset()
-            return REFUSED, f"last measurement is {message.age:.1f} s old"
         if self._now_nanoseconds is not None:
             maximum_lag = self.parameters.maximum_lag
             reason = stale_state_reason(stamp, self._now_nanoseconds, maximum_lag)
             if reason:
                 self._reset()
                 return REFUSED, reason
+        relative_state = np.concatenate((message.position, message.velocity))
+        covariance: list[FloatArray | None] = [None]
+        if message.solution != RelativeState.SOLUTION_TRUTH:
+            covariance = [np.array(message.covariance).reshape(6, 6)]
+        if not self._takes_covariance:
+            reason = self._bounds_reason(relative_state, *covariance)
+            if reason:
+                self._reset()
+                return REFUSED, reason
+            covariance = []
         result = self.plugin.call(
             self._controller.control,
-            np.concatenate((message.position, message.velocity)),
+            relative_state,
             np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf)),
             self._target,
             stamp,
+            *covariance,
             check=check_control_result,
         )
         return result, result.reason
+
+    def _bounds_reason(self, relative_state: FloatArray, covariance: FloatArray | None) -> str:
+        """Return why a controller that knows no covariance may not act; empty if it may."""
+        if covariance is None:
+            return ""
+        given = self.parameters
+        try:
+            return sigma_reason(
+                relative_state,
+                usable_covariance(covariance),
+                given.maximum_sigma,
+                given.maximum_sigma_ratio,
+            )
+        except ValueError as error:
+            return str(error)
 
     def _reset(self) -> None:
         self.plugin.call(self._controller.reset)
@@ -217,6 +279,8 @@ class SdreControllerNode(VtffNode):
         """Report whether commands are valid, and why not."""
         valid = self._result.valid
         text = "controlling" if valid else f"zero thrust: {self._reason}"
+        if self._result.degraded:
+            valid, text = False, f"removing the relative velocity: {self._result.degraded}"
         if self._order.refused_since_last_look():
             valid, text = False, f"states came out of order; {text}"
         return [

@@ -10,14 +10,17 @@ over [t[k+1], t[k+2]] in the RTN axes that the chief has at t[k+1].
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_analysis.studies.drawn_navigation import DrawnNavigation, NavigationErrorModel
 from vtff_control.thruster.thruster import Thruster
 from vtff_control.tracking.sdre import SdreController, SdreDesign
 from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.truth.formation_truth import FormationTruth
 from vtff_sim_bridge.truth.scenario import Scenario
 
 
@@ -110,8 +113,9 @@ def simulate_closed_loop(
     design: SdreDesign,
     thruster_parameters: Mapping[str, object] | None = None,
     duration: float | None = None,
+    navigation: NavigationErrorModel | None = None,
 ) -> ClosedLoopResult:
-    """Fly a scenario with truth fed to the controller.
+    """Fly a scenario with truth, or drawn navigation, fed to the controller.
 
     Parameters
     ----------
@@ -124,6 +128,9 @@ def simulate_closed_loop(
         delay of the design, and no quantum. The step is that of the scenario.
     duration
         Length of the run in s, by default that of the scenario.
+    navigation
+        Errors of the states that the controller gets with their covariance; truth if absent. The
+        errors of each deputy are drawn from the seed and its number.
 
     Returns
     -------
@@ -152,16 +159,21 @@ def simulate_closed_loop(
         raise ValueError(f"duration: at least one step of {scenario.step:g} s expected")
     truth = scenario.formation_truth()
     loops = {
-        name: _DeputyLoop(target, design, thruster_parameters, steps)
-        for name, target in targets.items()
+        name: _DeputyLoop(
+            target,
+            design,
+            thruster_parameters,
+            steps,
+            _drawn_navigation(navigation, index, scenario),
+        )
+        for index, (name, target) in enumerate(targets.items())
     }
     states_chief = np.empty((steps + 1, 6))
     for step in range(steps):
         states_chief[step] = truth.state_gcrf(truth.chief)
-        stamp = truth.time.nanoseconds
         truth.advance(
             {
-                name: loop.react(step, stamp, truth.relative_state_rtn(name), states_chief[step])
+                name: loop.react(step, truth, truth.relative_state_rtn(name), states_chief[step])
                 for name, loop in loops.items()
             }
         )
@@ -175,6 +187,16 @@ def simulate_closed_loop(
     )
 
 
+def _drawn_navigation(
+    model: NavigationErrorModel | None, index: int, scenario: Scenario
+) -> DrawnNavigation | None:
+    """Return the navigation of a deputy; it knows the forces of the scenario, not its own."""
+    if model is None:
+        return None
+    model = dataclasses.replace(model, seed=model.seed + index)
+    return DrawnNavigation(model, scenario.force_model, scenario.step)
+
+
 class _DeputyLoop:
     """Controller, thruster and history of one deputy."""
 
@@ -184,6 +206,7 @@ class _DeputyLoop:
         design: SdreDesign,
         thruster_parameters: Mapping[str, object] | None,
         steps: int,
+        navigation: DrawnNavigation | None,
     ) -> None:
         parameters: dict[str, object] = {
             "acceleration_cap": design.acceleration_cap,
@@ -192,6 +215,7 @@ class _DeputyLoop:
         parameters.update(thruster_parameters or {})
         parameters["step"] = design.sample_time
         self._target = target_rtn
+        self._navigation = navigation
         self._controller = SdreController(design)
         self._thruster = Thruster(**parameters)  # type: ignore[arg-type]
         self._scheduled: dict[int, FloatArray] = {}
@@ -200,16 +224,25 @@ class _DeputyLoop:
         self._applied = np.empty((steps, 3))
 
     def react(
-        self, step: int, stamp: int, relative_state: FloatArray, state_chief: FloatArray
+        self, step: int, truth: FormationTruth, relative_state: FloatArray, state_chief: FloatArray
     ) -> FloatArray:
         """Control one step and return the acceleration that acts in it."""
-        result = self._controller.control(relative_state, state_chief, self._target, stamp)
+        stamp = truth.time.nanoseconds
+        estimate, covariance = relative_state, None
+        if self._navigation is not None:
+            elapsed = step * self._thruster.step
+            estimate, covariance = self._navigation.estimate(
+                truth.time, elapsed, state_chief, relative_state
+            )
+        result = self._controller.control(estimate, state_chief, self._target, stamp, covariance)
         thrust = self._thruster.command(stamp, result.acceleration_rtn)
         self._scheduled[thrust.start_stamp] = thrust.acceleration_rtn
         applied = self._scheduled.pop(stamp, np.zeros(3))
         self.states[step] = relative_state
         self._commands[step] = result.acceleration_rtn
         self._applied[step] = applied
+        if self._navigation is not None:
+            self._navigation.add_thrust(applied)
         return applied
 
     def history(self) -> DeputyHistory:

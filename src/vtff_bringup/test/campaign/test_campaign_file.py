@@ -75,8 +75,8 @@ WRONG = [
     (changed("vary/cap/values", [1.0, "much"]), "'acceleration_cap' is 'much'; its type is float"),
     (changed("fixed/thruster.delay_steps", 1.5), "fixed.thruster.delay_steps: parameter"),
     (
-        changed("fixed/sdre_controller.maximum_age", 3.0),
-        "fixed.sdre_controller.maximum_age: loop library cannot set",
+        changed("fixed/sdre_controller.maximum_lag", 3.0),
+        "fixed.sdre_controller.maximum_lag: loop library cannot set",
     ),
     (
         changed(f"vary/{SPACECRAFT}.deputy_2.orbit.x", [1]),

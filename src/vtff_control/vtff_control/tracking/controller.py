@@ -6,6 +6,7 @@ The controller gets one relative state per sample and answers with one accelerat
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
@@ -15,7 +16,13 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ControlResult", "Controller", "ControllerSetting", "check_control_result"]
+__all__ = [
+    "ControlResult",
+    "Controller",
+    "ControllerSetting",
+    "check_control_result",
+    "takes_covariance",
+]
 
 
 @dataclass(frozen=True)
@@ -32,12 +39,15 @@ class ControlResult:
         False if no command could be computed.
     reason
         Why the result is not valid, one line; empty if it is.
+    degraded
+        Why a valid command does not track the target, one line; empty if it does.
     """
 
     acceleration_rtn: FloatArray
     saturated: bool
     valid: bool
     reason: str = ""
+    degraded: str = ""
 
 
 @dataclass(frozen=True)
@@ -54,6 +64,8 @@ class ControllerSetting:
         Largest magnitude of the command in m/s2, for all axes or for each of R, T, N.
     feedforward, feedforward_gravity, position_weight, velocity_weight, control_weight
         As in `vtff_control.tracking.sdre.SdreDesign`; a weight of None is the controller's own.
+    disturbance_observer, tolerated_deviation, quantum, maximum_sigma, maximum_sigma_ratio
+        As in `vtff_control.tracking.sdre.SdreDesign`.
     """
 
     sample_time: float = 1.0
@@ -64,6 +76,11 @@ class ControllerSetting:
     position_weight: float | None = None
     velocity_weight: float | None = None
     control_weight: float | None = None
+    disturbance_observer: bool = False
+    tolerated_deviation: float = 0.0
+    quantum: float = 0.0
+    maximum_sigma: float = 100.0
+    maximum_sigma_ratio: float = 0.25
 
 
 class Controller(Protocol):
@@ -82,6 +99,7 @@ class Controller(Protocol):
         state_chief_gcrf: npt.ArrayLike,
         target_rtn: npt.ArrayLike,
         stamp: int | None = None,
+        covariance_rtn: npt.ArrayLike | None = None,
     ) -> ControlResult:
         """Compute the command for one state; called once per sample.
 
@@ -96,7 +114,21 @@ class Controller(Protocol):
             Wanted relative state in RTN, shape (6,).
         stamp
             Time of validity of the state in whole nanoseconds.
+        covariance_rtn
+            Covariance of the relative state (m2, m2/s, m2/s2), shape (6, 6); None for the truth. A
+            state without measurements is a prediction: its covariance grows. The node gives this
+            fifth argument only to a controller that takes it (`takes_covariance`); it lets any
+            other act only while the bounds on sigma hold.
         """
+
+
+def takes_covariance(controller: Controller) -> bool:
+    """Return whether a controller takes the covariance as the fifth argument of ``control``."""
+    try:
+        inspect.signature(controller.control).bind(None, None, None, None, None)
+    except (TypeError, ValueError):
+        return False
+    return True
 
 
 def check_control_result(result: object) -> None:

@@ -7,7 +7,9 @@ normal); the relative velocity is the derivative seen in the rotating frame.
 The feedback law is ``u = -K (x - x_d)`` with a gain ``K`` from a Riccati equation of the relative
 dynamics ``x' = A(x) x + B u`` and the cost ``integral of (x - x_d)' Q (x - x_d) + u' R u``
 (Peng and others, "VTFF testbed ... ionospheric remote sensing", section 3.5, equation 7).
-Three designs are offered, see `SdreDesign`.
+Three designs are offered, see `SdreDesign`. Options add what the paper's loop lacks: a feedforward,
+an observer of disturbances, a bandwidth that follows the covariance of navigation, and a command
+that averages to what is wanted although the thruster rounds it.
 
 No function of this module reads a clock or knows ROS: the same calls in the same order give the
 same numbers in a node, in a notebook and on replay.
@@ -22,7 +24,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_control.tracking.bandwidth import LEVELS_PER_OCTAVE, BandwidthSchedule
 from vtff_control.tracking.controller import ControlResult
+from vtff_control.tracking.deviation_observer import DeviationObserver
+from vtff_control.tracking.navigation_bounds import (
+    sigma_reason,
+    significant_velocity,
+    usable_covariance,
+)
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
 from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -88,6 +97,23 @@ class SdreDesign:
         (scenarios with that force model).
     position_weight, velocity_weight, control_weight
         Weights of the cost; None takes the default of the design (`DEFAULT_WEIGHTS`).
+    disturbance_observer
+        Estimates the deviation and the disturbing acceleration from states and commands, and
+        compensates the disturbance; see `vtff_control.tracking.deviation_observer`.
+    tolerated_deviation
+        With it the bandwidth follows the covariance of the states: deviation of the position that
+        is tolerated with perfect navigation, m; see `vtff_control.tracking.bandwidth`. 0 keeps the
+        bandwidth of the weights.
+    quantum
+        Smallest change of the thruster's acceleration in m/s2. Commands then are multiples of it,
+        and what is left over is added to the next command, so that the mean is exact; 0 leaves
+        rounding to the thruster.
+    maximum_sigma, maximum_sigma_ratio
+        Bounds up to which a state is tracked: sigma of the position in its worst direction in m,
+        and in proportion to the distance from the chief. Beyond, the controller removes the
+        relative velocity that stands out of its own sigma, and nothing else: to coast towards the
+        chief is not safe, while braking on a poor prediction without bias makes the velocity
+        smaller on average, whatever its error is.
     sample_time
         Interval between commands in s, which is also the time for which one is held.
     delay_steps
@@ -111,6 +137,11 @@ class SdreDesign:
     position_weight: float | None = None
     velocity_weight: float | None = None
     control_weight: float | None = None
+    disturbance_observer: bool = False
+    tolerated_deviation: float = 0.0
+    quantum: float = 0.0
+    maximum_sigma: float = 100.0
+    maximum_sigma_ratio: float = 0.25
     sample_time: float = 1.0
     delay_steps: int = 1
     mean_motion: float | None = None
@@ -134,6 +165,14 @@ class SdreDesign:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: a positive number or None expected, got {value!r}")
+        for name in ("tolerated_deviation", "quantum", "maximum_sigma", "maximum_sigma_ratio"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name}: 0 or more expected, got {value!r}")
+        if self.quantum > float(caps.min()):
+            raise ValueError(
+                f"quantum: at most the acceleration_cap expected, got {self.quantum!r}"
+            )
         if not (np.isfinite(self.sample_time) and self.sample_time > 0.0):
             raise ValueError(f"sample_time: positive seconds expected, got {self.sample_time!r}")
         if isinstance(self.delay_steps, bool) or not isinstance(self.delay_steps, int):
@@ -183,8 +222,9 @@ def stale_state_reason(stamp_state: int, stamp_now: int, maximum_age: float) -> 
 class SdreController:
     """Formation controller of one deputy; see `SdreDesign` for the three designs.
 
-    The controller remembers its gain and, for ``delay_aware``, the commands that still wait in
-    the thruster. Call `reset` when that queue was lost, for example after a jump in time.
+    The controller remembers its gain, the commands that still wait in the thruster and, with these
+    options, the estimates of its observer, the level of its bandwidth and what the quantum has
+    left over. Call `reset` when the queue of commands was lost, for example after a jump in time.
     """
 
     def __init__(self, design: SdreDesign) -> None:
@@ -195,8 +235,18 @@ class SdreController:
         self._gain: FloatArray | None = None
         self._gain_mean_motion = 0.0
         self._gain_solutions = 0
+        self._gains: dict[int, FloatArray] = {}
         self._waiting: deque[FloatArray] = deque(maxlen=design.delay_steps)
         self._stamp: int | None = None
+        self._observer = (
+            DeviationObserver(design.sample_time) if design.disturbance_observer else None
+        )
+        self._schedule: BandwidthSchedule | None = None
+        if design.tolerated_deviation > 0.0:
+            bandwidth = (self._weights.position / self._weights.control) ** 0.25
+            self._schedule = BandwidthSchedule(bandwidth, design.tolerated_deviation)
+        self._left_over: FloatArray = np.zeros(3)
+        self._target: FloatArray | None = None
         self.reset()
 
     @property
@@ -209,11 +259,19 @@ class SdreController:
         """Number of Riccati equations solved so far."""
         return self._gain_solutions
 
+    @property
+    def disturbance_rtn(self) -> FloatArray:
+        """Disturbing acceleration that is compensated, m/s2, shape (3,)."""
+        return np.zeros(3) if self._observer is None else self._observer.disturbance_rtn
+
     def reset(self) -> None:
-        """Forget the waiting commands; the gain stays."""
+        """Forget the waiting commands; gain and disturbance stay."""
         self._stamp = None
         self._waiting.clear()
         self._waiting.extend(np.zeros(3) for _ in range(self.design.delay_steps))
+        self._left_over = np.zeros(3)
+        if self._observer is not None:
+            self._observer.restart()
 
     def control(
         self,
@@ -221,6 +279,7 @@ class SdreController:
         state_chief_gcrf: npt.ArrayLike,
         target_rtn: npt.ArrayLike,
         stamp: int | None = None,
+        covariance_rtn: npt.ArrayLike | None = None,
     ) -> ControlResult:
         """Compute the command for one state; to be called once per sample.
 
@@ -236,11 +295,14 @@ class SdreController:
             Time of validity of the state in whole nanoseconds. If given, a gap or a jump between
             two calls empties the queue of waiting commands, because the thruster did not get
             those that were not computed.
+        covariance_rtn
+            Covariance of the relative state, shape (6, 6); None for the truth.
 
         Returns
         -------
         ControlResult
             With anything unusable in the input: zero acceleration, ``valid`` False and a reason.
+            With a covariance out of bounds: the command that brakes, ``degraded`` says why.
             This method does not raise.
         """
         self._follow_stamp(stamp)
@@ -251,20 +313,29 @@ class SdreController:
                 if norm(state_chief[:3]) < RADIUS_EARTH_JGM3:
                     raise ValueError("chief state: inside the Earth; is it in metres?")
                 target = _usable_state(target_rtn, "target")
-                feedforward = np.zeros(3)
-                deviation = relative_state - target
-                if self.design.feedforward:
-                    feedforward = self._feedforward(state_chief, target)
-                    deviation[3:] -= self._velocity_at_rest(state_chief, target)
-                feedback = self._feedback(relative_state, state_chief, deviation)
+                covariance = None if covariance_rtn is None else usable_covariance(covariance_rtn)
+                degraded = (
+                    "" if covariance is None else self._bounds_reason(relative_state, covariance)
+                )
+                if degraded:
+                    assert covariance is not None
+                    wanted, feedforward = self._brake(relative_state, state_chief, covariance)
+                else:
+                    wanted, feedforward = self._track(
+                        relative_state, state_chief, target, covariance
+                    )
             except (ValueError, np.linalg.LinAlgError, ArithmeticError) as error:
                 return self._refuse(str(error))
-            wanted = feedback + feedforward
             if not np.isfinite(wanted).all():
                 return self._refuse("command is not finite")
         acceleration = np.minimum(np.maximum(wanted, -self._caps), self._caps)
-        self._waiting.append(acceleration - feedforward)
-        return ControlResult(acceleration, bool((acceleration != wanted).any()), True)
+        saturated = bool((acceleration != wanted).any())
+        if self.design.quantum > 0.0:
+            acceleration = self._quantise(acceleration)
+        acting = self._enqueue(acceleration - feedforward)
+        if self._observer is not None and not degraded:
+            self._observer.predict(acting, osculating_mean_motion(state_chief))
+        return ControlResult(acceleration, saturated, True, degraded=degraded)
 
     def _follow_stamp(self, stamp: int | None) -> None:
         """Empty the queue of waiting commands unless the stamp is one sample after the last."""
@@ -277,13 +348,90 @@ class SdreController:
 
     def _refuse(self, reason: str) -> ControlResult:
         """Command nothing and remember that nothing was commanded."""
-        self._waiting.append(np.zeros(3))
+        self._enqueue(np.zeros(3))
+        if self._observer is not None:
+            self._observer.restart()
         return ControlResult(np.zeros(3), False, False, " ".join(reason.split()))
 
+    def _enqueue(self, acceleration: FloatArray) -> FloatArray:
+        """Let a command wait, and return the one that acts in the coming sample, shape (3,)."""
+        acting = self._waiting[0] if self._waiting else acceleration
+        self._waiting.append(acceleration)
+        return acting
+
+    def _quantise(self, acceleration: FloatArray) -> FloatArray:
+        """Return whole quanta towards zero, with what was left over before added.
+
+        A quantum is given when a whole one is due. Rounded to the nearest, the thruster would
+        answer its own ripple, at ten times the fuel.
+        """
+        quantum = self.design.quantum
+        limit = np.floor(self._caps / quantum * (1.0 + 1e-12)) * quantum
+        wanted = acceleration + self._left_over
+        given = np.clip(np.trunc(wanted / quantum) * quantum, -limit, limit)
+        # What the cap has cut off is not made up for.
+        self._left_over = np.clip(wanted - given, -quantum, quantum)
+        return given + 0.0
+
+    def _bounds_reason(self, relative_state: FloatArray, covariance: FloatArray) -> str:
+        return sigma_reason(
+            relative_state,
+            covariance,
+            self.design.maximum_sigma,
+            self.design.maximum_sigma_ratio,
+        )
+
+    def _track(
+        self,
+        relative_state: FloatArray,
+        state_chief: FloatArray,
+        target: FloatArray,
+        covariance: FloatArray | None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the acceleration that leads to the target, and the part that holds it there."""
+        feedforward = np.zeros(3)
+        deviation = relative_state - target
+        if self.design.feedforward:
+            feedforward = self._feedforward(state_chief, target)
+        disturbance = np.zeros(3)
+        if self._observer is not None:
+            deviation[3:] -= self._velocity_at_rest(state_chief, relative_state)
+            if self._target is not None and not np.array_equal(target, self._target):
+                self._observer.restart()
+            self._target = target
+            deviation = self._observer.update(deviation, covariance)
+            disturbance = self._observer.disturbance_rtn
+        elif self.design.feedforward:
+            deviation[3:] -= self._velocity_at_rest(state_chief, target)
+        level = 0
+        if self._schedule is not None and covariance is not None:
+            level = self._schedule.update(relative_state, deviation, covariance)
+        feedback = self._feedback(relative_state, state_chief, deviation, disturbance, level)
+        return feedback - disturbance + feedforward, feedforward
+
+    def _brake(
+        self, relative_state: FloatArray, state_chief: FloatArray, covariance: FloatArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the acceleration that removes the significant relative velocity."""
+        if self._observer is not None:
+            self._observer.restart()
+        deviation = np.zeros(6)
+        deviation[3:] = significant_velocity(relative_state[3:], covariance)
+        feedback = self._feedback(relative_state, state_chief, deviation, np.zeros(3), 0)
+        if not deviation.any():
+            feedback = np.zeros(3)
+        return feedback, np.zeros(3)
+
     def _feedback(
-        self, relative_state: FloatArray, state_chief: FloatArray, deviation: FloatArray
+        self,
+        relative_state: FloatArray,
+        state_chief: FloatArray,
+        deviation: FloatArray,
+        disturbance: FloatArray,
+        level: int,
     ) -> FloatArray:
         """Return ``-K (x - x_d)`` with the gain of the design, shape (3,)."""
+        weights = self._weights_at(level)
         if self.design.design == "state_dependent":
             rates = frame_rates_rtn(state_chief)
             state_matrix = state_dependent_matrix(
@@ -292,38 +440,55 @@ class SdreController:
                 float(rates.angular_velocity_rtn[2]),
                 float(rates.angular_acceleration_rtn[2]),
             )
-            self._store(riccati_gain(state_matrix, self._weights))
+            self._gain = self._solved(riccati_gain(state_matrix, weights))
         elif self.design.design == "delay_aware":
             self._keep_gain(
                 state_chief,
+                level,
                 lambda matrix: delayed_riccati_gain(
-                    matrix, self._weights, self.design.sample_time, self.design.delay_steps
+                    matrix, weights, self.design.sample_time, self.design.delay_steps
                 ),
             )
-            deviation = np.concatenate((deviation, *self._waiting))
+            # What compensates a disturbance does not move the deputy.
+            waiting = [command + disturbance for command in self._waiting]
+            deviation = np.concatenate((deviation, *waiting))
         else:
-            self._keep_gain(state_chief, lambda matrix: riccati_gain(matrix, self._weights))
+            self._keep_gain(state_chief, level, lambda matrix: riccati_gain(matrix, weights))
         assert self._gain is not None
         return -(self._gain @ deviation)
 
+    def _weights_at(self, level: int) -> Weights:
+        """Return the weights for a level of the bandwidth, with the damping of the design."""
+        if level == 0:
+            return self._weights
+        ratio = 2.0 ** (-level / LEVELS_PER_OCTAVE)
+        return Weights(
+            self._weights.position * ratio**4,
+            self._weights.velocity * ratio**2,
+            self._weights.control,
+        )
+
     def _keep_gain(
-        self, state_chief: FloatArray, solve: Callable[[FloatArray], FloatArray]
+        self, state_chief: FloatArray, level: int, solve: Callable[[FloatArray], FloatArray]
     ) -> None:
-        """Solve for the gain of the HCW model if the mean motion has changed."""
+        """Take the gain of a level for the HCW model; solve if the mean motion has changed."""
         mean_motion = self.design.mean_motion
         if mean_motion is None:
             mean_motion = osculating_mean_motion(state_chief)
             change = abs(mean_motion - self._gain_mean_motion)
-            if self._gain is not None and change <= MEAN_MOTION_TOLERANCE * self._gain_mean_motion:
-                return
-        elif self._gain is not None:
-            return
-        self._store(solve(hcw_state_matrix(mean_motion)))
-        self._gain_mean_motion = mean_motion
+            if self._gains and change <= MEAN_MOTION_TOLERANCE * self._gain_mean_motion:
+                mean_motion = self._gain_mean_motion
+        if mean_motion != self._gain_mean_motion:
+            self._gains.clear()
+        if level not in self._gains:
+            self._gains[level] = self._solved(solve(hcw_state_matrix(mean_motion)))
+            self._gain_mean_motion = mean_motion
+        self._gain = self._gains[level]
 
-    def _store(self, gain: FloatArray) -> None:
-        self._gain = gain
+    def _solved(self, gain: FloatArray) -> FloatArray:
+        """Count a solved gain and return it."""
         self._gain_solutions += 1
+        return gain
 
     def _feedforward(self, state_chief: FloatArray, target: FloatArray) -> FloatArray:
         """Acceleration that keeps the target's motion while the command acts, shape (3,).
@@ -343,8 +508,8 @@ class SdreController:
         turn = rotation_gcrf_to_rtn(state_start) @ rotation_gcrf_to_rtn(state_middle).T
         return np.asarray(turn @ acceleration)
 
-    def _velocity_at_rest(self, state_chief: FloatArray, target: FloatArray) -> FloatArray:
-        """Relative velocity that is reported for a deputy that stands on the target, shape (3,).
+    def _velocity_at_rest(self, state_chief: FloatArray, state: FloatArray) -> FloatArray:
+        """Relative velocity that is reported for a deputy that stands at a position, shape (3,).
 
         Relative states are formed with the frame turning about N alone (`relative_state_rtn`).
         Perturbations out of the plane turn it about R as well, so that a deputy at rest 15 km
@@ -352,7 +517,7 @@ class SdreController:
         """
         rates = frame_rates_rtn(state_chief, self._chief_gravity(state_chief))
         rate_radial = np.array([rates.angular_velocity_rtn[0], 0.0, 0.0])
-        return cross(rate_radial, target[:3])
+        return cross(rate_radial, state[:3])
 
     def _chief_gravity(self, state_chief: FloatArray) -> FloatArray | None:
         """Acceleration of the chief for the feedforward; None stands for two-body."""

@@ -1,0 +1,103 @@
+"""What a controller may do with a navigated state, judged by its covariance.
+
+An outage of measurements leaves a prediction. Its age says nothing about it: over a minute of
+coast it is good to millimetres, over a minute of thrust that errs by 5 % to tens of metres. Its
+covariance says which. So a state is tracked while its sigma is small against the distance to the
+chief, so that an error of that size is no collision, and small in itself.
+
+Beyond these bounds to do nothing is not safe: a deputy that coasts towards the chief passes it.
+To remove the relative velocity is: a prediction without bias, however poor, leaves a smaller
+velocity on average than before (see `significant_velocity`), and what remains drifts slowly.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray, norm
+
+__all__ = ["significant_velocity", "sigma_reason", "usable_covariance"]
+
+
+def usable_covariance(values: npt.ArrayLike) -> FloatArray:
+    """Return a covariance of a relative state, shape (6, 6).
+
+    Raises
+    ------
+    ValueError
+        If it has another shape, is not finite, or has a negative variance.
+    """
+    try:
+        covariance = np.asarray(values, dtype=float)
+    except (TypeError, ValueError, OverflowError):
+        raise ValueError("covariance: not numeric") from None
+    if covariance.shape != (6, 6):
+        raise ValueError(f"covariance: shape (6, 6) expected, got {covariance.shape}")
+    if not np.isfinite(covariance).all():
+        raise ValueError("covariance: not finite")
+    if covariance.diagonal().min() < 0.0:
+        raise ValueError("covariance: a negative variance")
+    return covariance
+
+
+def sigma_reason(
+    relative_state_rtn: FloatArray,
+    covariance_rtn: FloatArray,
+    maximum_sigma: float,
+    maximum_sigma_ratio: float,
+) -> str:
+    """Judge whether a state is good enough to steer by.
+
+    Parameters
+    ----------
+    relative_state_rtn
+        Relative state, m and m/s, shape (6,).
+    covariance_rtn
+        Its covariance, shape (6, 6).
+    maximum_sigma
+        Largest sigma of the position in its worst direction, m.
+    maximum_sigma_ratio
+        Largest ratio of that sigma to the distance of the deputy from the chief.
+
+    Returns
+    -------
+    str
+        Empty if the state may be tracked, else one line that says why not.
+    """
+    worst = np.linalg.eigvalsh(covariance_rtn[:3, :3])[-1]
+    sigma = float(np.sqrt(max(worst, 0.0)))
+    if sigma > maximum_sigma:
+        return f"sigma of the position is {sigma:.3g} m, more than {maximum_sigma:g} m"
+    separation = norm(relative_state_rtn[:3])
+    if sigma > maximum_sigma_ratio * separation:
+        return (
+            f"sigma of the position is {sigma:.3g} m, more than {maximum_sigma_ratio:g} of the "
+            f"distance of {separation:.3g} m"
+        )
+    return ""
+
+
+def significant_velocity(velocity_rtn: FloatArray, covariance_rtn: FloatArray) -> FloatArray:
+    """Return the part of a relative velocity that stands out of its own uncertainty, m/s.
+
+    The length is shortened by one sigma in the direction of the velocity, to zero if nothing is
+    left. To remove this part makes the expected relative velocity smaller whatever the error of
+    the estimate is, as long as it has no bias; to remove the rest would only add noise.
+
+    Parameters
+    ----------
+    velocity_rtn
+        m/s, shape (3,).
+    covariance_rtn
+        Covariance of the relative state, shape (6, 6).
+    """
+    speed = norm(velocity_rtn)
+    if speed == 0.0:
+        return velocity_rtn
+    direction = velocity_rtn / speed
+    variance = float(direction @ covariance_rtn[3:, 3:] @ direction)
+    sigma = math.sqrt(max(variance, 0.0))
+    return max(0.0, 1.0 - sigma / speed) * velocity_rtn
