@@ -12,7 +12,10 @@ from typing import Literal
 import numpy as np
 
 from vtff_dynamics.frames.rtn import relative_state_rtn
+from vtff_gnss.antex import PhaseCentre, PhaseCentreMap
+from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_sim_bridge.atmosphere.horizontal_structure import HorizontalGradient
 from vtff_sim_bridge.gnss.configuration import (
@@ -122,8 +125,8 @@ class World:
         if self.distance is not None:
             state = state_ahead_on_orbit(chief.state_gcrf, self.distance)
             deputies = [dataclasses.replace(craft, state_gcrf=state) for craft in deputies]
-        gnss = self.change_gnss(load_gnss_configuration(CONFIG / f"gnss/{self.gnss}.yaml"))
-        gnss = dataclasses.replace(gnss, seed=seed)
+        gnss = load_gnss_configuration(CONFIG / f"gnss/{self.gnss}.yaml")
+        gnss = self.change_gnss(dataclasses.replace(gnss, seed=seed))
         if self.draws_geometry:
             drawn, first = _DRAW.draw(seed), chief.state_gcrf
             chief, *deputies = (
@@ -241,6 +244,86 @@ def many_faults(gnss: GnssConfiguration) -> GnssConfiguration:
     return dataclasses.replace(gnss, faults=tuple(faults))
 
 
+LEVER_ARM = (0.12, -0.1, -0.12)  # m, of the deputy; 0.2 m long
+_CARRIERS = ("G01", "G02", "G05")
+
+
+def phase_map(number: int, largest: float) -> PhaseCentre:
+    """Return a phase centre whose variations, drawn by number, are at most so large, m."""
+    random = np.random.default_rng(np.random.SeedSequence((number, 13)))
+    zenith, azimuth = np.radians(np.arange(0.0, 91.0, 5.0)), np.radians(np.arange(0.0, 361.0, 10.0))
+    maps = {}
+    for carrier in _CARRIERS:
+        variation = np.zeros((len(azimuth), len(zenith)))
+        for turns in range(4):
+            for waves in range(1, 4):
+                # Without a value in the zenith, where all azimuths are the same direction.
+                radial = np.sin(zenith) ** max(turns, 1) * np.cos(waves * zenith)
+                around = np.cos(turns * azimuth + 2.0 * np.pi * random.random())
+                variation += random.standard_normal() * np.outer(around, radial)
+        variation *= largest / np.abs(variation).max()
+        maps[carrier] = PhaseCentreMap(np.zeros(3), zenith, azimuth, variation)
+    return PhaseCentre(f"MAP {number}", maps)
+
+
+def sum_of_maps(first: PhaseCentre, second: PhaseCentre) -> PhaseCentre:
+    """Return a phase centre with the variations of both."""
+    maps = {
+        carrier: dataclasses.replace(
+            centre, variation=centre.variation + second.maps[carrier].variation
+        )
+        for carrier, centre in first.maps.items()
+    }
+    return PhaseCentre(first.antenna, maps)
+
+
+def antennas(largest_variation: float, lever_arm: tuple[float, ...] | None) -> Change:
+    """Return a change that gives each receiver a map, and the deputy's antenna a lever arm."""
+
+    def change(gnss: GnssConfiguration) -> GnssConfiguration:
+        chief, deputy = gnss.receivers
+        maps = [
+            phase_map(number, largest_variation) if largest_variation else None for number in (1, 2)
+        ]
+        return dataclasses.replace(
+            gnss,
+            receivers=(
+                dataclasses.replace(chief, phase_centre=maps[0]),
+                dataclasses.replace(deputy, phase_centre=maps[1], lever_arm_body=lever_arm),
+            ),
+        )
+
+    return change
+
+
+def drawn_lever_arm(sigma: float) -> Change:
+    """Return a change that draws the lever arm of the deputy from the seed of the run, m."""
+
+    def change(gnss: GnssConfiguration) -> GnssConfiguration:
+        random = np.random.default_rng(np.random.SeedSequence((gnss.seed, 14)))
+        lever_arm = tuple((sigma * random.standard_normal(3)).tolist())
+        return antennas(0.0, lever_arm)(gnss)
+
+    return change
+
+
+def given_antennas(
+    chief: Antenna, deputy: Antenna
+) -> Callable[[EstimatorSetting], EstimatorSetting]:
+    """Return a change that gives the filter its antennas."""
+    pair, bands = AntennaPair(chief, deputy), {SYSTEM_GPS: (1, 2, 5)}
+    return lambda setting: dataclasses.replace(setting, antennas=pair, bands=bands)
+
+
+def calibrated(number: int, lever_arm: tuple[float, float, float], error: float) -> Antenna:
+    """Return the antenna of map `number`, of 6 mm, with an error of its calibration, m."""
+    return Antenna(
+        lever_arm,
+        phase_centre=sum_of_maps(phase_map(number, 0.006), phase_map(number + 2, error)),
+        phase_map_sigma=error,
+    )
+
+
 SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
 OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
 
@@ -283,6 +366,20 @@ WORLDS: dict[str, World] = {
     ),
     "stated_third": World(
         change_gnss=receivers(noise=OPTIMISTIC), must=Must(1.2, fixed_percent=100.0)
+    ),
+    "antennas_given": World(
+        change_gnss=antennas(0.006, LEVER_ARM),
+        change_setting=given_antennas(calibrated(1, (0, 0, 0), 0.0), calibrated(2, LEVER_ARM, 0.0)),
+        must=Must(0.5, fixed_percent=100.0),
+    ),
+    # 0.2 m in three axes.
+    "lever_arm_sigma": World(
+        change_gnss=drawn_lever_arm(0.115),
+        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=0.115)),
+        must=Must(fixed_percent=100.0),
+    ),
+    "maps_not_given": World(
+        change_gnss=antennas(0.006, None), must=Must(nees=(0.0, 3.0), degraded_percent=None)
     ),
     "gradient_0.5_5km": World(
         distance=5e3, gradient_tecu_per_deg=0.5, must=Must(1.0, fixed_percent=100.0)

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import SYSTEM_LETTERS
 
-__all__ = ["AntexError", "PhaseCentre", "PhaseCentreMap", "read_antex"]
+__all__ = ["AntexError", "PhaseCentre", "PhaseCentreMap", "antex_frequency", "read_antex"]
 
 
 class AntexError(ValueError):
@@ -76,6 +77,11 @@ class PhaseCentre:
 
     antenna: str
     maps: dict[str, PhaseCentreMap]
+
+
+def antex_frequency(system: int, band: int) -> str:
+    """Return how ANTEX files call the carrier with a RINEX frequency digit, as ``G01``."""
+    return f"{SYSTEM_LETTERS[system]}{band:02d}"
 
 
 def _position(grid: FloatArray, value: FloatArray) -> tuple[npt.NDArray[np.intp], FloatArray]:

@@ -31,6 +31,7 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
             noise_relative=MotionNoise(setting.empirical_acceleration_sigma),
             thrust_relative_sigma=setting.thrust_sigma,
             success_rate=setting.success_rate,
+            antennas=setting.antennas,
             **_common(setting),
         )
     )
@@ -44,6 +45,8 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
     ValueError
         If a value is not possible; the text names it.
     """
+    if setting.antennas is not None:
+        raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
     return PaperEstimator(PaperConfiguration(**_common(setting)))
 
 

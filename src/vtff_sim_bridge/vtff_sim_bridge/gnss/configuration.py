@@ -15,8 +15,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from vtff_gnss.antenna_pattern import ParabolicPattern
-from vtff_gnss.antex import PhaseCentre, read_antex
-from vtff_gnss.constants import SYSTEM_LETTERS
+from vtff_gnss.antex import PhaseCentre, antex_frequency, read_antex
 from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile, read_profile
 from vtff_sim_bridge.atmosphere.horizontal_structure import (
@@ -26,7 +25,7 @@ from vtff_sim_bridge.atmosphere.horizontal_structure import (
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
-from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal
+from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
 
 __all__ = [
@@ -38,7 +37,6 @@ __all__ = [
     "ReceiverConfiguration",
     "TrackingModel",
     "load_gnss_configuration",
-    "phase_centre_frequency",
 ]
 
 
@@ -444,15 +442,11 @@ def _phase_centre(section: Section, path: Path, signals: Iterable[str]) -> Phase
     except OSError as error:
         raise section.error("antex", f"{file}: {error.strerror or error}") from None
     for name in signals:
-        if phase_centre_frequency(SIGNALS[name]) not in phase_centre.maps:
+        signal = SIGNALS[name]
+        if antex_frequency(signal.system, signal.band) not in phase_centre.maps:
             raise section.error("antenna", f"{file}: {antenna!r} has no frequency of {name}")
     section.finish()
     return phase_centre
-
-
-def phase_centre_frequency(signal: Signal) -> str:
-    """Return how ANTEX files call the frequency of a signal, as ``G01``."""
-    return f"{SYSTEM_LETTERS[signal.system]}{signal.band:02d}"
 
 
 def _antenna(section: Section) -> ParabolicPattern:

@@ -11,14 +11,13 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import EARTH_ROTATION_RATE, SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.antex import PhaseCentre
+from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.line_of_sight import LineOfSight
 from vtff_sim_bridge.gnss.configuration import (
     NoiseModel,
     ReceiverConfiguration,
-    phase_centre_frequency,
 )
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, Signal, clock_group_delay
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, UploadError
@@ -172,7 +171,7 @@ class LinkPlan:
             attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
             stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
             phase_centre_frequency=np.array(
-                [phase_centre_frequency(s) for s in signals], dtype=str
+                [antex_frequency(s.system, s.band) for s in signals], dtype=str
             ),
             upload_errors=tuple(map(constellation.upload_error, ephemerides)),
         )

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_nav.relative.common.antenna_correction import AntennaPair, check_frequencies
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics, MotionNoise
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS, MeasurementNoise
 
@@ -80,6 +81,8 @@ class CdgpsConfiguration:
         The filter starts anew when innovations of consecutive epochs are less likely than this.
     longest_prediction : float
         Time without measurements after which the solution is given up, s.
+    antennas : AntennaPair or None
+        Where the antennas of chief and deputy are; None: in the centres of mass.
     laser_latency_sigma : float
         A priori sigma of the latency of the laser, s.
     """
@@ -112,6 +115,7 @@ class CdgpsConfiguration:
     fault_sigmas: float = 5.0
     global_probability: float = 1e-9
     longest_prediction: float = 600.0
+    antennas: AntennaPair | None = None
     laser_latency_sigma: float = 0.02
 
     def __post_init__(self) -> None:
@@ -127,6 +131,9 @@ class CdgpsConfiguration:
             raise ValueError("fault_sigmas: more than 3 expected")
         if not self.longest_prediction >= 0.0:
             raise ValueError("longest_prediction: 0 s or more expected")
+        if self.antennas is not None:
+            for antenna in self.antennas.both:
+                check_frequencies(antenna, self.bands)
 
     @property
     def chief_motion(self) -> Dynamics:

@@ -246,11 +246,12 @@ class CdgpsEstimator(EstimatorInputs):
             for name, signals_of_receiver in zip(("chief", "deputy"), signals, strict=True)
             if signals_of_receiver is None
         ]
-        seen, states = None, np.zeros((2, 6))
+        seen, states, rotations = None, np.zeros((2, 6)), None
         if signals[0] is not None or signals[1] is not None:
             table = self._select_in_view(table, signals)
-            states = self._states_itrf(time)
+            states, rotations = self._antenna_states_itrf(time)
             seen = self._synchronise(time, epochs, signals, table, states)
+            signals = self._refer_to_antennas(signals, seen, rotations)
         if seen is not None and signals[0] is not None:
             before = self._absolute.mean[:3].copy()
             self._absolute.update(time, signals[0], table, seen)
@@ -270,7 +271,7 @@ class CdgpsEstimator(EstimatorInputs):
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)
-        sky = make_sky(measured, seen, states[:, :3], self.configuration)
+        sky = make_sky(measured, seen, states[:, :3], self.configuration, rotations)
         assert self._relative is not None
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
@@ -280,12 +281,34 @@ class CdgpsEstimator(EstimatorInputs):
             return RelativeSolution.none(time, (reason,), self._age(time))
         return self._solution(time, update, degraded, laser)
 
-    def _states_itrf(self, time: GpsTime) -> FloatArray:
-        """Return position and Earth-fixed velocity of chief and deputy, shape (2, 6)."""
+    def _antenna_states_itrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray | None]:
+        """Return states of both antennas (2, 6), and rotations from body to navigation axes.
+
+        The states are position and Earth-fixed velocity; the rotations, shape (2, 3, 3), are None
+        where the antennas are in the centres of mass.
+        """
         assert self._relative is not None
         chief = self._absolute.mean[:6]
         deputy = chief + self._relative.state.mean[:6]
-        return np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
+        states = np.array([self._motion.state_itrf(time, state) for state in (chief, deputy)])
+        antennas = self.configuration.antennas
+        if antennas is None:
+            return states, None
+        rotations = antennas.rotations_body_to_itrf(time, states)
+        to_navigation = self._motion.to_itrf(time).T
+        return antennas.states_itrf(states, rotations), to_navigation @ rotations
+
+    def _refer_to_antennas(
+        self, signals: list[SignalTable | None], seen: Geometry, rotations: FloatArray | None
+    ) -> list[SignalTable | None]:
+        """Return the signals as the reference points of the antennas would receive them."""
+        antennas = self.configuration.antennas
+        if antennas is None or rotations is None:
+            return signals
+        return [
+            None if table is None else antennas.corrected(table, receiver, seen, rotation)
+            for receiver, (table, rotation) in enumerate(zip(signals, rotations, strict=True))
+        ]
 
     def _synchronise(
         self,

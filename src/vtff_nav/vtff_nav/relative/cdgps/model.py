@@ -50,6 +50,8 @@ class Sky:
         Differential slant content of each layer, TECU, for a density of `DENSITY_UNIT`.
     elevation, azimuth : ndarray
         Direction of the satellites at the chief, rad.
+    antenna_offset : ndarray, shape (n, k)
+        Derivatives by the errors of lever arms, see `AntennaPair.offset_columns`; k may be 0.
     """
 
     predicted: FloatArray
@@ -58,6 +60,7 @@ class Sky:
     plasma: FloatArray
     elevation: FloatArray
     azimuth: FloatArray
+    antenna_offset: FloatArray
 
 
 def make_sky(
@@ -65,6 +68,7 @@ def make_sky(
     geometry: Geometry,
     positions_itrf: FloatArray,
     configuration: CdgpsConfiguration,
+    rotations_body: FloatArray | None = None,
 ) -> Sky:
     """Return the sky of single differences.
 
@@ -75,6 +79,8 @@ def make_sky(
     positions_itrf : ndarray, shape (2, 3)
         Positions of chief and deputy, m.
     configuration : CdgpsConfiguration
+    rotations_body : ndarray, shape (2, 3, 3), optional
+        From the body axes of chief and deputy to the navigation axes, where antennas are given.
     """
     columns = geometry.columns(measured.satellite)
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
@@ -84,6 +90,10 @@ def make_sky(
     if configuration.has_troposphere:
         predicted = predicted + troposphere_delay(positions_itrf[1], elevation[1])
         predicted = predicted - troposphere_delay(positions_itrf[0], elevation[0])
+    antenna_offset, antennas = np.zeros((len(measured), 0)), configuration.antennas
+    if antennas is not None and rotations_body is not None:
+        directions = geometry.direction[1, columns]
+        antenna_offset = antennas.offset_columns(directions, rotations_body)
     return Sky(
         predicted=predicted,
         direction=geometry.direction[1, columns],
@@ -96,6 +106,7 @@ def make_sky(
         ),
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
+        antenna_offset=antenna_offset,
     )
 
 
@@ -178,6 +189,7 @@ def measurement_innovation(
     predicted = np.empty(size)
     predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)
+    _add_antenna_offset(design, predicted, state, sky)
     columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
     design[rows + count, columns] = 1.0
@@ -218,6 +230,19 @@ def _add_plasma(
     total = delay @ state.mean[columns]
     predicted[:count] += total
     predicted[count : 2 * count] -= total
+
+
+def _add_antenna_offset(
+    design: FloatArray, predicted: FloatArray, state: GaussianState, sky: Sky
+) -> None:
+    """Add the errors of lever arms, which lengthen codes and phases alike."""
+    count, offsets = sky.antenna_offset.shape
+    if not offsets:
+        return
+    columns = [index for index, label in enumerate(state.labels) if label[0] == "antenna_offset"]
+    for rows in (slice(0, count), slice(count, 2 * count)):
+        design[rows, columns] = sky.antenna_offset
+        predicted[rows] += sky.antenna_offset @ state.mean[columns]
 
 
 def _bias_columns(

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_nav.relative.common.antenna_correction import AntennaPair
 from vtff_nav.relative.common.dynamics import Dynamics
 from vtff_nav.relative.common.measurements import MeasurementNoise
 
@@ -40,6 +41,8 @@ class EstimatorSetting:
         Error of the thrust as a part of its magnitude.
     success_rate : float
         Success rate that integers must have.
+    antennas : AntennaPair or None
+        Where the antennas are; None: in the centres of mass.
     """
 
     force_model: ForceModel = field(default_factory=ForceModel)
@@ -53,3 +56,4 @@ class EstimatorSetting:
     empirical_acceleration_sigma: float = 5e-8
     thrust_sigma: float = 5e-4
     success_rate: float = 0.999
+    antennas: AntennaPair | None = None

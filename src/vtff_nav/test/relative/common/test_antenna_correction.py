@@ -1,0 +1,121 @@
+"""Lever arms, phase centres and attitude of the antennas in relative navigation."""
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vtff_dynamics.frames.earth import state_gcrf_to_itrf, state_itrf_to_gcrf
+from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.time.timescales import parse_epoch
+from vtff_gnss.antex import PhaseCentre, PhaseCentreMap
+from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
+from vtff_nav.relative.common.antenna_correction import (
+    ATTITUDE_FRAMES,
+    Antenna,
+    AntennaPair,
+    check_frequencies,
+)
+
+TIME = parse_epoch("2016-03-21T01:00:00 GPS")
+STATE_GCRF = np.array([4.9e6, 3.1e6, 3.8e6, -4.1e3, 6.2e3, 0.2e3])
+STATE_ITRF = state_gcrf_to_itrf(TIME, STATE_GCRF)
+
+
+def flat_map(*offset: float) -> PhaseCentreMap:
+    """Return a map with an offset and no variation."""
+    zenith = np.radians([0.0, 90.0])
+    return PhaseCentreMap(np.array(offset), zenith, np.zeros(1), np.zeros((1, 2)))
+
+
+def test_body_axes_are_those_of_the_frame() -> None:
+    """Against rotations that are computed another way."""
+    down = Antenna().rotation_body_to_itrf(TIME, STATE_ITRF)
+    east, north, up = rotation_itrf_to_enu(STATE_ITRF[:3])
+    np.testing.assert_allclose(down, np.column_stack((north, east, -up)), atol=1e-12)
+
+    for frame, axes_gcrf in (("rtn", rotation_gcrf_to_rtn(STATE_GCRF)), ("gcrf", np.eye(3))):
+        rotation = Antenna(attitude_frame=frame).rotation_body_to_itrf(TIME, STATE_ITRF)  # type: ignore[arg-type]
+        for axis, axis_gcrf in zip(rotation.T, axes_gcrf, strict=True):
+            # A vector turns as the difference of two positions at one time does.
+            moved = np.concatenate((STATE_ITRF[:3] + axis, np.zeros(3)))
+            still = np.concatenate((STATE_ITRF[:3], np.zeros(3)))
+            turned = state_itrf_to_gcrf(TIME, moved) - state_itrf_to_gcrf(TIME, still)
+            np.testing.assert_allclose(turned[:3], axis_gcrf, atol=1e-8)
+
+
+def test_quaternion_turns_body_to_frame() -> None:
+    """A quarter turn about z: x of the body is east."""
+    quarter = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
+    east = rotation_itrf_to_enu(STATE_ITRF[:3])[0]
+    turned = Antenna(quaternion=quarter).rotation_body_to_itrf(TIME, STATE_ITRF)
+    np.testing.assert_allclose(turned[:, 0], east, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ATTITUDE_FRAMES)
+def test_columns_are_derivatives_of_ranges(frame: str) -> None:
+    """Ranges from the reference points change by the columns when lever arms do."""
+    quaternion = tuple(Rotation.from_euler("ZYX", [0.3, -0.4, 0.5]).as_quat().tolist())
+    states = np.stack((STATE_ITRF, STATE_ITRF + np.array([250.0, 30.0, 20.0, 0.0, 0.0, 0.0])))
+    satellites = STATE_ITRF[:3] * 3.9 + np.array([[1e7, 0, 0], [0, -2e7, 3e6], [5e6, 5e6, 1e7]])
+
+    def differences(errors: np.ndarray) -> np.ndarray:
+        pair = AntennaPair(
+            *(
+                Antenna(tuple(0.1 + error), 0.2, attitude_frame=frame, quaternion=quaternion)  # type: ignore[arg-type]
+                for error in errors.reshape(2, 3)
+            )
+        )
+        antennas = pair.states_itrf(states, pair.rotations_body_to_itrf(TIME, states))
+        ranges = np.linalg.norm(satellites - antennas[:, None, :3], axis=2)
+        return np.asarray(ranges[1] - ranges[0])
+
+    pair = AntennaPair(
+        Antenna(lever_arm_sigma=0.2, attitude_frame=frame, quaternion=quaternion),  # type: ignore[arg-type]
+        Antenna(lever_arm_sigma=0.3, attitude_frame=frame, quaternion=quaternion),  # type: ignore[arg-type]
+    )
+    directions = satellites - states[1, :3]
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    columns = pair.offset_columns(directions, pair.rotations_body_to_itrf(TIME, states))
+    step = 0.5
+    for axis, column in enumerate(columns.T):
+        error = np.zeros(6)
+        error[axis] = step
+        change = (differences(error) - differences(-error)) / (2.0 * step)
+        np.testing.assert_allclose(change, column, atol=3e-5)
+    assert list(pair.lever_arm_variances().values()) == [0.2**2] * 3 + [0.3**2] * 3
+
+
+def test_only_uncertain_lever_arms_are_states() -> None:
+    pair = AntennaPair(Antenna((1.0, 0.0, 0.0)), Antenna(lever_arm_sigma=0.1))
+    assert [label[1] for label in pair.lever_arm_variances()] == [1, 1, 1]
+    rotations = pair.rotations_body_to_itrf(TIME, np.stack((STATE_ITRF, STATE_ITRF)))
+    assert pair.offset_columns(np.eye(3), rotations).shape == (3, 3)
+    assert AntennaPair().offset_columns(np.eye(3), rotations).shape == (3, 0)
+
+
+@pytest.mark.parametrize(
+    ("fields", "text"),
+    [
+        ({"lever_arm_body": (1.0, 2.0)}, "lever_arm: three numbers"),
+        ({"lever_arm_body": (1.0, 2.0, float("nan"))}, "lever_arm: three numbers"),
+        ({"lever_arm_sigma": -0.1}, "lever_arm_sigma: 0 m or more"),
+        ({"phase_map_sigma": float("nan")}, "phase_map_sigma: 0 m or more"),
+        ({"attitude_frame": "lvlh"}, "attitude_frame: one of north_east_down, rtn, gcrf"),
+        ({"quaternion": (0.0, 0.0, 0.0, 0.0)}, "quaternion: four numbers"),
+        ({"quaternion": (0.0, 0.0, 1.0)}, "quaternion: four numbers"),
+    ],
+)
+def test_wrong_antennas_are_refused(fields: dict[str, object], text: str) -> None:
+    with pytest.raises(ValueError, match=text):
+        Antenna(**fields)  # type: ignore[arg-type]
+
+
+def test_antenna_without_a_carrier_that_is_used_is_refused() -> None:
+    antenna = Antenna(phase_centre=PhaseCentre("PATCH NONE", {"G01": flat_map(0.0, 0.0, 0.1)}))
+    check_frequencies(antenna, {SYSTEM_GPS: (1,)})
+    check_frequencies(Antenna(), {SYSTEM_GALILEO: (1,)})
+    with pytest.raises(ValueError, match="'PATCH NONE' has no frequency G02"):
+        check_frequencies(antenna, {SYSTEM_GPS: (1, 2)})
+    with pytest.raises(ValueError, match="has no frequency E01"):
+        check_frequencies(antenna, {SYSTEM_GALILEO: (1,)})

@@ -1,0 +1,244 @@
+"""Antennas that are not in the centre of mass: lever arms, phase centres and attitude.
+
+The filter's states are those of the centres of mass. Lines of sight begin at the reference point of
+each antenna; what its phase centre lies elsewhere, or moves with the direction, is taken off codes
+and phases. The error of a lever arm that is stated becomes a state of the filter: it is constant in
+the axes of the body.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_itrf_to_gcrf
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.antex import PhaseCentre, antex_frequency
+from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_nav.relative.common.measurements import Geometry, SignalTable
+
+__all__ = [
+    "ATTITUDE_FRAMES",
+    "Antenna",
+    "AntennaPair",
+    "AttitudeFrame",
+    "check_frequencies",
+]
+
+AttitudeFrame = Literal["north_east_down", "rtn", "gcrf"]
+ATTITUDE_FRAMES: tuple[AttitudeFrame, ...] = ("north_east_down", "rtn", "gcrf")
+"""Axes to which an attitude can be fixed: the local horizon, the own orbit, and inertial space."""
+
+# North, east and up of an antenna are x, y and -z of the body.
+_ANTENNA_AXES = np.array([1.0, 1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class Antenna:
+    """Antenna of one receiver.
+
+    Parameters
+    ----------
+    lever_arm_body : tuple of 3 float
+        From the centre of mass to the reference point of the antenna in body axes, m.
+    lever_arm_sigma : float
+        Error of the lever arm on each axis, m; with 0 it is taken as exact.
+    phase_centre : PhaseCentre or None
+        Offset and variation of the phase centre from the reference point. North, east and up of the
+        antenna are x, y and -z of the body.
+    phase_map_sigma : float
+        Error of offset and variation in a range, m.
+    attitude_frame : {"north_east_down", "rtn", "gcrf"}
+        Axes to which the body is fixed.
+    quaternion : tuple of 4 float
+        x, y, z, w: turns components along the body axes into those along the axes of
+        `attitude_frame`. By default the axes of the two coincide.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or negative, or the quaternion has no direction.
+    """
+
+    lever_arm_body: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    lever_arm_sigma: float = 0.0
+    phase_centre: PhaseCentre | None = None
+    phase_map_sigma: float = 0.0
+    attitude_frame: AttitudeFrame = "north_east_down"
+    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        if len(self.lever_arm_body) != 3 or not np.isfinite(self.lever_arm_body).all():
+            raise ValueError(f"lever_arm: three numbers (m) expected, got {self.lever_arm_body}")
+        for name in ("lever_arm_sigma", "phase_map_sigma"):
+            value = getattr(self, name)
+            if not 0.0 <= value < math.inf:
+                raise ValueError(f"{name}: 0 m or more expected, got {value}")
+        if self.attitude_frame not in ATTITUDE_FRAMES:
+            names = ", ".join(ATTITUDE_FRAMES)
+            raise ValueError(
+                f"attitude_frame: one of {names} expected, got {self.attitude_frame!r}"
+            )
+        values = np.asarray(self.quaternion, dtype=float)
+        if values.shape != (4,) or not np.isfinite(values).all() or not values.any():
+            raise ValueError(
+                f"quaternion: four numbers x, y, z, w, not all zero, expected, "
+                f"got {list(self.quaternion)}"
+            )
+
+    def rotation_body_to_itrf(self, time: GpsTime, state_itrf: FloatArray) -> FloatArray:
+        """Return the rotation from body axes to ITRF, shape (3, 3).
+
+        Parameters
+        ----------
+        time : GpsTime
+        state_itrf : ndarray, shape (6,)
+            Position and Earth-fixed velocity of the centre of mass, m and m/s.
+        """
+        from_body = Rotation.from_quat(self.quaternion).as_matrix()
+        if self.attitude_frame == "north_east_down":
+            up = ellipsoid_normal(state_itrf[:3])
+            east = np.cross((0.0, 0.0, 1.0), up)
+            east /= np.linalg.norm(east)
+            to_itrf = np.column_stack((np.cross(up, east), east, -up))
+        else:
+            to_itrf = rotation_gcrf_to_itrf(time)
+            if self.attitude_frame == "rtn":
+                state_gcrf = state_itrf_to_gcrf(time, state_itrf)
+                to_itrf = to_itrf @ rotation_gcrf_to_rtn(state_gcrf).T
+        return np.asarray(to_itrf @ from_body)
+
+
+@dataclass(frozen=True)
+class AntennaPair:
+    """Antennas of chief and deputy."""
+
+    chief: Antenna = Antenna()
+    deputy: Antenna = Antenna()
+
+    @property
+    def both(self) -> tuple[Antenna, Antenna]:
+        """Chief and deputy."""
+        return self.chief, self.deputy
+
+    def rotations_body_to_itrf(self, time: GpsTime, states_itrf: FloatArray) -> FloatArray:
+        """Return the rotations from the body axes of both to ITRF, shape (2, 3, 3)."""
+        return np.array(
+            [
+                antenna.rotation_body_to_itrf(time, state)
+                for antenna, state in zip(self.both, states_itrf, strict=True)
+            ]
+        )
+
+    def states_itrf(self, states_itrf: FloatArray, rotations: FloatArray) -> FloatArray:
+        """Return the states of the reference points of the antennas, shape (2, 6).
+
+        The velocity stays that of the centre of mass: that of a lever arm of 1 m, some mm/s, moves
+        it by nanometres between an epoch and its reception.
+
+        Parameters
+        ----------
+        states_itrf : ndarray, shape (2, 6)
+            Centres of mass.
+        rotations : ndarray, shape (2, 3, 3)
+            See `rotations_body_to_itrf`.
+        """
+        moved: FloatArray = states_itrf.copy()
+        for receiver, antenna in enumerate(self.both):
+            moved[receiver, :3] += rotations[receiver] @ np.array(antenna.lever_arm_body)
+        return moved
+
+    def corrected(
+        self,
+        signals: SignalTable,
+        receiver: int,
+        seen: Geometry,
+        rotation_body_to_navigation: FloatArray,
+    ) -> SignalTable:
+        """Return the signals as the reference point of an antenna would receive them.
+
+        Parameters
+        ----------
+        signals : SignalTable
+        receiver : int
+            0 for the chief, 1 for the deputy.
+        seen : Geometry
+        rotation_body_to_navigation : ndarray, shape (3, 3)
+            From body axes to those of the directions of `seen`.
+        """
+        phase_centre = self.both[receiver].phase_centre
+        if phase_centre is None:
+            return signals
+        directions = seen.direction[receiver, seen.columns(signals.satellite)]
+        directions = (directions @ rotation_body_to_navigation) * _ANTENNA_AXES
+        delay = np.zeros(len(signals))
+        carriers = np.stack((signals.system, signals.band), axis=1)
+        for system, band in np.unique(carriers, axis=0).tolist():
+            rows = np.flatnonzero((carriers == (system, band)).all(axis=1))
+            delay[rows] = phase_centre.maps[antex_frequency(system, band)].delay(directions[rows])
+        return dataclasses.replace(
+            signals,
+            pseudorange=signals.pseudorange - delay,
+            carrier_range=signals.carrier_range - delay,
+        )
+
+    def lever_arm_variances(self) -> dict[tuple[str, int, int], float]:
+        """Return the variance of each component of a lever arm that is not exact, m2, by label."""
+        return {
+            ("antenna_offset", receiver, axis): antenna.lever_arm_sigma**2
+            for receiver, antenna in enumerate(self.both)
+            if antenna.lever_arm_sigma > 0.0
+            for axis in range(3)
+        }
+
+    def offset_columns(self, directions: FloatArray, rotations: FloatArray) -> FloatArray:
+        """Return the derivatives of single differences by the errors of lever arms, (n, 3 k).
+
+        Parameters
+        ----------
+        directions : ndarray, shape (n, 3)
+            Unit vectors to the satellites, navigation axes.
+        rotations : ndarray, shape (2, 3, 3)
+            From the body axes of chief and deputy to the navigation axes.
+        """
+        columns = [
+            np.asarray(sign * (directions @ rotation))
+            for sign, antenna, rotation in zip((1.0, -1.0), self.both, rotations, strict=True)
+            if antenna.lever_arm_sigma > 0.0
+        ]
+        return np.concatenate([np.zeros((len(directions), 0)), *columns], axis=1)
+
+
+def check_frequencies(antenna: Antenna, bands: Mapping[int, Iterable[int]]) -> None:
+    """Refuse an antenna without phase centres of carriers that are used.
+
+    Parameters
+    ----------
+    antenna : Antenna
+    bands : mapping of int to iterable of int
+        RINEX frequency digits of each system.
+
+    Raises
+    ------
+    ValueError
+        If a frequency is missing; the text names antenna and frequency.
+    """
+    if antenna.phase_centre is None:
+        return
+    for system, digits in bands.items():
+        for band in digits:
+            frequency = antex_frequency(system, band)
+            if frequency not in antenna.phase_centre.maps:
+                raise ValueError(
+                    f"antenna {antenna.phase_centre.antenna!r} has no frequency {frequency}, "
+                    "which is used: choose signals that it has"
+                )
