@@ -128,6 +128,51 @@ class Outcome:
         return lines[0].partition("[ERROR]")[2].partition("]: ")[2] if lines else ""
 
 
+class SmallDisk:
+    """A file system of a few MB in a mount namespace of its own, which vanishes with `close`.
+
+    Attributes
+    ----------
+    folder, own_folder
+        Its folder for this process, and for processes that are started with `entry`.
+    entry
+        Words before a command that starts in the namespace.
+
+    Raises
+    ------
+    OSError
+        If this machine does not allow a file system of its own to a process.
+    """
+
+    def __init__(self, megabytes: int) -> None:
+        mount = f"mount -t tmpfs -o size={megabytes}m tmpfs /mnt"
+        self._keeper = subprocess.Popen(
+            ["unshare", "-rm", "sh", "-c", f"{mount} && echo mounted && exec cat"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        assert self._keeper.stdout is not None
+        if self._keeper.stdout.readline() != b"mounted\n":
+            self.close()
+            raise OSError("this machine does not allow a file system of its own to a process")
+        self.folder = pathlib.Path(f"/proc/{self._keeper.pid}/root/mnt")
+        self.own_folder = pathlib.Path("/mnt")
+        target = ["-t", str(self._keeper.pid), "-U", "-m", "--preserve-credentials"]
+        self.entry = ["nsenter", *target, f"--wd={ROOT}"]
+
+    def fill(self) -> None:
+        """Write a file until the file system is full."""
+        with (self.folder / "filler").open("wb", buffering=0) as file:
+            with contextlib.suppress(OSError):
+                while file.write(bytes(65536)):
+                    pass
+
+    def close(self) -> None:
+        """End the namespace."""
+        self._keeper.communicate()
+
+
 class Flight:
     """A run in the background, whose processes can be disturbed.
 
@@ -139,6 +184,8 @@ class Flight:
         Further arguments of `vtff run`.
     environment
         Further variables of the environment.
+    disk
+        File system for the folder of the run; None for that of the test.
     """
 
     def __init__(
@@ -147,16 +194,20 @@ class Flight:
         *arguments: object,
         system: str = "reference.yaml",
         environment: dict[str, str] | None = None,
+        disk: SmallDisk | None = None,
     ) -> None:
-        self.run = folder / "run"
+        self.run = (folder if disk is None else disk.folder) / "run"
+        #: Folder of the run as its processes see it.
+        self._own_run = self.run if disk is None else disk.own_folder / "run"
         hook = folder / "hook"
         hook.mkdir(parents=True)
         (hook / "sitecustomize.py").write_text(_HANG_HOOK)
         own = {"COLUMNS": "400", "PYTHONPATH": f"{hook}:{os.environ.get('PYTHONPATH', '')}"}
         self._output = (folder / "output").open("w+")
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "vtff_bringup.cli", "run", str(SYSTEMS / system)]
-            + [*map(str, arguments), "--out", str(self.run), "--no-report"],
+            [*([] if disk is None else disk.entry), sys.executable, "-m", "vtff_bringup.cli"]
+            + ["run", str(SYSTEMS / system), *map(str, arguments)]
+            + ["--out", str(self._own_run), "--no-report"],
             cwd=ROOT,
             stdout=self._output,
             stderr=subprocess.STDOUT,
@@ -233,7 +284,7 @@ class Flight:
                 for number in started:
                     with contextlib.suppress(OSError):
                         os.killpg(number, signal.SIGKILL)
-        left = [n for n in started if _is_alive(n) and str(self.run) in _command_line(n)]
+        left = [n for n in started if _is_alive(n) and str(self._own_run) in _command_line(n)]
         steps, lost, closed = self._recorded()
         return Outcome(
             self._process.returncode, self.output(), wall_time, steps, lost, closed, left

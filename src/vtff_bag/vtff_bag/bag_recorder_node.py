@@ -105,6 +105,7 @@ class BagRecorderNode(VtffNode):
             self._acknowledger,
             table.wait_for_nodes,
             self._end_recording,
+            self._ask_for_end,
         )
         self.create_timer(SEARCH_INTERVAL, self._recorder.tick, clock=self.steady_clock)
 
@@ -115,6 +116,10 @@ class BagRecorderNode(VtffNode):
         self._failure = error
         self.get_logger().fatal(f"recording ends: {error}")
         self.finish(EXIT_FAILURE)
+
+    def _ask_for_end(self, reason: str) -> None:
+        # `vtff run` ends the run at this line. The recorder goes on until then.
+        self.get_logger().fatal(f"end the run: {reason}")
 
     def health(self) -> list[DiagnosticStatus]:
         """Report the number of topics and messages, or why recording has ended."""
@@ -128,6 +133,8 @@ class BagRecorderNode(VtffNode):
         name = f"{self.get_name()}: recording"
         if self._failure is not None:
             return [diagnostics.status(name, diagnostics.ERROR, str(self._failure), values)]
+        if self._writer.disk_alarm:
+            return [diagnostics.status(name, diagnostics.ERROR, self._writer.disk_alarm, values)]
         if recorder.missing_nodes:
             missing = ", ".join(recorder.missing_nodes)
             text = f"not discovered yet: {missing}"

@@ -26,6 +26,10 @@ PROGRAM = """
         def __init__(self, **node_arguments):
             super().__init__("ending", **node_arguments)
             self.finish({exit_code})
+            self.create_timer(0.01, self.work)
+
+        def work(self):
+            {work}
 
         def destroy_node(self):
             {teardown}
@@ -35,8 +39,13 @@ PROGRAM = """
 """
 
 
-def run(teardown: str, exit_code: int = 0) -> subprocess.CompletedProcess[str]:
-    program = textwrap.dedent(PROGRAM).format(teardown=teardown, exit_code=exit_code)
+def run(
+    teardown: str, exit_code: int | None = 0, work: str = "pass"
+) -> subprocess.CompletedProcess[str]:
+    """Run a node that finishes at once with an exit code; None: it works until that ends it."""
+    program = textwrap.dedent(PROGRAM).format(teardown=teardown, exit_code=exit_code, work=work)
+    if exit_code is None:
+        program = program.replace("self.finish(None)", "pass")
     with domain_id() as free_domain:
         return subprocess.run(
             [sys.executable, "-c", program],
@@ -67,3 +76,11 @@ def test_a_teardown_that_spins_is_named_and_ended(teardown):
     assert result.returncode == 1
     assert "Timeout (0:00:01)!" in result.stderr
     assert "in destroy_node" in result.stderr
+
+
+def test_a_node_without_memory_says_so_in_one_line():
+    result = run("pass", None, work="import numpy; numpy.empty((10**6, 10**8))")
+    assert result.returncode == 1
+    assert "Traceback" not in result.stderr
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith("error: /ending: no memory is left: Unable to allocate")

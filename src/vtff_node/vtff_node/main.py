@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import faulthandler
 import inspect
 import sys
@@ -108,13 +109,25 @@ def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[s
     except PluginError as error:
         print(f"error: {error}", file=sys.stderr)
         return EXIT_FAILURE
+    except MemoryError as error:
+        return _end_without_memory(nodes, error)
     else:
-        return spin(nodes, stop)
+        try:
+            return spin(nodes, stop)
+        except MemoryError as error:
+            return _end_without_memory(nodes, error)
     finally:
         limit_teardown()
         for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
+
+
+def _end_without_memory(nodes: Sequence[VtffNode], error: MemoryError) -> int:
+    names = ", ".join(node.get_fully_qualified_name() for node in nodes) or "node"
+    reason = " ".join(str(error).split())
+    print(f"error: {names}: no memory is left{': ' if reason else ''}{reason}", file=sys.stderr)
+    return EXIT_FAILURE
 
 
 def limit_teardown() -> None:
@@ -124,7 +137,8 @@ def limit_teardown() -> None:
     which has been seen to spin without end and to ignore all signals but SIGKILL. The trace on
     stderr names the call. faulthandler needs neither the interpreter lock nor a signal handler.
     """
-    faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=2)
+    with contextlib.suppress(RuntimeError):  # without memory its thread cannot be started
+        faulthandler.dump_traceback_later(TEARDOWN_TIMEOUT, exit=True, file=2)
 
 
 def run_node(node_class: NodeFactory) -> None:

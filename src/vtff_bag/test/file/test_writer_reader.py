@@ -1,6 +1,7 @@
 """Bags written here are read by rosbags and mcap, and read back in order."""
 
 import resource
+import shutil
 import struct
 import subprocess
 import sys
@@ -337,3 +338,60 @@ def test_a_chunk_that_expands_beyond_its_stated_size_is_damage():
     with pytest.raises(ValueError, match="a chunk is cut off"):
         mcap_blocks._read_chunk(chunk)
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000  # kB
+
+
+FILL_DISK = textwrap.dedent(
+    """
+    import os, pathlib, sys
+    from vtff_bag.file.errors import BagWriteError
+    from vtff_bag.file.reader import BagReader
+    from vtff_bag.file.writer import BagWriter
+
+    bag = pathlib.Path(sys.argv[1]) / "bag"
+    try:
+        writer = BagWriter(bag, compression="none")
+    except BagWriteError as error:
+        sys.exit(f"{error}; left: {os.listdir(bag)}")
+    topic = writer.add_topic("/noise", "std_msgs/msg/String")
+    written = after = 0
+    while after < 500:  # a megabyte after the alarm
+        writer.write(topic, os.urandom(2000), 10**18 + written)
+        written += 1
+        after += bool(writer.disk_alarm)
+    writer.close()
+    reader = BagReader(bag)
+    names = ",".join(sorted(os.listdir(bag)))
+    print(writer.disk_alarm, reader.complete, reader.message_count == written, names, sep="|")
+    """
+)
+
+
+def run_on_small_disk(folder, megabytes):
+    """Run `FILL_DISK` with a file system of a few MB that only its process sees."""
+    mount = f"mount -t tmpfs -o size={megabytes}m tmpfs {folder}"
+    probe = ["unshare", "-rm", "sh", "-c", mount]
+    if shutil.which("unshare") is None or subprocess.run(probe, capture_output=True).returncode:
+        pytest.skip("this machine does not allow a file system of its own to a process")
+    command = f'{mount} && exec "{sys.executable}" -c "$0" {folder}'
+    return subprocess.run(
+        ["unshare", "-rm", "sh", "-c", command, FILL_DISK], capture_output=True, text=True
+    )
+
+
+def test_on_a_full_disk_the_reserve_takes_what_still_comes_and_the_bag_is_closed(tmp_path):
+    ended = run_on_small_disk(tmp_path, 10)
+    assert ended.returncode == 0, ended.stderr
+    assert ended.stdout.strip().split("|") == [
+        f"{tmp_path}/bag/bag_0.mcap: cannot write: No space left on device",
+        "True",
+        "True",
+        "bag_0.mcap,metadata.yaml",
+    ]
+
+
+def test_a_disk_without_room_for_the_reserve_is_refused(tmp_path):
+    ended = run_on_small_disk(tmp_path, 4)
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines() == [
+        f"{tmp_path}/bag/bag_0.mcap: cannot create: No space left on device; left: []"
+    ]

@@ -1,11 +1,15 @@
 """Bag writer: one MCAP file and its ``metadata.yaml``, safe against sudden death.
 
 Every second of wall time the writer finishes the current chunk and hands it to the operating
-system, so that a killed process loses at most its last second.
+system, so that a killed process loses at most its last second. The writer holds `RESERVE_SIZE` of
+the disk: on a full disk it gives them up, goes on, and tells so by `BagWriter.disk_alarm`, so that
+the run can end in order and the bag can be closed.
 """
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import io
 import os
 import pathlib
@@ -33,6 +37,7 @@ MESSAGE_ENCODING = "cdr"
 SCHEMA_ENCODING = "ros2msg"
 DEFAULT_CHUNK_SIZE = 128 * 1024
 FLUSH_INTERVAL = 1.0  # s of wall time
+RESERVE_SIZE = 8 * 1024 * 1024  # bytes; a minute of two receivers at 20 Hz, and the index
 
 COMPRESSIONS = {
     "zstd": CompressionType.ZSTD,
@@ -41,16 +46,26 @@ COMPRESSIONS = {
 }
 
 
+_NO_SPACE = (errno.ENOSPC, errno.EDQUOT)
+
+
 class _RecordFile:
     """An MCAP file without a buffer, which always ends after a whole record.
 
     The MCAP writer hands over whole records in a few large blocks, so that a buffer would gain
     nothing. After a failed write, the part of the record that reached the disk is cut off again.
+
+    Attributes
+    ----------
+    alarm
+        Why the reserve of the disk was given up; empty while the disk has room.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
         self._path = path
+        self.alarm = ""
         try:
+            self._reserve = _reserve_space(path.parent)
             self._file = io.FileIO(path, "xb")
         except OSError as error:
             raise BagWriteError(f"{path}: cannot create: {error.strerror or error}") from error
@@ -58,14 +73,25 @@ class _RecordFile:
 
     def write(self, block: bytes) -> int:
         remaining = memoryview(block)
-        try:
-            while remaining:
+        while remaining:
+            try:
                 remaining = remaining[self._file.write(remaining) or 0 :]
-        except OSError as error:
-            self._cut_off_partial_record()
-            raise BagWriteError(f"{self._path}: cannot write: {error.strerror or error}") from error
+            except OSError as error:
+                text = f"{self._path}: cannot write: {error.strerror or error}"
+                if error.errno in _NO_SPACE and self._reserve is not None:
+                    self.alarm = text
+                    self._release_reserve()
+                    continue
+                self._cut_off_partial_record()
+                raise BagWriteError(text) from error
         self._length += len(block)
         return len(block)
+
+    def _release_reserve(self) -> None:
+        if self._reserve is not None:
+            with contextlib.suppress(OSError):
+                self._reserve.close()
+            self._reserve = None
 
     def _cut_off_partial_record(self) -> None:
         try:
@@ -81,10 +107,34 @@ class _RecordFile:
         """Do nothing: every write has already reached the operating system."""
 
     def close(self) -> None:
+        self._release_reserve()
         try:
             self._file.close()
         except OSError as error:
             raise BagWriteError(f"{self._path}: cannot close: {error.strerror or error}") from error
+
+
+def _reserve_space(directory: pathlib.Path) -> io.FileIO | None:
+    """Return an open file without a name that holds `RESERVE_SIZE` bytes of the disk.
+
+    None where the process may not write files of that size: no reserve helps against that limit.
+
+    Raises
+    ------
+    OSError
+        If there is no room for it.
+    """
+    path = directory / f".reserve_{os.getpid()}"
+    file = io.FileIO(path, "wb")
+    try:
+        path.unlink()
+        os.posix_fallocate(file.fileno(), 0, RESERVE_SIZE)
+    except OSError as error:
+        file.close()
+        if error.errno == errno.EFBIG:
+            return None
+        raise
+    return file
 
 
 class BagWriter:
@@ -182,6 +232,11 @@ class BagWriter:
     def message_count(self) -> int:
         """Number of messages written so far."""
         return self._file_information.message_count
+
+    @property
+    def disk_alarm(self) -> str:
+        """Why the bag takes little more, one line: the disk is full; empty while it has room."""
+        return self._file.alarm
 
     @property
     def failed(self) -> bool:

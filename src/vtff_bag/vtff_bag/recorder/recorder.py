@@ -63,6 +63,9 @@ class Recorder:
         is not stable: DDS may take three seconds to discover a process.
     on_failure
         Called once with the error when the bag can no longer be written.
+    on_full_disk
+        Called once with a line when the disk is full. The recorder goes on with what the writer
+        has reserved; the run has to end.
 
     Attributes
     ----------
@@ -80,12 +83,14 @@ class Recorder:
         acknowledger: Acknowledger | None = None,
         expected_nodes: Iterable[str] = (),
         on_failure: Callable[[BagWriteError], None] | None = None,
+        on_full_disk: Callable[[str], None] | None = None,
     ) -> None:
         self._node = node
         self._writer = writer
         self._selection = selection
         self._acknowledger = acknowledger
         self._on_failure = on_failure
+        self._on_full_disk = on_full_disk
         self._missing_nodes = set(expected_nodes)
         self._topics: dict[str, _RecordedTopic] = {}
         self._refused: set[str] = set()
@@ -122,6 +127,9 @@ class Recorder:
             self._release_held(time.time_ns())
         if not self._failed:
             self._write_or_fail(self._writer.flush_if_due)
+        if self._writer.disk_alarm and self._on_full_disk is not None:
+            on_full_disk, self._on_full_disk = self._on_full_disk, None
+            on_full_disk(self._writer.disk_alarm)
 
     def finish(self) -> None:
         """Write the messages that still wait for a scenario time; the writer stays open."""

@@ -69,17 +69,17 @@ class _Failure:
 
     process: ManagedProcess
     what: str
-    stands_still: bool = False  # it has not ended by itself
+    still_runs: bool = False  # it has not ended by itself
 
     @property
     def exit_code(self) -> int:
-        if self.stands_still:
+        if self.still_runs:
             return EXIT_FAILURE
         return EXIT_USAGE if self.process.exit_code == EXIT_USAGE else EXIT_FAILURE
 
     @property
     def reason(self) -> str:
-        if self.stands_still:
+        if self.still_runs:
             return f"{self.process.name} {self.what}; log: {self.process.log_path}"
         code = self.process.exit_code
         how = f"signal {-code}" if code is not None and code < 0 else f"exit code {code}"
@@ -123,7 +123,7 @@ class Runner:
         self._on_progress = on_progress
         self._on_line = on_line
         self._interrupted = False
-        self._full_disk = ""
+        self._full_disks: dict[str, str] = {}  # first line of each process that tells of it
         self._progress: dict[str, Any] = {}
         # The groups stand in the order in which they are ended.
         self._nodes: list[tuple[ManagedProcess, bool]] = []
@@ -170,6 +170,7 @@ class Runner:
                 self._drain_progress(progress_read)
         wall_time = time.monotonic() - started
         failure = failure or (failures[0] if failures else None)
+        full_disk = next(iter(self._full_disks.values()), "")
         exit_code, reason = 0, ""
         output: tuple[str, ...] = ()
         if self._interrupted:
@@ -179,7 +180,7 @@ class Runner:
             if stopped:
                 reason += f"; stopped: {', '.join(stopped)}"
             output = tuple(failure.process.tail())
-        return RunResult(exit_code, reason, output, wall_time, self._progress, self._full_disk)
+        return RunResult(exit_code, reason, output, wall_time, self._progress, full_disk)
 
     def _node_names(self) -> list[str]:
         return [node.qualified_name for node in self._system.nodes]
@@ -237,7 +238,7 @@ class Runner:
 
     def _pass_on(self, name: str, line: str, noteworthy: bool) -> None:
         if any(words in line for words in FULL_DISK):
-            self._full_disk = self._full_disk or f"{name}: {LOG_STAMP.sub('', line)}"
+            self._full_disks.setdefault(name, f"{name}: {LOG_STAMP.sub('', line)}")
         if self._on_line is not None and not self._interrupted:
             self._show(self._on_line, name, line, noteworthy)
 
@@ -262,6 +263,9 @@ class Runner:
                 for process in [*self._helpers, *self._recorders]:
                     if process.exit_code is not None:
                         return _Failure(process, "ended before the run did")
+                for process in self._recorders:
+                    if process.name in self._full_disks:
+                        return _Failure(process, "has no room on the disk", still_runs=True)
                 for process, ends_run in self._nodes:
                     if process.exit_code is None:
                         continue
@@ -271,7 +275,7 @@ class Runner:
                         return None
                 standing = standstill.find(self._all_processes(), ending)
                 if standing is not None:
-                    return _Failure(*standing, stands_still=True)
+                    return _Failure(*standing, still_runs=True)
         return None
 
     def _all_processes(self) -> list[ManagedProcess]:
