@@ -40,6 +40,9 @@ PROCESSES = {
     "bag_recorder": "parameters/bag_recorder.yaml",
 }
 
+#: Runs of this test session; a test that fails may leave one flying.
+FLIGHTS: list[Flight] = []
+
 #: Makes the main thread of any Python process of the run hang at SIGUSR1; its other threads live.
 _HANG_HOOK = """
 import signal, time
@@ -216,6 +219,22 @@ class Flight:
             start_new_session=True,
         )
         self._fault_at = time.monotonic()
+        FLIGHTS.append(self)
+
+    def stop(self) -> None:
+        """End a run that the test has left flying, in order if it can be."""
+        if self._process.poll() is None:
+            self._process.send_signal(signal.SIGINT)
+            with contextlib.suppress(subprocess.TimeoutExpired):
+                self._process.wait(60.0)
+        if self._process.poll() is None:
+            self._kill(self._children())
+
+    def _kill(self, children: list[int]) -> None:
+        os.killpg(self._process.pid, signal.SIGKILL)
+        for number in children:
+            with contextlib.suppress(OSError):
+                os.killpg(number, signal.SIGKILL)
 
     def process_id(self, name: str) -> int:
         """Return the process of a name of `PROCESSES`."""
@@ -280,10 +299,7 @@ class Flight:
             wall_time = time.monotonic() - self._fault_at
         finally:
             if self._process.poll() is None:
-                os.killpg(self._process.pid, signal.SIGKILL)
-                for number in started:
-                    with contextlib.suppress(OSError):
-                        os.killpg(number, signal.SIGKILL)
+                self._kill(started)
         left = [n for n in started if _is_alive(n) and str(self._own_run) in _command_line(n)]
         steps, lost, closed = self._recorded()
         return Outcome(

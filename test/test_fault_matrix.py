@@ -18,6 +18,7 @@ import time
 
 import pytest
 from fault_injection import (
+    FLIGHTS,
     PROCESSES,
     ClockShim,
     EmulatedUnit,
@@ -222,6 +223,14 @@ def test_a_jump_of_the_clock_of_the_day_does_not_touch_real_time_pacing(tmp_path
         shim.jump(-3600.0)
     outcome = flight.end()
     check_complete(outcome)
+
+
+@pytest.fixture(autouse=True)
+def no_flight_is_left():
+    """End the runs that a failed test has left flying."""
+    yield
+    while FLIGHTS:
+        FLIGHTS.pop().stop()
 
 
 @pytest.fixture
