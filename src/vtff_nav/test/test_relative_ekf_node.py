@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import pathlib
 import time
 from collections.abc import Iterator
 
@@ -20,6 +21,7 @@ from vtff_nav.relative.shipped_estimators import make_cdgps  # noqa: E402
 from vtff_nav.relative_ekf_node import (  # noqa: E402
     RelativeEkfNode,
     RelativeEkfParameters,
+    antenna_pair,
     estimator_setting,
 )
 from vtff_node import qos  # noqa: E402
@@ -107,5 +109,87 @@ def test_wrong_integrator_is_refused():
             RelativeEkfNode(
                 context=context, parameter_overrides=[Parameter("integrator", value="rk5")]
             )
+    finally:
+        rclpy.shutdown(context=context)
+
+
+def written_antex(folder: pathlib.Path) -> str:
+    """Return the path of an ANTEX file with the antenna PATCH NONE, which has L1 alone."""
+    lines = (
+        ("", "START OF ANTENNA"),
+        ("PATCH           NONE", "TYPE / SERIAL NO"),
+        ("     0.0", "DAZI"),
+        ("     0.0  90.0  90.0", "ZEN1 / ZEN2 / DZEN"),
+        ("   G01", "START OF FREQUENCY"),
+        ("      0.00      0.00     50.00", "NORTH / EAST / UP"),
+        ("   NOAZI    0.00    4.00", ""),
+        ("   G01", "END OF FREQUENCY"),
+        ("", "END OF ANTENNA"),
+    )
+    path = folder / "antennas.atx"
+    path.write_text("".join(f"{text:<60}{label}\n" for text, label in lines), encoding="ascii")
+    return str(path)
+
+
+def test_antennas_reach_the_filter(tmp_path):
+    given = RelativeEkfParameters(
+        signals=["G1"],
+        antex_file=written_antex(tmp_path),
+        deputy_antenna="PATCH NONE",
+        lever_arm_frame="body",
+        deputy_lever_arm=[0.1, 0.2, -0.3],
+        deputy_lever_arm_sigma=0.02,
+        deputy_quaternion=[0.0, 0.0, 1.0, 0.0],
+        chief_attitude_frame="rtn",
+    )
+    antennas = make_cdgps(estimator_setting(given)).configuration.antennas
+    assert antennas is not None and antennas.chief.phase_centre is None
+    assert antennas.chief.attitude_frame == "rtn"
+    deputy = antennas.deputy
+    assert deputy.phase_centre is not None
+    assert deputy.phase_centre.maps["G01"].offset.tolist() == [0.0, 0.0, 0.05]
+    assert deputy.lever_arm_body == (0.1, 0.2, -0.3) and deputy.lever_arm_sigma == 0.02
+    assert deputy.quaternion == (0.0, 0.0, 1.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("values", "text"),
+    [
+        ({"deputy_lever_arm": [0.1, 0.0, 0.0]}, "lever_arm_frame: deputy_lever_arm needs the name"),
+        ({"chief_antenna": "PATCH NONE"}, "antex_file: the file that has chief_antenna"),
+        (
+            {"antex_file": "{antex}", "chief_antenna": "CHOKE NONE"},
+            "chief_antenna: .*antennas.atx: there is no antenna 'CHOKE NONE'",
+        ),
+        (
+            {"antex_file": "absent.atx", "chief_antenna": "A NONE"},
+            "antex_file: absent.atx: No such",
+        ),
+        ({"antex_file": "{antex}"}, "antex_file: chief_antenna or deputy_antenna is needed"),
+        (
+            {"lever_arm_frame": "body", "chief_lever_arm": [0.1]},
+            "chief_lever_arm: three numbers",
+        ),
+        ({"deputy_quaternion": [0.0, 0.0, 0.0, 0.0]}, "deputy_quaternion: four numbers"),
+    ],
+)
+def test_wrong_antennas_are_refused(tmp_path, values, text):
+    antex = written_antex(tmp_path)
+    values = {name: antex if value == "{antex}" else value for name, value in values.items()}
+    with pytest.raises(ValueError, match=text):
+        antenna_pair(RelativeEkfParameters(**values))
+
+
+def test_antenna_without_a_carrier_is_refused_in_one_line(tmp_path):
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    values = {"antex_file": written_antex(tmp_path), "chief_antenna": "PATCH NONE"}
+    try:
+        with pytest.raises(ParameterError, match="'PATCH NONE' has no frequency G02") as refusal:
+            RelativeEkfNode(
+                context=context,
+                parameter_overrides=[Parameter(name, value=v) for name, v in values.items()],
+            )
+        assert "\n" not in str(refusal.value)
     finally:
         rclpy.shutdown(context=context)

@@ -15,6 +15,7 @@ from rosgraph_msgs.msg import Clock
 from vtff_dynamics.orbit.force_model import GRAVITY_MODELS, ForceModel
 from vtff_dynamics.orbit.propagator import INTEGRATORS
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.antex import AntexError, read_antex
 from vtff_msgs.msg import (
     AmbiguityStatus,
     GnssEphemeris,
@@ -25,6 +26,7 @@ from vtff_msgs.msg import (
     StepDone,
 )
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.common.antenna_correction import ATTITUDE_FRAMES, Antenna, AntennaPair
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
@@ -141,6 +143,52 @@ class RelativeEkfParameters:
         minimum=0.9,
         maximum=0.999999,
     )
+    antex_file: str = parameter(
+        "", "cdgps: ANTEX file with the phase centres of the antennas; empty = none are corrected"
+    )
+    chief_antenna: str = parameter("", "type and radome of the chief's antenna in antex_file")
+    deputy_antenna: str = parameter("", "type and radome of the deputy's antenna in antex_file")
+    lever_arm_frame: str = parameter(
+        "", "axes of the lever arms; they must be named where one is given", choices=("", "body")
+    )
+    chief_lever_arm: list[float] = parameter(
+        list(Antenna.lever_arm_body),
+        "cdgps: from the centre of mass to the reference point of the chief's antenna",
+        unit="m",
+    )
+    deputy_lever_arm: list[float] = parameter(
+        list(Antenna.lever_arm_body), "cdgps: the same of the deputy", unit="m"
+    )
+    chief_lever_arm_sigma: float = parameter(
+        Antenna.lever_arm_sigma,
+        "cdgps: error of the chief's lever arm on each axis; with more than 0 it is estimated",
+        unit="m",
+        minimum=0.0,
+    )
+    deputy_lever_arm_sigma: float = parameter(
+        Antenna.lever_arm_sigma, "cdgps: the same of the deputy", unit="m", minimum=0.0
+    )
+    chief_phase_map_sigma: float = parameter(
+        Antenna.phase_map_sigma,
+        "cdgps: error of the chief's phase centres in a range",
+        unit="m",
+        minimum=0.0,
+    )
+    deputy_phase_map_sigma: float = parameter(
+        Antenna.phase_map_sigma, "cdgps: the same of the deputy", unit="m", minimum=0.0
+    )
+    chief_attitude_frame: str = parameter(
+        Antenna.attitude_frame,
+        "axes to which the chief's body is fixed: local horizon, own orbit, or inertial space",
+        choices=ATTITUDE_FRAMES,
+    )
+    deputy_attitude_frame: str = parameter(
+        Antenna.attitude_frame, "the same of the deputy", choices=ATTITUDE_FRAMES
+    )
+    chief_quaternion: list[float] = parameter(
+        list(Antenna.quaternion), "x, y, z, w from the chief's body axes to chief_attitude_frame"
+    )
+    deputy_quaternion: list[float] = parameter(list(Antenna.quaternion), "the same of the deputy")
     longest_prediction: float = parameter(
         CdgpsConfiguration.longest_prediction,
         "time without measurements after which navigation starts anew",
@@ -162,6 +210,49 @@ class RelativeEkfParameters:
     compute_limit: float = parameter(
         10.0, "longest wall time of one call of the estimator", unit="s", minimum=0.001
     )
+
+
+def antenna_pair(given: RelativeEkfParameters) -> AntennaPair | None:
+    """Return what the parameters tell of the antennas; None if they tell nothing.
+
+    Raises
+    ------
+    ValueError
+        If a value is not possible, or needs another one that is not given; the text names it.
+    """
+    pair = AntennaPair(*(_antenna(given, craft) for craft in ("chief", "deputy")))
+    if given.antex_file and not (given.chief_antenna or given.deputy_antenna):
+        raise ValueError("antex_file: chief_antenna or deputy_antenna is needed with it")
+    return None if pair == AntennaPair() else pair
+
+
+def _antenna(given: RelativeEkfParameters, craft: str) -> Antenna:
+    """Return the antenna of chief or deputy."""
+    name, lever_arm = getattr(given, f"{craft}_antenna"), getattr(given, f"{craft}_lever_arm")
+    quaternion = getattr(given, f"{craft}_quaternion")
+    if any(lever_arm) and not given.lever_arm_frame:
+        raise ValueError(f"lever_arm_frame: {craft}_lever_arm needs the name of its axes: body")
+    phase_centre = None
+    if name:
+        if not given.antex_file:
+            raise ValueError(f"antex_file: the file that has {craft}_antenna {name!r} is needed")
+        try:
+            phase_centre = read_antex(given.antex_file, name)
+        except OSError as error:
+            raise ValueError(f"antex_file: {given.antex_file}: {error.strerror}") from None
+        except AntexError as error:
+            raise ValueError(f"{craft}_antenna: {error}") from None
+    try:
+        return Antenna(
+            lever_arm_body=tuple(lever_arm),  # type: ignore[arg-type]
+            lever_arm_sigma=getattr(given, f"{craft}_lever_arm_sigma"),
+            phase_centre=phase_centre,
+            phase_map_sigma=getattr(given, f"{craft}_phase_map_sigma"),
+            attitude_frame=getattr(given, f"{craft}_attitude_frame"),
+            quaternion=tuple(quaternion),  # type: ignore[arg-type]
+        )
+    except ValueError as error:
+        raise ValueError(f"{craft}_{error}") from None
 
 
 def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
@@ -186,6 +277,7 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
         empirical_acceleration_sigma=given.empirical_acceleration_sigma,
         thrust_sigma=given.thrust_sigma,
         success_rate=given.success_rate,
+        antennas=antenna_pair(given),
     )
 
 
@@ -210,9 +302,9 @@ class RelativeEkfNode(VtffNode):
         self.plugin.call_limit = given.compute_limit
         try:
             setting = estimator_setting(given)
+            self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         except ValueError as error:
             raise ParameterError(str(error)) from error
-        self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         self._sources = [given.chief, given.deputy, *([LASER] if given.use_laser else [])]
         self._source_of_node = self._sources_by_node(given.receiver_nodes)
         waits_for_closing = self.lockstep and bool(given.receiver_nodes)
