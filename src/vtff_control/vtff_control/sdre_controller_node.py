@@ -97,6 +97,12 @@ class SdreControllerParameters:
         unit="m",
         minimum=0.0,
     )
+    braking_share: float = parameter(
+        SdreDesign.braking_share,
+        "share of the cap with which the way to a far target is planned, 0 = linear feedback",
+        minimum=0.0,
+        maximum=1.0,
+    )
     quantum: float = parameter(
         SdreDesign.quantum,
         "smallest change of the thruster's acceleration; with it the mean of the rounded commands "
@@ -163,6 +169,7 @@ class SdreControllerNode(VtffNode):
                 control_weight=given.control_weight or None,
                 disturbance_observer=given.disturbance_observer,
                 tolerated_deviation=given.tolerated_deviation,
+                braking_share=given.braking_share,
                 quantum=given.quantum,
                 maximum_sigma=given.maximum_sigma,
                 maximum_sigma_ratio=given.maximum_sigma_ratio,

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vtff_control.tracking.riccati import delayed_riccati_gain, riccati_gain
+from vtff_control.tracking.controller import takes_covariance
+from vtff_control.tracking.riccati import delayed_riccati_gain, discretise, riccati_gain
 from vtff_control.tracking.sdre import (
     DEFAULT_WEIGHTS,
     DESIGNS,
@@ -202,6 +203,111 @@ def test_feedforward_knows_how_rest_is_reported() -> None:
     assert abs(reported[2]) > 1e-3
 
 
+def covariance(position_sigma: float, velocity_sigma: float) -> np.ndarray:
+    return np.diag([position_sigma**2] * 3 + [velocity_sigma**2] * 3)
+
+
+CLOSING = np.array([0.0, 300.0, 0.0, 0.0, -20.0, 0.0])
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_a_good_covariance_changes_no_command_of_the_paper(design: str) -> None:
+    """Neither does a poor one within the bounds, unless the bandwidth is told to follow it."""
+    expected = SdreController(SdreDesign(design)).control(CLOSING, CHIEF, TARGET)
+    for sigma in (1e-3, 50.0):
+        result = SdreController(SdreDesign(design)).control(
+            CLOSING, CHIEF, TARGET, None, covariance(sigma, 0.01 * sigma)
+        )
+        assert result.degraded == ""
+        np.testing.assert_array_equal(result.acceleration_rtn, expected.acceleration_rtn)
+
+
+@pytest.mark.parametrize("design", DESIGNS)
+def test_out_of_bounds_the_significant_velocity_is_removed(design: str) -> None:
+    controller = SdreController(SdreDesign(design, acceleration_cap=1.4))
+    result = controller.control(CLOSING, CHIEF, TARGET, None, covariance(90.0, 5.0))
+    assert result.valid and "0.25 of the distance of 300 m" in result.degraded
+    # Brakes at the cap, although the target is nearer to the chief.
+    assert result.acceleration_rtn[1] == 1.4
+    controller.reset()
+    slow = CLOSING * [1.0, 1.0, 1.0, 1.0, 0.2, 1.0]
+    result = controller.control(slow, CHIEF, TARGET, None, covariance(90.0, 5.0))
+    np.testing.assert_array_equal(result.acceleration_rtn, 0.0)
+    assert result.degraded and controller.control(slow, CHIEF, TARGET).degraded == ""
+
+
+def test_an_unusable_covariance_is_refused() -> None:
+    result = SdreController(SdreDesign()).control(
+        NEAR, CHIEF, TARGET, None, np.full((6, 6), np.nan)
+    )
+    assert not result.valid and result.reason == "covariance: not finite"
+
+
+def test_the_mean_of_rounded_commands_is_exact() -> None:
+    design = SdreDesign("paper", quantum=1e-5)
+    controller = SdreController(design)
+    exact = SdreController(SdreDesign("paper"))
+    state = TARGET + np.array([1e-4, -3e-4, 2e-4, 0.0, 0.0, 0.0])
+    given = [controller.control(state, CHIEF, TARGET).acceleration_rtn for _ in range(500)]
+    counts = np.array(given) / 1e-5
+    np.testing.assert_allclose(counts, np.rint(counts), atol=1e-9)
+    expected = exact.control(state, CHIEF, TARGET).acceleration_rtn
+    assert np.abs(expected).max() < 1e-5, "a thruster that rounds would give nothing"
+    np.testing.assert_allclose(np.mean(given, axis=0), expected, atol=1e-5 / 500)
+
+
+def test_what_the_cap_cuts_off_is_not_made_up_for() -> None:
+    controller = SdreController(SdreDesign("paper", quantum=1e-2))
+    for _ in range(50):
+        controller.control(CLOSING + [0.0, 1e4, 0.0, 0.0, 0.0, 0.0], CHIEF, TARGET)
+    result = controller.control(TARGET, CHIEF, TARGET)
+    assert np.abs(result.acceleration_rtn).max() <= 1e-2
+
+
+def test_the_braking_share_limits_the_speed_to_what_can_be_stopped() -> None:
+    """At the speed from which 0.6 of the cap stops before the target, no more is accelerated."""
+    design = SdreDesign("paper", acceleration_cap=1.4, braking_share=0.6)
+    far = np.array([0.0, 10_100.0, 0.0, 0.0, 0.0, 0.0])
+    speed = np.sqrt(2.0 * 0.6 * 1.4 * 10_000.0)
+    for factor, sign in ((0.9, -1.0), (1.1, 1.0)):
+        state = far + [0.0, 0.0, 0.0, 0.0, -factor * speed, 0.0]
+        command = SdreController(design).control(state, CHIEF, TARGET).acceleration_rtn
+        assert np.sign(command[1]) == sign
+    near = TARGET + [0.0, 5.0, 0.0, 0.0, -0.1, 0.0]
+    linear = dataclasses.replace(design, braking_share=0.0)
+    np.testing.assert_array_equal(
+        SdreController(design).control(near, CHIEF, TARGET).acceleration_rtn,
+        SdreController(linear).control(near, CHIEF, TARGET).acceleration_rtn,
+    )
+
+
+def test_a_disturbance_is_compensated() -> None:
+    design = SdreDesign("delay_aware", disturbance_observer=True, delay_steps=1)
+    controller = SdreController(design)
+    mean_motion = osculating_mean_motion(CHIEF)
+    transition, effect = discretise(hcw_state_matrix(mean_motion), 1.0)
+    push = np.array([4e-6, -6e-6, 2e-6])
+    deviation, acting = np.zeros(6), np.zeros(3)
+    for step in range(400):
+        result = controller.control(TARGET + deviation, CHIEF, TARGET, step * 10**9)
+        deviation = transition @ deviation + effect @ (acting + push)
+        acting = result.acceleration_rtn
+    np.testing.assert_allclose(controller.disturbance_rtn, push, atol=1e-7)
+    assert np.abs(deviation[:3]).max() < 2e-5
+    without = np.abs(push).max() / 1e-2
+    assert without > 5e-4
+
+
+def test_a_new_target_is_no_disturbance() -> None:
+    controller = SdreController(SdreDesign("delay_aware", disturbance_observer=True))
+    for step in range(50):
+        target = TARGET if step < 25 else TARGET + [0.0, 50.0, 0.0, 0.0, 0.0, 0.0]
+        controller.control(TARGET, CHIEF, target, step * 10**9)
+        if step == 25:
+            # A new deviation is taken as it is, not as an error of the model.
+            assert np.abs(controller.disturbance_rtn).max() < 1e-7
+
+
 UNUSABLE = [
     (np.full(6, np.nan), CHIEF, TARGET, "relative state: not finite"),
     (NEAR, np.full(6, np.inf), TARGET, "chief state: not finite"),
@@ -276,6 +382,19 @@ def test_same_calls_give_the_same_bits() -> None:
         assert first.acceleration_rtn.tobytes() == second.acceleration_rtn.tobytes()
 
 
+class FourArguments:
+    def reset(self) -> None:
+        """Forget nothing."""
+
+    def control(self, relative_state_rtn, state_chief_gcrf, target_rtn, stamp=None):  # type: ignore[no-untyped-def]
+        """Command nothing."""
+
+
+def test_a_controller_that_takes_no_covariance_is_seen() -> None:
+    assert takes_covariance(SdreController(SdreDesign()))
+    assert not takes_covariance(FourArguments())
+
+
 def test_stale_states_are_told_apart() -> None:
     second = 10**9
     assert stale_state_reason(100 * second, 101 * second, 1.5) == ""
@@ -293,6 +412,11 @@ WRONG = {
     "sample_time": [0.0, float("inf")],
     "delay_steps": [-1, 1.5, True, 101],
     "mean_motion": [0.0],
+    "tolerated_deviation": [-1.0, float("nan")],
+    "braking_share": [-0.1, 1.1],
+    "quantum": [-1e-5, 2.0],
+    "maximum_sigma": [-1.0],
+    "maximum_sigma_ratio": [float("inf")],
 }
 
 

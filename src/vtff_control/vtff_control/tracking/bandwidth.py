@@ -19,9 +19,10 @@ from __future__ import annotations
 
 import math
 
+from vtff_control.tracking.riccati import Weights
 from vtff_dynamics.vectors import FloatArray, norm
 
-__all__ = ["LEVELS_PER_OCTAVE", "BandwidthSchedule"]
+__all__ = ["LEVELS_PER_OCTAVE", "BandwidthSchedule", "weights_at_level"]
 
 LEVELS_PER_OCTAVE = 4
 """Bandwidths are those of the design times 2^(-level / 4), so that a run solves few gains."""
@@ -34,6 +35,14 @@ SIGNIFICANCE = 3.0
 
 _HYSTERESIS = 0.75
 """A level is kept until the wanted one is that far away."""
+
+
+def weights_at_level(weights: Weights, level: int) -> Weights:
+    """Return the weights for a level of the bandwidth, with the damping of the design."""
+    if level == 0:
+        return weights
+    ratio = 2.0 ** (-level / LEVELS_PER_OCTAVE)
+    return Weights(weights.position * ratio**4, weights.velocity * ratio**2, weights.control)
 
 
 class BandwidthSchedule:

@@ -64,7 +64,8 @@ class ControllerSetting:
         Largest magnitude of the command in m/s2, for all axes or for each of R, T, N.
     feedforward, feedforward_gravity, position_weight, velocity_weight, control_weight
         As in `vtff_control.tracking.sdre.SdreDesign`; a weight of None is the controller's own.
-    disturbance_observer, tolerated_deviation, quantum, maximum_sigma, maximum_sigma_ratio
+    disturbance_observer, tolerated_deviation, braking_share, quantum, maximum_sigma,
+    maximum_sigma_ratio
         As in `vtff_control.tracking.sdre.SdreDesign`.
     """
 
@@ -78,6 +79,7 @@ class ControllerSetting:
     control_weight: float | None = None
     disturbance_observer: bool = False
     tolerated_deviation: float = 0.0
+    braking_share: float = 0.0
     quantum: float = 0.0
     maximum_sigma: float = 100.0
     maximum_sigma_ratio: float = 0.25

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_control.tracking.bandwidth import LEVELS_PER_OCTAVE, BandwidthSchedule
+from vtff_control.tracking.bandwidth import BandwidthSchedule, weights_at_level
 from vtff_control.tracking.controller import ControlResult
 from vtff_control.tracking.deviation_observer import DeviationObserver
 from vtff_control.tracking.navigation_bounds import (
@@ -104,6 +104,11 @@ class SdreDesign:
         With it the bandwidth follows the covariance of the states: deviation of the position that
         is tolerated with perfect navigation, m; see `vtff_control.tracking.bandwidth`. 0 keeps the
         bandwidth of the weights.
+    braking_share
+        Share of the acceleration cap with which the way to a far target is planned: the deviation
+        that the feedback sees is shortened so that the deputy never flies faster than it can stop
+        with that share. A linear feedback under a cap flies past targets that are too far. 0 is
+        the linear feedback.
     quantum
         Smallest change of the thruster's acceleration in m/s2. Commands then are multiples of it,
         and what is left over is added to the next command, so that the mean is exact; 0 leaves
@@ -139,6 +144,7 @@ class SdreDesign:
     control_weight: float | None = None
     disturbance_observer: bool = False
     tolerated_deviation: float = 0.0
+    braking_share: float = 0.0
     quantum: float = 0.0
     maximum_sigma: float = 100.0
     maximum_sigma_ratio: float = 0.25
@@ -165,6 +171,8 @@ class SdreDesign:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: a positive number or None expected, got {value!r}")
+        if not 0.0 <= self.braking_share <= 1.0:
+            raise ValueError(f"braking_share: 0 to 1 expected, got {self.braking_share!r}")
         for name in ("tolerated_deviation", "quantum", "maximum_sigma", "maximum_sigma_ratio"):
             value = getattr(self, name)
             if not (np.isfinite(value) and value >= 0.0):
@@ -406,8 +414,25 @@ class SdreController:
         level = 0
         if self._schedule is not None and covariance is not None:
             level = self._schedule.update(relative_state, deviation, covariance)
+        if self.design.braking_share > 0.0:
+            deviation = self._shorten(deviation, weights_at_level(self._weights, level))
         feedback = self._feedback(relative_state, state_chief, deviation, disturbance, level)
         return feedback - disturbance + feedforward, feedforward
+
+    def _shorten(self, deviation: FloatArray, weights: Weights) -> FloatArray:
+        """Return a deviation to which the feedback answers with a speed that can be stopped.
+
+        The feedback of a double integrator leads to the velocity (position gain / velocity gain)
+        times the deviation, which here is at most sqrt(2 acceleration distance).
+        """
+        distance = norm(deviation[:3])
+        position_gain = (weights.position / weights.control) ** 0.5
+        velocity_gain = (weights.velocity / weights.control + 2.0 * position_gain) ** 0.5
+        acceleration = self.design.braking_share * float(self._caps.min())
+        longest = velocity_gain / position_gain * (2.0 * acceleration * distance) ** 0.5
+        if distance <= longest:
+            return deviation
+        return np.concatenate((longest / distance * deviation[:3], deviation[3:]))
 
     def _brake(
         self, relative_state: FloatArray, state_chief: FloatArray, covariance: FloatArray
@@ -431,7 +456,7 @@ class SdreController:
         level: int,
     ) -> FloatArray:
         """Return ``-K (x - x_d)`` with the gain of the design, shape (3,)."""
-        weights = self._weights_at(level)
+        weights = weights_at_level(self._weights, level)
         if self.design.design == "state_dependent":
             rates = frame_rates_rtn(state_chief)
             state_matrix = state_dependent_matrix(
@@ -456,17 +481,6 @@ class SdreController:
             self._keep_gain(state_chief, level, lambda matrix: riccati_gain(matrix, weights))
         assert self._gain is not None
         return -(self._gain @ deviation)
-
-    def _weights_at(self, level: int) -> Weights:
-        """Return the weights for a level of the bandwidth, with the damping of the design."""
-        if level == 0:
-            return self._weights
-        ratio = 2.0 ** (-level / LEVELS_PER_OCTAVE)
-        return Weights(
-            self._weights.position * ratio**4,
-            self._weights.velocity * ratio**2,
-            self._weights.control,
-        )
 
     def _keep_gain(
         self, state_chief: FloatArray, level: int, solve: Callable[[FloatArray], FloatArray]
