@@ -7,7 +7,15 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vtff_node.plain_yaml import MAXIMUM_DEPTH, MAXIMUM_VALUES, PlainYamlError, parse_yaml
+from vtff_node.plain_yaml import (
+    FAST_LOADER,
+    MAXIMUM_DEPTH,
+    MAXIMUM_VALUES,
+    PlainYamlError,
+    parse_yaml,
+)
+
+LOADERS = pytest.mark.parametrize("loader", [yaml.SafeLoader, FAST_LOADER])
 
 VALUES = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text(),
@@ -20,31 +28,35 @@ VALUES = st.recursive(
 @settings(max_examples=100, deadline=None)
 def test_plain_values_come_back(value):
     assert parse_yaml(yaml.safe_dump(value)) == value
+    assert parse_yaml(yaml.safe_dump(value), FAST_LOADER) == value
 
 
 @given(st.text(alphabet="[]{}&*<:-!,\"' \nab01?|>%@#.", max_size=60))
 @settings(max_examples=300, deadline=None)
 def test_any_text_is_a_value_or_one_line(text):
-    try:
-        parse_yaml(text)
-    except PlainYamlError as error:
-        assert len(str(error).splitlines()) == 1
+    for loader in (yaml.SafeLoader, FAST_LOADER):
+        try:
+            parse_yaml(text, loader)
+        except PlainYamlError as error:
+            assert len(str(error).splitlines()) == 1
 
 
+@LOADERS
 @pytest.mark.parametrize("left, right", [("[", "]"), ("{a: ", "}"), ("- ", "")])
-def test_depth_is_limited(left, right):
-    assert parse_yaml(left * MAXIMUM_DEPTH + right * MAXIMUM_DEPTH) is not None
+def test_depth_is_limited(left, right, loader):
+    assert parse_yaml(left * MAXIMUM_DEPTH + right * MAXIMUM_DEPTH, loader) is not None
     with pytest.raises(PlainYamlError, match=f"^line 1: nested deeper than {MAXIMUM_DEPTH}"):
-        parse_yaml(left * 100_000 + right * 100_000)
+        parse_yaml(left * 100_000 + right * 100_000, loader)
 
 
-def test_aliases_count_each_time():
-    assert parse_yaml("a: &x [1, 2]\nb: *x")["b"] == [1, 2]
+@LOADERS
+def test_aliases_count_each_time(loader):
+    assert parse_yaml("a: &x [1, 2]\nb: *x", loader)["b"] == [1, 2]
     bomb = "a0: &a0 [x, x]\n" + "".join(
         f"a{level}: &a{level} [*a{level - 1}, *a{level - 1}]\n" for level in range(1, 40)
     )
     with pytest.raises(PlainYamlError, match=f"more than {MAXIMUM_VALUES} values"):
-        parse_yaml(bomb)
+        parse_yaml(bomb, loader)
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from typing import Any
 import yaml
 
 from vtff_bag.file.errors import BagReadError, BagWriteError
-from vtff_node.plain_yaml import PlainYamlError, parse_yaml
+from vtff_node.plain_yaml import FAST_LOADER, PlainYamlError, parse_yaml
 
 METADATA_FILE = "metadata.yaml"
 METADATA_VERSION = 9
@@ -177,7 +177,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
     except OSError as error:
         raise BagReadError(f"{path}: cannot read: {error.strerror or error}") from error
     try:
-        content = parse_yaml(text.decode("utf-8"))
+        content = parse_yaml(text.decode("utf-8"), FAST_LOADER)
     except (PlainYamlError, UnicodeDecodeError) as error:
         raise BagReadError(f"{path}: not valid YAML: {error}") from error
     try:
@@ -189,7 +189,7 @@ def read_metadata(path: pathlib.Path) -> BagMetadata:
 def parse_stored_metadata(text: str) -> BagMetadata | None:
     """Return the metadata from the copy in an MCAP file (no root key); None if unreadable."""
     try:
-        return _parse(parse_yaml(text))
+        return _parse(parse_yaml(text, FAST_LOADER))
     except _PARSING_ERRORS:
         return None
 
@@ -229,7 +229,7 @@ def parse_qos(offered: Any) -> list[QosEntry]:
     """Return offered QoS profiles from a list or from YAML text; anything else gives none."""
     if isinstance(offered, str):
         try:
-            offered = parse_yaml(offered)
+            offered = parse_yaml(offered, FAST_LOADER)
         except PlainYamlError:
             return []
     if not isinstance(offered, list):
