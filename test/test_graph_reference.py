@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from graph_support import ROOT
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_bag.file.reader import BagReader
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_sim_bridge.truth.scenario import load_scenario

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray

@@ -7,8 +7,8 @@ import pathlib
 import numpy as np
 import pytest
 
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_analysis.library.functions import baseline, fly, tec
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_sim_bridge.truth.scenario import load_scenario
 

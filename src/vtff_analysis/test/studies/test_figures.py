@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
-from vtff_analysis.studies.closed_loop_summary import summarise_closed_loop
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
+from vtff_analysis.closed_loop.summary import summarise_closed_loop
 from vtff_analysis.studies.figures import (
     FLIGHT_FIGURES,
     NAVIGATION_FIGURES,

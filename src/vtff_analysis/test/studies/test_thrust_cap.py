@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
-from vtff_analysis.studies.closed_loop_summary import summarise_closed_loop
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
+from vtff_analysis.closed_loop.summary import summarise_closed_loop
 from vtff_analysis.studies.thrust_cap import (
     ThrustCapFindings,
     ThrustCapPoint,

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from vtff_analysis.baseline.defaults import complete_options
 from vtff_analysis.baseline.processing import BaselineRun, process_baseline
 from vtff_analysis.baseline.sources import from_files
-from vtff_analysis.studies.closed_loop import ClosedLoopResult, simulate_closed_loop
+from vtff_analysis.closed_loop.simulation import ClosedLoopResult, simulate_closed_loop
 from vtff_analysis.tec.processing import TecResult, process
 from vtff_analysis.tec.sources import from_file
 from vtff_control.tracking.sdre import SdreDesign

@@ -13,7 +13,7 @@ import math
 import numpy as np
 from scipy.linalg import solve_discrete_lyapunov
 
-from vtff_analysis.studies.drawn_navigation import NavigationErrorModel
+from vtff_analysis.closed_loop.drawn_navigation import NavigationErrorModel
 from vtff_control.tracking.bandwidth import BandwidthSchedule, weights_at_level
 from vtff_control.tracking.riccati import delayed_riccati_gain, delayed_system
 from vtff_control.tracking.sdre import SdreDesign

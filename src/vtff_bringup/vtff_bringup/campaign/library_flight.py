@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
-from vtff_analysis.studies.closed_loop import simulate_closed_loop
-from vtff_analysis.studies.closed_loop_summary import summarise_closed_loop
+from vtff_analysis.closed_loop.simulation import simulate_closed_loop
+from vtff_analysis.closed_loop.summary import summarise_closed_loop
 from vtff_bringup.campaign.cases import Case
 from vtff_bringup.campaign.plan import FlightPlan, case_files
 from vtff_control.tracking.sdre import SdreDesign

@@ -1,7 +1,7 @@
 """The interface of a formation controller, which a plug-in of ``vtff.controllers`` implements.
 
 The controller gets one relative state per sample and answers with one acceleration. The node
-`sdre_controller` and the closed loop without ROS (`vtff_analysis.studies.closed_loop`) use it.
+`sdre_controller` and the closed loop without ROS (`vtff_analysis.closed_loop.simulation`) use it.
 """
 
 from __future__ import annotations

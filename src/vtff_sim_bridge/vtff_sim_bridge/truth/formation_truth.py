@@ -1,6 +1,6 @@
 """True motion of a formation: every spacecraft propagated in step, thrust held in RTN axes.
 
-The simulator bridge and the in-process closed loop (`vtff_analysis.studies.closed_loop`) both step
+The simulator bridge and the in-process closed loop (`vtff_analysis.closed_loop`) both step
 the truth with this class, so that a run over the real topics gives the numbers of the fast one.
 """
 

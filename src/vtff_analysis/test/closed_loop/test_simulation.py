@@ -6,7 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vtff_analysis.studies.closed_loop import ClosedLoopResult, DeputyHistory, simulate_closed_loop
+from vtff_analysis.closed_loop.simulation import (
+    ClosedLoopResult,
+    DeputyHistory,
+    simulate_closed_loop,
+)
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator

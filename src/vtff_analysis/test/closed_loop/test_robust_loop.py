@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 import yaml
 
-from vtff_analysis.studies.closed_loop import ClosedLoopResult, simulate_closed_loop
-from vtff_analysis.studies.drawn_navigation import NavigationErrorModel
+from vtff_analysis.closed_loop.drawn_navigation import NavigationErrorModel
+from vtff_analysis.closed_loop.simulation import ClosedLoopResult, simulate_closed_loop
 from vtff_analysis.studies.navigation_noise import expected_delta_v_per_hour
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.frames.rtn import deputy_state_gcrf

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_analysis.studies.drawn_navigation import DrawnNavigation, NavigationErrorModel
+from vtff_analysis.closed_loop.drawn_navigation import DrawnNavigation, NavigationErrorModel
 from vtff_control.thruster.thruster import Thruster
 from vtff_control.tracking.sdre import SdreController, SdreDesign
 from vtff_dynamics.vectors import FloatArray

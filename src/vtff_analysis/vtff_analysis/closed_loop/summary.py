@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.closed_loop.simulation import ClosedLoopResult
 from vtff_analysis.evaluation.formation_flight import ACQUISITION_DURATION, FormationFlight
 from vtff_analysis.evaluation.summary import plain_value, summarise_flight
 from vtff_analysis.recordings.history import AXES
-from vtff_analysis.studies.closed_loop import ClosedLoopResult
 
 __all__ = ["summarise_closed_loop"]
 

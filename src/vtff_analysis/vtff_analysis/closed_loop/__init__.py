@@ -1,0 +1,1 @@
+"""Truth, controller and thruster in one process, without ROS: the fast twin of the node graph."""
