@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 
 from vtff_dynamics.frames.rtn import relative_state_rtn
-from vtff_gnss.antex import PhaseCentre, PhaseCentreMap
+from vtff_gnss.antex import PhaseCentre, PhaseCentreMap, read_antex
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
@@ -324,6 +324,16 @@ def calibrated(number: int, lever_arm: tuple[float, float, float], error: float)
     )
 
 
+def calibrated_in_file(setting: EstimatorSetting) -> EstimatorSetting:
+    """Return the setting of the filter in config/system/realistic.yaml."""
+    path = CONFIG / "gnss/realistic_calibration.atx"
+    chief, deputy = (
+        Antenna(phase_centre=read_antex(path, f"VTFF PATCH {number} NONE"), phase_map_sigma=0.001)
+        for number in (1, 2)
+    )
+    return given_antennas(chief, deputy)(setting)
+
+
 SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
 OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
 
@@ -388,10 +398,21 @@ WORLDS: dict[str, World] = {
         distance=5e3, gradient_tecu_per_deg=2.0, must=Must(2.0, fixed_percent=100.0)
     ),
     "realistic": World(
-        "realistic", "realistic", distance=None, motion="scenario", must=Must(2.5, None, 100.0)
+        "realistic",
+        "realistic",
+        distance=None,
+        motion="scenario",
+        seconds=3600,
+        change_setting=calibrated_in_file,
+        must=Must(2.5, None, 100.0),
     ),
     "realistic_5km": World(
-        "realistic_5km", "realistic", distance=None, motion="scenario", must=Must(None, None, 99.0)
+        "realistic_5km",
+        "realistic",
+        distance=None,
+        motion="scenario",
+        change_setting=calibrated_in_file,
+        must=Must(None, None, 99.0),
     ),
     "faults": World(
         "realistic",
@@ -399,6 +420,7 @@ WORLDS: dict[str, World] = {
         distance=None,
         motion="scenario",
         change_gnss=many_faults,
+        change_setting=calibrated_in_file,
         outages=(_OUTAGE, _SILENCE),
         must=Must(3.0, degraded_percent=None, recovery_s=30.0),
     ),
