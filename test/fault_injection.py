@@ -56,6 +56,8 @@ _CLOCK_SHIM = r"""
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
+#include <pthread.h>
+#include <semaphore.h>
 #include <stdlib.h>
 #include <sys/mman.h>
 #include <sys/time.h>
@@ -98,6 +100,47 @@ time_t time(time_t *where) {
   clock_gettime(CLOCK_REALTIME, &precise);
   if (where) *where = precise.tv_sec;
   return precise.tv_sec;
+}
+
+/* Waits end at a time of this clock; the kernel knows its own. Otherwise each wait after a jump
+   back would return at once, and the program would spin as with no real clock. A time since the
+   start of the machine is one of the monotonic clock. */
+static const struct timespec *of_kernel(const struct timespec *end, struct timespec *changed) {
+  *changed = *end;
+  if (offset && end->tv_sec > 1000000000) changed->tv_sec -= (time_t)*offset;
+  return changed;
+}
+
+int pthread_cond_timedwait(pthread_cond_t *condition, pthread_mutex_t *mutex,
+                           const struct timespec *end) {
+  static int (*real)(pthread_cond_t *, pthread_mutex_t *, const struct timespec *);
+  struct timespec changed;
+  /* Without its version this would be the function for condition variables of before 2003. */
+  if (!real) real = dlvsym(RTLD_NEXT, "pthread_cond_timedwait", "GLIBC_2.3.2");
+  if (!real) real = dlsym(RTLD_NEXT, "pthread_cond_timedwait");
+  return real(condition, mutex, of_kernel(end, &changed));
+}
+
+int pthread_cond_clockwait(pthread_cond_t *condition, pthread_mutex_t *mutex, clockid_t clock,
+                           const struct timespec *end) {
+  static int (*real)(pthread_cond_t *, pthread_mutex_t *, clockid_t, const struct timespec *);
+  struct timespec changed;
+  if (!real) real = dlsym(RTLD_NEXT, "pthread_cond_clockwait");
+  return real(condition, mutex, clock, of_kernel(end, &changed));
+}
+
+int pthread_mutex_timedlock(pthread_mutex_t *mutex, const struct timespec *end) {
+  static int (*real)(pthread_mutex_t *, const struct timespec *);
+  struct timespec changed;
+  if (!real) real = dlsym(RTLD_NEXT, "pthread_mutex_timedlock");
+  return real(mutex, of_kernel(end, &changed));
+}
+
+int sem_timedwait(sem_t *semaphore, const struct timespec *end) {
+  static int (*real)(sem_t *, const struct timespec *);
+  struct timespec changed;
+  if (!real) real = dlsym(RTLD_NEXT, "sem_timedwait");
+  return real(semaphore, of_kernel(end, &changed));
 }
 """
 

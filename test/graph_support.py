@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import itertools
 import json
 import os
 import pathlib
@@ -90,13 +91,32 @@ def without_wall_time(topic, content):
     return content[:start] + bytes(length) + content[start + length :]
 
 
-def serialized(run, topic):
-    """Return log time and bytes of every message of a topic, without wall time."""
-    found = [
-        (raw.log_time, without_wall_time(topic, bytes(raw.serialized)))
-        for raw in BagReader(run).raw_messages([topic])
-    ]
-    if topic == "/sim/step_done":
-        # Several nodes may publish here; only the order of each of them is defined.
-        found.sort()
-    return found
+def serialized_topics(run, names, end=None):
+    """Return log time and bytes of every message by topic, without wall time.
+
+    Parameters
+    ----------
+    run
+        Run folder.
+    names
+        Topics.
+    end
+        Log time from which messages are left out, ns since 1970; None for none.
+    """
+    by_topic = {name: [] for name in names}
+    for raw in BagReader(run).raw_messages(names, end=end):
+        content = without_wall_time(raw.topic, bytes(raw.serialized))
+        by_topic[raw.topic].append((raw.log_time, content))
+    # Several nodes may publish here; only the order of each of them is defined.
+    by_topic.get("/sim/step_done", []).sort()
+    return by_topic
+
+
+def assert_equal_messages(first_run, second_run, names, end=None):
+    """Compare two runs topic by topic, byte for byte; return the number of messages."""
+    first, second = (serialized_topics(run, names, end) for run in (first_run, second_run))
+    for topic in sorted(names):
+        pairs = itertools.zip_longest(first[topic], second[topic])
+        for number, (left, right) in enumerate(pairs):
+            assert left == right, f"{topic}: message {number} differs"
+    return sum(map(len, first.values()))

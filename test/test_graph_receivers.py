@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 import pytest
 import yaml
-from graph_support import ROOT, serialized, topics
+from graph_support import ROOT, assert_equal_messages, topics
 
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -18,7 +16,7 @@ pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not in
 
 SYSTEM = "reference.yaml"
 CRAFT = ("chief", "deputy")
-DURATION = 100
+DURATION = 50
 #: The referee reads ephemerides from RAWEPHEM only.
 COMMANDS = [
     "UNLOGALL THISPORT TRUE",
@@ -65,10 +63,7 @@ def test_two_runs_are_equal_byte_for_byte(run, again):
     names = topics(run)
     assert names == topics(again)
     assert {f"/{craft}/gnss/{name}" for craft in CRAFT for name in ("high_rate", "raw")} <= names
-    for topic in sorted(names):
-        pairs = itertools.zip_longest(serialized(run, topic), serialized(again, topic))
-        for number, (left, right) in enumerate(pairs):
-            assert left == right, f"{topic}, message {number}"
+    assert_equal_messages(run, again, names)
 
 
 # ---- the referee -----------------------------------------------------------------------------
@@ -168,35 +163,66 @@ FAULTS = {
     "corrupted_bytes": ({"duration": 20.0, "rate": 2e-4}, 20),
     "dropped_bytes": ({"duration": 20.0, "rate": 2e-4}, 20),
 }
-FAULT_TIME = 15.0
-FAULTY_DURATION = 50
+#: Each fault has a window of its own in one flight: its time, its duration, and 10 s afterwards.
+FIRST_FAULT_TIME = 15
+RECOVERY = 10
+
+
+def fault_windows():
+    """Return the seconds of the flight in which each fault begins and has passed."""
+    windows, start = {}, FIRST_FAULT_TIME
+    for kind, (given, _) in FAULTS.items():
+        windows[kind] = start, start + int(given.get("duration", 0)) + RECOVERY
+        start = windows[kind][1]
+    return windows
+
+
+@pytest.fixture(scope="module")
+def disturbed(runs, run, tmp_path_factory):
+    """Return the flight in which the deputy's receiver has one fault after the other."""
+    content = yaml.safe_load((ROOT / "config/gnss/reference.yaml").read_text())
+    epochs = messages(run, "/deputy/gnss/epoch")
+    for kind, (start, _) in fault_windows().items():
+        fault = {"kind": kind, "receiver": "deputy", "time": float(start), **FAULTS[kind][0]}
+        if kind in ("slip", "half_cycle"):
+            fault["satellite"], fault["signal"] = f"G{epochs[start].prn[0]:02}", "G1C"
+        content["faults"].append(fault)
+    path = tmp_path_factory.mktemp("faults") / "gnss.yaml"
+    path.write_text(yaml.safe_dump(content))
+    duration = max(end for _, end in fault_windows().values())
+    return runs.make(
+        "faults", SYSTEM, "--duration", duration, f"gnss:={path}", "--no-report"
+    )[0]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def seconds_with_epochs(disturbed):
+    """Return the seconds of the flight that have an epoch, by spacecraft."""
+    seconds = {}
+    for craft in CRAFT:
+        epochs = map(observations_from_message, messages(disturbed, f"/{craft}/gnss/epoch"))
+        times = np.array([epoch.time.nanoseconds for epoch in epochs])
+        seconds[craft] = (times - times[0]) // NANOSECONDS_PER_SECOND
+    return seconds
 
 
 @pytest.mark.parametrize("kind", FAULTS)
-def test_the_graph_carries_on(runs, run, tmp_path, kind):
-    given, silent_seconds = FAULTS[kind]
-    content = yaml.safe_load((ROOT / "config/gnss/reference.yaml").read_text())
-    fault = {"kind": kind, "receiver": "deputy", "time": FAULT_TIME, **given}
-    if kind in ("slip", "half_cycle"):
-        epoch = messages(run, "/deputy/gnss/epoch")[int(FAULT_TIME)]
-        fault["satellite"], fault["signal"] = f"G{epoch.prn[0]:02}", "G1C"
-    content["faults"] = [fault]
-    path = tmp_path / "gnss.yaml"
-    path.write_text(yaml.safe_dump(content))
-    folder, _ = runs.make(
-        f"fault_{kind}", SYSTEM, "--duration", FAULTY_DURATION, f"gnss:={path}", "--no-report"
-    )
-    assert len(messages(folder, "/deputy/propulsion/thrust_applied")) == FAULTY_DURATION + 1
+def test_the_graph_carries_on(seconds_with_epochs, kind):
+    silent_seconds = FAULTS[kind][1]
+    window = range(*fault_windows()[kind])
+    assert np.isin(window, seconds_with_epochs["chief"]).all()
+    present = np.isin(window, seconds_with_epochs["deputy"])
+    # The epochs are back when the fault has passed.
+    assert present[-RECOVERY + 1 :].all()
+    missing = np.count_nonzero(~present)
+    assert missing == silent_seconds if kind == "silent" else missing <= silent_seconds
+
+
+def test_faults_neither_stop_nor_shorten_the_flight(disturbed, seconds_with_epochs):
+    duration = max(end for _, end in fault_windows().values())
+    assert len(messages(disturbed, "/deputy/propulsion/thrust_applied")) == duration + 1
     for craft in CRAFT:
-        times = np.array(
-            [
-                observations_from_message(message).time.nanoseconds
-                for message in messages(folder, f"/{craft}/gnss/epoch")
-            ]
-        )
-        seconds = (times - times[0]) // NANOSECONDS_PER_SECOND
-        assert seconds[-1] == FAULTY_DURATION
-        missing = FAULTY_DURATION + 1 - len(seconds)
-        assert missing == 0 if craft == "chief" else missing <= silent_seconds
-    if kind == "silent":
-        assert missing == silent_seconds
+        seconds = seconds_with_epochs[craft]
+        assert (seconds[0], seconds[-1]) == (0, duration)
+        assert len(set(seconds)) == len(seconds)
+    assert len(seconds_with_epochs["chief"]) == duration + 1
