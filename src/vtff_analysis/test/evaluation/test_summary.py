@@ -89,6 +89,26 @@ def test_delta_v_by_phase_counts_only_what_acts_within_the_run():
     assert summary["peak_acceleration_in_track_m_per_s2"] == 0.5
 
 
+def test_settled_keeping_leaves_out_the_tail_of_the_acquisition():
+    position = np.tile([0.3, 100.0, -0.1], (1001, 1))
+    position[640:] = [0.001, 100.0, 0.002]
+    applied = np.tile([0.0, -0.5, 0.25], (1000, 1))
+    applied[640:] = [1e-6, 0.0, -2e-6]
+    command = np.zeros((1000, 3))
+    command[40:] = 0.1
+    history = DeputyHistory(
+        "deputy", truth=states(position), command=thrust(command), applied=thrust(applied)
+    )
+    summary = summarise_flight(formation_flight(history, TARGET))
+    # Control starts at 40 s, so from 640 s on.
+    assert summary["settled_keeping_radial_rms_m"] == pytest.approx(0.001)
+    assert summary["settled_keeping_cross_track_rms_m"] == pytest.approx(0.002)
+    assert summary["settled_keeping_delta_v_m_per_s_per_h"] == pytest.approx(3e-6 * 3600.0)
+    assert summary["keeping_radial_rms_m"] > 0.1
+    short = DeputyHistory("deputy", truth=states(position[:640]), command=thrust(command))
+    assert not any("settled_k" in key for key in summarise_flight(formation_flight(short, TARGET)))
+
+
 def test_phase_boundary_counts_from_the_first_command():
     history = DeputyHistory(
         "deputy", truth=states(approach(400)), command=thrust(np.zeros((300, 3)), first=30)

@@ -16,10 +16,14 @@ from vtff_analysis.recordings.history import (
 from vtff_analysis.recordings.settings import ControllerSettings
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ACQUISITION_DURATION", "FormationFlight", "formation_flight"]
+__all__ = ["ACQUISITION_DURATION", "SETTLED_AFTER", "FormationFlight", "formation_flight"]
 
 ACQUISITION_DURATION = 125.0
 """Formation keeping begins this many s after the controller (Peng and others, appendix A.1)."""
+
+SETTLED_AFTER = 600.0
+"""Formation keeping is judged without the tail of the acquisition so many s after the controller's
+start: at 125 s that is still millimetres, for minutes."""
 
 _DEFAULT_STEP = 1.0  # s, where a single message leaves the step open
 
@@ -71,6 +75,11 @@ class FormationFlight:
     def keeping(self) -> slice:
         """States of the keeping phase."""
         return slice(int(np.searchsorted(self.time, self.keeping_start)), None)
+
+    @property
+    def settled_start(self) -> float:
+        """Begin of the part of the keeping phase without a tail of the acquisition in s."""
+        return self.keeping_start - ACQUISITION_DURATION + SETTLED_AFTER
 
     def minimum_in_track(self) -> tuple[float, float]:
         """Return the smallest in-track position in m and its time in s."""

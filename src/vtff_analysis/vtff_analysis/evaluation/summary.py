@@ -102,6 +102,7 @@ def summarise_flight(flight: FormationFlight) -> Summary:
     summary["minimum_separation_time_s"] = flight.time[closest]
     summary.update(_summarise_settling(flight))
     summary.update(_summarise_keeping(flight))
+    summary.update(_summarise_settled_keeping(flight))
     summary.update(_summarise_thrust(flight))
     return summary
 
@@ -165,6 +166,24 @@ def _summarise_keeping(flight: FormationFlight) -> Summary:
         if flight.deviation_rtn is not None:
             deviation = flight.deviation_rtn[flight.keeping, column]
             summary[f"keeping_{axis}_rms_m"] = _rms(deviation)
+    return summary
+
+
+def _summarise_settled_keeping(flight: FormationFlight) -> Summary:
+    """Return deviation and fuel without the tail of the acquisition; empty for a shorter run."""
+    start, end = flight.settled_start, float(flight.time[-1])
+    if start >= end:
+        return {}
+    summary: Summary = {}
+    if flight.deviation_rtn is not None:
+        deviation = flight.deviation_rtn[int(np.searchsorted(flight.time, start)) :]
+        for column, axis in enumerate(AXES):
+            summary[f"settled_keeping_{axis}_rms_m"] = _rms(deviation[:, column])
+    if flight.thrust_time.size > 0:
+        spent = np.abs(flight.thrust_rtn).sum(axis=1) * flight.thrust_duration
+        hours = (end - start) / 3600.0
+        total = spent[flight.thrust_time >= start].sum()
+        summary["settled_keeping_delta_v_m_per_s_per_h"] = total / hours
     return summary
 
 

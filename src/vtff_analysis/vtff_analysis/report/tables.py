@@ -17,7 +17,7 @@ from rich.markup import escape
 from rich.padding import Padding
 from rich.table import Table
 
-from vtff_analysis.evaluation.formation_flight import ACQUISITION_DURATION
+from vtff_analysis.evaluation.formation_flight import ACQUISITION_DURATION, SETTLED_AFTER
 from vtff_analysis.evaluation.summary import SETTLED_WITHIN
 from vtff_analysis.paper_reference import PAPER_DURATION, PaperColumn, formation_columns
 from vtff_analysis.recordings.history import AXES
@@ -55,6 +55,13 @@ _KEEPING: Section = [
         for what, label in _STATISTICS.items()
     ],
     *_axis_rows("dv", "m/s", "delta_v_keeping_{}_m_per_s", 2),
+]
+
+_SETTLED_KEEPING: Section = [
+    *_axis_rows("RMS", "m", "settled_keeping_{}_rms_m", 5),
+    *_axis_rows("RMS, truth-fed twin,", "m", "truth_fed_settled_keeping_{}_rms_m", 5),
+    ("dv of all axes, m/s per hour", "settled_keeping_delta_v_m_per_s_per_h", 4),
+    ("dv, truth-fed twin, m/s per hour", "truth_fed_settled_keeping_delta_v_m_per_s_per_h", 4),
 ]
 
 _TOTAL: Section = _axis_rows("dv", "m/s", "delta_v_total_{}_m_per_s", 2)
@@ -242,6 +249,7 @@ def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
     yield f"acquisition, {acquisition:.0f} s", _ACQUISITION
     if "keeping_in_track_mean_m" in summary:
         yield "keeping, from then on", _KEEPING
+        yield f"keeping, after {SETTLED_AFTER:.0f} s", _SETTLED_KEEPING
         yield f"whole run, {summary['run_duration_s']:.0f} s", _TOTAL
     yield "navigation error", _NAVIGATION
 
@@ -275,6 +283,11 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
         lines.append(
             f"settled: stays within {SETTLED_WITHIN:g} m of the target on that axis "
             "(the paper's bound in section 4.1)."
+        )
+    if "truth_fed_settled_keeping_in_track_rms_m" in summary:
+        lines.append(
+            "truth-fed twin: the same scenario and controller without ROS, with the truth instead "
+            "of navigation."
         )
     if "keeping_in_track_rms_m" in summary:
         lines.append("RMS: of the deviation from the target. dv: sum of |acceleration| x time.")

@@ -11,8 +11,9 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 
+from vtff_analysis.closed_loop.truth_fed import summarise_truth_fed
 from vtff_analysis.evaluation.fluctuations import read_fluctuation_lag
-from vtff_analysis.evaluation.formation_flight import formation_flight
+from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER, formation_flight
 from vtff_analysis.evaluation.ionosphere import summarise_ionosphere
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
@@ -21,14 +22,14 @@ from vtff_analysis.recordings.history import RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, read_ionosphere_truth
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
-from vtff_analysis.recordings.settings import read_settings
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
+from vtff_analysis.recordings.settings import RunSettings, read_settings
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY, key_part
 from vtff_analysis.report.html import render_report
 from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
 from vtff_bag.file.reader import BagReader
-from vtff_bag.run.description import describe_run
+from vtff_bag.run.description import RunDescription, describe_run
 from vtff_bag.run.environment import describe_environment
 
 REPORT_FOLDER = "report"
@@ -93,6 +94,7 @@ def write_report(
         **_named_arguments(described.arguments),
         **(described.environment or describe_environment()),
         **summarise_run(history, settings, flights),
+        **_summarise_truth_fed(history, described, settings, list(flights)),
         **_summarise_ionosphere(history, reader, truth),
     }
     folder = output or run_path.output_folder(REPORT_FOLDER)
@@ -108,6 +110,21 @@ def write_report(
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
     console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)
     return folder
+
+
+def _summarise_truth_fed(
+    history: RunHistory, described: RunDescription, settings: RunSettings, deputies: Sequence[str]
+) -> dict[str, Any]:
+    """Return how the twins of navigated deputies keep the formation; empty for short runs."""
+    duration = (history.end_time - history.start_time) * 1e-9
+    summary: dict[str, Any] = {}
+    for name in deputies:
+        if history.deputies[name].estimate is None or duration <= SETTLED_AFTER:
+            continue
+        prefix = f"{key_part(name)}_" if len(deputies) > 1 else ""
+        twin = summarise_truth_fed(described, name, settings.seed, duration)
+        summary.update({prefix + key: value for key, value in twin.items()})
+    return summary
 
 
 def _summarise_ionosphere(

@@ -24,6 +24,8 @@ FLIGHT_FIGURES = (
     "keeping_<axis>_mean_m",
     "keeping_<axis>_rms_m",
     "keeping_<axis>_standard_deviation_m",
+    "settled_keeping_<axis>_rms_m",
+    "settled_keeping_delta_v_m_per_s_per_h",
     "delta_v_total_<axis>_m_per_s",
     "delta_v_acquisition_<axis>_m_per_s",
     "delta_v_keeping_<axis>_m_per_s",
@@ -38,6 +40,8 @@ NAVIGATION_FIGURES = (
     "navigation_error_maximum_m",
     "navigation_error_settled_3d_rms_m",
     "navigation_error_settled_3d_rms_m_per_s",
+    "truth_fed_settled_keeping_<axis>_rms_m",
+    "truth_fed_settled_keeping_delta_v_m_per_s_per_h",
 )
 """Figures of runs with navigation, one set for each deputy."""
 
