@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 import math
 import pathlib
 from collections.abc import Sequence
@@ -24,6 +25,7 @@ from vtff_nav.relative.common.solution import (
 )
 from vtff_nav.relative.shipped_estimators import make_cdgps
 
+from .bound import bound_rms
 from .recording import Recording, Second, load_or_fly
 from .worlds import FIRST_SECOND, WORLDS, World
 
@@ -92,6 +94,7 @@ class Flight:
     wrong_integers: int
     wrong_integers_long: int
     first_fixed: float
+    bound_rms: float = math.nan
 
 
 def run_filter(recording: Recording, world: World, setting: EstimatorSetting) -> Flight:
@@ -182,6 +185,8 @@ class Figures:
         Shares of the epochs outside of outages.
     integers, wrong, wrong_long : int
         Integers that epochs rest on; wrong ones; those wrong for more than 2 s.
+    bound : float
+        RMS that the covariance bound gives.
     recovery : float
         Longest time from the end of an outage to a fixed solution, s.
     """
@@ -205,6 +210,7 @@ class Figures:
     wrong: int
     wrong_long: int
     recovery: float
+    bound: float
 
 
 def summarise(flights: Sequence[Flight], world: World) -> Figures:
@@ -238,6 +244,7 @@ def summarise(flights: Sequence[Flight], world: World) -> Figures:
         integers=sum(flight.integers for flight in flights),
         wrong=sum(flight.wrong_integers for flight in flights),
         wrong_long=sum(flight.wrong_integers_long for flight in flights),
+        bound=1e3 * _rms(np.array([flight.bound_rms for flight in flights])),
         recovery=max((_recovery(rows, world.outages) for rows in whole), default=math.nan),
     )
 
@@ -290,4 +297,10 @@ def fly(
 ) -> Flight:
     """Fly a world with a filter; a job of `bench_realism.py`."""
     world = WORLDS[name]
-    return run_filter(load_or_fly(name, world, seed, seconds, cache), world, setting)
+    recording = load_or_fly(name, world, seed, seconds, cache)
+    flight = run_filter(recording, world, setting)
+    if world.phase_noise is None:
+        return flight
+    return dataclasses.replace(
+        flight, bound_rms=bound_rms(recording, world.phase_noise, world.interval)
+    )

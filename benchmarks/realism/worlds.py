@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from vtff_analysis.studies.navigation_bound import PhaseNoise
 from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_gnss.antex import PhaseCentre, PhaseCentreMap, read_antex
 from vtff_gnss.constants import SYSTEM_GPS
@@ -99,6 +100,8 @@ class World:
     outages : tuple of (float, float)
         Times between which there are no measurements, and 30 s after: their errors do not count
         in the RMS, and NEES within is printed apart.
+    phase_noise : PhaseNoise or None
+        Noise for which the covariance bound is computed.
     must : Must
     """
 
@@ -114,6 +117,7 @@ class World:
     gradient_tecu_per_deg: float = 0.0
     change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: setting
     outages: tuple[tuple[float, float], ...] = ()
+    phase_noise: PhaseNoise | None = None
     must: Must = field(default_factory=Must)
 
     def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
@@ -340,9 +344,15 @@ OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0
 WORLDS: dict[str, World] = {
     # The shipped approach from 1000 m to 100 m, in the geometry of the file.
     "ideal": World(
-        distance=None, motion="scenario", draws_geometry=False, must=Must(0.35, fixed_percent=100.0)
+        distance=None,
+        motion="scenario",
+        draws_geometry=False,
+        phase_noise=PhaseNoise(0.001),
+        must=Must(0.35, fixed_percent=100.0),
     ),
-    "ideal_geometries": World(must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0)),
+    "ideal_geometries": World(
+        phase_noise=PhaseNoise(0.001), must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0)
+    ),
     "ideal_5km": World(distance=5e3, must=Must(0.8)),
     "thrust_1.05": World(
         distance=None, motion="scenario", change_scenario=thrust_errors(1.05), must=Must(0.7)
@@ -363,19 +373,30 @@ WORLDS: dict[str, World] = {
     "broadcast": World(change_gnss=broadcast_errors, must=Must(0.45)),
     "broadcast_5km": World(distance=5e3, change_gnss=broadcast_errors, must=Must(0.8)),
     "multipath_1mm": World(
-        change_gnss=multipath(0.001, 0.1), seconds=3600, must=Must(2.2, fixed_percent=100.0)
+        change_gnss=multipath(0.001, 0.1),
+        seconds=3600,
+        phase_noise=PhaseNoise(0.001, 0.001),
+        must=Must(2.2, fixed_percent=100.0),
     ),
     "multipath_2mm": World(
-        change_gnss=multipath(0.002, 0.2), seconds=3600, must=Must(4.2, fixed_percent=100.0)
+        change_gnss=multipath(0.002, 0.2),
+        seconds=3600,
+        phase_noise=PhaseNoise(0.001, 0.002),
+        must=Must(4.2, fixed_percent=100.0),
     ),
     "multipath_5mm": World(
-        change_gnss=multipath(0.005, 0.5), seconds=3600, must=Must(9.5, fixed_percent=99.0)
+        change_gnss=multipath(0.005, 0.5),
+        seconds=3600,
+        phase_noise=PhaseNoise(0.001, 0.005),
+        must=Must(9.5, fixed_percent=99.0),
     ),
     "multipath_sinusoid": World(
         change_gnss=receivers(multipath=SINUSOID), must=Must(8.0, fixed_percent=99.0, nees=None)
     ),
     "stated_third": World(
-        change_gnss=receivers(noise=OPTIMISTIC), must=Must(1.2, fixed_percent=100.0)
+        change_gnss=receivers(noise=OPTIMISTIC),
+        phase_noise=PhaseNoise(0.003),
+        must=Must(1.2, fixed_percent=100.0),
     ),
     "antennas_given": World(
         change_gnss=antennas(0.006, LEVER_ARM),
@@ -404,6 +425,7 @@ WORLDS: dict[str, World] = {
         motion="scenario",
         seconds=3600,
         change_setting=calibrated_in_file,
+        phase_noise=PhaseNoise(0.001, 0.0015),
         must=Must(2.5, None, 100.0),
     ),
     "realistic_5km": World(
