@@ -19,8 +19,9 @@ from vtff_bag.run.description import describe_run_folder
 from vtff_bag.run.environment import describe_environment
 from vtff_node import diagnostics
 from vtff_node.main import run_node
-from vtff_node.node import EXIT_FAILURE, RUN_DIRECTORY_VARIABLE, VtffNode
+from vtff_node.node import EXIT_FAILURE, VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.process.run_environment import RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_stamp
 
 DRAIN_QUIET = 0.2  # s of wall time without a message, after which draining ends

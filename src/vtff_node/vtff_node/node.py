@@ -23,12 +23,8 @@ from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
 from vtff_node.awaited_inputs import AwaitedInputs
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
+from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp
-
-#: Folder of the current run, set by `vtff run`; nodes leave their message counts there.
-RUN_DIRECTORY_VARIABLE = "VTFF_RUN_DIRECTORY"
-#: File descriptor for progress lines (JSON), set by `vtff run`.
-PROGRESS_VARIABLE = "VTFF_PROGRESS_FD"
 
 #: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
 STEP_DONE_TOPIC = "/sim/step_done"

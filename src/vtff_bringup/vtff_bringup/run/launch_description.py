@@ -18,8 +18,8 @@ from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, RunSettings
 from vtff_bringup.system.system_file import find_system_file, load_system
 from vtff_node.executables import executable_path
-from vtff_node.node import RUN_DIRECTORY_VARIABLE
 from vtff_node.process.lifeline import Lifelines, Stage
+from vtff_node.process.run_environment import RUN_DIRECTORY_VARIABLE
 
 DEFAULT_SYSTEM = "reference_software"
 

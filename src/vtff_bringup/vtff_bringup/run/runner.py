@@ -27,6 +27,7 @@ from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_node.executables import executable_path
 from vtff_node.process.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
+from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 
 POLL_INTERVAL = 0.05  # s
 LOG_STAMP = re.compile(r"^\[\w+\] \[[\d.]+\] \[[^]]*\]: ")  # of a line that a node logs
@@ -152,9 +153,6 @@ class Runner:
             _open_pipe() as (progress_read, progress_write),
             contextlib.closing(Lifelines()) as lifelines,
         ):
-            # Imported after the handlers are set: rclpy takes a while, and Ctrl-C has to wait.
-            from vtff_node.node import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
-
             self._directory.mkdir(parents=True, exist_ok=True)
             if self._on_domain is not None:
                 self._on_domain(domain)

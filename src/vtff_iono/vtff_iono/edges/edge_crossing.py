@@ -23,7 +23,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import least_squares
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
@@ -312,6 +311,9 @@ def _fit(
     satellites: list[_Satellite], altitude: float, dense_side: float, samples: int
 ) -> tuple[FloatArray, FloatArray, float, float] | None:
     """Return altitudes of the crossings, their sigmas, change of content per km, significance."""
+    # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
+    from scipy.optimize import least_squares
+
     sigma = np.ones((len(satellites), 2))
 
     def residuals(offset: FloatArray) -> FloatArray:

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import signal
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -189,6 +188,9 @@ def phase_deviation(phase: npt.ArrayLike, sample_rate_hz: float, cutoff_hz: floa
     A polynomial of degree 5 removes the motion; the sixth-order high-pass filter runs forward and
     backward, so that it adds no delay.
     """
+    # Imported here: scipy.signal takes a second, and the first window is complete after a minute.
+    from scipy import signal
+
     phase = np.asarray(phase, dtype=float)
     # The cut-off is 3 dB after both passes: each is 1.5 dB down there.
     ratio = (np.sqrt(2.0) - 1.0) ** (1.0 / (2.0 * _HALF_ORDER))

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.integers.least_squares import compile_kernels
-from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
+
+if TYPE_CHECKING:
+    from vtff_nav.relative.paper.estimator import PaperEstimator
 
 __all__ = ["make_cdgps", "make_paper"]
 
@@ -45,6 +47,9 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
     ValueError
         If a value is not possible; the text names it.
     """
+    # Imported here: filterpy imports most of scipy, which takes a second.
+    from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
+
     if setting.antennas is not None:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
     return PaperEstimator(PaperConfiguration(**_common(setting)))

@@ -11,7 +11,6 @@ from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.signal import lfilter
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
@@ -66,6 +65,9 @@ class GaussMarkovField:
 
     def _go_to_block(self, row: int, block: int) -> None:
         """Compute the processes of a block from those of the blocks before."""
+        # Imported here: scipy.signal takes a second, and many receivers have no such process.
+        from scipy.signal import lfilter
+
         if block < self._block[row]:
             self._block[row] = -1
         for number in range(int(self._block[row]) + 1, block + 1):
@@ -127,6 +129,8 @@ class SlowGaussMarkov:
 
     def _add_block(self) -> None:
         """Compute the next knots."""
+        from scipy.signal import lfilter
+
         number = (len(self._knots) - 1) // _BLOCK_KNOTS + 1
         stream = generator(self._seed, self._effect, *self._address, number)
         draws = stream.standard_normal((_BLOCK_KNOTS, self._knots.shape[1]))
