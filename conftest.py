@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import pathlib
 import sys
@@ -38,8 +39,14 @@ class Omissions:
         """Count tests that the command line excludes."""
         self._deselected += len(items)
 
+    def pytest_collection_finish(self) -> None:
+        """Take the modules and items out of the garbage collection: they last to the end."""
+        gc.collect()
+        gc.freeze()
+
     def pytest_sessionfinish(self, session: pytest.Session) -> None:
         """Hand the count of a worker process to the process that reports."""
+        gc.unfreeze()
         if hasattr(session.config, "workeroutput"):
             session.config.workeroutput["deselected"] = self._deselected
 

@@ -160,7 +160,10 @@ def test_a_killed_recorder_leaves_a_bag_that_can_be_recovered(tmp_path):
     ("arguments", "expected"),
     [
         (["sdre_controller.design:=best"], "parameter 'design' is 'best'; choose one of"),
-        (["sdre_controller.desing:=paper"], "no parameter 'desing'; did you mean: design"),
+        (
+            ["sdre_controller.desing:=paper", "--composed"],
+            "no parameter 'desing'; did you mean: design",
+        ),
         (["simgen_bridge.scenario_file:=missing.yaml"], "missing.yaml"),
         (["sdre_controller.design:=best", "--composed"], "parameter 'design' is 'best'; choose"),
     ],

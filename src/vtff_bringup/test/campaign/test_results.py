@@ -10,7 +10,6 @@ import subprocess
 import sys
 import textwrap
 
-import pandas
 import pytest
 from campaign_samples import SMALL, changed, write_campaign
 
@@ -105,6 +104,7 @@ def test_a_full_disk_leaves_whole_lines(tmp_path):
 
 def test_the_table_opens_in_pandas_and_polars(tmp_path):
     polars = pytest.importorskip("polars")
+    pandas = pytest.importorskip("pandas")
     content = changed("vary/design", {"values": ["a", "b"], "with": "cap", "sets": ["x.y"]})
     content = changed("vary/place", [[1.0, 2.0]], content)
     campaign = campaign_of(tmp_path, content)
