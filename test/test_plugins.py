@@ -18,6 +18,7 @@ from vtff_control.tracking.controller import (
     ControlResult,
     check_control_result,
 )
+from vtff_control.tracking.sdre import DESIGNS
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.solution import RelativeSolution, check_solution
 from vtff_nav.relative_ekf_node import RelativeEkfParameters, estimator_setting
@@ -239,9 +240,9 @@ def test_what_cannot_be_made_is_named(tmp_path, monkeypatch, body, error, reason
 
 
 def test_shipped_ones_come_through_the_same_door():
-    assert set(plugin_names("vtff.controllers")) >= {"paper", "state_dependent", "delay_aware"}
+    assert set(plugin_names("vtff.controllers")) >= set(DESIGNS)
     assert set(plugin_names("vtff.estimators")) >= {"cdgps", "paper"}
-    for name in ("paper", "state_dependent", "delay_aware"):
+    for name in DESIGNS:
         loaded: Plugin = load_plugin(CONTROLLERS, name)
         assert loaded.make(ControllerSetting(delay_steps=2), None).design.design == name
 

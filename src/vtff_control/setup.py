@@ -35,6 +35,7 @@ setup(
         ],
         "vtff.controllers": [
             "delay_aware = vtff_control.tracking.designs:DelayAwareController",
+            "navigation_aware = vtff_control.tracking.designs:NavigationAwareController",
             "paper = vtff_control.tracking.designs:PaperController",
             "state_dependent = vtff_control.tracking.designs:StateDependentController",
         ],

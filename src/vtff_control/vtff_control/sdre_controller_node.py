@@ -18,6 +18,7 @@ from vtff_control.tracking.controller import (
 )
 from vtff_control.tracking.navigation_bounds import sigma_reason, usable_covariance
 from vtff_control.tracking.sdre import (
+    DEFAULT_OPTIONS,
     DEFAULT_WEIGHTS,
     FEEDFORWARD_GRAVITY,
     SdreController,
@@ -42,6 +43,12 @@ def describe_weight(name: str) -> str:
     defaults = ", ".join(f"{d} {getattr(w, name):g}" for d, w in DEFAULT_WEIGHTS.items())
     quantity = "command" if name == "control" else f"{name} error"
     return f"weight of the {quantity} in the cost, 0 = default of the design ({defaults})"
+
+
+def describe_option(name: str, meaning: str) -> str:
+    """Return the description of an option of the designs, with those that have it."""
+    defaults = (f"{d} {getattr(o, name):g}" for d, o in DEFAULT_OPTIONS.items() if getattr(o, name))
+    return f"{meaning}, 0 = default of the design ({', '.join(defaults)}; others without)"
 
 
 @dataclass(frozen=True)
@@ -86,27 +93,21 @@ class SdreControllerParameters:
     target_velocity_rtn: list[float] = parameter(
         [0.0, 0.0, 0.0], "wanted velocity in the rotating frame", unit="m/s"
     )
-    disturbance_observer: bool = parameter(
-        SdreDesign.disturbance_observer,
-        "estimate deviation and disturbance from states and commands, compensate the disturbance",
-    )
     tolerated_deviation: float = parameter(
-        SdreDesign.tolerated_deviation,
-        "deviation that is tolerated with perfect navigation; with it the bandwidth follows the "
-        "covariance, 0 = it does not",
+        0.0,
+        describe_option("tolerated_deviation", "deviation tolerated with perfect navigation"),
         unit="m",
         minimum=0.0,
     )
     braking_share: float = parameter(
-        SdreDesign.braking_share,
-        "share of the cap with which the way to a far target is planned, 0 = linear feedback",
+        0.0,
+        describe_option("braking_share", "share of the cap with which a far target is approached"),
         minimum=0.0,
         maximum=1.0,
     )
     quantum: float = parameter(
-        SdreDesign.quantum,
-        "smallest change of the thruster's acceleration; with it the mean of the rounded commands "
-        "is exact, 0 leaves rounding to the thruster",
+        0.0,
+        describe_option("quantum", "smallest change of the thruster's acceleration"),
         unit="m/s^2",
         minimum=0.0,
     )
@@ -167,10 +168,9 @@ class SdreControllerNode(VtffNode):
                 position_weight=given.position_weight or None,
                 velocity_weight=given.velocity_weight or None,
                 control_weight=given.control_weight or None,
-                disturbance_observer=given.disturbance_observer,
-                tolerated_deviation=given.tolerated_deviation,
-                braking_share=given.braking_share,
-                quantum=given.quantum,
+                tolerated_deviation=given.tolerated_deviation or None,
+                braking_share=given.braking_share or None,
+                quantum=given.quantum or None,
                 maximum_sigma=given.maximum_sigma,
                 maximum_sigma_ratio=given.maximum_sigma_ratio,
             ),

@@ -24,7 +24,7 @@ QUANTUM = 1e-5
 def shipped_design() -> SdreDesign:
     """Return the controller of `vtff run reference`."""
     values = {}
-    for name in ("sdre_controller", "sdre_controller_delay_aware"):
+    for name in ("sdre_controller", "sdre_controller_navigation_aware"):
         file = yaml.safe_load((CONFIG / "params" / f"{name}.yaml").read_text())
         values.update(file["/**"]["ros__parameters"])
     return SdreDesign(**values)

@@ -30,7 +30,7 @@ def test_the_twin_flies_controller_and_thruster_of_the_run() -> None:
     linear = summarise_truth_fed(described(design, CAN_THRUSTER), "deputy", 1, 900.0)
     assert linear["truth_fed_settled_keeping_cross_track_rms_m"] > 1e-3
     assert linear["truth_fed_settled_keeping_radial_rms_m"] > 1e-4
-    design |= {"feedforward": True, "quantum": 1e-5, "disturbance_observer": True}
+    design["design"] = "navigation_aware"
     shipped = summarise_truth_fed(described(design, CAN_THRUSTER), "deputy", 1, 900.0)
     assert max(shipped[f"truth_fed_settled_keeping_{axis}_rms_m"] for axis in AXES) < 2e-4
     assert set(shipped) == set(linear)

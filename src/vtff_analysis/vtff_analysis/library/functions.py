@@ -111,7 +111,7 @@ def fly(
     ----------
     scenario
         Scenario file (``config/scenario/*.yaml``), or what `load_scenario` returns.
-    design : {"paper", "state_dependent", "delay_aware"}
+    design : {"paper", "state_dependent", "delay_aware", "navigation_aware"}
         Controller, with its defaults; `simulate_closed_loop` takes all of its parameters.
     duration : float, optional
         s; by default that of the scenario.

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.history import TimeArray, interpolate
 from vtff_analysis.recordings.orbits import Orbit, read_orbits
+from vtff_analysis.recordings.settings import read_settings
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -165,7 +166,7 @@ def _simulated_gnss(described: RunDescription) -> GnssConfiguration | None:
         except ExecutableNotFoundError:
             return None
     try:
-        return load_gnss_configuration(path)
+        return load_gnss_configuration(path, read_settings(described).seed)
     except (ScenarioError, OSError):
         return None
 

@@ -12,7 +12,7 @@ import yaml
 
 from vtff_analysis.recordings.topics import DEPUTY
 from vtff_bag.run.description import SCENARIO_PARAMETER, RunDescription, node_parameters
-from vtff_control.tracking.sdre import SdreDesign
+from vtff_control.tracking.sdre import DEFAULT_OPTIONS, SdreDesign
 from vtff_dynamics.vectors import FloatArray
 
 # Emulators open their serial ports in this folder of the run (system files, `simgen_emulator`).
@@ -113,11 +113,15 @@ def _controller_settings(
         notes.append(
             f"parameters/{name}.yaml: target_position_rtn or acceleration_cap is not numeric"
         )
+    design = str(values.get("design", SdreDesign.design))
+    feedforward = bool(values.get("feedforward", SdreDesign.feedforward))
+    if design in DEFAULT_OPTIONS:
+        feedforward = feedforward or DEFAULT_OPTIONS[design].feedforward
     return ControllerSettings(
         target_position_rtn=target,
         acceleration_cap=cap,
-        design=str(values.get("design", SdreDesign.design)),
-        feedforward=bool(values.get("feedforward", SdreDesign.feedforward)),
+        design=design,
+        feedforward=feedforward,
     )
 
 

@@ -31,7 +31,8 @@ def expected_delta_v_per_hour(
     Parameters
     ----------
     design
-        A ``delay_aware`` design; its observer and its quantum are not part of the theory.
+        A ``delay_aware`` or ``navigation_aware`` design; its observer and its quantum are not part
+        of the theory.
     navigation
         Errors, whose covariance the controller knows; outages are not part of the theory.
     mean_motion
@@ -42,13 +43,14 @@ def expected_delta_v_per_hour(
     ValueError
         If the design is another.
     """
-    if design.design != "delay_aware":
-        raise ValueError(f"design: delay_aware expected, got {design.design!r}")
+    if design.design not in ("delay_aware", "navigation_aware"):
+        raise ValueError(f"design: delay_aware or navigation_aware expected, got {design.design!r}")
     sigma = np.array([navigation.position_sigma] * 3 + [navigation.velocity_sigma] * 3)
     level = 0
-    if design.tolerated_deviation > 0.0:
+    tolerated_deviation = design.options.tolerated_deviation
+    if tolerated_deviation > 0.0:
         bandwidth = (design.weights.position / design.weights.control) ** 0.25
-        schedule = BandwidthSchedule(bandwidth, design.tolerated_deviation)
+        schedule = BandwidthSchedule(bandwidth, tolerated_deviation)
         level = schedule.update(np.zeros(6), np.zeros(6), np.diag(sigma**2))
     matrix, weights = hcw_state_matrix(mean_motion), weights_at_level(design.weights, level)
     timing = design.sample_time, design.delay_steps

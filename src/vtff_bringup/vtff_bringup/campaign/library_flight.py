@@ -17,14 +17,17 @@ __all__ = ["CONTROLLER_PARAMETERS", "THRUSTER_PARAMETERS", "fly_library_case"]
 CONTROLLER_PARAMETERS = tuple(
     field.name
     for field in dataclasses.fields(SdreDesign)
-    if field.name not in ("sample_time", "mean_motion")
+    if field.name not in ("sample_time", "mean_motion", "disturbance_observer")
 )
 """Parameters of sdre_controller that the closed loop uses."""
 
 THRUSTER_PARAMETERS = ("acceleration_cap", "quantum", "delay_steps")
 """Parameters of thruster_model that the closed loop uses."""
 
-_WEIGHTS = ("position_weight", "velocity_weight", "control_weight")
+_ZERO_IS_DEFAULT = (
+    *("position_weight", "velocity_weight", "control_weight"),
+    *("tolerated_deviation", "braking_share", "quantum"),
+)
 
 
 def fly_library_case(plan: FlightPlan, case: Case) -> dict[str, Any]:
@@ -41,7 +44,7 @@ def fly_library_case(plan: FlightPlan, case: Case) -> dict[str, Any]:
     if plan.duration is not None:
         scenario = dataclasses.replace(scenario, duration=plan.duration)
     controller = _parameters(plan.controller, CONTROLLER_PARAMETERS, plan.controller_name, case)
-    for name in _WEIGHTS:
+    for name in _ZERO_IS_DEFAULT:
         controller[name] = controller[name] or None  # 0 stands for the default of the design
     result = simulate_closed_loop(
         scenario,

@@ -64,9 +64,8 @@ class ControllerSetting:
         Largest magnitude of the command in m/s2, for all axes or for each of R, T, N.
     feedforward, feedforward_gravity, position_weight, velocity_weight, control_weight
         As in `vtff_control.tracking.sdre.SdreDesign`; a weight of None is the controller's own.
-    disturbance_observer, tolerated_deviation, braking_share, quantum, maximum_sigma,
-    maximum_sigma_ratio
-        As in `vtff_control.tracking.sdre.SdreDesign`.
+    tolerated_deviation, braking_share, quantum, maximum_sigma, maximum_sigma_ratio
+        As in `vtff_control.tracking.sdre.SdreDesign`; None is the controller's own.
     """
 
     sample_time: float = 1.0
@@ -77,10 +76,9 @@ class ControllerSetting:
     position_weight: float | None = None
     velocity_weight: float | None = None
     control_weight: float | None = None
-    disturbance_observer: bool = False
-    tolerated_deviation: float = 0.0
-    braking_share: float = 0.0
-    quantum: float = 0.0
+    tolerated_deviation: float | None = None
+    braking_share: float | None = None
+    quantum: float | None = None
     maximum_sigma: float = 100.0
     maximum_sigma_ratio: float = 0.25
 

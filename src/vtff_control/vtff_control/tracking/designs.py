@@ -7,7 +7,12 @@ import dataclasses
 from vtff_control.tracking.controller import ControllerSetting
 from vtff_control.tracking.sdre import SdreController, SdreDesign
 
-__all__ = ["DelayAwareController", "PaperController", "StateDependentController"]
+__all__ = [
+    "DelayAwareController",
+    "NavigationAwareController",
+    "PaperController",
+    "StateDependentController",
+]
 
 
 def _design(name: str, setting: ControllerSetting) -> SdreDesign:
@@ -33,3 +38,10 @@ class DelayAwareController(SdreController):
 
     def __init__(self, setting: ControllerSetting) -> None:
         super().__init__(_design("delay_aware", setting))
+
+
+class NavigationAwareController(SdreController):
+    """The gain of `DelayAwareController` with every option: what the shipped systems fly."""
+
+    def __init__(self, setting: ControllerSetting) -> None:
+        super().__init__(_design("navigation_aware", setting))

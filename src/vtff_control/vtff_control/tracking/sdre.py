@@ -7,9 +7,9 @@ normal); the relative velocity is the derivative seen in the rotating frame.
 The feedback law is ``u = -K (x - x_d)`` with a gain ``K`` from a Riccati equation of the relative
 dynamics ``x' = A(x) x + B u`` and the cost ``integral of (x - x_d)' Q (x - x_d) + u' R u``
 (Peng and others, "VTFF testbed ... ionospheric remote sensing", section 3.5, equation 7).
-Three designs are offered, see `SdreDesign`. Options add what the paper's loop lacks: a feedforward,
-an observer of disturbances, a bandwidth that follows the covariance of navigation, and a command
-that averages to what is wanted although the thruster rounds it.
+Four designs are offered, see `SdreDesign`. Options add what the paper's loop lacks: a feedforward,
+an observer of disturbances, a bandwidth that follows the covariance of navigation, a speed that can
+be stopped, and a command that averages to what is wanted although the thruster rounds it.
 
 No function of this module reads a clock or knows ROS: the same calls in the same order give the
 same numbers in a node, in a notebook and on replay.
@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -45,7 +46,7 @@ from vtff_dynamics.relative.motion import (
 )
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
-DESIGNS = ("paper", "state_dependent", "delay_aware")
+DESIGNS = ("paper", "state_dependent", "delay_aware", "navigation_aware")
 """Names accepted by `SdreDesign.design`."""
 
 FEEDFORWARD_GRAVITY = ("j2", "two_body")
@@ -63,6 +64,7 @@ DEFAULT_WEIGHTS = {
     "paper": Weights(position=1e-4, velocity=1e-4, control=1.0),
     "state_dependent": Weights(position=1e-4, velocity=1e-4, control=1.0),
     "delay_aware": Weights(position=1e-4, velocity=1e-2, control=1.0),
+    "navigation_aware": Weights(position=1e-4, velocity=1e-2, control=1.0),
 }
 """Weights of each design, in 1/m2, s2/m2 and s4/m2.
 
@@ -71,6 +73,34 @@ separation of the paper's appendix A.1 by 10 m, so the value is pinned by the pa
 ``delay_aware`` weighs the velocity 100 times more: with its own delay in the model the loop then
 is well damped (ratio 0.87 instead of 0.71), which removes the overshoot and with it a fifth of
 the fuel.
+"""
+
+
+class Options(NamedTuple):
+    """What a design adds to the feedback; see the parameters of the same names of `SdreDesign`."""
+
+    feedforward: bool = False
+    disturbance_observer: bool = False
+    tolerated_deviation: float = 0.0
+    braking_share: float = 0.0
+    quantum: float = 0.0
+
+
+DEFAULT_OPTIONS = {
+    **dict.fromkeys(("paper", "state_dependent", "delay_aware"), Options()),
+    "navigation_aware": Options(
+        feedforward=True,
+        disturbance_observer=True,
+        tolerated_deviation=1e-3,
+        braking_share=0.6,
+        quantum=1e-5,
+    ),
+}
+"""Options of each design.
+
+A deviation of 1 mm is the error of navigation where it is good. With 0.6 of the cap the deputy
+still stops when its thrust is a tenth too weak and a sample late; with 0.8 it comes within 34 m.
+The quantum is a count of the CAN thruster (docs/can.md); a finer thruster is not hurt by it.
 """
 
 
@@ -87,11 +117,13 @@ class SdreDesign:
         chief orbit, solved anew at every step.
         ``delay_aware``: discrete Riccati equation of the HCW model sampled with zero-order hold,
         with the commands that are still waiting in the thruster as additional states.
+        ``navigation_aware``: the same equation, with all options of `DEFAULT_OPTIONS`.
     acceleration_cap
         Largest magnitude of the command in m/s2, one value for all axes or one for each of
         R, T, N. The paper's default is 1.0, its reference run uses 1.4.
     feedforward
-        Adds the acceleration that holds the target in the eccentric, nonlinear rotating frame.
+        Adds the acceleration that holds the target in the eccentric, nonlinear rotating frame;
+        ``navigation_aware`` always does.
     feedforward_gravity
         Gravity for which the feedforward is exact: ``j2`` (any real orbit) or ``two_body``
         (scenarios with that force model).
@@ -99,7 +131,8 @@ class SdreDesign:
         Weights of the cost; None takes the default of the design (`DEFAULT_WEIGHTS`).
     disturbance_observer
         Estimates the deviation and the disturbing acceleration from states and commands, and
-        compensates the disturbance; see `vtff_control.tracking.deviation_observer`.
+        compensates the disturbance; see `vtff_control.tracking.deviation_observer`. None here
+        and below takes the option of the design (`DEFAULT_OPTIONS`).
     tolerated_deviation
         With it the bandwidth follows the covariance of the states: deviation of the position that
         is tolerated with perfect navigation, m; see `vtff_control.tracking.bandwidth`. 0 keeps the
@@ -123,7 +156,8 @@ class SdreDesign:
         Interval between commands in s, which is also the time for which one is held.
     delay_steps
         Whole sample intervals between the state and the start of its command. Only
-        ``delay_aware`` and the feedforward use it; the thruster is what delays.
+        ``delay_aware``, ``navigation_aware`` and the feedforward use it; the thruster is what
+        delays.
     mean_motion
         Mean motion of the HCW model in rad/s. None takes the osculating mean motion of the first
         usable chief state and keeps it until the osculating one has moved away by
@@ -142,10 +176,10 @@ class SdreDesign:
     position_weight: float | None = None
     velocity_weight: float | None = None
     control_weight: float | None = None
-    disturbance_observer: bool = False
-    tolerated_deviation: float = 0.0
-    braking_share: float = 0.0
-    quantum: float = 0.0
+    disturbance_observer: bool | None = None
+    tolerated_deviation: float | None = None
+    braking_share: float | None = None
+    quantum: float | None = None
     maximum_sigma: float = 100.0
     maximum_sigma_ratio: float = 0.25
     sample_time: float = 1.0
@@ -171,15 +205,20 @@ class SdreDesign:
             value = getattr(self, name)
             if value is not None and not (np.isfinite(value) and value > 0.0):
                 raise ValueError(f"{name}: a positive number or None expected, got {value!r}")
-        if not 0.0 <= self.braking_share <= 1.0:
-            raise ValueError(f"braking_share: 0 to 1 expected, got {self.braking_share!r}")
-        for name in ("tolerated_deviation", "quantum", "maximum_sigma", "maximum_sigma_ratio"):
-            value = getattr(self, name)
+        options = self.options
+        if not 0.0 <= options.braking_share <= 1.0:
+            raise ValueError(f"braking_share: 0 to 1 expected, got {options.braking_share!r}")
+        for name, value in (
+            ("tolerated_deviation", options.tolerated_deviation),
+            ("quantum", options.quantum),
+            ("maximum_sigma", self.maximum_sigma),
+            ("maximum_sigma_ratio", self.maximum_sigma_ratio),
+        ):
             if not (np.isfinite(value) and value >= 0.0):
                 raise ValueError(f"{name}: 0 or more expected, got {value!r}")
-        if self.quantum > float(caps.min()):
+        if options.quantum > float(caps.min()):
             raise ValueError(
-                f"quantum: at most the acceleration_cap expected, got {self.quantum!r}"
+                f"quantum: at most the acceleration_cap expected, got {options.quantum!r}"
             )
         if not (np.isfinite(self.sample_time) and self.sample_time > 0.0):
             raise ValueError(f"sample_time: positive seconds expected, got {self.sample_time!r}")
@@ -197,6 +236,17 @@ class SdreDesign:
             default.velocity if self.velocity_weight is None else self.velocity_weight,
             default.control if self.control_weight is None else self.control_weight,
         )
+
+    @property
+    def options(self) -> Options:
+        """Options in force: the given ones, else those of the design."""
+        default = DEFAULT_OPTIONS[self.design]
+        given = {
+            name: value
+            for name in Options._fields
+            if name != "feedforward" and (value := getattr(self, name)) is not None
+        }
+        return default._replace(feedforward=default.feedforward or self.feedforward, **given)
 
     @property
     def caps(self) -> FloatArray:
@@ -228,7 +278,7 @@ def stale_state_reason(stamp_state: int, stamp_now: int, maximum_age: float) -> 
 
 
 class SdreController:
-    """Formation controller of one deputy; see `SdreDesign` for the three designs.
+    """Formation controller of one deputy; see `SdreDesign` for the four designs.
 
     The controller remembers its gain, the commands that still wait in the thruster and, with these
     options, the estimates of its observer, the level of its bandwidth and what the quantum has
@@ -238,6 +288,7 @@ class SdreController:
     def __init__(self, design: SdreDesign) -> None:
         self.design = design
         self._weights = design.weights
+        self._options = design.options
         self._caps = design.caps
         self._j2 = J2_EARTH if design.feedforward_gravity == "j2" else 0.0
         self._gain: FloatArray | None = None
@@ -247,12 +298,12 @@ class SdreController:
         self._waiting: deque[FloatArray] = deque(maxlen=design.delay_steps)
         self._stamp: int | None = None
         self._observer = (
-            DeviationObserver(design.sample_time) if design.disturbance_observer else None
+            DeviationObserver(design.sample_time) if self._options.disturbance_observer else None
         )
         self._schedule: BandwidthSchedule | None = None
-        if design.tolerated_deviation > 0.0:
+        if self._options.tolerated_deviation > 0.0:
             bandwidth = (self._weights.position / self._weights.control) ** 0.25
-            self._schedule = BandwidthSchedule(bandwidth, design.tolerated_deviation)
+            self._schedule = BandwidthSchedule(bandwidth, self._options.tolerated_deviation)
         self._left_over: FloatArray = np.zeros(3)
         self._target: FloatArray | None = None
         self.reset()
@@ -338,7 +389,7 @@ class SdreController:
                 return self._refuse("command is not finite")
         acceleration = np.minimum(np.maximum(wanted, -self._caps), self._caps)
         saturated = bool((acceleration != wanted).any())
-        if self.design.quantum > 0.0:
+        if self._options.quantum > 0.0:
             acceleration = self._quantise(acceleration)
         acting = self._enqueue(acceleration - feedforward)
         if self._observer is not None and not degraded:
@@ -373,10 +424,12 @@ class SdreController:
         A quantum is given when a whole one is due. Rounded to the nearest, the thruster would
         answer its own ripple, at ten times the fuel.
         """
-        quantum = self.design.quantum
-        limit = np.floor(self._caps / quantum * (1.0 + 1e-12)) * quantum
+        quantum = self._options.quantum
+        # 1.4 / 1e-5 is 139999.99...: the slack keeps what is a multiple of the quantum.
+        slack = (1.0 + 1e-12) / quantum
+        limit = np.minimum(np.floor(self._caps * slack) * quantum, self._caps)
         wanted = acceleration + self._left_over
-        given = np.clip(np.trunc(wanted / quantum) * quantum, -limit, limit)
+        given = np.clip(np.trunc(wanted * slack) * quantum, -limit, limit)
         # What the cap has cut off is not made up for.
         self._left_over = np.clip(wanted - given, -quantum, quantum)
         return given + 0.0
@@ -399,7 +452,7 @@ class SdreController:
         """Return the acceleration that leads to the target, and the part that holds it there."""
         feedforward = np.zeros(3)
         deviation = relative_state - target
-        if self.design.feedforward:
+        if self._options.feedforward:
             feedforward = self._feedforward(state_chief, target)
         disturbance = np.zeros(3)
         if self._observer is not None:
@@ -409,12 +462,12 @@ class SdreController:
             self._target = target
             deviation = self._observer.update(deviation, covariance)
             disturbance = self._observer.disturbance_rtn
-        elif self.design.feedforward:
+        elif self._options.feedforward:
             deviation[3:] -= self._velocity_at_rest(state_chief, target)
         level = 0
         if self._schedule is not None and covariance is not None:
             level = self._schedule.update(relative_state, deviation, covariance)
-        if self.design.braking_share > 0.0:
+        if self._options.braking_share > 0.0:
             deviation = self._shorten(deviation, weights_at_level(self._weights, level))
         feedback = self._feedback(relative_state, state_chief, deviation, disturbance, level)
         return feedback - disturbance + feedforward, feedforward
@@ -428,7 +481,7 @@ class SdreController:
         distance = norm(deviation[:3])
         position_gain = (weights.position / weights.control) ** 0.5
         velocity_gain = (weights.velocity / weights.control + 2.0 * position_gain) ** 0.5
-        acceleration = self.design.braking_share * float(self._caps.min())
+        acceleration = self._options.braking_share * float(self._caps.min())
         longest = velocity_gain / position_gain * (2.0 * acceleration * distance) ** 0.5
         if distance <= longest:
             return deviation
@@ -466,7 +519,7 @@ class SdreController:
                 float(rates.angular_acceleration_rtn[2]),
             )
             self._gain = self._solved(riccati_gain(state_matrix, weights))
-        elif self.design.design == "delay_aware":
+        elif self.design.design in ("delay_aware", "navigation_aware"):
             self._keep_gain(
                 state_chief,
                 level,
