@@ -65,17 +65,18 @@ def test_profile_content_is_the_integral_along_the_ray(altitude):
         assert content == pytest.approx(expected, rel=1e-5)
 
 
-@pytest.mark.parametrize("altitude", [200e3, 250e3, 300e3, 350e3, 400e3, 470e3, 550e3, 700e3])
-def test_shell_height_keeps_the_error_below_the_stated_bound(altitude):
+def test_shell_height_keeps_the_error_below_the_stated_bound():
     names, rows = pyiri_profile()
     table_altitude = rows[:, 0] * 1e3
     density = rows[:, names.index("90_SH URSI SHU2015")]
     elevation = np.radians([20.0, 30.0, 50.0, 70.0])
-    truth = profile_mapping(elevation, RADIUS + altitude, table_altitude, density)
-    mapped = mapping_factor(elevation, RADIUS + altitude, altitude)
-    assert np.abs(mapped / truth - 1.0).max() <= 0.015
-    fixed = foelsche_kirchengast_mapping(elevation, RADIUS + altitude, 400e3)
-    assert np.abs(mapped / truth - 1.0).max() <= np.abs(fixed / truth - 1.0).max() + 1e-12
+    for altitude in (200e3, 250e3, 300e3, 350e3, 400e3, 470e3, 550e3, 700e3):
+        truth = profile_mapping(elevation, RADIUS + altitude, table_altitude, density)
+        mapped = mapping_factor(elevation, RADIUS + altitude, altitude)
+        fixed = foelsche_kirchengast_mapping(elevation, RADIUS + altitude, 400e3)
+        error, fixed_error = (np.abs(m / truth - 1.0).max() for m in (mapped, fixed))
+        assert error <= 0.015, altitude
+        assert error <= fixed_error + 1e-12, altitude
 
 
 @examples(60)

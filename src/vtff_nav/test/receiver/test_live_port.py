@@ -11,6 +11,7 @@ import time
 import tty
 
 import pytest
+from encoder_test_support import receiver_log
 from receiver_port_support import (
     COMMANDS,
     Outputs,
@@ -175,9 +176,21 @@ def test_the_path_of_a_device_is_live(link):
 
 
 @pytest.mark.parametrize("seed", [1, 2])
+def test_a_log_through_a_pseudo_terminal_is_what_it_is_from_file(tmp_path, seed):
+    path = tmp_path / "receiver.gps"
+    path.write_bytes(receiver_log(100))
+    events = assert_through_pseudo_terminal(path, seed)
+    assert sum(isinstance(event, ObservationEpoch) for event in events) >= 100
+
+
 @pytest.mark.parametrize("name", ["gavlab_test2_rcvr2.dat", "rtklib_oemv_200911218.gps"])
-def test_a_log_through_a_pseudo_terminal_is_what_it_is_from_file(name, seed):
-    path = require_shared(f"data/oem/{name}")
+def test_a_real_log_through_a_pseudo_terminal_is_what_it_is_from_file(name):
+    for seed in (1, 2):
+        assert_through_pseudo_terminal(require_shared(f"data/oem/{name}"), seed)
+
+
+def assert_through_pseudo_terminal(path, seed):
+    """Send a file in pieces through a pseudo-terminal; return what the driver made of it."""
     ours, theirs = os.openpty()
     tty.setraw(theirs)
     driver = Driver(os.ttyname(theirs), commands=(), receiver_timeout=3600.0)
@@ -200,6 +213,7 @@ def test_a_log_through_a_pseudo_terminal_is_what_it_is_from_file(name, seed):
     os.close(theirs)
     expected = [event for event in read_log(path) if not isinstance(event, CommandResponse)]
     assert driver.events == expected
+    return driver.events
 
 
 def test_the_watch_wakes_once_until_it_is_armed_again():
