@@ -26,6 +26,7 @@ from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
+from vtff_sim_bridge.noise.random_streams import Effect, generator
 from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
 
 __all__ = [
@@ -35,6 +36,7 @@ __all__ = [
     "MultipathModel",
     "NoiseModel",
     "ReceiverConfiguration",
+    "SkyDraw",
     "TrackingModel",
     "load_gnss_configuration",
 ]
@@ -80,6 +82,37 @@ class ConstellationConfiguration:
             "upload_error_sigma",
             "inter_signal_sigma",
         )
+
+
+@dataclass(frozen=True)
+class SkyDraw:
+    """What a GNSS file leaves to the seed of the run.
+
+    Parameters
+    ----------
+    constellation : bool
+        The nominal constellations are those of the seed of the run.
+    electron_density_sigma : float
+        All densities are multiplied by exp(sigma times a standard normal number).
+    """
+
+    constellation: bool = False
+    electron_density_sigma: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the parameters."""
+        _require_not_negative(self, "electron_density_sigma")
+
+    def draw(self, configuration: GnssConfiguration) -> GnssConfiguration:
+        """Return a configuration with the sky of its seed."""
+        seed = configuration.seed
+        constellation, profile = configuration.constellation, configuration.profile
+        if self.constellation:
+            constellation = dataclasses.replace(constellation, seed=seed)
+        if profile is not None and self.electron_density_sigma > 0.0:
+            number = generator(seed, Effect.ELECTRON_DENSITY).standard_normal()
+            profile = profile.scaled(math.exp(self.electron_density_sigma * number))
+        return dataclasses.replace(configuration, constellation=constellation, profile=profile)
 
 
 @dataclass(frozen=True)
@@ -152,6 +185,9 @@ class TrackingModel:
         s after lock until the half cycle of signals with data is known.
     ephemeris_delay : float
         s after lock until the ephemeris of a satellite is known.
+    has_noise_slips : bool
+        Whether the loops slip by noise and dynamics, see `noise.cycle_slips.slip_rate`; bandwidth
+        and integration time are those of `NoiseModel`.
     cold_start_duration : float
         Whole s from the start of the run during which the receiver searches: it knows no time and
         tracks nothing, its headers say so, and BESTXYZ has too few observations. 0: hot start.
@@ -163,6 +199,7 @@ class TrackingModel:
     acquisition_delay: float = 2.0
     parity_delay: float = 1.0
     ephemeris_delay: float = 0.0
+    has_noise_slips: bool = False
     cold_start_duration: float = 0.0
 
     def __post_init__(self) -> None:
@@ -272,6 +309,8 @@ class ReceiverConfiguration:
     phase_centre : PhaseCentre or None
         Offsets and variations from that point. The up axis of the antenna is the negative z axis of
         the body, its north axis is the x axis.
+    has_wind_up : bool
+        Whether the phase counts the turns of the antenna, see `receiver.wind_up`.
     """
 
     name: str
@@ -290,11 +329,13 @@ class ReceiverConfiguration:
     antenna: ParabolicPattern | None = None
     lever_arm_body: tuple[float, ...] | None = None
     phase_centre: PhaseCentre | None = None
+    has_wind_up: bool = False
 
     @property
     def has_antenna_geometry(self) -> bool:
-        """Whether the phase centres are elsewhere than in the centre of mass."""
-        return self.lever_arm_body is not None or self.phase_centre is not None
+        """Whether the axes of the body matter to ranges or phases."""
+        is_away = self.lever_arm_body is not None or self.phase_centre is not None
+        return is_away or self.has_wind_up
 
 
 @dataclass(frozen=True, eq=False)
@@ -311,7 +352,7 @@ class GnssConfiguration:
     structures: tuple[HorizontalGradient | TravellingDisturbance, ...] = ()
 
 
-def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
+def load_gnss_configuration(path: str | Path, seed: int | None = None) -> GnssConfiguration:
     """Read a GNSS file.
 
     The file has the fields ``name``, ``seed``, ``constellation`` (`ConstellationConfiguration`),
@@ -321,7 +362,14 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
     with angles in deg),
     ``receivers`` and ``faults`` (lists of `ReceiverConfiguration` and `Fault`). Fields of
     ``receiver_defaults`` hold for each receiver that does not give them. Paths are relative to the
-    file. Fields with a default in their class may be left out.
+    file. Fields with a default in their class may be left out. ``draw`` (`SkyDraw`) leaves
+    constellation and ionosphere to the seed.
+
+    Parameters
+    ----------
+    path : path-like
+    seed : int, optional
+        Replaces the seed of the file.
 
     Raises
     ------
@@ -364,9 +412,11 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
     for index, fault in enumerate(faults):
         if fault.receiver not in names:
             raise top.error(f"faults[{index}].receiver", f"there is no {fault.receiver!r}")
+    seed_of_file = top.whole_number("seed")
+    draw = top.section("draw").make_dataclass(SkyDraw) if "draw" in top else SkyDraw()
     configuration = GnssConfiguration(
         name=top.text("name"),
-        seed=top.whole_number("seed"),
+        seed=seed_of_file if seed is None else seed,
         constellation=constellation,
         profile=profile,
         regions=regions,
@@ -375,7 +425,7 @@ def load_gnss_configuration(path: str | Path) -> GnssConfiguration:
         structures=structures,
     )
     top.finish()
-    return configuration
+    return draw.draw(configuration)
 
 
 def _merge(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> dict[Any, Any]:
@@ -404,7 +454,12 @@ def _receiver(section: Section, path: Path) -> ReceiverConfiguration:
         groups["phase_centre"] = _phase_centre(section.section("phase_centre"), path, signals)
     if "biases" in section:
         groups["biases"] = _numbers_by_signal(section.section("biases"))
-    for name, hint in (("baud", int), ("limits_baud", bool), ("tcp_port", int | None)):
+    for name, hint in (
+        ("baud", int),
+        ("limits_baud", bool),
+        ("tcp_port", int | None),
+        ("has_wind_up", bool),
+    ):
         if name in section:
             groups[name] = section.value_of_type(name, hint)
     generation = "OEM6"

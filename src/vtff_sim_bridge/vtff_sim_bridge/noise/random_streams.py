@@ -56,6 +56,9 @@ class Effect(enum.IntEnum):
     ORBIT_DRIFT = 17
     EPHEMERIS_UPLOAD = 18
     IONOSPHERIC_WAVE = 19
+    NOISE_SLIP = 20
+    NOISE_SLIP_SIGN = 21
+    ELECTRON_DENSITY = 22
 
 
 def receiver_number(name: str) -> int:

@@ -11,6 +11,8 @@ from vtff_sim_bridge.receiver.observables import LinkPlan
 
 __all__ = ["ArrivingSignals"]
 
+_OPTIONAL = ("wind_up", "antenna_delay")
+
 
 @dataclass(frozen=True, eq=False)
 class ArrivingSignals:
@@ -35,6 +37,11 @@ class ArrivingSignals:
         With scintillation, without the noise of its estimate.
     code_delay, phase_delay : ndarray, shape (k, m)
         Lengths that ionosphere and scintillation add to the code and carrier ranges, m.
+    jerk : ndarray, shape (k, n)
+        Third derivative of the range that the receiver's motion causes, m/s3; only where loops
+        slip by noise and dynamics, else zero.
+    wind_up : ndarray, shape (k, n), or None
+        Turns in `phase_delay`, cycles; None where they are not counted.
     antenna_delay : ndarray, shape (k, m), or None
         Length that the phase centres of the antenna add, m; None where they are its reference
         point.
@@ -52,6 +59,8 @@ class ArrivingSignals:
     cn0_dbhz: FloatArray
     code_delay: FloatArray
     phase_delay: FloatArray
+    jerk: FloatArray
+    wind_up: FloatArray | None = None
     antenna_delay: FloatArray | None = None
 
     @property
@@ -64,9 +73,10 @@ class ArrivingSignals:
         columns: dict[str, Any] = {
             field.name: getattr(self, field.name)[epochs]
             for field in fields(self)
-            if field.name not in ("plan", "line_of_sight", "antenna_delay")
+            if field.name not in ("plan", "line_of_sight", *_OPTIONAL)
         }
         geometry = {name: column[epochs] for name, column in vars(self.line_of_sight).items()}
-        if self.antenna_delay is not None:
-            columns["antenna_delay"] = self.antenna_delay[epochs]
+        for name in _OPTIONAL:
+            column = getattr(self, name)
+            columns[name] = None if column is None else column[epochs]
         return ArrivingSignals(self.plan, LineOfSight(**geometry), **columns)

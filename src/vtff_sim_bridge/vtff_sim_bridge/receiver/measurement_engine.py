@@ -19,7 +19,7 @@ from vtff_gnss.fix import Fix, ReceiverTime
 from vtff_gnss.novatel.encode.frame import TIME_STATUS_FINE_STEERING
 from vtff_gnss.novatel.encode.solution import IonosphereUtc
 from vtff_gnss.novatel.header import TIME_STATUS_UNKNOWN
-from vtff_gnss.orbits.line_of_sight import earth_obstructs
+from vtff_gnss.orbits.line_of_sight import LineOfSight, earth_obstructs
 from vtff_sim_bridge.atmosphere.slant_tec import group_delay
 from vtff_sim_bridge.gnss.configuration import ReceiverConfiguration
 from vtff_sim_bridge.gnss.faults import Fault
@@ -28,6 +28,7 @@ from vtff_sim_bridge.gnss.propagation import Ionosphere, RegionCrossing, Scintil
 from vtff_sim_bridge.gnss.receiver_clock import ReceiverClock
 from vtff_sim_bridge.gnss.sky import Constellation, Sky, fnav_ephemeris
 from vtff_sim_bridge.gnss.vehicle_track import VehicleTrack
+from vtff_sim_bridge.noise.cycle_slips import NoiseSlips, slip_rate
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, receiver_number
 from vtff_sim_bridge.receiver.arriving_signals import ArrivingSignals
 from vtff_sim_bridge.receiver.measurements import Measurements
@@ -39,6 +40,7 @@ from vtff_sim_bridge.receiver.observables import (
     Multipath,
     Observables,
     all_links,
+    link_addresses,
     link_rows,
     signals_of,
 )
@@ -46,6 +48,7 @@ from vtff_sim_bridge.receiver.receiver_logs import EpochOfSeries
 from vtff_sim_bridge.receiver.tracking import Arc, Tracker, Tracks
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.receiver.truth_records import arc_record, second_record
+from vtff_sim_bridge.receiver.wind_up import WindUp
 
 __all__ = ["MeasurementEngine"]
 
@@ -118,6 +121,9 @@ class MeasurementEngine:
         self._noise = MeasurementNoise(configuration.noise, links, seed, number)
         self._multipath = Multipath(configuration, links, seed, number)
         self._line_bias_drift = LineBiasDrift(configuration, links, seed, number)
+        self._slips = NoiseSlips(seed, link_addresses(links, number))
+        self._last_acceleration: FloatArray | None = None
+        self._wind_up = WindUp()
         self._scintillated = ScintillatedLinks(np.array([k.signal.frequency for k in links]))
         self._last_phase_delay = np.full(len(links), np.nan)
         self._sky: Sky | None = None
@@ -161,7 +167,10 @@ class MeasurementEngine:
         if not is_up:
             has_channel = np.zeros_like(has_channel)
         tracks = self._tracker.advance(
-            first_epoch, plan.row, has_channel[:, plan.satellite] & is_strong
+            first_epoch,
+            plan.row,
+            has_channel[:, plan.satellite] & is_strong,
+            self._draw_slips(second, emitted, signals),
         )
         self.measurements = Measurements(
             start=self._start,
@@ -203,6 +212,10 @@ class MeasurementEngine:
         # The ionosphere delays the code by as much as it advances the phase; scintillation moves
         # the phase only.
         phase_delay = -code_delay
+        wind_up = None
+        if self.configuration.has_wind_up and body_axes is not None:
+            wind_up = self._wind_up.second(line_of_sight, body_axes, plan.satellites, emitted)
+            phase_delay = phase_delay + plan.wavelength * wind_up[:, plan.satellite]
         scintillation = self._scintillation(crossings, plan, emitted)
         if scintillation is not None:
             amplitude, phase = scintillation
@@ -223,8 +236,45 @@ class MeasurementEngine:
             cn0_dbhz=cn0_dbhz,
             code_delay=code_delay,
             phase_delay=phase_delay,
+            jerk=self._jerk(line_of_sight, track, emitted),
+            wind_up=wind_up,
             antenna_delay=antenna_delay,
         )
+
+    def _jerk(self, line_of_sight: LineOfSight, track: VehicleTrack, emitted: slice) -> FloatArray:
+        """Return the third derivative of ranges by the receiver's motion, m/s3, shape (20, n).
+
+        Only where loops slip by it. The acceleration of a command holds from its epoch on: where a
+        thruster is switched, its step counts as jerk of one epoch.
+        """
+        jerk = np.zeros(line_of_sight.range.shape)
+        if not self.configuration.tracking.has_noise_slips:
+            return jerk
+        acceleration = track.acceleration_itrf
+        before = np.concatenate((acceleration[:1], acceleration[:-1]))
+        first = range(len(acceleration))[emitted][0]
+        if self._last_acceleration is not None:
+            before[first] = self._last_acceleration
+        self._last_acceleration = acceleration[emitted][-1]
+        change = (acceleration - before) * EPOCHS_PER_SECOND
+        return np.asarray(-np.einsum("ki,kni->kn", change, line_of_sight.direction_itrf))
+
+    def _draw_slips(
+        self, second: int, emitted: slice, signals: ArrivingSignals
+    ) -> FloatArray | None:
+        """Return by how many cycles the loops slip, shape (k, m); None where they never do."""
+        if not self.configuration.tracking.has_noise_slips:
+            return None
+        plan, noise = signals.plan, self.configuration.noise
+        rate = slip_rate(
+            signals.cn0_dbhz,
+            signals.jerk[:, plan.satellite],
+            plan.frequency,
+            plan.has_data,
+            noise.phase_loop_bandwidth_hz,
+            noise.integration_time,
+        )
+        return self._slips.drawn(second, emitted, plan.row, rate, plan.has_data)
 
     def _knows_time(self, second: int) -> bool:
         """Return whether the search after a cold start is over in a second."""

@@ -38,6 +38,7 @@ __all__ = [
     "Observables",
     "Sigmas",
     "all_links",
+    "link_addresses",
     "link_rows",
     "signals_of",
 ]
@@ -99,6 +100,8 @@ class LinkPlan:
     system, prn, band, attribute : ndarray of uint8
     stream : ndarray of int, shape (n,)
         Number of each satellite's scintillation pattern.
+    has_data : ndarray of bool, shape (m,)
+        Whether each signal carries data.
     phase_centre_frequency : ndarray of str, shape (m,)
         How ANTEX files call the frequency of each link.
     upload_errors : tuple of UploadError
@@ -120,6 +123,7 @@ class LinkPlan:
     band: npt.NDArray[np.uint8]
     attribute: npt.NDArray[np.uint8]
     stream: npt.NDArray[np.int64]
+    has_data: npt.NDArray[np.bool_]
     phase_centre_frequency: npt.NDArray[np.str_]
     upload_errors: tuple[UploadError, ...]
 
@@ -170,6 +174,7 @@ class LinkPlan:
             band=np.array([signal.band for signal in signals], dtype=np.uint8),
             attribute=np.array([signal.attribute for signal in signals], dtype=np.uint8),
             stream=np.array([64 * system + prn for system, prn in satellites], dtype=np.int64),
+            has_data=np.array([signal.has_data for signal in signals], dtype=bool),
             phase_centre_frequency=np.array(
                 [antex_frequency(s.system, s.band) for s in signals], dtype=str
             ),
@@ -313,7 +318,7 @@ class MeasurementNoise:
 
     def __init__(self, model: NoiseModel, links: Sequence[Link], seed: int, receiver: int) -> None:
         self._model = model
-        addresses = _link_addresses(links, receiver)
+        addresses = link_addresses(links, receiver)
         self._fields: dict[Effect, NoiseField | GaussMarkovField] = {
             effect: NoiseField(seed, effect, addresses) for effect in _NOISE_EFFECTS
         }
@@ -398,7 +403,7 @@ class Multipath:
         self, configuration: ReceiverConfiguration, links: Sequence[Link], seed: int, receiver: int
     ) -> None:
         self._model = configuration.multipath
-        addresses = _link_addresses(links, receiver)
+        addresses = link_addresses(links, receiver)
         self._processes = {
             effect: GaussMarkovField(seed, effect, addresses, self._model.correlation_time)
             for effect in (Effect.CODE_MULTIPATH, Effect.PHASE_MULTIPATH)
@@ -516,7 +521,7 @@ class LineBiasDrift:
         return self._model.code_sigma * code, self._model.phase_sigma * phase
 
 
-def _link_addresses(links: Sequence[Link], receiver: int) -> list[tuple[int, ...]]:
+def link_addresses(links: Sequence[Link], receiver: int) -> list[tuple[int, ...]]:
     """Return the address of each link of a receiver in the random streams."""
     return [(receiver, k.system, k.prn, k.signal.band, k.signal.attribute) for k in links]
 

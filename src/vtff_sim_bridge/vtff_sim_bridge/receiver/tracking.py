@@ -154,7 +154,13 @@ class Tracker:
                 held[satellites[index]] = min(free)
         return np.array([satellite in held for satellite in satellites], dtype=bool)
 
-    def advance(self, first_epoch: int, rows: npt.NDArray[np.intp], can_track: BoolArray) -> Tracks:
+    def advance(
+        self,
+        first_epoch: int,
+        rows: npt.NDArray[np.intp],
+        can_track: BoolArray,
+        slips: FloatArray | None = None,
+    ) -> Tracks:
         """Go on over consecutive epochs.
 
         Parameters
@@ -165,6 +171,9 @@ class Tracker:
             Links that may be tracked; all others are lost.
         can_track : ndarray of bool, shape (k, m)
             Signal is strong enough and has a channel.
+        slips : ndarray, shape (k, m), optional
+            By how many cycles each loop slips at each epoch, if it tracks; half cycles come with
+            the half-cycle bit.
 
         Returns
         -------
@@ -181,6 +190,10 @@ class Tracker:
         while start < count:
             self._step(first_epoch + start, rows, can_track[start])
             end = self._next_change(first_epoch, start, rows, can_track)
+            if slips is not None:
+                self._slip(first_epoch + start, rows, slips[start])
+                later = np.flatnonzero(slips[start + 1 : end].any(axis=1))
+                end = start + 1 + int(later[0]) if later.size else end
             unchanged = slice(start, end)
             tracked[unchanged], half[unchanged] = (
                 self._is_tracked[rows],
@@ -280,6 +293,16 @@ class Tracker:
         self._is_half_added[row] = self._parity_offset[row] != 0.0
         self._cycles[row] += self._parity_offset[row]
         self._report(Arc(epoch, self._links[row], "parity", float(self._cycles[row])))
+
+    def _slip(self, epoch: int, rows: npt.NDArray[np.intp], slips: FloatArray) -> None:
+        """Let loops slip that do not notice it: their lock times grow on."""
+        for column in np.flatnonzero((slips != 0.0) & self._is_tracked[rows]).tolist():
+            row = int(rows[column])
+            self._cycles[row] += slips[column]
+            is_half = slips[column] % 1.0 != 0.0
+            self._is_half_added[row] ^= is_half
+            event = "half_cycle" if is_half else "slip"
+            self._report(Arc(epoch, self._links[row], event, float(self._cycles[row])))
 
     def _apply_phase_faults(self, epoch: int) -> None:
         for fault in self._phase_faults:

@@ -64,6 +64,8 @@ def second_record(measured: Measurements, second: int) -> dict[str, Any]:
         record["range_error"] = np.round(measured.observables.range_error[-1, columns], 6).tolist()
     if measured.observables.multipath is not None:
         record["multipath"] = _by_signal(measured, measured.observables.multipath)
+    if signals.wind_up is not None:
+        record["wind_up"] = np.round(signals.wind_up[-1, columns], 6).tolist()
     if signals.antenna_delay is not None:
         record["antenna_delay"] = _by_signal(measured, (signals.antenna_delay,))
     return record

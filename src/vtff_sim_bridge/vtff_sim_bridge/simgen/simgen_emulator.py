@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import logging
 import os
 import signal
@@ -102,9 +101,7 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
     from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
-    configuration = load_gnss_configuration(options.gnss)
-    if options.seed is not None:
-        configuration = dataclasses.replace(configuration, seed=options.seed)
+    configuration = load_gnss_configuration(options.gnss, options.seed)
     return GnssEmulation(
         machine,
         configuration,
