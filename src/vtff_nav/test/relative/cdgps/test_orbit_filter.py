@@ -80,7 +80,7 @@ def test_the_filter_starts_anew_after_seconds_in_which_most_measurements_are_wro
     alive = [orbit.state is not None for orbit in filter_by_second(scenario, spoil)]
     bad = len(alive) - 1 - LAST_SEEN
     assert alive == [True] * (LAST_SEEN + bad) + [False]
-    assert 2 <= bad <= 5
+    assert bad == 5
 
 
 def test_an_ambiguity_is_forgotten_after_5_s_without_its_satellite(scenario):

@@ -219,7 +219,9 @@ class AbsoluteFilter:
                 state.remove([labels[row]])
                 self._last_seen.pop(labels[row], None)
             labels = self._ambiguities(time, measured, predicted)
-        is_bad = np.count_nonzero(~innovation.is_used) > 0.5 * len(innovation.is_used)
+        # Phases that do not fit begin anew and fit then: codes show a state that is wrong.
+        is_code_used = innovation.is_used[: len(innovation.values) - len(measured)]
+        is_bad = 2 * np.count_nonzero(~is_code_used) > len(is_code_used)
         self._failures = self._failures + 1 if is_bad else 0
         state.update(innovation)
         nuisance = innovation.nuisance_gain @ innovation.values
