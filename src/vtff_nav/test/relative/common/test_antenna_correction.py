@@ -52,6 +52,16 @@ def test_quaternion_turns_body_to_frame() -> None:
     np.testing.assert_allclose(turned[:, 0], east, atol=1e-12)
 
 
+def test_quaternion_needs_no_unit_length() -> None:
+    """Against scipy, whose quaternions have the scalar last, too."""
+    quaternion = (0.3, -0.8, 1.1, 2.0)
+    turned = Antenna(quaternion=quaternion).rotation_body_to_itrf(TIME, STATE_ITRF)
+    level = Antenna().rotation_body_to_itrf(TIME, STATE_ITRF)
+    np.testing.assert_allclose(
+        level.T @ turned, Rotation.from_quat(quaternion).as_matrix(), atol=1e-12
+    )
+
+
 @pytest.mark.parametrize("frame", ATTITUDE_FRAMES)
 def test_columns_are_derivatives_of_ranges(frame: str) -> None:
     """Ranges from the reference points change by the columns when lever arms do."""

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, skew
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
@@ -104,7 +103,7 @@ class Antenna:
         state_itrf : ndarray, shape (6,)
             Position and Earth-fixed velocity of the centre of mass, m and m/s.
         """
-        from_body = Rotation.from_quat(self.quaternion).as_matrix()
+        from_body = _rotation_of_quaternion(self.quaternion)
         if self.attitude_frame == "north_east_down":
             up = ellipsoid_normal(state_itrf[:3])
             east = np.cross((0.0, 0.0, 1.0), up)
@@ -116,6 +115,14 @@ class Antenna:
                 state_gcrf = state_itrf_to_gcrf(time, state_itrf)
                 to_itrf = to_itrf @ rotation_gcrf_to_rtn(state_gcrf).T
         return np.asarray(to_itrf @ from_body)
+
+
+def _rotation_of_quaternion(quaternion: tuple[float, float, float, float]) -> FloatArray:
+    """Return the rotation matrix of x, y, z, w; `scipy.spatial` would make nodes start later."""
+    vector, scalar = np.array(quaternion[:3]), quaternion[3]
+    squared = float(vector @ vector)
+    rotation = (scalar**2 - squared) * np.eye(3) + 2.0 * np.outer(vector, vector)
+    return np.asarray((rotation + 2.0 * scalar * skew(vector)) / (scalar**2 + squared))
 
 
 @dataclass(frozen=True)
