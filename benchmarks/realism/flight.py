@@ -11,6 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_control.thruster.thruster import Thruster
+from vtff_control.tracking.sdre import SdreController, SdreDesign
 from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
@@ -24,19 +26,48 @@ from vtff_nav.relative.common.solution import (
     RelativeSolution,
 )
 from vtff_nav.relative.shipped_estimators import make_cdgps
+from vtff_sim_bridge.gnss.configuration import GnssConfiguration
+from vtff_sim_bridge.truth.scenario import Scenario
 
 from .bound import bound_rms
-from .recording import Recording, Second, load_or_fly
-from .worlds import FIRST_SECOND, WORLDS, World
+from .recording import EmulatedFormation, Recording, Second, load_or_fly
+from .worlds import FIRST_SECOND, KEEPING_SECOND, WORLDS, World
 
-__all__ = ["Figures", "Flight", "Integers", "Log", "fly", "run_filter", "summarise"]
+__all__ = ["Figures", "Flight", "Integers", "Log", "Loop", "fly", "run_filter", "summarise"]
 
+_CAP = 1.4  # m/s2, as in config/params
+_QUANTUM = 1e-5  # m/s2, as in config/can
 _BURN = 1e-2  # m/s2: smallest thrust of a burn
 _AFTER_OUTAGE = 30.0  # s
 _LONGEST_WRONG = 2.0  # s: integers that were wrong for longer count
 _WRONG_CYCLES = 0.25
 # Columns of `Flight.rows`.
 _TIME, _ERROR, _SIGMA, _NEES_R, _NEES_V, _FIXED, _SOLVED, _DEGRADED, _THRUST = range(9)
+
+
+@dataclass(frozen=True)
+class Loop:
+    """What a closed loop has kept.
+
+    Parameters
+    ----------
+    keeping : tuple of 3 float
+        RMS deviation from the target from `KEEPING_SECOND` on, R, T and N, m.
+    keeping_dv_per_hour : float
+        Sum of the velocity changes of all axes from then on, m/s per hour.
+    closest : float
+        Smallest distance from the chief, m.
+    dv : float
+        Sum of all velocity changes, m/s.
+    last_minute : float
+        Largest distance from the target in the last minute, m.
+    """
+
+    keeping: tuple[float, ...]
+    keeping_dv_per_hour: float
+    closest: float
+    dv: float
+    last_minute: float
 
 
 class Integers:
@@ -95,6 +126,7 @@ class Flight:
     wrong_integers_long: int
     first_fixed: float
     bound_rms: float = math.nan
+    loop: Loop | None = None
 
 
 def run_filter(recording: Recording, world: World, setting: EstimatorSetting) -> Flight:
@@ -110,6 +142,62 @@ def run_filter(recording: Recording, world: World, setting: EstimatorSetting) ->
         if second.thrust_rtn.any():
             estimator.add_thrust(second.time, 1.0, second.thrust_rtn)
     return log.flight()
+
+
+def fly_closed_loop(
+    scenario: Scenario, gnss: GnssConfiguration, setting: EstimatorSetting
+) -> Flight:
+    """Fly with the controller of the shipped systems on the solutions of the filter.
+
+    The thruster has the delay of a step and the resolution of its CAN frames.
+    """
+    formation, estimator = EmulatedFormation(gnss, scenario), make_cdgps(setting)
+    controller = SdreController(SdreDesign("navigation_aware", acceleration_cap=_CAP))
+    thruster = Thruster(acceleration_cap=_CAP, quantum=_QUANTUM, delay_steps=1, step=1.0)
+    target = scenario.deputies[0].target_rtn
+    assert target is not None
+    scheduled: dict[int, FloatArray] = {}
+    log, deviations, distances, thrusts = Log(), [], [], []
+    for index in range(round(scenario.duration)):
+        stamp = formation.truth.time.nanoseconds
+        applied = scheduled.pop(stamp, np.zeros(3))
+        second = formation.measure(applied)
+        for ephemeris in second.ephemerides:
+            estimator.add_ephemeris(ephemeris)
+        solution = estimator.process(second.time, *second.epochs)
+        log.add(index, second, solution)
+        if applied.any():
+            estimator.add_thrust(second.time, 1.0, applied)
+        command = np.zeros(3)
+        if solution.solution == SOLUTION_NONE:
+            controller.reset()
+        else:
+            chief = (solution.position_chief_gcrf, solution.velocity_chief_gcrf)
+            estimate = (solution.position_rtn, solution.velocity_rtn)
+            command = controller.control(
+                np.concatenate(estimate),
+                np.concatenate(chief),
+                target,
+                stamp,
+                solution.covariance_rtn,
+            ).acceleration_rtn
+        thrust = thruster.command(stamp, command)
+        scheduled[thrust.start_stamp] = thrust.acceleration_rtn
+        truth = relative_state_rtn(second.state_chief_gcrf, second.state_deputy_gcrf)
+        deviations.append(truth[:3] - target[:3])
+        distances.append(float(np.linalg.norm(truth[:3])))
+        thrusts.append(applied)
+        formation.advance(applied)
+    deviation, thrust_rtn = np.array(deviations), np.abs(thrusts)
+    kept = deviation[KEEPING_SECOND:]
+    loop = Loop(
+        keeping=tuple(_rms(axis) for axis in kept.T),
+        keeping_dv_per_hour=3600.0 * 3.0 * _mean(thrust_rtn[KEEPING_SECOND:].ravel()),
+        closest=min(distances),
+        dv=float(thrust_rtn.sum()),
+        last_minute=float(np.linalg.norm(deviation[-60:], axis=1).max()),
+    )
+    return dataclasses.replace(log.flight(), loop=loop)
 
 
 class Log:
@@ -185,6 +273,8 @@ class Figures:
         Shares of the epochs outside of outages.
     integers, wrong, wrong_long : int
         Integers that epochs rest on; wrong ones; those wrong for more than 2 s.
+    loops : tuple of Loop
+        Of the flights of a closed loop.
     bound : float
         RMS that the covariance bound gives.
     recovery : float
@@ -211,6 +301,7 @@ class Figures:
     wrong_long: int
     recovery: float
     bound: float
+    loops: tuple[Loop, ...]
 
 
 def summarise(flights: Sequence[Flight], world: World) -> Figures:
@@ -245,6 +336,7 @@ def summarise(flights: Sequence[Flight], world: World) -> Figures:
         wrong=sum(flight.wrong_integers for flight in flights),
         wrong_long=sum(flight.wrong_integers_long for flight in flights),
         bound=1e3 * _rms(np.array([flight.bound_rms for flight in flights])),
+        loops=tuple(flight.loop for flight in flights if flight.loop is not None),
         recovery=max((_recovery(rows, world.outages) for rows in whole), default=math.nan),
     )
 
@@ -297,6 +389,8 @@ def fly(
 ) -> Flight:
     """Fly a world with a filter; a job of `bench_realism.py`."""
     world = WORLDS[name]
+    if world.motion == "closed_loop":
+        return fly_closed_loop(*world.make(seed, seconds), world.change_setting(setting))
     recording = load_or_fly(name, world, seed, seconds, cache)
     flight = run_filter(recording, world, setting)
     if world.phase_noise is None:

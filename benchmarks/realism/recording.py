@@ -35,7 +35,7 @@ from vtff_sim_bridge.truth.scenario import Scenario
 
 from .worlds import World
 
-__all__ = ["DESIGN", "EmulatedFormation", "Recording", "Second", "load_or_fly"]
+__all__ = ["EmulatedFormation", "Recording", "Second", "fly_truth_fed", "load_or_fly"]
 
 DESIGN = SdreDesign("delay_aware", acceleration_cap=1.4)
 LOGS = b"LOG RANGEB ONTIME 1\r\nLOG GPSEPHEMB ONCHANGED\r\n"
@@ -167,7 +167,9 @@ class EmulatedFormation:
         self._second += 1
 
 
-def _fly(scenario: Scenario, gnss: GnssConfiguration, *, is_controlled: bool) -> Iterator[Second]:
+def fly_truth_fed(
+    scenario: Scenario, gnss: GnssConfiguration, *, is_controlled: bool
+) -> Iterator[Second]:
     """Yield the seconds of a flight whose controller, if there is one, is fed with truth."""
     count = round(scenario.duration)
     thrust_rtn = np.zeros((count, 3))
@@ -189,7 +191,7 @@ def load_or_fly(
     scenario, gnss = world.make(seed, seconds)
     is_controlled = world.motion != "free"
     if cache is None:
-        return list(_fly(scenario, gnss, is_controlled=is_controlled))
+        return list(fly_truth_fed(scenario, gnss, is_controlled=is_controlled))
     inputs = hashlib.sha256(pickle.dumps((scenario, gnss, is_controlled)))
     inputs.update(_fingerprint_of_simulator().encode())
     seconds = round(scenario.duration)
@@ -198,7 +200,7 @@ def load_or_fly(
         with path.open("rb") as stream:
             recording: Recording = pickle.load(stream)
         return recording
-    recording = list(_fly(scenario, gnss, is_controlled=is_controlled))
+    recording = list(fly_truth_fed(scenario, gnss, is_controlled=is_controlled))
     cache.mkdir(parents=True, exist_ok=True)
     for outdated in cache.glob(f"{name}-{seed}-{seconds}s-*.pickle"):
         outdated.unlink(missing_ok=True)

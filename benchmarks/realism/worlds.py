@@ -30,14 +30,16 @@ from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario, state_ahead_on_orbit
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel
 
-__all__ = ["FIRST_SECOND", "WORLDS", "Must", "World"]
+__all__ = ["FIRST_SECOND", "KEEPING_SECOND", "WORLDS", "Must", "World"]
 
 CONFIG = pathlib.Path(__file__).resolve().parents[2] / "config"
+KEEPING_SECOND = 600
+"""Keeping counts from here on, s."""
 FIRST_SECOND = 60
 """Errors count from here on, s: before, the filter starts."""
 
 Change = Callable[[GnssConfiguration], GnssConfiguration]
-Motion = Literal["scenario", "kept", "free"]
+Motion = Literal["scenario", "kept", "free", "closed_loop"]
 
 _DRAW = GeometryDraw(epoch_days=1.0, node=True, place_on_orbit=True)
 # Galileo is not tracked in reference.yaml, so that the seed of the constellation draws GPS alone.
@@ -62,6 +64,16 @@ class Must:
         Largest share of solutions that say that something is wrong.
     recovery_s : float or None
         Longest time from the end of an outage to a fixed solution, s.
+    keeping_mm : float or None
+        Largest RMS distance from the target from `KEEPING_SECOND` on, each axis, mm.
+    keeping_dv_per_hour : float or None
+        Largest sum of velocity changes, all axes, from then on, m/s per hour.
+    closest : float or None
+        Smallest distance from the chief, m.
+    dv : float or None
+        Largest sum of velocity changes of a flight, all axes, m/s.
+    last_minute : float or None
+        Largest distance from the target in the last minute, m.
     """
 
     rms_mm: float | None = None
@@ -70,6 +82,11 @@ class Must:
     nees: tuple[float, float] | None = _NEES_OK
     degraded_percent: float | None = 5.0
     recovery_s: float | None = None
+    keeping_mm: float | None = None
+    keeping_dv_per_hour: float | None = None
+    closest: float | None = None
+    dv: float | None = None
+    last_minute: float | None = None
 
 
 @dataclass(frozen=True)
@@ -82,9 +99,10 @@ class World:
         Names of files in config/scenario and config/gnss.
     distance : float or None
         The deputy is that far ahead on the orbit of the chief, m; None: as the scenario says.
-    motion : {"scenario", "kept", "free"}
+    motion : {"scenario", "kept", "free", "closed_loop"}
         The controller, fed with truth, flies to the target of the scenario or keeps the first
-        relative position; or there is no thrust.
+        relative position; or there is no thrust; or the controller of the shipped systems flies to
+        the target of the scenario, fed by the filter.
     draws_geometry : bool
         Epoch, node, place on the orbit and constellation come from the seed.
     seconds : int
@@ -246,6 +264,12 @@ def many_faults(gnss: GnssConfiguration) -> GnssConfiguration:
         Fault("dropped_bytes", "chief", 790.0, 60.0, rate=1e-4),
     ]
     return dataclasses.replace(gnss, faults=tuple(faults))
+
+
+def outage_of_approach(gnss: GnssConfiguration) -> GnssConfiguration:
+    """Return a configuration without satellites at both receivers from 15 s to 55 s."""
+    faults = tuple(Fault("outage", receiver.name, 15.0, 40.0) for receiver in gnss.receivers)
+    return dataclasses.replace(gnss, faults=faults)
 
 
 LEVER_ARM = (0.12, -0.1, -0.12)  # m, of the deputy; 0.2 m long
@@ -435,6 +459,32 @@ WORLDS: dict[str, World] = {
         motion="scenario",
         change_setting=calibrated_in_file,
         must=Must(None, None, 99.0),
+    ),
+    "realistic_loop": World(
+        "realistic",
+        "realistic",
+        distance=None,
+        motion="closed_loop",
+        seconds=3600,
+        change_setting=calibrated_in_file,
+        must=Must(2.5, None, 100.0, keeping_mm=3.0, keeping_dv_per_hour=0.03),
+    ),
+    "outage_loop": World(
+        distance=None,
+        motion="closed_loop",
+        seconds=420,
+        change_gnss=outage_of_approach,
+        outages=((15.0, 55.0),),
+        must=Must(degraded_percent=None, closest=60.0, dv=75.0, last_minute=1.0),
+    ),
+    "outage_thrust_loop": World(
+        distance=None,
+        motion="closed_loop",
+        seconds=420,
+        change_scenario=thrust_errors(1.05),
+        change_gnss=outage_of_approach,
+        outages=((15.0, 55.0),),
+        must=Must(degraded_percent=None, closest=60.0, dv=75.0, last_minute=1.0),
     ),
     "faults": World(
         "realistic",
