@@ -64,4 +64,4 @@ def test_an_outage_in_the_approach_ends_at_the_target(tmp_path, errors):
         for item in reader.messages("/deputy/control/thrust_command")
     ]
     # It brakes in the outage, not when the satellites are back.
-    assert np.max(np.array(thrust)[30:55, 1]) > 1.0
+    assert np.max(np.array(thrust)[30:55, 1]) > 0.5
