@@ -11,6 +11,7 @@ import random
 import numpy as np
 import pytest
 import yaml
+from encoder_test_support import receiver_log
 from graph_support import SYSTEMS, run_vtff
 from shared_data import require_shared
 
@@ -41,6 +42,9 @@ LOGS = {
     "gavlab_ParsingData.GPS": (0, 0, 0, 0, 265),
     "edie_ascii_vectors.asc": (18, 14, 0, 0, 50),
 }
+#: A log that the project's own encoders make: everywhere, and the same numbers.
+OWN_SECONDS = 60
+OWN_LOG = (60, 60, 3, 60, 305)
 #: Files that the independent decoder reads, with its number of epochs.
 RTKLIB_EPOCHS = {
     "rtklib_oemv_200911218.gps": 46,
@@ -71,6 +75,18 @@ def run_of(runs, shared):
             if (shared / "data/oem" / name).is_file()
         }
     return lambda name: made[name].result()
+
+
+@pytest.fixture(scope="module")
+def own_log(tmp_path_factory):
+    path = tmp_path_factory.mktemp("log") / "own.gps"
+    path.write_bytes(receiver_log(OWN_SECONDS))
+    return path
+
+
+@pytest.fixture(scope="module")
+def own_run(runs, own_log):
+    return make(runs, "own", own_log)
 
 
 def messages(run, topic, namespace="deputy"):
@@ -122,12 +138,21 @@ def same_values(left, right, names):
     return True
 
 
-@pytest.mark.parametrize("name", LOGS)
-def test_the_bag_holds_what_the_log_holds(run_of, name):
-    path = file_of(name)
-    run = run_of(name)
+def test_the_bag_holds_what_the_log_holds(own_log, own_run):
+    assert_bag_holds_log(own_run, own_log, OWN_LOG)
+    assert_log_times_are_stamps(own_run, 40)
+
+
+def test_the_bags_of_real_logs_hold_what_the_logs_hold(run_of):
+    for name, counts in LOGS.items():
+        assert_bag_holds_log(run_of(name), file_of(name), counts, GLONASS_EPHEMERIDES.get(name, 0))
+        assert_log_times_are_stamps(run_of(name), min(counts[4], 40))
+
+
+def assert_bag_holds_log(run, path, counts, glonass_ephemeris_count=0):
+    """Compare a bag with its log: `counts` are numbers of the kinds of messages, see `LOGS`."""
     events = list(read_log(path, raw_logs="all"))
-    epoch_count, whole_count, ephemeris_count, fix_count, log_count = LOGS[name]
+    epoch_count, whole_count, ephemeris_count, fix_count, log_count = counts
 
     expected = published_epochs(events)
     assert epochs(run) == expected
@@ -149,7 +174,7 @@ def test_the_bag_holds_what_the_log_holds(run_of, name):
         for d in messages(run, "glonass_ephemeris")
     ]
     assert found == expected
-    assert len(found) == GLONASS_EPHEMERIDES.get(name, 0)
+    assert len(found) == glonass_ephemeris_count
 
     expected = [event for event in events if isinstance(event, Fix)]
     found = [conversions.fix_from_message(d.message) for d in messages(run, "fix")]
@@ -162,10 +187,8 @@ def test_the_bag_holds_what_the_log_holds(run_of, name):
     assert len(found) == log_count
 
 
-@pytest.mark.parametrize("name", LOGS)
-def test_log_times_are_the_stamps(run_of, name):
-    file_of(name)
-    run = run_of(name)
+def assert_log_times_are_stamps(run, smallest_count):
+    """Compare the log times of a bag with the stamps of its messages."""
     compared = 0
     for topic in ("high_rate", "epoch", "ephemeris", "glonass_ephemeris", "fix", "raw"):
         for decoded in messages(run, topic):
@@ -175,7 +198,7 @@ def test_log_times_are_the_stamps(run_of, name):
             compared += stamp != 0
             frames = {"deputy/gnss_antenna", "earth"}
             assert decoded.message.header.frame_id in frames
-    assert compared >= min(LOGS[name][4], 40)
+    assert compared >= smallest_count
     clock = [
         (d.log_time, to_nanoseconds(d.message.clock)) for d in BagReader(run).messages("/clock")
     ]
@@ -209,12 +232,15 @@ def rtklib_epochs(path):
     return found
 
 
-@pytest.mark.parametrize("name", RTKLIB_EPOCHS)
-def test_observations_equal_those_of_an_independent_decoder(run_of, name):
-    path = file_of(name)
+def test_observations_equal_those_of_an_independent_decoder(run_of):
+    for name, count in RTKLIB_EPOCHS.items():
+        assert_equal_to_rtklib(run_of(name), file_of(name), count)
+
+
+def assert_equal_to_rtklib(run, path, count):
     theirs = rtklib_epochs(path)
-    ours = epochs(run_of(name))
-    assert len(ours) == len(theirs) == RTKLIB_EPOCHS[name]
+    ours = epochs(run)
+    assert len(ours) == len(theirs) == count, path
     for epoch, (nanoseconds, reference) in zip(ours, theirs, strict=True):
         assert epoch.time.nanoseconds == nanoseconds
         signals = {
@@ -243,12 +269,11 @@ def contents(run):
     return dict(by_topic)
 
 
-def test_runs_are_equal_byte_for_byte(runs, run_of):
-    path = file_of("gavlab_test2_rcvr2.dat")
-    first = contents(run_of(path.name))
+def test_runs_are_equal_byte_for_byte(runs, own_log, own_run):
+    first = contents(own_run)
     assert len(first) == 6
-    assert contents(make(runs, "again", path)) == first
-    assert contents(make(runs, "composed", path, "--composed")) == first
+    assert contents(make(runs, "again", own_log)) == first
+    assert contents(make(runs, "composed", own_log, "--composed")) == first
 
 
 def test_a_damaged_log_gives_exactly_its_intact_frames(runs, tmp_path):
