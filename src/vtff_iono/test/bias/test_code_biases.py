@@ -1,11 +1,11 @@
 """Code biases: files of real agencies, chains of pairs, broadcast group delays, broken files."""
 
-import gzip
 import json
 import math
 
 import numpy as np
 import pytest
+from bias_file_support import sinex_file, sinex_line
 from hypothesis import given
 from hypothesis import strategies as st
 from iono_test_support import bele_file, examples
@@ -114,19 +114,29 @@ def test_dcb_file_of_code(tmp_path):
     biases.require_valid(in_month)
 
 
-def test_file_of_another_year():
-    biases = read_code_biases(bele_file(CAS))
+def own_bias_file(folder, name="own.BIA"):
+    """Write a Bias-SINEX file with a bias of each GPS satellite on 2024-01-10."""
+    lines = (
+        sinex_line("DSB", f"G{prn:02d}", "", "C1C", "C2W", -0.903 - 0.1 * prn, 0.05)
+        for prn in range(1, 33)
+    )
+    return sinex_file(folder, *lines, name=name)
+
+
+def test_file_of_another_year(tmp_path):
+    biases = read_code_biases(own_bias_file(tmp_path))
     with pytest.raises(BiasFileError, match=r"valid from 2024-01-10.*observations are of 2023"):
         biases.require_valid(NOON - 365 * 86400)
 
 
 def test_broken_files_are_named(tmp_path):
-    text = gzip.decompress(bele_file(CAS).read_bytes()).decode()
+    text = own_bias_file(tmp_path).read_text()
+    assert "  -1.0030 " in text and "2024:010:" in text
     cases = {
         "rinex.bia": ("     3.05           OBSERVATION DATA\n", "neither a Bias-SINEX file"),
         "empty.bia": ("", "neither a Bias-SINEX file"),
         "cut.bia": (text[: len(text) // 2], "cut off"),
-        "value.bia": (text.replace("  -0.9030 ", "  -0.9o30 ", 1), r"value.bia:\d+: ESTIMATED_VAL"),
+        "value.bia": (text.replace("  -1.0030 ", "  -1.0o30 ", 1), r"value.bia:\d+: ESTIMATED_VAL"),
         "time.bia": (text.replace("2024:010:", "2024-010:", 3), r"time.bia:\d+: BIAS_START"),
         "title.dcb": (DCB.replace("YEAR-MONTH", "WHEN"), "YEAR-MONTH"),
         "month.dcb": (DCB.replace("10-07", "10-17"), "month 17"),
@@ -139,7 +149,7 @@ def test_broken_files_are_named(tmp_path):
             read_code_biases(path)
         assert name in str(raised.value)
     path = tmp_path / "cut.bia.gz"
-    path.write_bytes(bele_file(CAS).read_bytes()[:1000])
+    path.write_bytes(own_bias_file(tmp_path, "own.BIA.gz").read_bytes()[:-100])
     with pytest.raises(BiasFileError, match="gzip"):
         read_code_biases(path)
     with pytest.raises(BiasFileError, match="holds no code bias"):
