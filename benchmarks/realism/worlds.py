@@ -356,7 +356,7 @@ def calibrated_in_file(setting: EstimatorSetting) -> EstimatorSetting:
     """Return the setting of the filter in config/system/realistic.yaml."""
     path = CONFIG / "gnss/realistic_calibration.atx"
     chief, deputy = (
-        Antenna(phase_centre=read_antex(path, f"VTFF PATCH {number} NONE"), phase_map_sigma=0.001)
+        Antenna(phase_centre=read_antex(path, f"VTFF PATCH {number} NONE"), phase_map_sigma=0.0003)
         for number in (1, 2)
     )
     return given_antennas(chief, deputy)(setting)

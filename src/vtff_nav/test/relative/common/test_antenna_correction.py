@@ -93,12 +93,15 @@ def test_columns_are_derivatives_of_ranges(frame: str) -> None:
         error[axis] = step
         change = (differences(error) - differences(-error)) / (2.0 * step)
         np.testing.assert_allclose(change, column, atol=3e-5)
-    assert list(pair.lever_arm_variances().values()) == [0.2**2] * 3 + [0.3**2] * 3
+    assert list(pair.offset_variances().values()) == [0.2**2] * 3 + [0.3**2] * 3
 
 
-def test_only_uncertain_lever_arms_are_states() -> None:
+def test_only_uncertain_offsets_are_states() -> None:
     pair = AntennaPair(Antenna((1.0, 0.0, 0.0)), Antenna(lever_arm_sigma=0.1))
-    assert [label[1] for label in pair.lever_arm_variances()] == [1, 1, 1]
+    assert [label[1] for label in pair.offset_variances()] == [1, 1, 1]
+    mapped = AntennaPair(Antenna(phase_map_sigma=0.003), Antenna(lever_arm_sigma=0.004))
+    assert list(mapped.offset_variances().values()) == pytest.approx([9e-6] * 3 + [16e-6] * 3)
+    assert Antenna(lever_arm_sigma=0.004, phase_map_sigma=0.003).offset_sigma == 0.005
     rotations = pair.rotations_body_to_itrf(TIME, np.stack((STATE_ITRF, STATE_ITRF)))
     assert pair.offset_columns(np.eye(3), rotations).shape == (3, 3)
     assert AntennaPair().offset_columns(np.eye(3), rotations).shape == (3, 0)

@@ -126,7 +126,7 @@ class RelativeFilter:
             for layer, sigma in enumerate(configuration.layer_sigmas):
                 self.state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
         if configuration.antennas is not None:
-            for label, variance in configuration.antennas.lever_arm_variances().items():
+            for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
 
     def predict(self, predicted: Prediction, interval: float) -> None:

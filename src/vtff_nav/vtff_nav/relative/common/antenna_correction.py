@@ -54,7 +54,9 @@ class Antenna:
         Offset and variation of the phase centre from the reference point. North, east and up of the
         antenna are x, y and -z of the body.
     phase_map_sigma : float
-        Error of offset and variation in a range, m.
+        Error of offset and variation in a range, m, root mean square over the directions. What of
+        it is as that of an offset is estimated with the error of the lever arm; what else is left
+        is as slow as multipath.
     attitude_frame : {"north_east_down", "rtn", "gcrf"}
         Axes to which the body is fixed.
     quaternion : tuple of 4 float
@@ -93,6 +95,11 @@ class Antenna:
                 f"quaternion: four numbers x, y, z, w, not all zero, expected, "
                 f"got {list(self.quaternion)}"
             )
+
+    @property
+    def offset_sigma(self) -> float:
+        """Error of the phase centre that is constant in the body, on each axis, m."""
+        return math.hypot(self.lever_arm_sigma, self.phase_map_sigma)
 
     def rotation_body_to_itrf(self, time: GpsTime, state_itrf: FloatArray) -> FloatArray:
         """Return the rotation from body axes to ITRF, shape (3, 3).
@@ -198,12 +205,12 @@ class AntennaPair:
             carrier_range=signals.carrier_range - delay,
         )
 
-    def lever_arm_variances(self) -> dict[tuple[str, int, int], float]:
-        """Return the variance of each component of a lever arm that is not exact, m2, by label."""
+    def offset_variances(self) -> dict[tuple[str, int, int], float]:
+        """Return the variance of each component of the offsets that are not exact, m2, by label."""
         return {
-            ("antenna_offset", receiver, axis): antenna.lever_arm_sigma**2
+            ("antenna_offset", receiver, axis): antenna.offset_sigma**2
             for receiver, antenna in enumerate(self.both)
-            if antenna.lever_arm_sigma > 0.0
+            if antenna.offset_sigma > 0.0
             for axis in range(3)
         }
 
@@ -220,7 +227,7 @@ class AntennaPair:
         columns = [
             np.asarray(sign * (directions @ rotation))
             for sign, antenna, rotation in zip((1.0, -1.0), self.both, rotations, strict=True)
-            if antenna.lever_arm_sigma > 0.0
+            if antenna.offset_sigma > 0.0
         ]
         return np.concatenate([np.zeros((len(directions), 0)), *columns], axis=1)
 
