@@ -229,6 +229,30 @@ def test_sky_is_drawn_by_the_seed_where_asked(tmp_path):
     assert np.std(logarithms) == pytest.approx(0.3, rel=0.35)
     again = load_gnss_configuration(path, 7)
     np.testing.assert_array_equal(again.profile.density_per_m3, drawn[6].profile.density_per_m3)
-    path.write_text(text + "draw: {electron_density_sigma: -1.0}\n")
-    with pytest.raises(ScenarioError, match=r"draw.*electron_density_sigma: 0 or more"):
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("", "draw: {electron_density_sigma: -1.0}\n", "draw: electron_density_sigma: 0 or more"),
+        ("", "draw: {ionosphere: true}\n", "draw.ionosphere: unknown field"),
+        ("  baud: 460800", "  has_wind_up: perhaps", r"receivers\[0\].has_wind_up: true or false"),
+        (
+            "    channels: 12",
+            "    has_noise_slips: 3",
+            r"receivers\[0\].tracking.has_noise_slips: true or false",
+        ),
+        (
+            "  regions: []",
+            "  gradients: [{tecu_per_deg: steep, azimuth_deg: 0.0, shell_altitude: 7.0e5}]",
+            r"atmosphere.gradients\[0\].tecu_per_deg: a number",
+        ),
+    ],
+)
+def test_wrong_options_are_one_line_with_file_and_field(tmp_path, old, new, message):
+    text = (CONFIG / "gnss/reference.yaml").read_text(encoding="utf-8")
+    path = tmp_path / "wrong.yaml"
+    path.write_text(text.replace(old, new, 1) if old else text + new)
+    with pytest.raises(ScenarioError, match=rf"{path}: {message}") as refusal:
         load_gnss_configuration(path)
+    assert "\n" not in str(refusal.value)

@@ -164,9 +164,9 @@ class Section:
         values = self.value(name)
         if not isinstance(values, list) or not values:
             raise self.error(name, "a list of at least one mapping expected")
+        place = ".".join(filter(None, (self._place, name)))
         return [
-            Section(self._file, f"{self._place}{name}[{index}]", value)
-            for index, value in enumerate(values)
+            Section(self._file, f"{place}[{index}]", value) for index, value in enumerate(values)
         ]
 
     def only_one_of(self, *names: str) -> str:
