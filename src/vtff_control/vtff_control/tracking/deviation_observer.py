@@ -20,9 +20,9 @@ __all__ = ["DeviationObserver"]
 
 POSITION_FLOOR = 2e-5
 VELOCITY_FLOOR = 2e-5
-"""Sigma that is added to every state, m and m/s. Velocities are reported in a frame that turns about
-N alone; the turn about R is known to a per cent, which 15 km away is some 1e-4 m/s. So velocities
-count less than what positions say in a few seconds."""
+"""Sigma that is added to every state, m and m/s. Velocities are reported in a frame that turns
+about N alone; the turn about R is known to a per cent, which 15 km away is some 1e-4 m/s. So
+velocities count less than what positions say in a few seconds."""
 
 THRUST_SIGMA = 0.05
 """Error of a thrust in proportion to it, each axis: before a calibration in flight."""
