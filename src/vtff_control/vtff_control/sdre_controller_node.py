@@ -113,7 +113,7 @@ class SdreControllerParameters:
     )
     maximum_sigma: float = parameter(
         SdreDesign.maximum_sigma,
-        "largest sigma of a position that is tracked; beyond, the relative velocity is removed",
+        "largest sigma of a position that is tracked; beyond, the deputy brakes",
         unit="m",
         minimum=0.0,
     )
@@ -287,7 +287,7 @@ class SdreControllerNode(VtffNode):
         valid = self._result.valid
         text = "controlling" if valid else f"zero thrust: {self._reason}"
         if self._result.degraded:
-            valid, text = False, f"removing the relative velocity: {self._result.degraded}"
+            valid, text = False, f"braking, not tracking: {self._result.degraded}"
         if self._order.refused_since_last_look():
             valid, text = False, f"states came out of order; {text}"
         return [

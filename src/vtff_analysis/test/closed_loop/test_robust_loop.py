@@ -143,6 +143,18 @@ def test_an_outage_that_the_covariance_does_not_bridge_ends_in_no_collision() ->
     assert np.linalg.norm(deviation(result)[-60:], axis=1).max() <= 1.0
 
 
+def test_a_long_outage_of_a_weak_thruster_ends_in_no_collision() -> None:
+    """Braked to a stop, as far as is known, it drifted to 19 m; it has to recede."""
+    weak = ThrusterErrorModel(0.95, 2.0, 0.01)
+    scenario = dataclasses.replace(with_thruster(REFERENCE, weak), seed=21)
+    navigation = NavigationErrorModel(1e-3, 1e-5, 100.0, ((45.36, 184.31),), 0.05, seed=21)
+    result = simulate_closed_loop(
+        scenario, SHIPPED, {"quantum": QUANTUM}, duration=420.0, navigation=navigation
+    )
+    assert separation(result).min() >= 50.0
+    assert np.linalg.norm(deviation(result)[-60:], axis=1).max() <= 1.0
+
+
 def fly_dispersed(number: int) -> tuple[ClosedLoopResult, float]:
     """Fly a case with everything off that can be; return it and the sigma of navigation."""
     draw = np.random.default_rng([77, number])

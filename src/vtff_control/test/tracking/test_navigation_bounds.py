@@ -6,6 +6,7 @@ import pytest
 from vtff_control.tracking.navigation_bounds import (
     sigma_reason,
     significant_velocity,
+    unsafe_velocity,
     usable_covariance,
 )
 
@@ -56,6 +57,18 @@ def test_removing_it_never_makes_the_expected_velocity_larger(sigma: float) -> N
     coasting = np.mean(np.sum(draws**2, axis=1))
     braking = np.mean(np.sum((draws - removed) ** 2, axis=1))
     assert braking < coasting if sigma < 2.0 else braking == coasting
+
+
+def test_the_deputy_is_left_receding_from_the_chief() -> None:
+    """By two sigma where it surely is on its side, by none where nobody knows."""
+    near = np.array([0.0, -100.0, 0.0, 0.0, 0.0, 0.0])
+    for sigma, expected in ((0.0, 1.0), (50.0, 0.5), (100.0, 0.0), (500.0, 0.0)):
+        left = near[3:] - unsafe_velocity(near, covariance(sigma, 0.7))
+        np.testing.assert_allclose(left, [0.0, -2.0 * 0.7 * expected, 0.0], atol=1e-12)
+    drifting = np.array([0.0, -100.0, 0.0, 3.0, 5.0, 0.0])
+    left = drifting[3:] - unsafe_velocity(drifting, covariance(0.0, 0.7))
+    np.testing.assert_allclose(left, [0.7, -1.4, 0.0], atol=1e-12)
+    np.testing.assert_array_equal(unsafe_velocity(np.zeros(6), covariance(1.0, 1.0)), 0.0)
 
 
 @pytest.mark.parametrize(

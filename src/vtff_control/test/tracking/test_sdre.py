@@ -223,17 +223,18 @@ def test_a_good_covariance_changes_no_command_of_the_paper(design: str) -> None:
 
 
 @pytest.mark.parametrize("design", DESIGNS)
-def test_out_of_bounds_the_significant_velocity_is_removed(design: str) -> None:
+def test_out_of_bounds_the_deputy_brakes(design: str) -> None:
     controller = SdreController(SdreDesign(design, acceleration_cap=1.4))
     result = controller.control(CLOSING, CHIEF, TARGET, None, covariance(90.0, 5.0))
     assert result.valid and "0.25 of the distance of 300 m" in result.degraded
     # Brakes at the cap, although the target is nearer to the chief.
     assert result.acceleration_rtn[1] == 1.4
     controller.reset()
-    slow = CLOSING * [1.0, 1.0, 1.0, 1.0, 0.2, 1.0]
-    result = controller.control(slow, CHIEF, TARGET, None, covariance(90.0, 5.0))
-    np.testing.assert_array_equal(result.acceleration_rtn, 0.0)
-    assert result.degraded and controller.control(slow, CHIEF, TARGET).degraded == ""
+    # Receding by two sigma, less what the sigma of the position takes off: nothing to do.
+    receding = np.array([0.0, 300.0, 0.0, 0.0, 2.0 * 5.0 * (1.0 - 90.0 / 300.0), 0.0])
+    result = controller.control(receding, CHIEF, TARGET, None, covariance(90.0, 5.0))
+    np.testing.assert_allclose(result.acceleration_rtn, 0.0, atol=1e-12)
+    assert result.degraded and controller.control(receding, CHIEF, TARGET).degraded == ""
 
 
 def test_an_unusable_covariance_is_refused() -> None:

@@ -83,7 +83,7 @@ def test_out_of_bounds_it_brakes_and_says_so(make_node: NodeMaker) -> None:
     assert in_track(commands) == pytest.approx(1.4)
     health = node.health()[0]
     assert health.level == diagnostics.WARN
-    assert "removing the relative velocity: sigma of the position is 90 m" in health.message
+    assert "braking, not tracking: sigma of the position is 90 m" in health.message
     # The bounds are parameters.
     node, commands = make_node(design="navigation_aware", maximum_sigma_ratio=0.5)
     node._on_relative_state(state(0, RelativeState.SOLUTION_PREDICTED, 90.0))

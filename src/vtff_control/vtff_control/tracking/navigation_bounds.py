@@ -7,7 +7,9 @@ chief, so that an error of that size is no collision, and small in itself.
 
 Beyond these bounds to do nothing is not safe: a deputy that coasts towards the chief passes it.
 To remove the relative velocity is: on a prediction without bias, however poor, that leaves a
-smaller velocity on average (see `significant_velocity`), and what remains drifts slowly.
+smaller velocity on average (see `significant_velocity`). What remains is an unknown drift of one
+sigma, which over a long outage leads to the chief as well; so the deputy is left receding by two
+(see `unsafe_velocity`).
 """
 
 from __future__ import annotations
@@ -19,7 +21,10 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray, norm
 
-__all__ = ["significant_velocity", "sigma_reason", "usable_covariance"]
+__all__ = ["sigma_reason", "significant_velocity", "unsafe_velocity", "usable_covariance"]
+
+SAFE_SIGMAS = 2.0
+"""A deputy that is known poorly recedes from the chief by so many sigma of its velocity."""
 
 
 def usable_covariance(values: npt.ArrayLike) -> FloatArray:
@@ -102,3 +107,30 @@ def significant_velocity(velocity_rtn: FloatArray, covariance_rtn: FloatArray) -
     variance = float(direction @ covariance_rtn[3:, 3:] @ direction)
     sigma = math.sqrt(max(variance, 0.0))
     return max(0.0, 1.0 - sigma / speed) * velocity_rtn
+
+
+def unsafe_velocity(relative_state_rtn: FloatArray, covariance_rtn: FloatArray) -> FloatArray:
+    """Return what a poorly known deputy has too much of relative velocity, m/s, shape (3,).
+
+    Across the line of sight that is the velocity that stands out of its sigma; along it, the
+    difference from a recession of `SAFE_SIGMAS` sigma. As the sigma of the position comes near to
+    the distance from the chief, nobody knows on which side it is, and the recession goes to zero.
+
+    Parameters
+    ----------
+    relative_state_rtn
+        Relative state, m and m/s, shape (6,).
+    covariance_rtn
+        Its covariance, shape (6, 6).
+    """
+    separation = norm(relative_state_rtn[:3])
+    worst = float(np.linalg.eigvalsh(covariance_rtn[:3, :3])[-1])
+    certainty = 1.0 - math.sqrt(max(worst, 0.0)) / separation if separation > 0.0 else 0.0
+    if certainty <= 0.0:
+        return significant_velocity(relative_state_rtn[3:], covariance_rtn)
+    sight = relative_state_rtn[:3] / separation
+    along = float(sight @ relative_state_rtn[3:])
+    across = relative_state_rtn[3:] - along * sight
+    sigma = math.sqrt(max(float(sight @ covariance_rtn[3:, 3:] @ sight), 0.0))
+    recession = SAFE_SIGMAS * certainty * sigma
+    return (along - recession) * sight + significant_velocity(across, covariance_rtn)

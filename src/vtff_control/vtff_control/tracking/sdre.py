@@ -30,7 +30,7 @@ from vtff_control.tracking.controller import ControlResult
 from vtff_control.tracking.deviation_observer import DeviationObserver
 from vtff_control.tracking.navigation_bounds import (
     sigma_reason,
-    significant_velocity,
+    unsafe_velocity,
     usable_covariance,
 )
 from vtff_control.tracking.riccati import Weights, delayed_riccati_gain, riccati_gain
@@ -148,10 +148,8 @@ class SdreDesign:
         rounding to the thruster.
     maximum_sigma, maximum_sigma_ratio
         Bounds up to which a state is tracked: sigma of the position in its worst direction in m,
-        and in proportion to the distance from the chief. Beyond, the controller removes the
-        relative velocity that stands out of its own sigma, and nothing else: to coast towards the
-        chief is not safe, while braking on a poor prediction without bias makes the velocity
-        smaller on average, whatever its error is.
+        and in proportion to the distance from the chief. Beyond, the controller brakes: to coast
+        towards the chief is not safe; see `vtff_control.tracking.navigation_bounds`.
     sample_time
         Interval between commands in s, which is also the time for which one is held.
     delay_steps
@@ -490,11 +488,11 @@ class SdreController:
     def _brake(
         self, relative_state: FloatArray, state_chief: FloatArray, covariance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the acceleration that removes the significant relative velocity."""
+        """Return the acceleration that removes the unsafe relative velocity."""
         if self._observer is not None:
             self._observer.restart()
         deviation = np.zeros(6)
-        deviation[3:] = significant_velocity(relative_state[3:], covariance)
+        deviation[3:] = unsafe_velocity(relative_state, covariance)
         feedback = self._feedback(relative_state, state_chief, deviation, np.zeros(3), 0)
         if not deviation.any():
             feedback = np.zeros(3)
