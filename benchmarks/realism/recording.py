@@ -83,6 +83,7 @@ class _Ambiguities(TruthFile):
     def __init__(self) -> None:
         super().__init__(None)
         self.cycles: dict[str, dict[SignalKey, float]] = {}
+        self._wind_up: dict[str, dict[tuple[int, int], float]] = {}
 
     @property
     def is_wanted(self) -> bool:
@@ -90,7 +91,11 @@ class _Ambiguities(TruthFile):
         return True
 
     def write(self, record: str, **fields: Any) -> None:
-        """Keep the ambiguity of an arc."""
+        """Keep the ambiguity of an arc, and the turns of the antenna under each satellite."""
+        if record == "second" and "wind_up" in fields:
+            satellites = map(satellite_from_name, fields["satellites"])
+            turns = zip(satellites, fields["wind_up"], strict=True)
+            self._wind_up[fields["receiver"]] = dict(turns)
         if record != "arc":
             return
         signal = SIGNALS[fields["signal"]]
@@ -102,8 +107,14 @@ class _Ambiguities(TruthFile):
             of_receiver[key] = fields["cycles"]
 
     def differences(self, chief: str, deputy: str) -> dict[SignalKey, float]:
-        """Return the ambiguities of the deputy less those of the chief."""
-        first, second = (self.cycles.get(name, {}) for name in (chief, deputy))
+        """Return what phases exceed ranges by, deputy less chief: whole cycles and wind-up."""
+        first, second = (
+            {
+                key: cycles + self._wind_up.get(name, {}).get(key.satellite, 0.0)
+                for key, cycles in self.cycles.get(name, {}).items()
+            }
+            for name in (chief, deputy)
+        )
         return {key: second[key] - first[key] for key in first.keys() & second.keys()}
 
 
