@@ -85,6 +85,31 @@ def test_filter_flies_and_wrong_integers_are_counted(flown):
     assert (flight.wrong_integers, flight.wrong_integers_long) == (6, 3)
 
 
+def test_bound_is_that_of_the_noise(flown):
+    from realism.bound import bound_rms
+
+    from vtff_analysis.studies.navigation_bound import PhaseNoise
+
+    recording, _, _ = flown
+    white, doubled, slow = (
+        bound_rms(recording, PhaseNoise(*sigmas), 1)
+        for sigmas in ((0.001,), (0.002,), (0.001, 0.002))
+    )
+    assert 2e-4 < white < 2e-3 and 1.5 * white < doubled < 2.1 * white
+    assert 1.5 * doubled < slow
+
+
+def test_closed_loop_flies_through_the_outage_of_the_approach():
+    from realism.flight import fly
+
+    from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+
+    flight = fly("outage_loop", 1, 70, EstimatorSetting(), None)
+    assert flight.loop is not None and flight.wrong_integers_long == 0
+    # Both thrusts of the approach were given: towards the chief, and to brake.
+    assert flight.loop.dv > 30.0 and 90.0 < flight.loop.closest < 300.0
+
+
 def test_what_is_missed_is_told():
     from bench_realism import BOUND_FACTOR, judge
     from realism.flight import Figures
