@@ -62,6 +62,15 @@ def test_contents_are_not_negative():
     assert found.bias_tecu <= np.quantile(rows[high, 1] + BIAS, 0.02) + 0.05
 
 
+def test_an_hour_on_the_ground_is_sampled_forty_times():
+    """Samples between these add nothing: neighbours have the same ionosphere."""
+    rows = seen("chapman", 1.0, orbit=False, interval=30.0)
+    thinned = rows[rows[:, 0] % 90.0 == 0.0]
+    (of_all,) = estimate_receiver_biases(samples(rows, 0, 0.1))
+    (of_thinned,) = estimate_receiver_biases(samples(thinned, 0, 0.1))
+    assert 0 < of_all.pairs <= 1.1 * of_thinned.pairs
+
+
 def test_too_few_satellites():
     rows = seen("chapman", 3.0)[:20]
     with pytest.raises(ReceiverBiasError, match=r"only \d+ pairs of satellites"):
