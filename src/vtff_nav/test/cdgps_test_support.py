@@ -29,6 +29,7 @@ from vtff_gnss.orbits.nominal_constellation import (
 from vtff_gnss.rinex.navigation import read_rinex_navigation
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
+from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
@@ -79,8 +80,9 @@ def broadcast_ephemerides(
 
 
 def configuration(**changes: object) -> CdgpsConfiguration:
-    """Return a configuration for the orbits of this module."""
-    return CdgpsConfiguration(**{"force_model": J2, "bands": L1_L2, **changes})
+    """Return a configuration for the orbits of this module, all of whose forces are known."""
+    known = {"force_model": J2, "bands": L1_L2, "noise_relative": MotionNoise(5e-8)}
+    return CdgpsConfiguration(**{**known, **changes})
 
 
 @dataclass

@@ -98,8 +98,15 @@ class RelativeEkfParameters:
     gravity: str = parameter(
         "spherical_harmonics", "gravity of the filter's motion model", choices=GRAVITY_MODELS
     )
-    gravity_degree: int = parameter(8, "degree of the harmonics", minimum=2, maximum=70)
-    gravity_order: int = parameter(8, "order of the harmonics", minimum=0, maximum=70)
+    gravity_degree: int = parameter(
+        0,
+        "degree of the harmonics; 0: that of the estimator, 30 (cdgps) or 8 (paper)",
+        minimum=0,
+        maximum=70,
+    )
+    gravity_order: int = parameter(
+        70, "order of the harmonics; at most the degree", minimum=0, maximum=70
+    )
     integrator: str = parameter(
         CdgpsConfiguration.integrator,
         "cdgps: how the motion is stepped; euler where the simulator steps so, which no force "
@@ -131,11 +138,57 @@ class RelativeEkfParameters:
         unit="m/s^2",
         minimum=0.0,
     )
+    empirical_gradient_sigma: float = parameter(
+        CdgpsConfiguration.noise_relative.gradient_sigma,
+        "cdgps: what is added to it for each metre of separation, by gradients of forces that the "
+        "motion model leaves out",
+        unit="1/s^2",
+        minimum=0.0,
+    )
     thrust_sigma: float = parameter(
         CdgpsConfiguration.thrust_relative_sigma,
-        "cdgps: error of the thrust as a part of its magnitude",
+        "cdgps: white error of the thrust as a part of its magnitude at the start; it is estimated",
         minimum=0.0,
         maximum=1.0,
+    )
+    thrust_scale_sigma: float = parameter(
+        CdgpsConfiguration.thrust_scale_sigma,
+        "cdgps: a priori sigma of the scale of the thrust, which is estimated",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    thrust_misalignment_sigma_deg: float = parameter(
+        CdgpsConfiguration.thrust_misalignment_sigma_deg,
+        "cdgps: a priori sigma of the misalignment of the thrust on each axis, which is estimated",
+        unit="deg",
+        minimum=0.0,
+        maximum=45.0,
+    )
+    slow_phase_sigma: float = parameter(
+        CdgpsConfiguration.slow_phase_sigma,
+        "cdgps: slow errors of the phase of a receiver, such as multipath, until it is estimated",
+        unit="m",
+        minimum=1e-5,
+        maximum=0.05,
+    )
+    slow_code_sigma: float = parameter(
+        CdgpsConfiguration.slow_code_sigma,
+        "cdgps: slow errors of the code of a receiver until it is estimated",
+        unit="m",
+        minimum=1e-3,
+        maximum=10.0,
+    )
+    slow_error_time: float = parameter(
+        CdgpsConfiguration.slow_error_time,
+        "cdgps: correlation time of slow errors until it is estimated",
+        unit="s",
+        minimum=1.0,
+    )
+    plasma_gradient_sigma: float = parameter(
+        CdgpsConfiguration.plasma_gradient_sigma_tecu_per_deg,
+        "cdgps: horizontal gradient of the vertical TEC above the spacecraft",
+        unit="TECU/deg",
+        minimum=1e-3,
     )
     success_rate: float = parameter(
         CdgpsConfiguration.success_rate,
@@ -263,8 +316,14 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
     ValueError
         If a value is not possible; the text names it.
     """
+    force_model = None
+    if given.gravity_degree > 0:
+        order = min(given.gravity_order, given.gravity_degree)
+        force_model = ForceModel(given.gravity, given.gravity_degree, order)
+    elif given.gravity != "spherical_harmonics":
+        force_model = ForceModel(given.gravity)
     return EstimatorSetting(
-        force_model=ForceModel(given.gravity, given.gravity_degree, given.gravity_order),
+        force_model=force_model,
         measurement_noise=MeasurementNoise(
             given.code_sigma, given.phase_sigma, given.use_receiver_sigmas
         ),
@@ -275,7 +334,14 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
         integrator=given.integrator,
         longest_step=given.longest_step,
         empirical_acceleration_sigma=given.empirical_acceleration_sigma,
+        empirical_gradient_sigma=given.empirical_gradient_sigma,
         thrust_sigma=given.thrust_sigma,
+        thrust_scale_sigma=given.thrust_scale_sigma,
+        thrust_misalignment_sigma_deg=given.thrust_misalignment_sigma_deg,
+        slow_phase_sigma=given.slow_phase_sigma,
+        slow_code_sigma=given.slow_code_sigma,
+        slow_error_time=given.slow_error_time,
+        plasma_gradient_sigma=given.plasma_gradient_sigma,
         success_rate=given.success_rate,
         antennas=antenna_pair(given),
     )

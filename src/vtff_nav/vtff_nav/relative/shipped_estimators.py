@@ -30,8 +30,17 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
             dynamics=setting.dynamics,
             integrator=setting.integrator,
             longest_step=setting.longest_step,
-            noise_relative=MotionNoise(setting.empirical_acceleration_sigma),
+            noise_relative=MotionNoise(
+                setting.empirical_acceleration_sigma,
+                gradient_sigma=setting.empirical_gradient_sigma,
+            ),
             thrust_relative_sigma=setting.thrust_sigma,
+            thrust_scale_sigma=setting.thrust_scale_sigma,
+            thrust_misalignment_sigma_deg=setting.thrust_misalignment_sigma_deg,
+            slow_phase_sigma=setting.slow_phase_sigma,
+            slow_code_sigma=setting.slow_code_sigma,
+            slow_error_time=setting.slow_error_time,
+            plasma_gradient_sigma_tecu_per_deg=setting.plasma_gradient_sigma,
             success_rate=setting.success_rate,
             antennas=setting.antennas,
             **_common(setting),
@@ -58,11 +67,12 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
 def _common(setting: EstimatorSetting) -> dict[str, Any]:
     """Return what both filters take."""
     common: dict[str, Any] = {
-        "force_model": setting.force_model,
         "measurement_noise": setting.measurement_noise,
         "elevation_mask_deg": setting.elevation_mask_deg,
         "longest_prediction": setting.longest_prediction,
     }
+    if setting.force_model is not None:
+        common["force_model"] = setting.force_model
     if setting.bands is not None:
         common["bands"] = dict(setting.bands)
     return common

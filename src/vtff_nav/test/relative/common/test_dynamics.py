@@ -22,8 +22,8 @@ from vtff_nav.relative.common.dynamics import (
 NOISE = MotionNoise(empirical_sigma=1e-6)
 
 
-def motion(model: ForceModel = J2, thrust_sigma: float = 0.0) -> OrbitalMotion:
-    return OrbitalMotion(model, NOISE, NOISE, thrust_relative_sigma=thrust_sigma)
+def motion(model: ForceModel = J2) -> OrbitalMotion:
+    return OrbitalMotion(model, NOISE, NOISE)
 
 
 def nine(state: np.ndarray) -> np.ndarray:
@@ -65,7 +65,7 @@ def test_follows_the_euler_steps_of_a_simulation():
             acceleration = rotation_gcrf_to_rtn(chief.state_gcrf).T @ thrust[0].acceleration_rtn
         chief.advance()
         deputy.advance(acceleration)
-    stepped = OrbitalMotion(J2, NOISE, NOISE, 0.0, integrator="euler", longest_step=1.0)
+    stepped = OrbitalMotion(J2, NOISE, NOISE, integrator="euler", longest_step=1.0)
     predicted = stepped.predict(START, 10.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
     np.testing.assert_allclose(predicted.chief[:6], chief.state_gcrf, rtol=0, atol=1e-6)
     difference = deputy.state_gcrf - chief.state_gcrf
@@ -77,7 +77,7 @@ def test_follows_the_euler_steps_of_a_simulation():
 )
 def test_integration_is_checked(wrong, text):
     with pytest.raises(ValueError, match=text):
-        OrbitalMotion(J2, NOISE, NOISE, 0.0, **wrong)
+        OrbitalMotion(J2, NOISE, NOISE, **wrong)
 
 
 def test_thrust_in_the_middle_of_a_second():
@@ -162,7 +162,7 @@ def test_error_of_thrust_is_noise():
     thrust = [ThrustInterval(START, 1.0, np.array([0.0, 0.05, 0.0]))]
     arguments = (START, 1.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)
     free = motion().predict(*arguments).noise_relative
-    noisy = motion(thrust_sigma=0.01).predict(*arguments).noise_relative
+    noisy = motion().predict(*arguments, thrust_sigma=0.01).noise_relative
     assert np.sqrt((noisy - free)[4, 4]) == pytest.approx(0.0005, rel=1e-6)
     np.testing.assert_allclose(noisy - free, white_acceleration_noise(0.0005, 1.0), atol=1e-12)
 
@@ -171,9 +171,8 @@ def test_error_of_thrust_is_noise():
 def test_covariance_of_many_epochs_stays_positive(thrust_sigma):
     """An hour of epochs with thrust: the noise never makes a variance negative."""
     state, covariance = nine(DEPUTY_5KM - CHIEF), np.zeros((9, 9))
-    model = motion(thrust_sigma=thrust_sigma)
     thrust = [ThrustInterval(START, 3600.0, np.array([0.0, 0.05, 0.0]))]
-    predicted = model.predict(START, 10.0, nine(CHIEF), state, thrust)
+    predicted = motion().predict(START, 10.0, nine(CHIEF), state, thrust, thrust_sigma)
     for _ in range(360):
         phi = predicted.transition_relative
         covariance = phi @ covariance @ phi.T + predicted.noise_relative

@@ -6,6 +6,7 @@ here is that of relative navigation; `ionosphere_processor` has its own.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -32,7 +33,8 @@ class CdgpsConfiguration:
     position_chief_itrf : tuple of 3 float or None
         Surveyed position of the antenna of a static chief, m.
     force_model, force_model_deputy : ForceModel
-        Forces on the chief, and on the deputy if they differ.
+        Forces on the chief, and on the deputy if they differ. The default is that of real gravity,
+        truncated where its gradient over 10 km is below the other unknown accelerations.
     integrator : str
         ``euler`` where the motion is simulated with explicit Euler steps, which no force explains.
     longest_step : float
@@ -43,7 +45,10 @@ class CdgpsConfiguration:
         for J2 alone (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at
         1 km).
     thrust_relative_sigma : float
-        Error of the thrust, relative to its magnitude.
+        White error of the thrust on each axis, relative to its magnitude.
+    thrust_scale_sigma, thrust_misalignment_sigma_deg : float
+        A priori sigmas of the scale of the thrust and, on each RTN axis, of its misalignment, both
+        of which are estimated.
     measurement_noise : MeasurementNoise
         Noise of each receiver.
     bands : mapping of int to tuple of int
@@ -62,9 +67,23 @@ class CdgpsConfiguration:
     layer_content_sigma_tecu : float
         Largest sigma of the vertical content of a layer, TECU. The sigma of the density of a thick
         layer is reduced to it.
+    plasma_shell_sigma_tecu, plasma_gradient_sigma_tecu_per_deg : float
+        A priori sigma of the vertical content of each shell (TECU), and steady-state sigma of its
+        gradients to north and to east (TECU/deg), which is adapted to the gradients that are
+        found; the correlation time is that of the density.
+    plasma_quiet_gradient_tecu_per_deg : float
+        Sigma of these gradients that is believed where the measurements tell nothing of them.
+    plasma_shell_heights : tuple of float
+        Heights above the chief of the shells whose content has gradients, m; together they stand
+        for content at any height between them.
     plasma_layers : tuple of float
         Thicknesses above the chief of the layers of constant density whose sum stands for the
         profile, m.
+    slow_phase_sigma, slow_code_sigma, slow_error_time : float
+        Sigmas at one receiver (m) and correlation time (s) of slowly changing errors, such as
+        multipath, that are assumed until the measurements have told their own.
+    slow_error_memory : float
+        Time over which they are estimated, s.
     receiver_bias_walk : float
         Random walk of the differences of receiver biases between signals, m/sqrt(s).
     troposphere : bool or None
@@ -90,13 +109,15 @@ class CdgpsConfiguration:
     dynamics: Dynamics = "orbital"
     dynamics_chief: Dynamics | None = None
     position_chief_itrf: tuple[float, float, float] | None = None
-    force_model: ForceModel = field(default_factory=ForceModel)
+    force_model: ForceModel = field(default_factory=lambda: ForceModel(degree=30, order=30))
     force_model_deputy: ForceModel | None = None
     integrator: str = "rk4"
     longest_step: float = 5.0
     noise_chief: MotionNoise = MotionNoise(empirical_sigma=5e-6)
-    noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8)
-    thrust_relative_sigma: float = 5e-4
+    noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8, gradient_sigma=6e-11)
+    thrust_relative_sigma: float = 0.01
+    thrust_scale_sigma: float = 0.05
+    thrust_misalignment_sigma_deg: float = 2.0
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
     elevation_mask_deg: float = 5.0
@@ -106,7 +127,15 @@ class CdgpsConfiguration:
     electron_density_sigma: float = 1e12
     electron_density_time: float = 1200.0
     layer_content_sigma_tecu: float = 15.0
+    plasma_shell_sigma_tecu: float = 1.0
+    plasma_gradient_sigma_tecu_per_deg: float = 2.0
+    plasma_quiet_gradient_tecu_per_deg: float = 0.03
+    plasma_shell_heights: tuple[float, ...] = (100e3, 300e3)
     plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
+    slow_phase_sigma: float = 0.003
+    slow_code_sigma: float = 0.3
+    slow_error_time: float = 100.0
+    slow_error_memory: float = 3600.0
     receiver_bias_walk: float = 1e-6
     troposphere: bool | None = None
     success_rate: float = 0.999
@@ -155,6 +184,12 @@ class CdgpsConfiguration:
             min(self.electron_density_sigma, content / thickness)
             for thickness in self.plasma_layers
         )
+
+    @property
+    def thrust_sigmas(self) -> tuple[float, ...]:
+        """A priori sigmas of the scale (1) and of the misalignment (rad) of the thrust."""
+        misalignment = math.radians(self.thrust_misalignment_sigma_deg)
+        return (self.thrust_scale_sigma, misalignment, misalignment, misalignment)
 
     @property
     def has_plasma(self) -> bool:

@@ -19,13 +19,14 @@ import numpy.typing as npt
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
-from vtff_nav.relative.cdgps.model import make_sky
+from vtff_nav.relative.cdgps.model import make_sky, north_and_east
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.cdgps.output import (
     ambiguity_table,
@@ -221,15 +222,31 @@ class CdgpsEstimator(EstimatorInputs):
         """Propagate both filters by an interval (s) that begins at `time`."""
         absolute = self._absolute
         relative = np.zeros(DYNAMIC_STATES)
+        thrust_sigma = self.configuration.thrust_relative_sigma
         if self._relative is not None:
             relative = self._relative.state.mean[:DYNAMIC_STATES]
+            thrust_sigma = self._relative.thrust_sigma
         end = time + interval
         thrust = [t for t in self._thrust if t.start < end and t.end > time]
         self._thrust = [t for t in self._thrust if t.end > end]
-        predicted = self._motion.predict(time, interval, absolute.mean, relative, thrust)
+        before = absolute.mean[:3].copy()
+        predicted = self._motion.predict(
+            time, interval, absolute.mean, relative, thrust, thrust_sigma
+        )
         absolute.predict(predicted.chief, predicted.transition_chief, predicted.noise_chief)
         if self._relative is not None:
-            self._relative.predict(predicted, interval)
+            motion_deg = self._motion_over_ground_deg(before, absolute.mean[:3], interval)
+            self._relative.predict(predicted, interval, motion_deg)
+
+    def _motion_over_ground_deg(
+        self, before: FloatArray, after: FloatArray, interval: float
+    ) -> FloatArray:
+        """Return the geocentric angles to north and east between two positions, deg, shape (2,)."""
+        zenith, zenith_after = (position / norm(position) for position in (before, after))
+        moved = zenith_after - zenith
+        if self.configuration.dynamics == "orbital":
+            moved -= interval * EARTH_ROTATION_RATE_BROADCAST * cross(np.eye(3)[2], zenith)
+        return np.degrees(north_and_east(before) @ moved)
 
     def _update(
         self,
@@ -271,8 +288,10 @@ class CdgpsEstimator(EstimatorInputs):
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)
-        sky = make_sky(measured, seen, states[:, :3], self.configuration, rotations)
         assert self._relative is not None
+        chief = self._absolute.mean[:3]
+        positions = np.array([chief, chief + self._relative.state.mean[:3]])
+        sky = make_sky(measured, seen, states[:, :3], positions, self.configuration, rotations)
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
         if update.has_failed:
@@ -432,7 +451,6 @@ def _motion(configuration: CdgpsConfiguration) -> OrbitalMotion | TerrestrialMot
             configuration.force_model,
             configuration.noise_chief,
             configuration.noise_relative,
-            thrust_relative_sigma=configuration.thrust_relative_sigma,
             force_model_deputy=configuration.force_model_deputy,
             integrator=configuration.integrator,
             longest_step=configuration.longest_step,

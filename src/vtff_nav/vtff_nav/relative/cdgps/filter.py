@@ -11,7 +11,7 @@ from scipy.special import gammaincc
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
@@ -19,9 +19,11 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.measurement_faults import FaultSearch, reject_faults
 from vtff_nav.relative.cdgps.model import (
     DENSITY_UNIT,
+    PLASMA_KINDS,
     Sky,
     code_biases,
     measurement_innovation,
+    phase_plasma,
 )
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
@@ -33,6 +35,8 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_FLOAT,
     LaserMeasurement,
 )
+from vtff_nav.relative.noise.components import SlowError
+from vtff_nav.relative.noise.monitor import EpochResiduals, NoiseMonitor, NoisePrior
 
 __all__ = ["RelativeFilter", "Update"]
 
@@ -44,6 +48,23 @@ _PLASMA, _MOTION = "plasma", "motion"
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 _DETECTION_PASSES = 6
+# Limits of the white error of the thrust relative to its magnitude, the gain with which it follows
+# the corrections, the largest of these as a multiple of their variance, and the change of velocity
+# below which they say little of it, m/s.
+_THRUST_SIGMAS = (5e-4, 0.1)
+_THRUST_GAIN = 0.2
+_LARGEST_CORRECTION = 6.0
+_VELOCITY_NOISE = 5e-4
+# The sigmas of slow errors and gradients in the state follow their estimates in steps of this
+# factor; the number of quiet gradients that are counted with those of the shells.
+_SIGMA_STEP = 1.25
+_QUIET_GRADIENTS = 4
+# A slow error that is not there, m.
+_NEGLIGIBLE_SLOW_SIGMA = 5e-5
+# Power at low frequencies of phases without slow errors, m2 s; and the largest factor by which
+# the covariance is raised where they turn out to be larger.
+_WHITE_PHASE_POWER = 2e-6
+_LARGEST_DOUBT = 25.0
 _GLOBAL_FAILURES = 2
 _FEWEST_FIXED_SATELLITES = 4
 # In scatter the errors of a single phase are far from normal. An ambiguity is then fixed only after
@@ -118,6 +139,16 @@ class RelativeFilter:
         self.state = GaussianState(labels, mean, covariance)
         self.arcs = ArcBook()
         self.scatter = PhaseScatter()
+        prior = NoisePrior(
+            configuration.slow_phase_sigma,
+            configuration.slow_code_sigma,
+            configuration.slow_error_time,
+        )
+        self.noise = NoiseMonitor(prior, configuration.slow_error_memory)
+        self._slow_phase = self.noise.phase.slow
+        self._gradient_sigma = configuration.plasma_gradient_sigma_tecu_per_deg
+        self.thrust_sigma = configuration.thrust_relative_sigma
+        self._velocity_change = 0.0
         self.clock = clock
         self.attempt = FixAttempt((), 0.0, 0.0, "")
         self._code_reference: tuple[int, int, int] | None = None
@@ -125,25 +156,77 @@ class RelativeFilter:
         if configuration.has_plasma:
             for layer, sigma in enumerate(configuration.layer_sigmas):
                 self.state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
+            for shell in range(len(configuration.plasma_shell_heights)):
+                for label in _shell_members(shell):
+                    self.state.add(label, 0.0, self._plasma_sigma(label) ** 2)
         if configuration.antennas is not None:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
 
-    def predict(self, predicted: Prediction, interval: float) -> None:
-        """Propagate the state by `interval` seconds; `predicted` is the motion."""
+    def predict(self, predicted: Prediction, interval: float, chief_motion_deg: FloatArray) -> None:
+        """Propagate the state.
+
+        Parameters
+        ----------
+        predicted : Prediction
+        interval : float
+            s.
+        chief_motion_deg : ndarray, shape (2,)
+            Motion of the chief over ground, to north and to east, geocentric angles.
+        """
         state, configuration = self.state, self.configuration
         state.predict_leading(
             predicted.relative, predicted.transition_relative, predicted.noise_relative
         )
+        # The first error is the scale: what it changes is the velocity gained by the thrust.
+        self._velocity_change = norm(predicted.thrust_coupling[3:6, 0])
+        if self._velocity_change > 0.0:
+            sigmas = configuration.thrust_sigmas
+            labels: list[Label] = [("thrust", error) for error in range(len(sigmas))]
+            for label, sigma in zip(labels, sigmas, strict=True):
+                if label not in state:
+                    state.add(label, 0.0, sigma**2)
+            state.couple(state.labels[:DYNAMIC_STATES], predicted.thrust_coupling, labels)
         if configuration.has_plasma:
-            decay = math.exp(-interval / configuration.electron_density_time)
-            for layer, sigma in enumerate(configuration.layer_sigmas):
-                variance = (sigma / DENSITY_UNIT) ** 2
-                state.predict_gauss_markov(("plasma", layer), decay, variance)
+            for shell in range(len(configuration.plasma_shell_heights)):
+                # The content above the chief changes as the chief moves along the gradient.
+                content, *gradient = _shell_members(shell)
+                state.couple([content], chief_motion_deg[None, :], gradient)
+        decay, steady = np.ones(len(state)), np.zeros(len(state))
+        for index, label in enumerate(state.labels):
+            process = self._process_of(label)
+            if process is not None:
+                decay[index] = math.exp(-interval / process.correlation_time)
+                steady[index] = process.sigma**2
+        state.predict_gauss_markov_members(decay, steady)
+        if configuration.has_plasma:
+            for shell in range(len(configuration.plasma_shell_heights)):
+                content, *_ = _shell_members(shell)
+                power = 2.0 * self._plasma_sigma(content) ** 2
+                state.add_noise(content, power / configuration.electron_density_time * interval)
         walk = configuration.receiver_bias_walk**2 * interval
         for label in state.labels:
             if label[0] in ("code_bias", "phase_bias"):
                 state.add_noise(label, walk)
+
+    def _process_of(self, label: Label) -> SlowError | None:
+        """Return the Gauss-Markov process of a member of the state; None for other members."""
+        configuration = self.configuration
+        if label[0] == "phase_error":
+            return self._slow_phase
+        # The content of a shell follows the gradient, and has no mean to return to.
+        if label[0] in PLASMA_KINDS and label[-1] != "content":
+            return SlowError(self._plasma_sigma(label), configuration.electron_density_time)
+        return None
+
+    def _plasma_sigma(self, label: Label) -> float:
+        """Return the a priori sigma of a member of the plasma, in its unit."""
+        configuration = self.configuration
+        if label[0] == "plasma":
+            return configuration.layer_sigmas[label[1]] / DENSITY_UNIT
+        if label[-1] == "content":
+            return configuration.plasma_shell_sigma_tecu
+        return self._gradient_sigma
 
     def update(
         self,
@@ -168,10 +251,13 @@ class RelativeFilter:
         state = self.state
         excluded: dict[SignalKey, str] = {}
         degraded: list[str] = []
-        stated, measured = measured, self.scatter.add_excess(measured)
+        received, stated = measured, self.noise.weigh(time, interval, measured)
+        measured = self.scatter.add_excess(stated)
         for key, reason in self.arcs.find_breaks(time, measured, interval).items():
             self._end_arc(key)
-            if reason != "not seen any more":
+            if reason == "not seen any more":
+                state.remove([("phase_error", key)])
+            else:
                 excluded[key] = reason
         if laser is not None and ("laser_latency",) not in state:
             state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
@@ -182,13 +268,16 @@ class RelativeFilter:
         measured = _with_phase_noise(measured, innovation)
         is_phase_fault = measured.phase_variance > variance_before
         missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
-        state.update(innovation)
+        before = float(np.trace(state.covariance[:3, :3]))
+        change = state.update(innovation)
+        self._learn_thrust_noise(change[:3], before - float(np.trace(state.covariance[:3, :3])))
         for key, variance in missing_variances.items():
             if self.arcs[key].integer is None:
                 state.add_noise(("ambiguity", key), variance)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
         self.arcs.record(time, measured)
+        self._learn_noise(time, interval, received, sky, clock, innovation)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         if not update.has_failed:
@@ -214,6 +303,8 @@ class RelativeFilter:
             wavelength = float(measured.wavelength[row])
             mean = arc.phase - wavelength * arc.offset_cycles - expected_phase
             state.add(("ambiguity", key), mean, _UNKNOWN_AMBIGUITY_SIGMA**2)
+            if self._slow_phase.sigma > 0.0 and ("phase_error", key) not in state:
+                state.add(("phase_error", key), 0.0, self._slow_phase.sigma**2)
 
     def _end_arc(self, key: SignalKey) -> None:
         """End an arc; remove its ambiguity, and the bias of its group without other integers."""
@@ -223,6 +314,127 @@ class RelativeFilter:
         state.remove([("ambiguity", key)])
         if had_integer and key.group not in self.arcs.fixed_groups():
             state.remove([("phase_bias", key.group)])
+
+    def _learn_noise(
+        self,
+        time: GpsTime,
+        interval: float,
+        received: SingleDifferences,
+        sky: Sky,
+        clock: float,
+        innovation: Innovation,
+    ) -> None:
+        """Learn from the residuals of an epoch how noisy codes and phases are.
+
+        `received` has the variances that the receivers state; the sky is that of `clock`, m.
+        """
+        count = len(received)
+        groups = list(dict.fromkeys(key.group for key in received.keys))
+        common = np.zeros((count, 3 + len(groups)))
+        common[:, :3] = -sky.direction
+        columns = [3 + groups.index(key.group) for key in received.keys]
+        common[np.arange(count), columns] = 1.0
+        common[:, 3] = sky.clock_rate
+        cycles, is_continued = np.full(count, np.nan), np.zeros(count, dtype=bool)
+        for row, key in enumerate(received.keys):
+            arc = self.arcs[key]
+            is_continued[row] = arc.epochs > 1
+            if arc.integer is not None:
+                cycles[row] = arc.integer + arc.offset_cycles
+        is_scattered = self.scatter.is_scattered(received)
+        if 2 * np.count_nonzero(is_scattered) > count:
+            is_scattered[:] = False
+        used = innovation.is_used
+        labels = [label for label in self.state.labels if label[0] in PLASMA_KINDS]
+        sigmas = [self._plasma_sigma(label) for label in labels]
+        plasma = phase_plasma(received, sky)[:, : len(labels)] * np.array(sigmas)
+        self.noise.learn(
+            time,
+            interval,
+            EpochResiduals(
+                measured=received,
+                predicted=sky.predicted + clock,
+                integer_cycles=cycles,
+                is_phase_continued=is_continued,
+                common=common,
+                plasma=plasma,
+                is_code_sample=used[:count],
+                is_phase_sample=used[count : 2 * count] & ~is_scattered,
+            ),
+        )
+        self._follow_slow_phase(self.noise.phase.slow)
+        if self.configuration.has_plasma and self.configuration.plasma_shell_heights:
+            self._learn_gradients()
+
+    def _learn_thrust_noise(self, change: FloatArray, expected: float) -> None:
+        """Adapt the white error of the thrust to the corrections of the position while it acts.
+
+        A correction (m) has the variance that the update takes off the position, `expected` (m2),
+        if the process noise is right (covariance matching: Mehra 1970). The logarithm of the
+        variance follows their ratio step by step (Robbins and Monro 1951).
+        """
+        if self._velocity_change == 0.0 or not expected > 0.0:
+            return
+        gained = (self.thrust_sigma * self._velocity_change) ** 2
+        share = gained / (gained + _VELOCITY_NOISE**2)
+        ratio = min(float(change @ change) / expected, _LARGEST_CORRECTION)
+        sigma = self.thrust_sigma * math.exp(0.5 * _THRUST_GAIN * share * (ratio - 1.0))
+        self.thrust_sigma = min(max(sigma, _THRUST_SIGMAS[0]), _THRUST_SIGMAS[1])
+
+    def _follow_slow_phase(self, slow: SlowError) -> None:
+        """Give the slow errors of the phases in the state another sigma and correlation time."""
+        state, last = self.state, self._slow_phase
+        if slow.sigma == 0.0 and last.sigma == 0.0:
+            return
+        labels = [label for label in state.labels if label[0] == "phase_error"]
+        ratio = slow.sigma / last.sigma if last.sigma > 0.0 else math.inf
+        if 1.0 / _SIGMA_STEP < ratio < _SIGMA_STEP:
+            self._slow_phase = SlowError(last.sigma, slow.correlation_time)
+            return
+        self._slow_phase = slow
+        if ratio < 1.0:
+            sigma = max(slow.sigma, _NEGLIGIBLE_SLOW_SIGMA)
+            state.reweigh(labels, last.sigma**2, sigma**2)
+            if slow.sigma == 0.0:
+                state.remove(labels)
+            return
+        self._doubt(last, slow)
+        if last.sigma > 0.0:
+            state.reweigh(labels, last.sigma**2, slow.sigma**2)
+        for key in self.arcs.arcs:
+            if ("phase_error", key) not in state:
+                state.add(("phase_error", key), 0.0, slow.sigma**2)
+
+    def _learn_gradients(self) -> None:
+        """Adapt the a priori sigma of the horizontal gradients of the plasma to their estimates.
+
+        Expectation maximisation (Dempster, Laird and Rubin 1977): the expected squares of the
+        gradients, and those of so many quiet ones, give the variance.
+        """
+        if len(self.arcs.fixed_groups()) == 0:
+            return
+        state, quiet = self.state, self.configuration.plasma_quiet_gradient_tecu_per_deg
+        labels = [label for label in state.labels if label[-1] in ("north", "east")]
+        columns = [state.index(label) for label in labels]
+        squares = state.mean[columns] ** 2 + np.diagonal(state.covariance)[columns]
+        total = float(squares.sum()) + _QUIET_GRADIENTS * quiet**2
+        sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
+        if not 1.0 / _SIGMA_STEP < sigma / self._gradient_sigma < _SIGMA_STEP:
+            state.reweigh(labels, self._gradient_sigma**2, sigma**2)
+            self._gradient_sigma = sigma
+
+    def _doubt(self, last: SlowError, slow: SlowError) -> None:
+        """Raise the covariance of what was estimated from phases with larger slow errors."""
+
+        def power(error: SlowError) -> float:
+            return _WHITE_PHASE_POWER + 2.0 * error.sigma**2 * error.correlation_time
+
+        factor = min(power(slow) / power(last), _LARGEST_DOUBT)
+        kinds = ("motion", "phase_bias", "ambiguity")
+        scale = np.array(
+            [math.sqrt(factor) if kind in kinds else 1.0 for kind, *_ in self.state.labels]
+        )
+        self.state.covariance *= scale[:, None] * scale
 
     def _reject_faults(
         self,
@@ -406,6 +618,11 @@ class RelativeFilter:
         distance = float(np.linalg.norm(position))
         rate = float(position @ velocity) / distance
         return latency, sigma, measured.range - distance - latency * rate
+
+
+def _shell_members(shell: int) -> list[Label]:
+    """Return the members of a shell: content above the chief, gradients to north and to east."""
+    return [("plasma_shell", shell, name) for name in ("content", "north", "east")]
 
 
 def _with_phase_noise(measured: SingleDifferences, innovation: Innovation) -> SingleDifferences:

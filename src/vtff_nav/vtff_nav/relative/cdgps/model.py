@@ -21,12 +21,19 @@ from vtff_nav.relative.common.solution import LaserMeasurement
 
 __all__ = [
     "DENSITY_UNIT",
+    "PLASMA_KINDS",
     "Sky",
     "code_biases",
     "measurement_innovation",
-    "plasma_paths",
     "make_sky",
+    "north_and_east",
+    "phase_plasma",
+    "plasma_paths",
+    "shell_paths",
 ]
+
+PLASMA_KINDS = ("plasma", "plasma_shell")
+"""Kinds of the members of the plasma, in the order of the columns of `Sky.plasma`."""
 
 DENSITY_UNIT = 1e12
 """Electrons per m3 in the unit of the states ``("plasma", layer)``."""
@@ -46,8 +53,9 @@ class Sky:
     clock_rate : ndarray
         Derivative of the single difference by the receiver clock of the deputy (m by m). It is not
         1 because the time of reception, and so the range, depends on the clock.
-    plasma : ndarray, shape (n, layers)
-        Differential slant content of each layer, TECU, for a density of `DENSITY_UNIT`.
+    plasma : ndarray, shape (n, layers + 3 shells)
+        Differential slant content, TECU, of each layer for a density of `DENSITY_UNIT`, and of
+        each shell for 1 TECU and for gradients of 1 TECU/deg to north and to east.
     elevation, azimuth : ndarray
         Direction of the satellites at the chief, rad.
     antenna_offset : ndarray, shape (n, k)
@@ -67,6 +75,7 @@ def make_sky(
     measured: SingleDifferences,
     geometry: Geometry,
     positions_itrf: FloatArray,
+    positions: FloatArray,
     configuration: CdgpsConfiguration,
     rotations_body: FloatArray | None = None,
 ) -> Sky:
@@ -76,8 +85,8 @@ def make_sky(
     ----------
     measured : SingleDifferences
     geometry : Geometry
-    positions_itrf : ndarray, shape (2, 3)
-        Positions of chief and deputy, m.
+    positions_itrf, positions : ndarray, shape (2, 3)
+        Positions of chief and deputy, ITRF and navigation axes, m.
     configuration : CdgpsConfiguration
     rotations_body : ndarray, shape (2, 3, 3), optional
         From the body axes of chief and deputy to the navigation axes, where antennas are given.
@@ -98,11 +107,19 @@ def make_sky(
         predicted=predicted,
         direction=geometry.direction[1, columns],
         clock_rate=1.0 - geometry.range_rate[1, columns] / SPEED_OF_LIGHT,
-        plasma=plasma_paths(
-            float(np.linalg.norm(positions_itrf[0])),
-            height_deputy - height_chief,
-            elevation,
-            configuration.plasma_layers,
+        plasma=np.hstack(
+            (
+                plasma_paths(
+                    float(np.linalg.norm(positions_itrf[0])),
+                    height_deputy - height_chief,
+                    elevation,
+                    configuration.plasma_layers,
+                ),
+                *(
+                    shell_paths(positions, geometry.direction[:, columns], height)
+                    for height in configuration.plasma_shell_heights
+                ),
+            )
         ),
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
@@ -150,6 +167,49 @@ def plasma_paths(
     return np.asarray(np.array(columns).T * (DENSITY_UNIT / ELECTRONS_PER_TECU))
 
 
+def shell_paths(positions: FloatArray, direction: FloatArray, height: float) -> FloatArray:
+    """Return the differential slant content of a shell whose content differs from place to place.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (2, 3)
+        Chief and deputy, m; the third axis is that of the Earth.
+    direction : ndarray, shape (2, n, 3)
+        Unit vectors to the satellites, same axes.
+    height : float
+        Height of the shell above the chief, m.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        TECU, deputy less chief: for a vertical content of 1 TECU everywhere, and for one that grows
+        by 1 TECU/deg to north or to east from zero above the chief. The vertical content is
+        divided by the sine of the elevation where a ray pierces the shell (single-layer model,
+        Schaer 1999, section 2.3.3).
+    """
+    radius = np.linalg.norm(positions, axis=1)[:, None]
+    shell = radius[0, 0] + height
+    up = np.einsum("rni,ri->rn", direction, positions) / radius
+    up_there = np.sqrt(1.0 - (radius / shell) ** 2 * (1.0 - up**2))
+    pierce = positions[:, None] + (shell * up_there - radius * up)[..., None] * direction
+    sines = pierce @ north_and_east(positions[0]).T / shell
+    content = np.ones((*up.shape, 3))
+    content[..., 1:] = np.degrees(np.arcsin(np.clip(sines, -1.0, 1.0)))
+    content /= up_there[..., None]
+    return np.asarray(content[1] - content[0])
+
+
+def north_and_east(position: FloatArray) -> FloatArray:
+    """Return unit vectors to north and east at a position, shape (2, 3), in its axes.
+
+    The third axis is that of the Earth; at the poles, where there is no north, east is zero.
+    """
+    zenith = position / np.linalg.norm(position)
+    east = np.array([-zenith[1], zenith[0], 0.0])
+    east /= max(float(np.linalg.norm(east)), 1e-6)
+    return np.array([np.cross(zenith, east), east])
+
+
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:
     """Return the estimated receiver biases of the codes, m, shape (n,)."""
     return np.array(
@@ -193,10 +253,16 @@ def measurement_innovation(
     columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
     design[rows + count, columns] = 1.0
+    slow_errors = np.zeros(count)
+    for row, key in enumerate(measured.keys):
+        if ("phase_error", key) in state:
+            slow = state.index(("phase_error", key))
+            design[count + row, slow] = 1.0
+            slow_errors[row] = state.mean[slow]
     has_bias = code_columns >= 0
     design[rows[has_bias], code_columns[has_bias]] = 1.0
     predicted[code] += np.where(has_bias, state.mean[code_columns], 0.0)
-    predicted[phase] += state.mean[columns] + cycles * measured.wavelength
+    predicted[phase] += state.mean[columns] + slow_errors + cycles * measured.wavelength
     values = np.empty(size)
     values[code], values[phase] = measured.code, measured.phase
     variances = np.empty(size)
@@ -211,6 +277,12 @@ def measurement_innovation(
     return state.innovation(design, values - predicted, variances, nuisance)
 
 
+def phase_plasma(measured: SingleDifferences, sky: Sky) -> FloatArray:
+    """Return the derivatives of phases by the members of the plasma, m, shape (n, members)."""
+    scale = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2
+    return np.asarray(-scale[:, None] * sky.plasma)
+
+
 def _add_plasma(
     design: FloatArray,
     predicted: FloatArray,
@@ -218,13 +290,12 @@ def _add_plasma(
     measured: SingleDifferences,
     sky: Sky,
 ) -> None:
-    """Add the layers of the ionosphere, which delay codes and advance phases."""
+    """Add the ionosphere, which delays codes and advances phases."""
     if ("plasma", 0) not in state:
         return
     count = len(measured)
-    scale = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2
-    delay = scale[:, None] * sky.plasma
-    columns = [state.index(("plasma", layer)) for layer in range(delay.shape[1])]
+    delay = -phase_plasma(measured, sky)
+    columns = [index for index, label in enumerate(state.labels) if label[0] in PLASMA_KINDS]
     design[:count, columns] = delay
     design[count : 2 * count, columns] = -delay
     total = delay @ state.mean[columns]

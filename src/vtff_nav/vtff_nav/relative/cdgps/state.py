@@ -189,6 +189,39 @@ class GaussianState:
         covariance[:, :count] = covariance[:, :count] @ transition.T
         covariance[:count, :count] += noise
 
+    def couple(
+        self, targets: Sequence[Label], coupling: FloatArray, sources: Sequence[Label]
+    ) -> None:
+        """Add linear functions of some members to others.
+
+        Parameters
+        ----------
+        targets, sources : sequence of Label
+            k and m members, none of them in both.
+        coupling : ndarray, shape (k, m)
+            Derivatives of the targets by the sources.
+        """
+        rows = [self._index_of[label] for label in targets]
+        columns = [self._index_of[label] for label in sources]
+        self.mean[rows] += coupling @ self.mean[columns]
+        covariance = self.covariance
+        covariance[rows, :] += coupling @ covariance[columns, :]
+        covariance[:, rows] += covariance[:, columns] @ coupling.T
+
+    def predict_gauss_markov_members(self, decay: FloatArray, steady_variance: FloatArray) -> None:
+        """Propagate all members as first-order Gauss-Markov processes of zero mean.
+
+        Parameters
+        ----------
+        decay : ndarray, shape (n,)
+            Factors of the means over the step, exp(-step / correlation time); 1 for constants.
+        steady_variance : ndarray, shape (n,)
+            Variances that are reached without measurements.
+        """
+        self.mean *= decay
+        self.covariance *= decay[:, None] * decay
+        self.covariance.flat[:: len(self) + 1] += (1.0 - decay**2) * steady_variance
+
     def predict_gauss_markov(self, label: Label, decay: float, steady_variance: float) -> None:
         """Propagate a first-order Gauss-Markov member of zero mean.
 
@@ -210,6 +243,30 @@ class GaussianState:
         """Add a variance to a member: process noise of a random walk."""
         index = self._index_of[label]
         self.covariance[index, index] += variance
+
+    def reweigh(self, labels: Sequence[Label], last: float, variance: float) -> None:
+        """Give Gauss-Markov members of zero mean another steady-state variance.
+
+        Parameters
+        ----------
+        labels : sequence of Label
+        last, variance : float
+            Variance that was assumed so far, and the one from now on; both more than zero.
+
+        Notes
+        -----
+        That a member is smaller than was assumed is the same as a measurement of zero, whose
+        information is the difference of both. For constant members that is exact.
+        """
+        columns = [self._index_of[label] for label in labels]
+        if variance > last:
+            self.covariance[columns, columns] += variance - last
+        elif variance < last and labels:
+            design = np.zeros((len(columns), len(self)))
+            design[np.arange(len(columns)), columns] = 1.0
+            noise = np.full(len(columns), 1.0 / (1.0 / variance - 1.0 / last))
+            empty = np.zeros((len(columns), 0))
+            self.update(self.innovation(design, -self.mean[columns], noise, empty))
 
     def innovation(
         self, design: FloatArray, values: FloatArray, variances: FloatArray, nuisance: FloatArray

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,7 +23,7 @@ from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, norm, skew
 
 __all__ = [
     "DYNAMIC_STATES",
@@ -32,6 +32,7 @@ __all__ = [
     "MotionNoise",
     "OrbitalMotion",
     "Prediction",
+    "THRUST_ERRORS",
     "ThrustInterval",
     "TerrestrialMotion",
 ]
@@ -41,6 +42,9 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
+
+THRUST_ERRORS = 4
+"""Number of errors of a thrust: scale, and misalignment about three axes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,13 +80,22 @@ class MotionNoise:
         Steady-state sigma of the Gauss-Markov empirical acceleration on each RTN axis, m/s2.
     empirical_time : float
         Correlation time of the empirical acceleration, s.
+    gradient_sigma : float
+        Sigma that the empirical acceleration has in addition for each metre between both antennas,
+        1/s2: gradients of forces that the model leaves out. For a difference only.
     kinematic_acceleration : float
         Root of the spectral density of white acceleration in kinematic motion, m/s2/sqrt(Hz).
     """
 
     empirical_sigma: float
     empirical_time: float = 900.0
+    gradient_sigma: float = 0.0
     kinematic_acceleration: float = 10.0
+
+    def at_distance(self, distance: float) -> MotionNoise:
+        """Return the noise of the difference of two antennas at a distance, m."""
+        sigma = math.hypot(self.empirical_sigma, self.gradient_sigma * distance)
+        return replace(self, empirical_sigma=sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +110,9 @@ class Prediction:
         Derivatives by the states at the start.
     noise_chief, noise_relative : ndarray, shape (9, 9)
         Process noise.
+    thrust_coupling : ndarray, shape (9, 4)
+        Derivatives of the difference by the errors of the thrust: its scale, and its misalignment
+        (rotation vector in the RTN axes of the thrust, rad). `relative` is without such errors.
     """
 
     chief: FloatArray
@@ -105,6 +121,7 @@ class Prediction:
     transition_relative: FloatArray
     noise_chief: FloatArray
     noise_relative: FloatArray
+    thrust_coupling: FloatArray
 
 
 class OrbitalMotion:
@@ -115,8 +132,6 @@ class OrbitalMotion:
     force_model : ForceModel
         Forces on both spacecraft.
     noise_chief, noise_relative : MotionNoise
-    thrust_relative_sigma : float
-        Error of the thrust on each axis, relative to its magnitude.
     force_model_deputy : ForceModel, optional
         Forces on the deputy where they differ (mass, cross-section); `force_model` by default.
     integrator : str
@@ -138,7 +153,6 @@ class OrbitalMotion:
         force_model: ForceModel,
         noise_chief: MotionNoise,
         noise_relative: MotionNoise,
-        thrust_relative_sigma: float,
         force_model_deputy: ForceModel | None = None,
         integrator: str = "rk4",
         longest_step: float = 5.0,
@@ -153,7 +167,6 @@ class OrbitalMotion:
         self._model_deputy = force_model_deputy or force_model
         self._noise_chief = noise_chief
         self._noise_relative = noise_relative
-        self._thrust_relative_sigma = thrust_relative_sigma
 
     def predict(
         self,
@@ -162,6 +175,7 @@ class OrbitalMotion:
         chief: FloatArray,
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
+        thrust_sigma: float = 0.0,
     ) -> Prediction:
         """Propagate both states by `duration` seconds.
 
@@ -176,33 +190,44 @@ class OrbitalMotion:
             empirical acceleration of the deputy is the sum of both.
         thrust : sequence of ThrustInterval
             Thrust of the deputy; intervals outside the time propagated have no effect.
+        thrust_sigma : float
+            White error of the thrust on each axis, relative to its magnitude.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
         phi_chief = phi_relative = np.eye(DYNAMIC_STATES)
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
+        coupling = np.zeros((DYNAMIC_STATES, THRUST_ERRORS))
+        noise_model = self._noise_relative.at_distance(norm(relative[:3]))
         thrust_axes: dict[GpsTime, FloatArray] = {}
         for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
-            thrust_gcrf = np.zeros(3)
+            thrust_gcrf, by_error = np.zeros(3), np.zeros((3, THRUST_ERRORS))
             for interval in thrust:
                 if interval.start <= start < interval.end:
                     # The axes of the first step of the interval are kept for all its steps.
                     axes = thrust_axes.setdefault(interval.start, to_gcrf)
                     thrust_gcrf = thrust_gcrf + axes @ interval.acceleration_rtn
+                    by_error[:, 0] = thrust_gcrf
+                    by_error[:, 1:] -= axes @ skew(interval.acceleration_rtn)
             phi = transition_matrix(chief[:3], to_gcrf, step, self._noise_chief.empirical_time)
             noise = empirical_noise(self._noise_chief, to_gcrf, step)
             phi_chief, noise_chief = phi @ phi_chief, phi @ noise_chief @ phi.T + noise
             middle = chief[:3] + 0.5 * relative[:3]
             phi = transition_matrix(middle, to_gcrf, step, self._noise_relative.empirical_time)
-            noise = empirical_noise(self._noise_relative, to_gcrf, step)
-            thrust_error = self._thrust_relative_sigma * float(np.linalg.norm(thrust_gcrf))
+            noise = empirical_noise(noise_model, to_gcrf, step)
+            thrust_error = thrust_sigma * float(np.linalg.norm(thrust_gcrf))
             if thrust_error > 0.0:
                 noise = noise + white_acceleration_noise(thrust_error, step)
+            coupling = phi @ coupling
+            coupling[:3] += 0.5 * step**2 * by_error
+            coupling[3:6] += step * by_error
             phi_relative = phi @ phi_relative
             noise_relative = phi @ noise_relative @ phi.T + noise
             self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf)
-        return Prediction(chief, relative, phi_chief, phi_relative, noise_chief, noise_relative)
+        return Prediction(
+            chief, relative, phi_chief, phi_relative, noise_chief, noise_relative, coupling
+        )
 
     def _advance(
         self,
@@ -277,6 +302,7 @@ class TerrestrialMotion:
         chief: FloatArray,
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
+        thrust_sigma: float = 0.0,
     ) -> Prediction:
         """Propagate by `duration` seconds; see `OrbitalMotion.predict`. Thrust has no effect."""
         states, transitions, noises = [], [], []
@@ -296,6 +322,7 @@ class TerrestrialMotion:
             transition_relative=transitions[1],
             noise_chief=noises[0],
             noise_relative=noises[1],
+            thrust_coupling=np.zeros((DYNAMIC_STATES, THRUST_ERRORS)),
         )
 
     @staticmethod

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_nav.relative.common.antenna_correction import AntennaPair
@@ -19,8 +19,8 @@ class EstimatorSetting:
 
     Parameters
     ----------
-    force_model : ForceModel
-        Forces of the motion model.
+    force_model : ForceModel or None
+        Forces of the motion model; None for the filter's own choice.
     measurement_noise : MeasurementNoise
         Noise of each receiver.
     bands : mapping of int to tuple of int, or None
@@ -37,15 +37,23 @@ class EstimatorSetting:
         Longest step of integration, s.
     empirical_acceleration_sigma : float
         Unmodelled relative acceleration, m/s2.
+    empirical_gradient_sigma : float
+        What is added to it for each metre of separation, 1/s2.
     thrust_sigma : float
-        Error of the thrust as a part of its magnitude.
+        White error of the thrust as a part of its magnitude.
+    thrust_scale_sigma, thrust_misalignment_sigma_deg : float
+        A priori sigmas of scale and misalignment of the thrust.
+    slow_phase_sigma, slow_code_sigma, slow_error_time : float
+        Slow errors of a receiver, m, and their correlation time, s, before they are estimated.
+    plasma_gradient_sigma : float
+        Horizontal gradient of the vertical TEC above the spacecraft, TECU/deg.
     success_rate : float
         Success rate that integers must have.
     antennas : AntennaPair or None
         Where the antennas are; None: in the centres of mass.
     """
 
-    force_model: ForceModel = field(default_factory=ForceModel)
+    force_model: ForceModel | None = None
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] | None = None
     elevation_mask_deg: float = 5.0
@@ -54,6 +62,13 @@ class EstimatorSetting:
     integrator: str = "rk4"
     longest_step: float = 5.0
     empirical_acceleration_sigma: float = 5e-8
-    thrust_sigma: float = 5e-4
+    empirical_gradient_sigma: float = 6e-11
+    thrust_sigma: float = 0.01
+    thrust_scale_sigma: float = 0.05
+    thrust_misalignment_sigma_deg: float = 2.0
+    slow_phase_sigma: float = 0.003
+    slow_code_sigma: float = 0.3
+    slow_error_time: float = 100.0
+    plasma_gradient_sigma: float = 2.0
     success_rate: float = 0.999
     antennas: AntennaPair | None = None

@@ -104,7 +104,7 @@ class PaperEstimator(EstimatorInputs):
             elevation_mask_deg=self.configuration.elevation_mask_deg,
         )
         self._motion = OrbitalMotion(
-            self.configuration.force_model, orbit.noise_chief, orbit.noise_relative, 0.0
+            self.configuration.force_model, orbit.noise_chief, orbit.noise_relative
         )
         self._chief = AbsoluteFilter(orbit)
         noise = self.configuration.measurement_noise

@@ -1,0 +1,1 @@
+"""Noise of code and phase, estimated from the measurements."""
