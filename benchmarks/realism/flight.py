@@ -396,5 +396,11 @@ def fly(
     if world.phase_noise is None:
         return flight
     return dataclasses.replace(
-        flight, bound_rms=bound_rms(recording, world.phase_noise, world.interval)
+        flight,
+        bound_rms=bound_rms(
+            recording,
+            world.phase_noise,
+            world.interval,
+            world.broadcast_sigma,
+        ),
     )

@@ -120,6 +120,8 @@ class World:
         in the RMS, and NEES within is printed apart.
     phase_noise : PhaseNoise or None
         Noise for which the covariance bound is computed.
+    broadcast_sigma : float
+        Sigma of broadcast orbits (each axis) and clocks in that bound, m.
     must : Must
     """
 
@@ -136,6 +138,7 @@ class World:
     change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: setting
     outages: tuple[tuple[float, float], ...] = ()
     phase_noise: PhaseNoise | None = None
+    broadcast_sigma: float = 0.0
     must: Must = field(default_factory=Must)
 
     def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
@@ -394,8 +397,19 @@ WORLDS: dict[str, World] = {
         change_scenario=exact_thrust,
         must=Must(3.0),
     ),
-    "broadcast": World(change_gnss=broadcast_errors, must=Must(0.45)),
-    "broadcast_5km": World(distance=5e3, change_gnss=broadcast_errors, must=Must(0.8)),
+    "broadcast": World(
+        change_gnss=broadcast_errors,
+        phase_noise=PhaseNoise(0.001),
+        broadcast_sigma=1.5,
+        must=Must(0.45),
+    ),
+    "broadcast_5km": World(
+        distance=5e3,
+        change_gnss=broadcast_errors,
+        phase_noise=PhaseNoise(0.001),
+        broadcast_sigma=1.5,
+        must=Must(0.8),
+    ),
     "multipath_1mm": World(
         change_gnss=multipath(0.001, 0.1),
         seconds=3600,

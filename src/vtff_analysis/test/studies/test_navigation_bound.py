@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vtff_analysis.studies.navigation_bound import PhaseNoise, PhaseSky, position_sigmas
+from vtff_analysis.studies.navigation_bound import PhaseNoise, PhaseSky, motion_covariances
 
 STILL = np.eye(9)
 NO_NOISE = np.zeros((9, 9))
@@ -29,6 +29,12 @@ def dilution(epoch: PhaseSky) -> float:
     directions = epoch.directions[: len(set(epoch.signals)) // len(set(epoch.groups))]
     design = np.column_stack((directions, np.ones(len(directions))))
     return float(np.sqrt(np.trace(np.linalg.inv(design.T @ design)[:3, :3])))
+
+
+def position_sigmas(epochs: list, noise: PhaseNoise) -> np.ndarray:
+    """Return the 3-D sigma of position at each epoch."""
+    covariances = motion_covariances(epochs, noise)
+    return np.sqrt(np.trace(covariances[:, :3, :3], axis1=1, axis2=2))
 
 
 def test_one_epoch_is_least_squares():

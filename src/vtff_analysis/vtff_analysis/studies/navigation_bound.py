@@ -17,7 +17,7 @@ import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["PhaseNoise", "PhaseSky", "position_sigmas"]
+__all__ = ["PhaseNoise", "PhaseSky", "motion_covariances"]
 
 _UNKNOWN_POSITION_SIGMA = 10.0
 _UNKNOWN_VELOCITY_SIGMA = 1.0
@@ -33,7 +33,7 @@ class PhaseNoise:
     white_sigma : float
         Of each epoch.
     slow_sigma : float
-        Of the Gauss-Markov process of each signal; 0: there is none.
+        Of the Gauss-Markov processes; 0: there are none.
     correlation_time : float
         Of these processes, s.
     """
@@ -50,7 +50,7 @@ class PhaseSky:
     Parameters
     ----------
     signals : sequence of hashable, of length m
-        Name of each phase; one process goes with a name.
+        Name of the Gauss-Markov process of each phase: its own, or one of all of a satellite.
     groups : sequence of hashable, of length m
         Phases of one group share a receiver bias.
     directions : ndarray, shape (m, 3)
@@ -65,7 +65,7 @@ class PhaseSky:
     nuisance: FloatArray
 
 
-def position_sigmas(
+def motion_covariances(
     epochs: Iterable[tuple[PhaseSky, FloatArray, FloatArray]],
     noise: PhaseNoise,
     interval: float = 1.0,
@@ -73,7 +73,7 @@ def position_sigmas(
     nuisance_sigma: float = 1.0,
     nuisance_time: float = 1200.0,
 ) -> FloatArray:
-    """Return the smallest 3-D sigma of the relative position after each epoch, m, shape (n,).
+    """Return the smallest covariance of relative position and velocity at epochs, (n, 6, 6).
 
     Parameters
     ----------
@@ -89,7 +89,7 @@ def position_sigmas(
         Steady-state sigma and correlation time (s) of the further parameters, Gauss-Markov.
     """
     recursion: _Recursion | None = None
-    sigmas = []
+    covariances = []
     for sky, transition, process_noise in epochs:
         if recursion is None:
             count = sky.nuisance.shape[1]
@@ -97,8 +97,8 @@ def position_sigmas(
         else:
             recursion.predict(interval, transition, process_noise)
         recursion.update(sky)
-        sigmas.append(math.sqrt(float(np.trace(recursion.covariance[:3, :3]))))
-    return np.array(sigmas)
+        covariances.append(recursion.covariance[:6, :6].copy())
+    return np.array(covariances)
 
 
 class _Recursion:
