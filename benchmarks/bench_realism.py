@@ -49,6 +49,8 @@ where it is above what is wanted, 1.2 times the bound is wanted."""
 def main() -> int:
     """Fly the worlds and print their figures."""
     given = parse_arguments()
+    # SIGTERM ends as Ctrl-C does: otherwise the processes of the pool would stay.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return fly_worlds(given)
     except KeyboardInterrupt:
@@ -159,6 +161,7 @@ def fly_worlds(given: argparse.Namespace) -> int:
 def _ignore_interrupts() -> None:
     """Leave Ctrl-C to the first process, which ends the others."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
 class Progress:
