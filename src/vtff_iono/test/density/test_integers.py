@@ -11,7 +11,7 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, SYSTEM_GPS
 from vtff_gnss.signals import SignalKey
 from vtff_iono.density.integer_datum import IntegerDatum
-from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.integer_resolution import IntegerResolver, WeightedMean
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 
@@ -55,6 +55,19 @@ def test_without_a_connection_the_datum_is_another():
     datum = IntegerDatum()
     datum.update(relative_to(1, {1: 0.0, 2: 1.0}), unbroken([1, 2]))
     datum.update(relative_to(3, {3: 0.0, 4: 1.0}), unbroken([3, 4]))
+    assert datum.number == 2
+
+
+def test_another_datum_needs_more_integers_than_are_held():
+    """As many integers without a connection are no reason to give the constant up."""
+    datum = IntegerDatum()
+    first = datum.update(relative_to(1, {1: 0.0, 2: 1.0}), unbroken([1, 2]))
+    assert datum.update(relative_to(3, {3: 0.0, 4: 1.0}), unbroken([1, 2, 3, 4])) == first
+    assert datum.number == 1
+    more = {3: 0.0, 4: 1.0, 5: 2.0}
+    assert datum.update(relative_to(3, more), unbroken([1, 2, 3, 4, 5])).keys() == {
+        signal(prn) for prn in more
+    }
     assert datum.number == 2
 
 
@@ -140,3 +153,15 @@ def test_an_integer_is_certain_five_sigmas_from_half_a_cycle(error, is_certain):
         if integers is not None:
             break
     assert integers == ((0.0, 0.0) if is_certain else None)
+
+
+def test_the_sigma_of_a_mean_is_that_of_its_samples_from_two_on():
+    mean, values = WeightedMean(), [3.0, 5.0, 1.0]
+    sigmas = []
+    for value in values:
+        mean.add(value)
+        sigmas.append(mean.sigma())
+    assert sigmas[0] == np.inf
+    expected = [np.std(values[:n], ddof=1) / np.sqrt(n) for n in (2, 3)]
+    assert sigmas[1:] == pytest.approx(expected)
+    assert mean.mean == pytest.approx(3.0)

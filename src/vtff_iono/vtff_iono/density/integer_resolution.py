@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_iono.links.geometry_free import tecu_per_metre
 
-__all__ = ["IntegerResolver"]
+__all__ = ["IntegerResolver", "WeightedMean"]
 
 # Fewest seconds of data for a decision, and the margin to the next integer in sigmas.
 _FEWEST_SECONDS = 4
@@ -34,7 +34,7 @@ _PREDICTION_FLOOR = 0.02
 
 
 @dataclass
-class _WeightedMean:
+class WeightedMean:
     """Running mean and scatter of weighted samples."""
 
     weight: float = 0.0
@@ -43,6 +43,7 @@ class _WeightedMean:
     squares: float = 0.0
 
     def add(self, value: float, weight: float = 1.0) -> None:
+        """Add a sample (West 1979, updating mean and variance estimates)."""
         self.weight += weight
         self.count += 1
         deviation = value - self.mean
@@ -69,9 +70,9 @@ class IntegerResolver:
         scale = tecu_per_metre(frequency_first, frequency_second)
         self._first_tecu = scale * SPEED_OF_LIGHT / frequency_first
         self._both_tecu = self._first_tecu - scale * SPEED_OF_LIGHT / frequency_second
-        self._bias = _WeightedMean()
+        self._bias = WeightedMean()
         # Mean wide lane and mean excess content of each arc without integers.
-        self._unresolved: dict[Hashable, tuple[_WeightedMean, _WeightedMean]] = {}
+        self._unresolved: dict[Hashable, tuple[WeightedMean, WeightedMean]] = {}
 
     def __len__(self) -> int:
         """Return the number of arcs whose samples are kept because they have no integers yet."""
@@ -79,7 +80,7 @@ class IntegerResolver:
 
     def reset(self) -> None:
         """Forget everything, because the integers have another datum."""
-        self._bias = _WeightedMean()
+        self._bias = WeightedMean()
         self._unresolved.clear()
 
     def keep_only(self, arcs: Container[Hashable]) -> None:
@@ -119,7 +120,7 @@ class IntegerResolver:
         """
         if not math.isfinite(wide_lane_cycles + excess_tecu):
             return None
-        wide_lane, excess = self._unresolved.setdefault(arc, (_WeightedMean(), _WeightedMean()))
+        wide_lane, excess = self._unresolved.setdefault(arc, (WeightedMean(), WeightedMean()))
         wide_lane.add(wide_lane_cycles, float(samples))
         excess.add(excess_tecu)
         if excess.count < _FEWEST_SECONDS or self._bias.count < _FEWEST_SECONDS:
