@@ -447,6 +447,14 @@ WORLDS: dict[str, World] = {
         change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=0.115)),
         must=Must(fixed_percent=100.0),
     ),
+    # What antennas without calibration may have, stated: 1.8 mm in the mean.
+    "maps_stated": World(
+        change_gnss=antennas(0.006, None),
+        change_setting=given_antennas(
+            Antenna(phase_map_sigma=0.0018), Antenna(phase_map_sigma=0.0018)
+        ),
+        must=Must(fixed_percent=100.0),
+    ),
     "maps_not_given": World(
         change_gnss=antennas(0.006, None), must=Must(nees=(0.0, 3.0), degraded_percent=None)
     ),
