@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import functools
 from typing import Any
-
-import novatel_edie
-from novatel_edie import oem
 
 __all__ = ["MessageDecoder", "log_name"]
 
 LONG_BINARY_SYNC = b"\xaa\x44\x12"
 
-_DATABASE = oem.get_builtin_database()
-# What novatel_edie raises; MemoryError at counts that the payload contradicts.
-_DECODING_ERRORS = (novatel_edie.NovatelEdieException, RuntimeError, ValueError, MemoryError)
+
+@functools.cache
+def _database() -> Any:
+    """Return NovAtel's definitions, read when the first log is: many nodes never decode one."""
+    from novatel_edie import oem
+
+    return oem.get_builtin_database()
+
+
+@functools.cache
+def _decoding_errors() -> tuple[type[Exception], ...]:
+    """Return what novatel_edie raises; MemoryError at counts that the payload contradicts."""
+    import novatel_edie
+
+    return (novatel_edie.NovatelEdieException, RuntimeError, ValueError, MemoryError)
 
 
 def log_name(message_id: int) -> str:
     """Return the name of a log, without format suffix; ``"LOG<id>"`` if it is not defined."""
-    definition = _DATABASE.get_msg_def(message_id)
+    definition = _database().get_msg_def(message_id)
     return f"LOG{message_id}" if definition is None else str(definition.name)
 
 
@@ -30,6 +40,10 @@ class MessageDecoder:
     """
 
     def __init__(self) -> None:
+        import novatel_edie
+        from novatel_edie import oem
+
+        self._message_types = oem.Message | oem.Response
         novatel_edie.disable_internal_logging()
         self._parser = oem.Parser()
         self._parser.return_unknown_bytes = False
@@ -48,11 +62,11 @@ class MessageDecoder:
         try:
             self._parser.write(content)
             messages = list(self._parser)
-        except _DECODING_ERRORS:
+        except _decoding_errors():
             messages = []
         finally:
             self._parser.flush()
-        if len(messages) != 1 or not isinstance(messages[0], oem.Message | oem.Response):
+        if len(messages) != 1 or not isinstance(messages[0], self._message_types):
             return None
         # The parser looks for a frame inside a frame that it rejects.
         if content.startswith(LONG_BINARY_SYNC):
@@ -67,6 +81,6 @@ class MessageDecoder:
             return None
         try:
             binary = bytes(message.to_binary().message)
-        except _DECODING_ERRORS:
+        except _decoding_errors():
             return None
         return binary if binary.startswith(LONG_BINARY_SYNC) else None
