@@ -9,43 +9,48 @@ from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
 SYSTEM = "reference_software.yaml"
-#: Scenario time of the repetitions, s. An hour is compared once, between the two arrangements.
+#: Scenario time of the repetitions, s. The hour that is compared with them here is compared with
+#: the loop without ROS in test_graph_reference.py, bit for bit.
 SHORT = 600
 
 
 @pytest.fixture(scope="module")
-def four_runs(runs):
-    short = ("--duration", SHORT, "--no-report")
-    return {
-        "distributed_1": runs.make("distributed_1", SYSTEM)[0],
-        "distributed_2": runs.make("distributed_2", SYSTEM, *short)[0],
-        "composed_1": runs.make("composed_1", SYSTEM, "--composed", "--no-report")[0],
-        "composed_2": runs.make("composed_2", SYSTEM, "--composed", *short)[0],
+def make_run(runs):
+    """Return a function from the name of a run to its folder."""
+    arguments = {
+        "distributed_1": (),
+        "distributed_2": ("--duration", SHORT, "--no-report"),
+        "composed_1": ("--composed", "--duration", SHORT, "--no-report"),
+        "composed_2": ("--composed", "--duration", SHORT, "--no-report"),
+        "composed_hour": ("--composed", "--no-report"),
     }
+    return lambda name: runs.make(name, SYSTEM, *arguments[name])[0]
 
 
 @pytest.mark.parametrize(
     ("first", "second", "duration"),
     [
         ("distributed_1", "distributed_2", SHORT),
-        ("composed_1", "composed_2", SHORT),
-        ("distributed_1", "composed_1", None),
+        ("distributed_1", "composed_1", SHORT),
+        ("composed_1", "composed_2", None),
         ("distributed_2", "composed_2", None),
+        pytest.param("distributed_1", "composed_hour", None, marks=pytest.mark.slow),
     ],
 )
-def test_runs_are_equal_byte_for_byte(four_runs, first, second, duration):
-    names = topics(four_runs[first])
-    assert names == topics(four_runs[second])
+def test_runs_are_equal_byte_for_byte(make_run, first, second, duration):
+    first_run, second_run = make_run(first), make_run(second)
+    names = topics(first_run)
+    assert names == topics(second_run)
     assert len(names) >= 8
     end = None
     if duration is not None:
-        end = BagReader(four_runs[first]).start_time + duration * NANOSECONDS_PER_SECOND
+        end = BagReader(first_run).start_time + duration * NANOSECONDS_PER_SECOND
         names.remove("/sim/status")  # tells how long the run is to last
-    compared = assert_equal_messages(four_runs[first], four_runs[second], names, end)
+    compared = assert_equal_messages(first_run, second_run, names, end)
     assert compared > 6 * SHORT
 
 
-def test_another_controller_gives_other_messages(runs, four_runs):
+def test_another_controller_gives_other_messages(runs, make_run):
     """The comparison can fail."""
     other = runs.make(
         "other", SYSTEM, "sdre_controller.design:=delay_aware", "--duration", 60, "--composed",
@@ -53,7 +58,7 @@ def test_another_controller_gives_other_messages(runs, four_runs):
     )[0]  # fmt: skip
     topic = "/deputy/control/thrust_command"
     first, second = (
-        serialized_topics(run, [topic])[topic][:60] for run in (four_runs["composed_1"], other)
+        serialized_topics(run, [topic])[topic][:60] for run in (make_run("composed_1"), other)
     )
     assert len(first) == len(second) == 60
     assert first != second

@@ -75,7 +75,8 @@ def test_a_missing_participant_is_named(tmp_path):
         )
 
     out = tmp_path / "run"
-    result = run_vtff("run", system_with(tmp_path, demand), "--out", out, "--no-report")
+    system = system_with(tmp_path, demand)
+    result = run_vtff("run", system, "--composed", "--out", out, "--no-report")
     assert result.returncode == 1
     assert "waiting for /deputy/observer (never answered)" in result.stdout
     assert "Traceback" not in result.stdout
@@ -91,7 +92,7 @@ def test_a_missing_link_of_the_loop_is_named(tmp_path):
 
     out = tmp_path / "run"
     system = system_with(tmp_path, remove_the_controller)
-    result = run_vtff("run", system, "--out", out, "--no-report")
+    result = run_vtff("run", system, "--composed", "--out", out, "--no-report")
     assert result.returncode == 1
     assert "thrust on /deputy/propulsion/thrust_applied" in result.stdout
     assert "not in the graph: /sdre_controller\n" in result.stdout
@@ -144,7 +145,9 @@ def test_interrupt_while_the_nodes_start_prints_no_tracebacks(tmp_path):
 
 def test_a_killed_recorder_leaves_a_bag_that_can_be_recovered(tmp_path):
     out = tmp_path / "run"
-    process = start(tmp_path, SYSTEM, "--out", out, "--no-report", "--duration", 100000)
+    # The recorder has a process of its own beside those that are composed.
+    options = ("--composed", "--no-report", "--duration", 100000)
+    process = start(tmp_path, SYSTEM, "--out", out, *options)
     wait_for_recording(out, process)
     os.kill(process_ids(out, "bag_recorder.yaml")[0], signal.SIGKILL)
     printed = process.communicate(timeout=60)[0]
@@ -164,7 +167,7 @@ def test_a_killed_recorder_leaves_a_bag_that_can_be_recovered(tmp_path):
             ["sdre_controller.desing:=paper", "--composed"],
             "no parameter 'desing'; did you mean: design",
         ),
-        (["simgen_bridge.scenario_file:=missing.yaml"], "missing.yaml"),
+        (["simgen_bridge.scenario_file:=missing.yaml", "--composed"], "missing.yaml"),
         (["sdre_controller.design:=best", "--composed"], "parameter 'design' is 'best'; choose"),
     ],
 )

@@ -33,5 +33,7 @@ def test_every_step_is_there_and_no_command_is_late(realtime):
 
 def test_realtime_flies_what_lockstep_flies(realtime, runs):
     """The one-sample delay is the thruster's, so pacing must not change the motion."""
-    lockstep = runs.make("composed_1", "reference_software.yaml", "--composed", "--no-report")[0]
+    # The run of test_graph_determinism.py.
+    arguments = ("--composed", "--duration", 600, "--no-report")
+    lockstep = runs.make("composed_1", "reference_software.yaml", *arguments)[0]
     np.testing.assert_array_equal(states(realtime), states(lockstep)[: DURATION + 1])

@@ -16,7 +16,8 @@ pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not in
 
 SYSTEM = "reference.yaml"
 CRAFT = ("chief", "deputy")
-DURATION = 50
+#: Scenario time of the flights without faults, s.
+DURATION = 30
 #: The referee reads ephemerides from RAWEPHEM only.
 COMMANDS = [
     "UNLOGALL THISPORT TRUE",

@@ -42,13 +42,13 @@ def items(root):
 
 
 def test_a_day_has_a_flat_memory():
-    """An epoch every 150 s of an eccentric orbit; new ephemerides every two hours."""
+    """An epoch every 300 s of an eccentric orbit; new ephemerides every two hours."""
     drawn = DrawnFormation(lambda t: 502e3 + 266e3 * np.cos(2.0 * np.pi / 5500.0 * t), layer())
     settings = SpacecraftSettings(bias_delay=7.9 * HOUR, bias_interval=6.0 * HOUR)
     formation = FormationIonosphere(FormationSettings(spacecraft=settings))
     ephemerides = collections.deque(drawn.ephemerides(24.0 * HOUR))
     sizes = {}
-    for second in drawn.seconds(24.0 * HOUR, 1.0, every=150.0):
+    for second in drawn.seconds(24.0 * HOUR, 1.0, every=300.0):
         hour = (second.time - START.nanoseconds) / (HOUR * 1e9)
         while ephemerides and START + (hour + 2.0) * HOUR >= ephemerides[0].time_of_ephemeris:
             formation.add_ephemeris(ephemerides.popleft())
