@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -123,6 +123,7 @@ def simulate(
     regions: Sequence[IrregularityRegion] = (),
     constellation: str = NOMINAL,
     start: GpsTime = START,
+    receiver_changes: Mapping[str, object] | None = None,
 ) -> Scenario:
     """Simulate both receivers at 1 Hz: 1 mm and 0.3 m noise, steered clocks, receiver biases.
 
@@ -146,6 +147,8 @@ def simulate(
         See `ConstellationConfiguration.source`.
     start : GpsTime
         Time of the initial states.
+    receiver_changes : mapping, optional
+        Fields of `ReceiverConfiguration` that both receivers have instead.
     """
     random = np.random.default_rng(1000 + seed)
     crafts = [Propagator(start, state, J2) for state in (CHIEF, deputy)]
@@ -170,7 +173,9 @@ def simulate(
             noise = sigma * np.sqrt(1.0 - decay**2) * random.standard_normal(3)
             empirical[craft] = decay * empirical[craft] + noise
     truth = TruthRecorder()
-    emulation = ReceiverEmulation(seed, profile, faults, signals, regions, constellation)
+    emulation = ReceiverEmulation(
+        seed, profile, faults, signals, regions, constellation, receiver_changes or {}
+    )
     chief, deputy_epochs = emulation.receive(motions, start, truth)
     return Scenario(
         start=start,
@@ -194,6 +199,7 @@ class ReceiverEmulation:
     signals: dict[str, float]
     regions: Sequence[IrregularityRegion]
     constellation: str
+    receiver_changes: Mapping[str, object]
 
     def receive(
         self, motions: list[list[MotionState]], start: GpsTime, truth: TruthRecorder
@@ -227,13 +233,18 @@ class ReceiverEmulation:
         receivers = tuple(
             dataclasses.replace(
                 receiver,
-                cn0_zenith_dbhz=self.signals,
-                noise=NoiseModel(
-                    model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.01
-                ),
-                clock=ClockModel(oscillator="TCXO", initial_offset=offset, is_steered=True),
-                tracking=TrackingModel(channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0),
-                biases={name: bias for name, bias in biases.items() if name in self.signals},
+                **{
+                    "cn0_zenith_dbhz": self.signals,
+                    "noise": NoiseModel(
+                        model="fixed", code_sigma=0.3, phase_sigma=0.001, doppler_sigma=0.01
+                    ),
+                    "clock": ClockModel(oscillator="TCXO", initial_offset=offset, is_steered=True),
+                    "tracking": TrackingModel(
+                        channels=12, threshold_dbhz=0.0, elevation_mask_deg=5.0
+                    ),
+                    "biases": {name: bias for name, bias in biases.items() if name in self.signals},
+                    **self.receiver_changes,
+                },
             )
             for receiver, offset, biases in zip(
                 loaded.receivers, (-3e-8, 3e-8), BIASES, strict=True

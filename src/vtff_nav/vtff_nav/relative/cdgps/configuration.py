@@ -127,7 +127,7 @@ class CdgpsConfiguration:
     electron_density_sigma: float = 1e12
     electron_density_time: float = 1200.0
     layer_content_sigma_tecu: float = 15.0
-    plasma_shell_sigma_tecu: float = 1.0
+    plasma_shell_sigma_tecu: float = 0.5
     plasma_gradient_sigma_tecu_per_deg: float = 2.0
     plasma_quiet_gradient_tecu_per_deg: float = 0.03
     plasma_shell_heights: tuple[float, ...] = (100e3, 300e3)

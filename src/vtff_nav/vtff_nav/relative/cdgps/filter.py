@@ -48,6 +48,9 @@ _PLASMA, _MOTION = "plasma", "motion"
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 _DETECTION_PASSES = 6
+# The noise is learnt at so many first epochs, then at two consecutive ones of each cycle: it
+# changes slowly.
+_EPOCHS_OF_LEARNING, _LEARNING_CYCLE = 120, 5
 # Limits of the white error of the thrust relative to its magnitude, the gain with which it follows
 # the corrections, the largest of these as a multiple of their variance, and the change of velocity
 # below which they say little of it, m/s.
@@ -153,6 +156,7 @@ class RelativeFilter:
         self.attempt = FixAttempt((), 0.0, 0.0, "")
         self._code_reference: tuple[int, int, int] | None = None
         self._global_failures = 0
+        self._epochs = 0
         if configuration.has_plasma:
             for layer, sigma in enumerate(configuration.layer_sigmas):
                 self.state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
@@ -277,7 +281,9 @@ class RelativeFilter:
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
         self.arcs.record(time, measured)
-        self._learn_noise(time, interval, received, sky, clock, innovation)
+        self._epochs += 1
+        if self._epochs < _EPOCHS_OF_LEARNING or self._epochs % _LEARNING_CYCLE < 2:
+            self._learn_noise(time, interval, received, sky, clock, innovation)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         if not update.has_failed:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, cross
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
@@ -207,7 +207,7 @@ def north_and_east(position: FloatArray) -> FloatArray:
     zenith = position / np.linalg.norm(position)
     east = np.array([-zenith[1], zenith[0], 0.0])
     east /= max(float(np.linalg.norm(east)), 1e-6)
-    return np.array([np.cross(zenith, east), east])
+    return np.array([cross(zenith, east), east])
 
 
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:

@@ -37,7 +37,7 @@ _FEWEST_CHANGES = 20.0
 _SIGNIFICANT_SIGMAS = 4.0
 # Change of the white factor after which the slow component is weighed anew.
 _LARGEST_FACTOR_CHANGE = 1.5
-# Time over which the white component is averaged, s.
+# Time over which the white component is averaged while it is learnt at every epoch, s.
 _WHITE_MEMORY = 300.0
 # The slow component comes and goes with these probabilities that there is none.
 _NONE_BEGINS, _NONE_ENDS = 0.5, 0.05

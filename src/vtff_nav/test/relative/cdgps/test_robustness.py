@@ -1,0 +1,143 @@
+"""The relative filter, with its defaults, where its assumptions do not hold: short flights."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from cdgps_test_support import CHIEF, DEPUTY_250M, J2, START, configuration, fly, simulate
+from cdgps_truth_support import longest_run, wrong_integers
+
+from vtff_nav.relative.cdgps.model import north_and_east, shell_paths
+from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.common.dynamics import MotionNoise, OrbitalMotion, ThrustInterval
+from vtff_sim_bridge.gnss.configuration import MultipathModel, NoiseModel
+
+SECONDS = 200
+NEES_HIGH = 2.5
+
+
+def nine(state: np.ndarray) -> np.ndarray:
+    """Return a state with an empirical acceleration of zero."""
+    return np.concatenate((state, np.zeros(3)))
+
+
+def assert_honest(scenario, flight, bound: float) -> None:
+    """Assert that a flight is fixed, within a bound (m), honest, and has the right integers."""
+    wrong = [wrong_integers(scenario.truth, k, s) for k, s in enumerate(flight.solutions)]
+    nees = flight.normalised_squares()[60:].mean() / 3.0
+    print(f"3-D RMS {1e3 * flight.rms():.2f} mm, mean NEES {nees:.2f} of 1")
+    assert flight.is_fixed[60:].all()
+    assert longest_run(wrong) <= 2
+    assert flight.rms() <= bound
+    assert nees < NEES_HIGH
+    assert np.mean([bool(s.degraded) for s in flight.solutions]) < 0.05
+
+
+@pytest.mark.parametrize(("phase", "code", "bound"), [(2e-3, 0.2, 6e-3), (5e-3, 0.5, 14e-3)])
+def test_multipath(phase, code, bound):
+    """Gauss-Markov multipath of 100 s that nobody states.
+
+    The bounds are twice the covariance of such processes with plasma and exact dynamics.
+    """
+    changes = {"multipath": MultipathModel(code_sigma=code, phase_sigma=phase)}
+    scenario = simulate(SECONDS, receiver_changes=changes)
+    assert_honest(scenario, fly(scenario, configuration()), bound)
+
+
+def test_noise_of_three_times_the_stated():
+    """The bound is 2.5 times the sigma with noise of that size, 1.8 mm so early in a flight."""
+    noise = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
+    scenario = simulate(SECONDS, receiver_changes={"noise": noise})
+    assert_honest(scenario, fly(scenario, configuration()), 4.5e-3)
+
+
+def test_thrust_of_another_scale_and_direction():
+    """5 % more than reported and 2 deg off: found in the first seconds, and kept."""
+    reported = np.array([0.3, -0.8, 0.2])
+    turned = 1.05 * (reported + np.cross([0.02, -0.015, 0.025], reported))
+    scenario = simulate(
+        150, thrust_rtn=lambda k: turned if 40 <= k < 70 or 90 <= k < 100 else (0.0, 0.0, 0.0)
+    )
+    heard = np.where(scenario.thrust_rtn.any(axis=1)[:, None], reported, 0.0)
+    flight = fly(dataclasses.replace(scenario, thrust_rtn=heard), configuration())
+    squares = flight.normalised_squares() / 3.0
+    assert squares[40:110].mean() < NEES_HIGH
+    assert flight.error[91:100].max() < 10e-3
+    assert flight.error[115:].max() < 4e-3
+    assert flight.is_fixed[60:].all()
+
+
+def test_thrust_coupling_is_the_derivative():
+    """Against the motion with another thrust, for scale and misalignment."""
+    acceleration = np.array([0.2, -0.7, 0.4])
+    motion = OrbitalMotion(J2, MotionNoise(1e-6), MotionNoise(1e-6))
+
+    def relative(thrust: np.ndarray) -> np.ndarray:
+        burn = [ThrustInterval(START + 1.0, 2.0, thrust)]
+        return motion.predict(START, 8.0, nine(CHIEF), nine(DEPUTY_250M - CHIEF), burn)
+
+    coupling, size = relative(acceleration).thrust_coupling, 1e-3
+    for error in range(4):
+        axis = np.eye(3)[error - 1]
+        change = acceleration if error == 0 else np.cross(axis, acceleration)
+        moved = relative(acceleration + size * change).relative
+        expected = (moved - relative(acceleration - size * change).relative) / (2.0 * size)
+        np.testing.assert_allclose(coupling[:6, error], expected[:6], rtol=1e-4, atol=1e-5)
+
+
+def test_shells_against_a_ray_through_a_thick_layer():
+    """A layer whose density grows to north-east, integrated along both rays."""
+    radius, height, half = 6.93e6, 200e3, 20e3
+    chief = radius * np.array([0.6, 0.3, 0.74]) / np.linalg.norm([0.6, 0.3, 0.74])
+    axes = north_and_east(chief)
+    positions = np.array(
+        [chief, chief + 4000.0 * axes[0] + 2500.0 * axes[1] - 800.0 * chief / radius]
+    )
+    zenith, slopes = chief / radius, (0.7, -0.4)
+    angles = [(0.3, 0.2), (1.0, 2.0), (0.6, 4.0), (1.4, 5.5)]
+    direction = np.array(
+        [
+            np.cos(e) * (np.cos(a) * axes[0] + np.sin(a) * axes[1]) + np.sin(e) * zenith
+            for e, a in angles
+        ]
+    )
+
+    def content(position: np.ndarray, ray: np.ndarray) -> float:
+        distance = np.linspace(0.0, 2.5e6, 500_001)
+        points = position + distance[:, None] * ray
+        size = np.linalg.norm(points, axis=1)
+        inside = np.abs(size - radius - height) < half
+        place = np.degrees(np.arcsin(points @ axes.T / size[:, None]))
+        density = (1.0 + place @ slopes) / (2.0 * half)
+        return float(np.sum(density * inside) * (distance[1] - distance[0]))
+
+    expected = [content(positions[1], ray) - content(positions[0], ray) for ray in direction]
+    columns = shell_paths(positions, np.array([direction, direction]), height)
+    np.testing.assert_allclose(columns @ [1.0, *slopes], expected, rtol=0.05, atol=2e-3)
+
+
+def test_coupling_and_reweighing_against_a_batch():
+    """A constant whose a priori variance is changed afterwards, and a member that it moves."""
+    random = np.random.default_rng(2)
+    labels = [("position",), ("rate",)]
+    state = GaussianState(labels, np.zeros(2), np.diag([4.0, 9.0]))
+    rows, values = [], []
+    for epoch in range(5):
+        if epoch:
+            state.couple([("position",)], np.array([[0.5]]), [("rate",)])
+        value = np.array([random.standard_normal()])
+        design = np.array([[1.0, 0.0]])
+        empty = np.zeros((1, 0))
+        state.update(state.innovation(design, value - state.mean[:1], np.array([0.1]), empty))
+        rows.append([1.0, 0.5 * epoch])
+        values.append(value[0])
+    state.reweigh([("rate",)], 9.0, 0.25)
+    design = np.array(rows)
+    information = np.diag([1.0 / 4.0, 1.0 / 0.25]) + design.T @ design / 0.1
+    first = np.linalg.solve(information, design.T @ np.array(values) / 0.1)
+    to_last = np.array([[1.0, 2.0], [0.0, 1.0]])
+    np.testing.assert_allclose(state.mean, to_last @ first, rtol=1e-9)
+    expected = to_last @ np.linalg.inv(information) @ to_last.T
+    np.testing.assert_allclose(state.covariance, expected, rtol=1e-9)
