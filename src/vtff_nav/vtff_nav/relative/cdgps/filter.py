@@ -59,9 +59,9 @@ _THRUST_GAIN = 0.2
 _LARGEST_CORRECTION = 6.0
 _VELOCITY_NOISE = 5e-4
 # The sigmas of slow errors and gradients in the state follow their estimates in steps of this
-# factor; the number of quiet gradients that are counted with those of the shells.
+# factor. The number of quiet gradients that are counted with those of the shells, and their step.
 _SIGMA_STEP = 1.25
-_QUIET_GRADIENTS = 4
+_QUIET_GRADIENTS, _GRADIENT_STEP = 4, 1.1
 # A slow error that is not there, m.
 _NEGLIGIBLE_SLOW_SIGMA = 5e-5
 # Power at low frequencies of phases without slow errors, m2 s; and the largest factor by which
@@ -425,7 +425,7 @@ class RelativeFilter:
         squares = state.mean[columns] ** 2 + np.diagonal(state.covariance)[columns]
         total = float(squares.sum()) + _QUIET_GRADIENTS * quiet**2
         sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
-        if not 1.0 / _SIGMA_STEP < sigma / self._gradient_sigma < _SIGMA_STEP:
+        if not 1.0 / _GRADIENT_STEP < sigma / self._gradient_sigma < _GRADIENT_STEP:
             state.reweigh(labels, self._gradient_sigma**2, sigma**2)
             self._gradient_sigma = sigma
 
