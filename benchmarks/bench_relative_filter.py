@@ -29,6 +29,8 @@ WARM_UP = 30
 def main() -> None:
     """Measure and print."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    if count <= WARM_UP:
+        sys.exit(f"bench_relative_filter.py: more than {WARM_UP} epochs expected, got {count}")
     if not DATA.exists():
         print(f"{DATA} is absent: nothing measured")
         return
