@@ -5,7 +5,8 @@ import pytest
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_iono.conversions import block_from_messages, second_from_messages
-from vtff_msgs.msg import AmbiguityStatus, GnssFix, RelativeState
+from vtff_iono.edges.boundary import BoundaryKind, BoundarySource
+from vtff_msgs.msg import AmbiguityStatus, GnssFix, IrregularityBoundary, RelativeState
 
 TIME = GpsTime.from_week_tow(1889, 90_000.0)
 NOTHING = block_from_messages([])
@@ -62,3 +63,11 @@ def test_fixes_alone():
     result = second(None, fixes)
     assert result.states_itrf[1] == pytest.approx(told.states_itrf[1])
     assert second(None, [None, None]).states_itrf == (None, None)
+
+
+@pytest.mark.parametrize(
+    ("prefix", "numbers"), [("KIND", BoundaryKind), ("SOURCE", BoundarySource)]
+)
+def test_numbers_of_boundaries_are_those_of_the_message(prefix, numbers):
+    for member in numbers:
+        assert member == getattr(IrregularityBoundary, f"{prefix}_{member.name}")
