@@ -21,15 +21,15 @@ KEY = (SYSTEM_GPS, "C1C", "C2W")
 
 
 def items(root):
-    """Return the number of items in all containers that an object holds, arrays included."""
-    total, seen, waiting = 0, set(), [root]
+    """Return the numbers of items in all arrays and in all other containers of an object."""
+    in_arrays, total, seen, waiting = 0, 0, set(), [root]
     while waiting:
         value = waiting.pop()
         if id(value) in seen:
             continue
         seen.add(id(value))
         if isinstance(value, np.ndarray):
-            total += value.size
+            in_arrays += value.size
         elif isinstance(value, dict):
             total += len(value)
             waiting += [*value.keys(), *value.values()]
@@ -38,7 +38,7 @@ def items(root):
             waiting += value
         elif hasattr(value, "__dict__") and not isinstance(value, type):
             waiting += vars(value).values()
-    return total
+    return in_arrays, total
 
 
 def test_a_day_has_a_flat_memory():
