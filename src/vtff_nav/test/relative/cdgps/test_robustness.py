@@ -114,8 +114,9 @@ def test_shells_against_a_ray_through_a_thick_layer():
         return float(np.sum(density * inside) * (distance[1] - distance[0]))
 
     expected = [content(positions[1], ray) - content(positions[0], ray) for ray in direction]
-    columns = shell_paths(positions, np.array([direction, direction]), height)
-    np.testing.assert_allclose(columns @ [1.0, *slopes], expected, rtol=0.05, atol=2e-3)
+    columns = shell_paths(positions, np.array([direction, direction]), [height, 1.5 * height])
+    assert columns.shape == (len(angles), 6)
+    np.testing.assert_allclose(columns[:, :3] @ [1.0, *slopes], expected, rtol=0.05, atol=2e-3)
 
 
 def test_coupling_and_reweighing_against_a_batch():

@@ -115,9 +115,8 @@ def make_sky(
                     elevation,
                     configuration.plasma_layers,
                 ),
-                *(
-                    shell_paths(positions, geometry.direction[:, columns], height)
-                    for height in configuration.plasma_shell_heights
+                shell_paths(
+                    positions, geometry.direction[:, columns], configuration.plasma_shell_heights
                 ),
             )
         ),
@@ -167,8 +166,10 @@ def plasma_paths(
     return np.asarray(np.array(columns).T * (DENSITY_UNIT / ELECTRONS_PER_TECU))
 
 
-def shell_paths(positions: FloatArray, direction: FloatArray, height: float) -> FloatArray:
-    """Return the differential slant content of a shell whose content differs from place to place.
+def shell_paths(
+    positions: FloatArray, direction: FloatArray, heights: Sequence[float]
+) -> FloatArray:
+    """Return the differential slant content of shells whose content differs from place to place.
 
     Parameters
     ----------
@@ -176,27 +177,30 @@ def shell_paths(positions: FloatArray, direction: FloatArray, height: float) -> 
         Chief and deputy, m; the third axis is that of the Earth.
     direction : ndarray, shape (2, n, 3)
         Unit vectors to the satellites, same axes.
-    height : float
-        Height of the shell above the chief, m.
+    heights : sequence of float
+        Heights of the shells above the chief, m.
 
     Returns
     -------
-    ndarray, shape (n, 3)
-        TECU, deputy less chief: for a vertical content of 1 TECU everywhere, and for one that grows
-        by 1 TECU/deg to north or to east from zero above the chief. The vertical content is
-        divided by the sine of the elevation where a ray pierces the shell (single-layer model,
-        Schaer 1999, section 2.3.3).
+    ndarray, shape (n, 3 shells)
+        TECU, deputy less chief, of each shell: for a vertical content of 1 TECU everywhere, and for
+        one that grows by 1 TECU/deg to north or to east from zero above the chief. The vertical
+        content is divided by the sine of the elevation where a ray pierces the shell (single-layer
+        model, Schaer 1999, section 2.3.3).
     """
-    radius = np.linalg.norm(positions, axis=1)[:, None]
-    shell = radius[0, 0] + height
-    up = np.einsum("rni,ri->rn", direction, positions) / radius
+    axes = north_and_east(positions[0])
+    radius = np.sqrt(np.einsum("ri,ri->r", positions, positions))[:, None, None]
+    up = (direction @ positions[:, :, None]) / radius
+    shell = radius[0, 0, 0] + np.array(heights)
     up_there = np.sqrt(1.0 - (radius / shell) ** 2 * (1.0 - up**2))
-    pierce = positions[:, None] + (shell * up_there - radius * up)[..., None] * direction
-    sines = pierce @ north_and_east(positions[0]).T / shell
-    content = np.ones((*up.shape, 3))
-    content[..., 1:] = np.degrees(np.arcsin(np.clip(sines, -1.0, 1.0)))
+    distance = shell * up_there - radius * up
+    # Receiver and ray along north and east: their sum is where the ray pierces the shell.
+    receiver, ray = positions @ axes.T, direction @ axes.T
+    pierce = receiver[:, None, None] + distance[..., None] * ray[:, :, None]
+    content = np.ones((*distance.shape, 3))
+    content[..., 1:] = np.degrees(np.arcsin(np.clip(pierce / shell[:, None], -1.0, 1.0)))
     content /= up_there[..., None]
-    return np.asarray(content[1] - content[0])
+    return np.asarray((content[1] - content[0]).reshape(direction.shape[1], -1))
 
 
 def north_and_east(position: FloatArray) -> FloatArray:
