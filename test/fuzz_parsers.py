@@ -459,6 +459,8 @@ def _prepare_system(folder: pathlib.Path) -> Parse:
 
 
 def _prepare_campaign(folder: pathlib.Path) -> Parse:
+    import scipy.stats  # noqa: F401 (imported by the first distribution, in the time of an input)
+
     from vtff_bringup.campaign.campaign_file import load_campaign
 
     return lambda content: _ignore(load_campaign(_write(folder, "fuzz.yaml", content)))
