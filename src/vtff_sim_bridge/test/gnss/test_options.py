@@ -180,6 +180,7 @@ def test_power_commands_change_cn0_and_take_signals_away(motions, plain, chunk):
     [
         "POW_LEV,v1_a1,-3,GPS,5,0,1,0,1,1,0",  # a channel of the simulator
         "POW_LEV,v1_a1,-3,GPS,5,0,0,0,1,0,0",  # one frequency
+        "POW_LEV,v1_a1,-3,GPS,5,0,0,0,1,0",  # the same, without the last field
         "POW_LEV,v1_a1,-3,GPS,5,1,0,0,1,1,0",  # a multipath copy
         "POW_LEV,v1_a1,-3,GLONASS,5,0,0,0,1,1,0",
         "POW_LEV,v1_a1,-3,GPS,x,0,0,0,1,1,0",

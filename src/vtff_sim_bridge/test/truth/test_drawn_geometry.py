@@ -70,3 +70,9 @@ def test_wrong_values_are_refused_with_file_and_field(
 ) -> None:
     with pytest.raises(ScenarioError, match=problem):
         drawn(1, **draw)
+
+
+def test_a_century_is_the_longest_time_to_draw_from() -> None:
+    assert drawn(3, epoch_days=36525.0).epoch - drawn().epoch > 0.0
+    with pytest.raises(ScenarioError, match="epoch_days"):
+        drawn(3, epoch_days=36525.1)
