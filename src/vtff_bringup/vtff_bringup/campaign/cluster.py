@@ -76,6 +76,8 @@ def connected_client(
         "distributed.scheduler.allowed-failures": WORKER_DEATHS,
         # Loopback answers at once: a worker that does not is dead.
         "distributed.comm.timeouts.connect": f"{_CONNECT_TIMEOUT}s",
+        # Workers wait for programs most of the time: nothing in them is worth a profile.
+        "distributed.worker.profile.enabled": False,
         # Dask's own records of events, by default 10 000 of each kind, would grow with the cases.
         "distributed.admin.log-length": _LOG_LENGTH,
         "distributed.admin.low-level-log-length": _LOG_LENGTH,
