@@ -5,7 +5,7 @@ import pytest
 from link_simulation import LIGHT, START, observations
 
 from vtff_gnss import constants as c
-from vtff_iono.links.signal_pairs import PairSelector, SignalPair
+from vtff_iono.links.signal_pairs import PairSelector, SignalPair, link_keys
 
 TWO = ((1, "C"), (2, "W"))
 L1, L2 = 1575.42e6, 1227.60e6
@@ -151,3 +151,15 @@ def test_a_glonass_channel_gives_the_frequency():
     assert (high.frequency_first, high.frequency_second) == (1605.375e6, 1248.625e6)
     factor = 1.0 / (40.308193e16 * (1242.9375e6**-2 - 1598.0625e6**-2))
     assert low.tecu_per_metre == pytest.approx(factor, rel=1e-6)
+
+
+def test_links_of_different_signals_have_different_keys():
+    """Attributes are bytes: neither their order nor a carry into the band may be lost."""
+    signals = [(band, attribute) for band in (0, 1, 2) for attribute in (0, 1, 254, 255)]
+    columns = {
+        name: np.zeros(len(signals), dtype=np.uint8)
+        for name in ("system", "prn", "band", "attribute", "glonass_channel")
+    }
+    columns["band"], columns["attribute"] = np.array(signals, dtype=np.uint8).T
+    first, second = np.indices((len(signals), len(signals))).reshape(2, -1)
+    assert len(np.unique(link_keys(columns, first, second))) == len(first)

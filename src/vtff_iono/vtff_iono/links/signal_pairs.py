@@ -20,7 +20,7 @@ from vtff_gnss import constants as c
 from vtff_gnss.signals import carrier_frequency_hz, signal_number
 from vtff_iono.links.geometry_free import tecu_per_metre
 
-__all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair"]
+__all__ = ["DEFAULT_PAIRS", "Link", "PairRows", "PairSelector", "SignalPair", "link_keys"]
 
 IntArray = npt.NDArray[np.int64]
 BoolArray = npt.NDArray[np.bool_]
@@ -294,7 +294,7 @@ class PairSelector:
     ) -> tuple[IntArray, IntArray]:
         """Return the numbers of the links (-1 without a second signal) and of the satellites."""
         keys, appearance, inverse = np.unique(
-            _link_keys(columns, first, second), return_index=True, return_inverse=True
+            link_keys(columns, first, second), return_index=True, return_inverse=True
         )
         link = np.full(len(keys), -1, dtype=np.int64)
         satellite = np.empty(len(keys), dtype=np.int64)
@@ -315,7 +315,7 @@ class PairSelector:
         return link[inverse], satellite[inverse]
 
 
-def _link_keys(
+def link_keys(
     columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
     first: IntArray,
     second: IntArray,

@@ -12,6 +12,7 @@ from cdgps_truth_support import longest_run, wrong_integers
 from vtff_nav.relative.cdgps.model import north_and_east, shell_paths
 from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.dynamics import MotionNoise, OrbitalMotion, ThrustInterval
+from vtff_nav.relative.common.solution import SOLUTION_FIXED
 from vtff_sim_bridge.gnss.configuration import MultipathModel, NoiseModel
 
 SECONDS = 200
@@ -33,6 +34,9 @@ def assert_honest(scenario, flight, bound: float) -> None:
     assert flight.rms() <= bound
     assert nees < NEES_HIGH
     assert np.mean([bool(s.degraded) for s in flight.solutions]) < 0.05
+    # A satellite whose integer is not known yet does not degrade a fixed solution.
+    fixed = [s for s in flight.solutions if s.solution == SOLUTION_FIXED]
+    assert not any("ambiguities" in text for s in fixed for text in s.degraded)
 
 
 @pytest.mark.parametrize(("phase", "code", "bound"), [(2e-3, 0.2, 6e-3), (5e-3, 0.5, 14e-3)])
