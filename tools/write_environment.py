@@ -56,7 +56,7 @@ def main() -> None:
         "unset PYTHONDONTWRITEBYTECODE",
         f"export PYTHONPYCACHEPREFIX={shlex.quote(str(prefix / 'bytecode'))}",
         f'export PATH={shlex.quote(str(prefix / "bin"))}:"$PATH"',
-        # More threads cost more than they give on the small matrices here (`vtff run` does the same).
+        # More threads cost more than they give on small matrices; `vtff run` does the same.
         "export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}",
         "export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}",
         # A run must not meet the graphs of other users of the same network.
