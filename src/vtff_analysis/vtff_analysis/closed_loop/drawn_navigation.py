@@ -30,16 +30,16 @@ class NavigationErrorModel:
     Parameters
     ----------
     position_sigma, velocity_sigma
-        Of each axis, m and m/s.
+        Sigmas of the errors of each axis, m and m/s.
     correlation_time
-        Of the first-order Gauss-Markov errors, s; 0 is white noise.
+        Correlation time of the first-order Gauss-Markov errors, s; 0 is white noise.
     outages
         Start and end in s since the epoch of times without measurements.
     thrust_sigma
         Error of the thrust in an outage that the covariance counts with: sigma of each element of
         a constant matrix between reported and true thrust, less the unit matrix.
     seed
-        Of the errors.
+        Seed of the errors.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What relative navigation with known integers can reach: a covariance analysis, without filter.
+"""Bound of relative navigation with known integers: a covariance analysis, without filter.
 
 An estimator that knows the true noise of the phases (white and Gauss-Markov, one process for each
 signal) and the integers from the start cannot have a smaller covariance than the Kalman recursion
@@ -31,11 +31,11 @@ class PhaseNoise:
     Parameters
     ----------
     white_sigma : float
-        Of each epoch.
+        Sigma of the white noise of an epoch.
     slow_sigma : float
-        Of the Gauss-Markov processes; 0: there are none.
+        Sigma of the Gauss-Markov processes; 0: there are none.
     correlation_time : float
-        Of these processes, s.
+        Correlation time of the Gauss-Markov processes, s.
     """
 
     white_sigma: float

@@ -36,7 +36,7 @@ def expected_delta_v_per_hour(
     navigation
         Errors, whose covariance the controller knows; outages are not part of the theory.
     mean_motion
-        Of the chief, rad/s.
+        Mean motion of the chief, rad/s.
 
     Raises
     ------

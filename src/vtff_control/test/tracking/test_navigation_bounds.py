@@ -1,4 +1,4 @@
-"""What a covariance allows: bounds on sigma, and the velocity that stands out of its own."""
+"""States judged by their covariance: bounds on sigma, and the velocity beyond its own sigma."""
 
 import numpy as np
 import pytest

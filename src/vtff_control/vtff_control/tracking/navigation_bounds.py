@@ -1,4 +1,4 @@
-"""What a controller may do with a navigated state, judged by its covariance.
+"""Use that a controller may make of a navigated state, judged by its covariance.
 
 An outage of measurements leaves a prediction. Its age says nothing about it: over a minute of
 coast it is good to millimetres, over a minute of thrust that errs by 5 % to tens of metres. Its

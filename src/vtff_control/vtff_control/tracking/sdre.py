@@ -77,7 +77,7 @@ the fuel.
 
 
 class Options(NamedTuple):
-    """What a design adds to the feedback; see the parameters of the same names of `SdreDesign`."""
+    """Additions of a design to the feedback; see the parameters of these names of `SdreDesign`."""
 
     feedforward: bool = False
     disturbance_observer: bool = False

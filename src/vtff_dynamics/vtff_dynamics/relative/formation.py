@@ -109,7 +109,7 @@ class Formation:
         duration : float
             s.
         force_model : ForceModel, optional
-            The same for all spacecraft; default as `ForceModel`.
+            Forces on every spacecraft; default as `ForceModel`.
         """
         if not (math.isfinite(duration) and duration > 0.0):
             raise ValueError(f"duration: expected positive seconds; got {duration!r}")

@@ -86,7 +86,7 @@ class ConstellationConfiguration:
 
 @dataclass(frozen=True)
 class SkyDraw:
-    """What a GNSS file leaves to the seed of the run.
+    """Quantities that a GNSS file leaves to the seed of the run.
 
     Parameters
     ----------

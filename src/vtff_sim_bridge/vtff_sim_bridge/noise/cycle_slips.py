@@ -37,7 +37,7 @@ def slip_rate(
     jerk : ndarray
         Third derivative of the range, m/s3.
     frequency : ndarray
-        Of the carrier, Hz.
+        Frequency of the carrier, Hz.
     has_data : ndarray of bool
         Data symbols need a Costas loop: it doubles the phase, and slips by half a cycle.
     bandwidth_hz : float

@@ -74,7 +74,7 @@ class ThrusterErrors:
     ----------
     model : ThrusterErrorModel
     seed : int
-        Of the run.
+        Seed of the run.
     spacecraft : str
         Name of the spacecraft: its errors do not depend on which others fly.
     """

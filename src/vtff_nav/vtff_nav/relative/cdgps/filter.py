@@ -202,7 +202,7 @@ class RelativeFilter:
             if process is not None:
                 decay[index] = math.exp(-interval / process.correlation_time)
                 steady[index] = process.sigma**2
-        state.predict_gauss_markov_members(decay, steady)
+        state.predict_gauss_markov(decay, steady)
         if configuration.has_plasma:
             for shell in range(len(configuration.plasma_shell_heights)):
                 content, *_ = _shell_members(shell)

@@ -208,7 +208,7 @@ class GaussianState:
         covariance[rows, :] += coupling @ covariance[columns, :]
         covariance[:, rows] += covariance[:, columns] @ coupling.T
 
-    def predict_gauss_markov_members(self, decay: FloatArray, steady_variance: FloatArray) -> None:
+    def predict_gauss_markov(self, decay: FloatArray, steady_variance: FloatArray) -> None:
         """Propagate all members as first-order Gauss-Markov processes of zero mean.
 
         Parameters
@@ -221,23 +221,6 @@ class GaussianState:
         self.mean *= decay
         self.covariance *= decay[:, None] * decay
         self.covariance.flat[:: len(self) + 1] += (1.0 - decay**2) * steady_variance
-
-    def predict_gauss_markov(self, label: Label, decay: float, steady_variance: float) -> None:
-        """Propagate a first-order Gauss-Markov member of zero mean.
-
-        Parameters
-        ----------
-        label : Label
-        decay : float
-            Factor of the mean over the step, exp(-step / correlation time).
-        steady_variance : float
-            Variance that is reached without measurements.
-        """
-        index = self._index_of[label]
-        self.mean[index] *= decay
-        self.covariance[index, :] *= decay
-        self.covariance[:, index] *= decay
-        self.covariance[index, index] += (1.0 - decay**2) * steady_variance
 
     def add_noise(self, label: Label, variance: float) -> None:
         """Add a variance to a member: process noise of a random walk."""

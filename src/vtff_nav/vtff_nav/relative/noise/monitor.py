@@ -31,7 +31,7 @@ _LONGEST_ABSENCE = 300.0
 
 @dataclass(frozen=True)
 class NoisePrior:
-    """What is assumed of slow errors before the measurements have told.
+    """Slow errors that are assumed before the measurements show them.
 
     Parameters
     ----------
