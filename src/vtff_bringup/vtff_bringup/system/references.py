@@ -13,6 +13,7 @@ from vtff_bringup.system.yaml_file import read_mapping
 __all__ = ["References", "free_port"]
 
 REFERENCE = re.compile(r"\$\{([A-Za-z_][\w.]*)\}")
+INNER_REFERENCE = re.compile(r"(\$\{[\w.]*)\$\{([A-Za-z_][\w.]*)\}")  # one within another
 
 
 class References:
@@ -55,6 +56,10 @@ class References:
             return [self.resolve(item, where) for item in value]
         if not isinstance(value, str):
             return value
+        while INNER_REFERENCE.search(value):
+            value = INNER_REFERENCE.sub(
+                lambda match: match.group(1) + str(self._look_up(match.group(2), where)), value
+            )
         whole = REFERENCE.fullmatch(value)
         if whole:
             return self._look_up(whole.group(1), where)

@@ -24,7 +24,15 @@ A system file (``config/system/*.yaml``) has these keys:
     node has said on /sim/step_done that it is ready), ``ends_run`` (the orderly end of the node is
     the end of the run), ``own_process`` (the node is never composed).
 
-``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
+``hosts``
+    Machines of a run on several machines: name -> IPv4 address of an interface; an empty one
+    leaves the machine out. A node or process with ``host`` runs there, the others on that of the
+    node that ends the run. See docs/hosts.md.
+``control_port``
+    TCP and UDP port of the main host by which its parts agree.
+
+``${hosts.name}`` stands for the address of a host,
+``${name}`` for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
 and ``${run_directory}``, ``${free_port}``, ``${free_port.<any name>}`` (another one for each
 name), ``${pacing}``, ``${seed}`` (of the run, else of the scenario), ``${nodes}`` (fully qualified
 names of all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the
@@ -49,6 +57,7 @@ from vtff_bringup.system.entries import PLAIN_NAME, EntryReader, describe_entry
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
 from vtff_bringup.system.overrides import sort_overrides
+from vtff_bringup.system.placement import DEFAULT_CONTROL_PORT, place_on_hosts, read_hosts
 from vtff_bringup.system.references import References, free_port
 from vtff_bringup.system.yaml_file import read_mapping
 from vtff_node.executables import ExecutableNotFoundError, share_folder
@@ -57,10 +66,11 @@ __all__ = ["find_system_file", "load_system"]
 
 LOCKSTEP_ROLES = ("participant", "side_branch")
 
-SYSTEM_KEYS = {"description", "arguments", "processes", "nodes"}
+SYSTEM_KEYS = {"description", "arguments", "hosts", "control_port", "processes", "nodes"}
 ARGUMENT_KEYS = {"default", "description", "file"}
-PROCESS_KEYS = {"name", "package", "executable", "arguments", "when", "sets"}
+PROCESS_KEYS = {"name", "host", "package", "executable", "arguments", "when", "sets"}
 NODE_KEYS = {
+    "host",
     "package",
     "executable",
     "name",
@@ -137,6 +147,7 @@ class _Loader:
             "run_directory": str(settings.run_directory),
             "pacing": settings.pacing,
             "free_port": free_port(),
+            **settings.free_ports,
         }
         if settings.seed is not None:
             values["seed"] = settings.seed
@@ -158,6 +169,7 @@ class _Loader:
         for name, entry in argument_entries.items():
             self._entries.check_keys(entry, ARGUMENT_KEYS, f"argument '{name}'")
             values[name] = self._argument_value(name, entry, argument_values)
+        addresses = read_hosts(self._path, content, self._references)
         processes = tuple(self._read_processes(process_entries, set(argument_values)))
         values["nodes"] = [self._qualified_name(entry) for entry in node_entries]
         nodes = self._add_run_parameters(
@@ -170,13 +182,27 @@ class _Loader:
             if "/" in name and name not in node_names:
                 known = ", ".join(sorted(node_names))
                 raise SystemFileError(f"{self._path.name} has no node '{name}'; known: {known}")
+        hosts, nodes, processes = place_on_hosts(self._path, content, addresses, nodes, processes)
         return SystemDescription(
             path=self._path,
             description=str(content.get("description", "")),
             arguments={name: values[name] for name in argument_entries},
             processes=processes,
             nodes=tuple(nodes),
+            hosts=hosts,
+            control_port=self._control_port(content),
+            free_ports={
+                name: port for name, port in values.items() if name.split(".")[0] == "free_port"
+            },
         )
+
+    def _control_port(self, content: Mapping[str, Any]) -> int:
+        port = self._references.resolve(
+            content.get("control_port", DEFAULT_CONTROL_PORT), "system file"
+        )
+        if not isinstance(port, int) or not 0 < port < 65536:
+            raise SystemFileError(f"{self._path}: control_port must be 1 to 65535, not {port!r}")
+        return port
 
     def _argument_value(self, name: str, entry: Mapping[str, Any], given: dict[str, Any]) -> Any:
         if name in given:
@@ -205,7 +231,7 @@ class _Loader:
             self._entries.check_keys(
                 entry, PROCESS_KEYS, where, needed=("name", "package", "executable")
             )
-            self._entries.check_texts(entry, ("name", "package", "executable"), where)
+            self._entries.check_texts(entry, ("name", "package", "executable", "host"), where)
             self._entries.check_names(entry, ("name", "package"), where)
             self._entries.check_executable(entry, where)
             conditions = self._entries.mapping(entry, "when", where)
@@ -222,6 +248,7 @@ class _Loader:
                     name=entry["name"],
                     package=entry["package"],
                     executable=entry["executable"],
+                    host=str(self._references.resolve(entry.get("host") or "", where)),
                     arguments=tuple(
                         str(item)
                         for argument in arguments
@@ -265,6 +292,7 @@ class _Loader:
             prepares=bool(entry.get("prepares", False)),
             ends_run=bool(entry.get("ends_run", False)),
             own_process=bool(entry.get("own_process", False)),
+            host=str(self._references.resolve(entry.get("host") or "", where)),
         )
 
     def _read_remaps(self, entry: Mapping[str, Any], where: str) -> dict[str, str]:
@@ -326,7 +354,7 @@ class _Loader:
     def _check_node(self, entry: Any, number: int) -> None:
         where = describe_entry("node", entry, number)
         self._entries.check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
-        self._entries.check_texts(entry, ("package", "executable", "name", "namespace"), where)
+        self._entries.check_texts(entry, ("package", "executable", "name", "namespace", "host"), where)
         # Without a name the node is called like its executable.
         named = ("package", "name") if entry.get("name") else ("package", "executable")
         self._entries.check_names(entry, named, where)

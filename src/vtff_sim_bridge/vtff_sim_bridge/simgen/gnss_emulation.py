@@ -182,6 +182,8 @@ class GnssEmulation:
         Folder, made if absent, in which each pseudo-terminal gets a symlink named as its receiver.
     truth_path : path-like or None
         Where the truth of the last run is written.
+    tcp_host : str
+        Address on which receivers with a TCP port listen.
 
     Attributes
     ----------
@@ -202,6 +204,8 @@ class GnssEmulation:
         configuration: GnssConfiguration,
         link_directory: str | Path | None,
         truth_path: str | Path | None = None,
+        *,
+        tcp_host: str = "127.0.0.1",
     ) -> None:
         for receiver in configuration.receivers:
             if receiver.vehicle not in machine.motions:
@@ -215,6 +219,7 @@ class GnssEmulation:
         self._configuration = configuration
         self._links = None if link_directory is None else Path(link_directory)
         self._truth_path = truth_path
+        self._tcp_host = tcp_host
         self._truth = TruthFile()
         self._set: ReceiverSet | None = None
         self._emulated: dict[str, ReceiverFirmware] = {}
@@ -267,7 +272,9 @@ class GnssEmulation:
             limits_baud=receiver.limits_baud,
         )
         link = None if self._links is None else self._links / receiver.name
-        port = ReceiverPort(emulated, link, tcp_port=receiver.tcp_port)
+        port = ReceiverPort(
+            emulated, link, tcp_host=self._tcp_host, tcp_port=receiver.tcp_port
+        )
         self._emulated[receiver.name] = emulated
         self.ports[receiver.name] = port
         self._epoll.register(port.fileno(), select.EPOLLIN)

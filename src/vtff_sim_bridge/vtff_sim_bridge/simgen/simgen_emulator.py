@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import logging
 import os
 import signal
@@ -102,11 +103,26 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
     configuration = load_gnss_configuration(options.gnss, options.seed)
+    if options.receiver_ports is not None:
+        receivers = configuration.receivers
+        if len(options.receiver_ports) != len(receivers):
+            raise ValueError(
+                f"--receiver-ports: {len(options.receiver_ports)} ports for {len(receivers)} "
+                f"receivers ({', '.join(receiver.name for receiver in receivers)})"
+            )
+        configuration = dataclasses.replace(
+            configuration,
+            receivers=tuple(
+                dataclasses.replace(receiver, tcp_port=port)
+                for receiver, port in zip(receivers, options.receiver_ports, strict=True)
+            ),
+        )
     return GnssEmulation(
         machine,
         configuration,
         options.port_link_directory,
         options.gnss_truth,
+        tcp_host=options.host,
     )
 
 
@@ -192,6 +208,13 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="DIRECTORY",
         help="where each receiver gets a symlink to its pseudo-terminal",
+    )
+    parser.add_argument(
+        "--receiver-ports",
+        type=_port_number,
+        nargs="+",
+        metavar="PORT",
+        help="TCP ports of the receivers on the address of --host, in the order of the file",
     )
     parser.add_argument(
         "--gnss-truth", type=Path, metavar="FILE", help="write what the receivers were given"
