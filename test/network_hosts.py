@@ -28,7 +28,7 @@ mount -t tmpfs tmpfs /dev/shm
 mount --bind {machine_id} /etc/machine-id
 ip link set lo up
 echo ready
-exec sleep infinity
+exec cat
 """
 
 
@@ -83,7 +83,7 @@ class NetworkHosts:
         cuts: bool = False,
         seed: int = 1,
     ) -> None:
-        self._count = count
+        self.count = count
         self._relay_settings = (loss, delay, jitter, seed) if loss or delay or cuts else None
         self._processes: list[subprocess.Popen[str]] = []
         self._hub: subprocess.Popen[str] | None = None
@@ -135,7 +135,7 @@ class NetworkHosts:
     def _make(self) -> None:
         self._hub = self._hold(["unshare", "--user", "--map-root-user", "--net", "--mount"], "")
         self._run_in_hub("ip link set lo up")
-        for number in range(self._count):
+        for number in range(self.count):
             machine_id = f"/tmp/vtff_host_{uuid.uuid4().hex}"
             pathlib.Path(machine_id).write_text(uuid.uuid4().hex + "\n", encoding="ascii")
             inner = ["unshare", "--net", "--mount", "--propagation", "private"]
@@ -156,7 +156,7 @@ class NetworkHosts:
                 f"ip address add {self.address(number)}/24 dev eth0\nip link set eth0 up\n"
                 f"{sys.executable} {OFFLOAD} eth0",
             )
-        names = [f"host{number}" for number in range(self._count)]
+        names = [f"host{number}" for number in range(self.count)]
         if self._relay_settings is None:
             joins = "\n".join(f"ip link set {name} master joint" for name in names)
             self._run_in_hub(f"ip link add joint type bridge\nip link set joint up\n{joins}")
@@ -174,8 +174,8 @@ class NetworkHosts:
     def _hold(self, command: Sequence[str], script: str) -> subprocess.Popen[str]:
         """Start a process that keeps namespaces; return it when it has made them."""
         holder = subprocess.Popen(
-            [*command, "sh", "-c", script or "echo ready; exec sleep infinity"],
-            stdin=subprocess.DEVNULL,
+            [*command, "sh", "-c", script or "echo ready; exec cat"],
+            stdin=subprocess.PIPE,  # it ends when this process is gone
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,

@@ -1,1 +1,1 @@
-"""One run on several machines: its hosts, how its parts agree, and how its nodes find each other."""
+"""One run on several machines: how its parts meet and agree, and how its nodes find each other."""

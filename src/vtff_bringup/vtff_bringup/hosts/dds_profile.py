@@ -49,9 +49,7 @@ def write_profile(
         If the file cannot be written.
     """
     general = share_file("vtff_bringup", "config/dds/fastdds_network.xml")
-    text = profile_text(
-        general.read_text(encoding="utf-8"), own_address, addresses, participants
-    )
+    text = profile_text(general.read_text(encoding="utf-8"), own_address, addresses, participants)
     path = run_directory / PROFILE_FILE
     path.write_text(text, encoding="utf-8")
     return path

@@ -13,7 +13,6 @@ from typing import Any
 
 from vtff_bringup.hosts.channel import Channel
 from vtff_bringup.hosts.clock_comparison import ClockComparison
-from vtff_bringup.run.host_session import HostError
 from vtff_bringup.hosts.main_part import ANSWER_LIMIT, LARGEST_DATAGRAM, PROTOCOL
 from vtff_bringup.hosts.part import (
     CONCLUSION_LIMIT,
@@ -24,10 +23,15 @@ from vtff_bringup.hosts.part import (
     quote_host,
 )
 from vtff_bringup.hosts.run_order import RunOrder
-from vtff_bringup.hosts.silence import HEARTBEAT_INTERVAL, LARGEST_SILENCE, SilenceWatch
+from vtff_bringup.hosts.silence import (
+    HEARTBEAT_INTERVAL,
+    LARGEST_SILENCE,
+    LOOK_INTERVAL,
+    SilenceWatch,
+)
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError, reserve_domain
 from vtff_bringup.run.exit_codes import EXIT_FAILURE
-from vtff_bringup.run.host_session import Conclusion, RunEnd
+from vtff_bringup.run.host_session import Conclusion, HostError, RunEnd
 from vtff_bringup.system.description import SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_node.process.lifeline import Stage
@@ -125,6 +129,8 @@ class JoiningPart(HostPart):
             except _LeftError:
                 self._domain_reserved.close()
                 channel.close()
+                if self._closed:
+                    raise HostError("this part has left") from None
                 self.say(f"host {quote_host(self._main)} has left")
                 continue
             except BaseException:
@@ -273,7 +279,8 @@ class JoiningPart(HostPart):
                     self._lost = True
                     self._changed.notify_all()
             try:
-                self._datagrams.settimeout(max(0.01, next_beat - time.monotonic()))
+                remaining = next_beat - time.monotonic()
+                self._datagrams.settimeout(min(max(0.01, remaining), LOOK_INTERVAL))
                 content, address = self._datagrams.recvfrom(LARGEST_DATAGRAM)
             except TimeoutError:
                 continue

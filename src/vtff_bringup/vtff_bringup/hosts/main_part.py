@@ -15,7 +15,6 @@ from typing import Any
 
 from vtff_bringup.hosts.channel import Channel
 from vtff_bringup.hosts.clock_comparison import EXCHANGES, ClockComparison, compare_clocks
-from vtff_bringup.run.host_session import HostError
 from vtff_bringup.hosts.identity import describe_difference
 from vtff_bringup.hosts.part import (
     CONCLUSION_LIMIT,
@@ -27,10 +26,10 @@ from vtff_bringup.hosts.part import (
     recording_host,
 )
 from vtff_bringup.hosts.run_order import RunOrder
-from vtff_bringup.hosts.silence import LARGEST_SILENCE, SilenceWatch
+from vtff_bringup.hosts.silence import LARGEST_SILENCE, LOOK_INTERVAL, SilenceWatch
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError, reserve_domain
 from vtff_bringup.run.exit_codes import EXIT_FAILURE
-from vtff_bringup.run.host_session import Conclusion, RunEnd
+from vtff_bringup.run.host_session import Conclusion, HostError, RunEnd
 from vtff_bringup.system.description import HostDescription, SystemDescription
 from vtff_node.process.lifeline import Stage
 
@@ -38,7 +37,6 @@ __all__ = ["PROTOCOL", "MainPart"]
 
 PROTOCOL = "vtff hosts 1"
 ANSWER_LIMIT = 30.0  # s that another part may take for an answer; it loads the system meanwhile
-LOOK_INTERVAL = 0.25  # s between looks at the silence of the others
 LARGEST_DATAGRAM = 4096
 MOST_CONNECTIONS = 32
 MOST_PROPOSALS = 50
@@ -256,7 +254,8 @@ class MainPart(HostPart):
             )
             problem = self._find_difference(channel.receive(ANSWER_LIMIT))
         if problem:
-            return self._refuse(channel, name, address, problem)
+            self._refuse(channel, name, address, problem)
+            return None
         clock = self._compare_clock(channel)
         member = self._make_member(self._hosts[name], channel, clock)
         with self._changed:
@@ -265,7 +264,8 @@ class MainPart(HostPart):
             else:
                 self._members[name] = member
         if problem:
-            return self._refuse(channel, name, address, problem)
+            self._refuse(channel, name, address, problem)
+            return None
         channel.send({"welcome": member.token, "clock_offset": -clock.offset,
                       "clock_uncertainty": clock.uncertainty})  # fmt: skip
         self.say(f"host {quote_host(member.host)} takes part; {clock.describe(name)}")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 
-__all__ = ["HEARTBEAT_INTERVAL", "LARGEST_SILENCE", "SilenceWatch"]
+__all__ = ["HEARTBEAT_INTERVAL", "LARGEST_SILENCE", "LOOK_INTERVAL", "SilenceWatch"]
 
 HEARTBEAT_INTERVAL = 1.0  # s between two signs of life
+LOOK_INTERVAL = 0.25  # s between looks at the silence
 NOTICED_SILENCE = 3.0  # s after which the console names the host
 LARGEST_SILENCE = 15.0  # s after which the host is lost; DDS forgets a participant after 20 s
 

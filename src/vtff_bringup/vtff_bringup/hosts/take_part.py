@@ -89,7 +89,12 @@ def take_part(
         if host == description.hosts[0].name:
             digests = digest_system(description, run_directory)
             main = MainPart(
-                description, order, version_text(), digests, lambda ports: load(order, ports)[0], say
+                description,
+                order,
+                version_text(),
+                digests,
+                lambda ports: load(order, ports)[0],
+                say,
             )
             stack.callback(main.close)
             main.gather()
@@ -101,9 +106,7 @@ def take_part(
         yield part, part.order
 
 
-def conclude_on_other_host(
-    console: Console, session: HostSession, result: RunResult
-) -> int:
+def conclude_on_other_host(console: Console, session: HostSession, result: RunResult) -> int:
     """Print how the run ended on a host that does not record; return the exit code."""
     exit_code = result.exit_code
     if result.reason:

@@ -18,6 +18,7 @@ __all__ = ["Conclusion", "HostError", "HostSession", "RunEnd"]
 class HostError(RuntimeError):
     """A host cannot take part in a run; the text names the host and the reason."""
 
+
 @dataclasses.dataclass(frozen=True)
 class RunEnd:
     """Why a run ends: as in `vtff_bringup.run.runner.RunResult`."""
@@ -148,7 +149,7 @@ class HostSession(abc.ABC):
     @property
     @abc.abstractmethod
     def counts(self) -> dict[str, str]:
-        """Message counts of the nodes of the other hosts, by file name; complete after the nodes."""
+        """Message counts of nodes of the other hosts, by file name; complete after the nodes."""
 
     @abc.abstractmethod
     def conclude(self, own: Conclusion | None) -> Conclusion | None:

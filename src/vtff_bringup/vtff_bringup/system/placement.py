@@ -39,9 +39,7 @@ def read_hosts(
     for name, value in reader.mapping(content, "hosts", "system file").items():
         where = f"host '{name}'"
         if not PLAIN_NAME.fullmatch(name):
-            raise SystemFileError(
-                f"{path}: {where}: a name of a host is letters, digits and '_'"
-            )
+            raise SystemFileError(f"{path}: {where}: a name of a host is letters, digits and '_'")
         address = str(references.resolve(value, where) or "").strip()
         if not address:
             continue
@@ -106,7 +104,8 @@ def place_on_hosts(
                 f"{path}: {kind} '{name}': host '{host}' {problem}; "
                 f"hosts with an address: {', '.join(addresses) or 'none'}"
             )
-    used = {entry.host for entry in [*nodes, *processes]} - {""}
+    used = {node.host for node in nodes} | {process.host for process in processes}
+    used.discard("")
     if not used:
         return (), tuple(nodes), tuple(processes)
     main = next((node.host for node in nodes if node.ends_run), "")

@@ -182,13 +182,15 @@ class _Loader:
             if "/" in name and name not in node_names:
                 known = ", ".join(sorted(node_names))
                 raise SystemFileError(f"{self._path.name} has no node '{name}'; known: {known}")
-        hosts, nodes, processes = place_on_hosts(self._path, content, addresses, nodes, processes)
+        hosts, placed_nodes, placed_processes = place_on_hosts(
+            self._path, content, addresses, nodes, processes
+        )
         return SystemDescription(
             path=self._path,
             description=str(content.get("description", "")),
             arguments={name: values[name] for name in argument_entries},
-            processes=processes,
-            nodes=tuple(nodes),
+            processes=placed_processes,
+            nodes=placed_nodes,
             hosts=hosts,
             control_port=self._control_port(content),
             free_ports={
@@ -354,7 +356,9 @@ class _Loader:
     def _check_node(self, entry: Any, number: int) -> None:
         where = describe_entry("node", entry, number)
         self._entries.check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
-        self._entries.check_texts(entry, ("package", "executable", "name", "namespace", "host"), where)
+        self._entries.check_texts(
+            entry, ("package", "executable", "name", "namespace", "host"), where
+        )
         # Without a name the node is called like its executable.
         named = ("package", "name") if entry.get("name") else ("package", "executable")
         self._entries.check_names(entry, named, where)

@@ -170,8 +170,8 @@ class GnssEmulation:
     """Receivers of a `ScenarioMachine` with their ports; an observer of its time.
 
     The bytes of a time are handed to the ports before the reply to the motion command that
-    brought it. What a client does not take waits; while too much of it waits the server carries
-    out no further command (see `is_congested`), so that in lockstep nothing is lost.
+    brought it. What a client does not take waits; in lockstep the server carries out no further
+    command while too much of it waits (see `is_congested`), so that nothing is lost.
 
     Parameters
     ----------
@@ -232,8 +232,11 @@ class GnssEmulation:
 
     @property
     def is_congested(self) -> bool:
-        """Whether a client is so slow that scenario time should wait for it."""
-        return any(port.is_congested for port in self.ports.values())
+        """Whether a client is so slow that scenario time should wait for it.
+
+        In lockstep only: the wall clock waits for nobody, and a receiver loses what is not taken.
+        """
+        return self._machine.is_lockstep and any(port.is_congested for port in self.ports.values())
 
     def fileno(self) -> int:
         """Return a descriptor that is readable when `process` has something to do."""
@@ -272,9 +275,7 @@ class GnssEmulation:
             limits_baud=receiver.limits_baud,
         )
         link = None if self._links is None else self._links / receiver.name
-        port = ReceiverPort(
-            emulated, link, tcp_host=self._tcp_host, tcp_port=receiver.tcp_port
-        )
+        port = ReceiverPort(emulated, link, tcp_host=self._tcp_host, tcp_port=receiver.tcp_port)
         self._emulated[receiver.name] = emulated
         self.ports[receiver.name] = port
         self._epoll.register(port.fileno(), select.EPOLLIN)
