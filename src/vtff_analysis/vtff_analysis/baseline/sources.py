@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY, TRUTH_TOPIC
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY, truth_topic
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -258,10 +258,11 @@ def _read_thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
 def _read_truth(reader: BagReader, rover: str) -> TrueBaseline | None:
     from vtff_node.stamps import to_nanoseconds
 
-    if TRUTH_TOPIC not in reader.topics:
+    topic = truth_topic(rover)
+    if topic not in reader.topics:
         return None
     times, baselines = [], []
-    for decoded in reader.messages(TRUTH_TOPIC):
+    for decoded in reader.messages(topic):
         message = decoded.message
         if message.child_frame_id == rover:
             time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))
