@@ -9,7 +9,8 @@ A system file (``config/system/*.yaml``) has these keys:
     `vtff_bringup.system.extension`.
 ``arguments``
     Values that the command line may set with ``key:=value``: name -> ``default``,
-    ``description``, ``file: true`` for a path relative to the system file.
+    ``description``, ``file: true`` for a path relative to the system file, ``file: receiver_log``
+    for one that must hold NovAtel logs.
 ``processes``
     Programs without ROS, started first: ``name``, ``package``, ``executable``,
     ``arguments``; ``when`` (argument -> value: the program starts only if the argument has this
@@ -59,6 +60,8 @@ LOCKSTEP_ROLES = ("participant", "side_branch")
 
 SYSTEM_KEYS = {"description", "arguments", "processes", "nodes"}
 ARGUMENT_KEYS = {"default", "description", "file"}
+#: Value of the key `file` of an argument whose file must hold NovAtel logs.
+RECEIVER_LOG = "receiver_log"
 PROCESS_KEYS = {"name", "package", "executable", "arguments", "when", "sets"}
 NODE_KEYS = {
     "package",
@@ -193,6 +196,8 @@ class _Loader:
         file = (base / str(value)).resolve()
         if not file.is_file():
             raise SystemFileError(f"argument '{name}': no file '{value}' (looked at {file})")
+        if entry["file"] == RECEIVER_LOG:
+            _check_receiver_log(name, file)
         return str(file)
 
     def _read_processes(
@@ -331,3 +336,15 @@ class _Loader:
         named = ("package", "name") if entry.get("name") else ("package", "executable")
         self._entries.check_names(entry, named, where)
         self._entries.check_executable(entry, where)
+
+
+def _check_receiver_log(argument: str, file: pathlib.Path) -> None:
+    # Imported here, because few systems read a log.
+    from vtff_gnss.files.observation_files import ObservationFileError, check_receiver_log
+
+    try:
+        check_receiver_log(file)
+    except ObservationFileError as error:
+        raise SystemFileError(f"argument '{argument}': {error}") from None
+    except OSError as error:
+        raise SystemFileError(f"argument '{argument}': {file}: {error.strerror}") from None
