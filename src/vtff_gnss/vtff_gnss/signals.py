@@ -23,6 +23,7 @@ from vtff_gnss import constants as c
 __all__ = [
     "SignalKey",
     "carrier_frequency_hz",
+    "carrier_number_of_signal",
     "carrier_wavelength",
     "satellite_from_number",
     "satellite_name",
@@ -182,6 +183,11 @@ def signal_number(
 def satellite_number_of_signal(number: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """Return the `satellite_number` of each `signal_number`."""
     return np.asarray(np.asarray(number, dtype=np.int64) >> 2 * _FIELD_BITS)
+
+
+def carrier_number_of_signal(number: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return one integer for satellite and band of each `signal_number`."""
+    return np.asarray(np.asarray(number, dtype=np.int64) >> _FIELD_BITS)
 
 
 def signal_from_number(number: int) -> SignalKey:

@@ -83,7 +83,7 @@ class OffsetResult:
         Mean absolute difference of single samples to the truth averaged over the separation,
         electrons per cubic metre.
     noise : float
-        Mean |N(k)|^2 of the noise of the samples.
+        Mean ``|N(k)|^2`` of the noise of the samples.
     departure, departure_deconvolved : float
         Wavelength below which the spectrum departs, m; NaN where it never does.
     noise_scale : float

@@ -174,7 +174,8 @@ class SceneBuilder:
 
     def _add_relative(self, deputy: str, source: str, stamp: int, message: Any) -> None:
         if message.child_frame_id != deputy:
-            note = f"{source} of '{deputy}': a message names '{message.child_frame_id}' and is left out"
+            named = message.child_frame_id
+            note = f"{source} of '{deputy}': a message names '{named}' and is left out"
             if note not in self.scene.notes:
                 self.scene.notes.append(note)
             return

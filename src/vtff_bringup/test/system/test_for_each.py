@@ -1,7 +1,5 @@
 """System files: entries that stand for one node or process for each spacecraft or deputy."""
 
-import pathlib
-
 import pytest
 
 from vtff_bringup.system.description import RunSettings

@@ -9,7 +9,8 @@ A system file (``config/system/*.yaml``) has these keys:
     `vtff_bringup.system.extension`.
 ``arguments``
     Values that the command line may set with ``key:=value``: name -> ``default``,
-    ``description``, ``file: true`` for a path relative to the system file.
+    ``description``, ``file: true`` for a path relative to the system file, ``file: receiver_log``
+    for one that must hold NovAtel logs.
 ``processes``
     Programs without ROS, started first: ``name``, ``package``, ``executable``,
     ``arguments``; ``when`` (argument -> value: the program starts only if the argument has this
@@ -26,8 +27,8 @@ A system file (``config/system/*.yaml``) has these keys:
     the end of the run), ``own_process`` (the node is never composed).
 
 An entry with ``for_each: spacecraft`` or ``for_each: deputy`` stands for one node or process for
-each of them; ``${spacecraft}`` or ``${deputy}`` is the name there, and ``${deputy.a.b}`` an entry of
-that spacecraft in the scenario. A key of ``arguments`` or of ``sets``, or a text in a list, with
+each of them; ``${spacecraft}`` or ``${deputy}`` is the name there, and ``${deputy.a.b}`` an entry
+of that spacecraft in the scenario. A key of ``arguments`` or of ``sets``, or a text in a list, with
 ``${spacecraft}`` or ``${deputy}`` in it stands for one for each. ``${chief}`` and ``${deputies}``
 are the names of the chief and of all deputies everywhere.
 
@@ -74,6 +75,8 @@ LOCKSTEP_ROLES = ("participant", "side_branch")
 SYSTEM_KEYS = {"description", "arguments", "processes", "nodes"}
 ARGUMENT_KEYS = {"default", "description", "file"}
 PROCESS_KEYS = {"for_each", "name", "package", "executable", "arguments", "when", "sets"}
+#: Value of the key `file` of an argument whose file must hold NovAtel logs.
+RECEIVER_LOG = "receiver_log"
 NODE_KEYS = {
     "for_each",
     "package",
@@ -261,6 +264,8 @@ class _Loader:
         file = (base / str(value)).resolve()
         if not file.is_file():
             raise SystemFileError(f"argument '{name}': no file '{value}' (looked at {file})")
+        if entry["file"] == RECEIVER_LOG:
+            _check_receiver_log(name, file)
         return str(file)
 
     def _read_processes(
@@ -416,3 +421,15 @@ def _with_craft(value: Any, kind: str, craft: str) -> Any:
     if isinstance(value, dict):
         return {key: _with_craft(item, kind, craft) for key, item in value.items()}
     return value.replace(f"${{{kind}}}", craft) if isinstance(value, str) else value
+
+
+def _check_receiver_log(argument: str, file: pathlib.Path) -> None:
+    # Imported here, because few systems read a log.
+    from vtff_gnss.files.observation_files import ObservationFileError, check_receiver_log
+
+    try:
+        check_receiver_log(file)
+    except ObservationFileError as error:
+        raise SystemFileError(f"argument '{argument}': {error}") from None
+    except OSError as error:
+        raise SystemFileError(f"argument '{argument}': {file}: {error.strerror}") from None

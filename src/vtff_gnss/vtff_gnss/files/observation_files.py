@@ -14,6 +14,7 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import STATUS_NONE, Fix
 from vtff_gnss.novatel import ReceiverLogStream, StreamCounters
 from vtff_gnss.novatel.events import Event
+from vtff_gnss.novatel.stream import RawLogs
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex.compressed_file import decompress, is_hatanaka, is_rinex
@@ -24,6 +25,7 @@ from vtff_gnss.rinex.observation import parse_rinex_observation
 __all__ = [
     "ObservationFile",
     "ObservationFileError",
+    "check_receiver_log",
     "open_ephemerides",
     "open_observations",
 ]
@@ -144,6 +146,34 @@ def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]
     return ephemerides
 
 
+def check_receiver_log(path: str | pathlib.Path) -> None:
+    """Raise an error unless a file, compressed or not, holds an intact NovAtel log.
+
+    The file is read up to the first one.
+
+    Raises
+    ------
+    ObservationFileError
+        If the file is something else, or every log of it is damaged.
+    OSError
+        If the file cannot be read.
+    """
+    path = pathlib.Path(path)
+    try:
+        content = decompress(path.read_bytes(), path)
+    except RinexError as error:
+        raise ObservationFileError(str(error)) from None
+    if is_rinex(content):
+        raise ObservationFileError(f"{path}: a RINEX file; a NovAtel log is required here")
+    counters = StreamCounters()
+    for _ in _novatel_events(content, counters, None, raw_logs="all"):
+        if counters.frames_good:
+            return
+    if not content.strip():
+        raise ObservationFileError(_describe_unknown(path, content))
+    raise ObservationFileError(f"{path}: no NovAtel log that vtff reads was found in this file")
+
+
 def _open_rinex(
     path: pathlib.Path,
     content: bytes,
@@ -160,7 +190,8 @@ def _open_rinex(
     if result.error is not None:
         remarks.append(f"only {len(result.table)} epochs were read: {result.error}")
     if not len(result.table.columns["prn"]):
-        raise ObservationFileError(f"{path}: no observations" + _of(systems, signals))
+        reason = f" ({remarks[-1]})" if remarks else ""
+        raise ObservationFileError(f"{path}: no observations{_of(systems, signals)}{reason}")
     hatanaka = " (Hatanaka)" if is_hatanaka(content) else ""
     return ObservationFile(
         path=path,
@@ -214,9 +245,12 @@ def _open_novatel(
 
 
 def _novatel_events(
-    content: bytes, counters: StreamCounters, progress: Progress | None
+    content: bytes,
+    counters: StreamCounters,
+    progress: Progress | None,
+    raw_logs: RawLogs = "none",
 ) -> Iterator[Event]:
-    stream = ReceiverLogStream(counters=counters)
+    stream = ReceiverLogStream(counters=counters, raw_logs=raw_logs)
     for start in range(0, len(content), _CHUNK_LENGTH):
         yield from stream.feed(content[start : start + _CHUNK_LENGTH])
         if progress is not None:

@@ -18,7 +18,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS, SYSTEM_LETTERS
+from vtff_gnss.constants import (
+    EPHEMERIS_SOURCE_FNAV,
+    SYSTEM_GALILEO,
+    SYSTEM_GPS,
+    SYSTEM_LETTERS,
+)
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import carrier_frequency_hz
 
@@ -195,6 +200,8 @@ def broadcast_code_biases(ephemerides: Sequence[BroadcastEphemeris]) -> CodeBias
     for ephemeris in ephemerides:
         half = 0.5 * ephemeris.fit_interval
         for first, second, field in _BROADCAST_PAIRS.get(ephemeris.system, ()):
+            if ephemeris.source == EPHEMERIS_SOURCE_FNAV and field == "group_delay_secondary":
+                continue  # F/NAV does not tell the delay of E5b.
             frequency_first, frequency_second = carrier_frequency_hz(
                 [ephemeris.system] * 2, [int(first[1]), int(second[1])]
             )

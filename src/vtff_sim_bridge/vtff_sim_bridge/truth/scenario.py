@@ -1,4 +1,4 @@
-"""Scenario files (config/scenario/*.yaml): what flies, from where, under which forces.
+"""Scenario files (``config/scenario/*.yaml``): what flies, from where, under which forces.
 
 A scenario file is read strictly: an unknown key, a missing field, a wrong type or a value out of
 range is a `ScenarioError` that names the file and the field. The form of the file is described in

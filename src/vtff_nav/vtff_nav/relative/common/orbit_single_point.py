@@ -13,7 +13,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
@@ -87,13 +87,13 @@ class Combinations:
         )
 
 
-def form_combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
+def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinations:
     """Return the ionosphere-free combinations of the first two carriers of each satellite.
 
     Parameters
     ----------
     signals : SignalTable
-    table : EphemerisTable
+    table : SatelliteTable
         All satellites of `signals` must be in it; their group delays are taken off the codes.
     """
     # Signals are in the order of satellites and bands.
@@ -130,7 +130,7 @@ def form_combinations(signals: SignalTable, table: EphemerisTable) -> Combinatio
 
 
 def _corrected_code(
-    signals: SignalTable, rows: npt.NDArray[np.intp], table: EphemerisTable
+    signals: SignalTable, rows: npt.NDArray[np.intp], table: SatelliteTable
 ) -> FloatArray:
     """Return the codes of some rows less their broadcast group delays, m, shape (n,)."""
     code, bands = signals.pseudorange[rows], signals.band[rows]
@@ -169,7 +169,7 @@ class SinglePoint:
 
 def solve_single_point(
     measured: Combinations,
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: GpsTime,
     elevation_mask: float,
     has_troposphere: bool,
@@ -179,7 +179,7 @@ def solve_single_point(
     Parameters
     ----------
     measured : Combinations
-    table : EphemerisTable
+    table : SatelliteTable
     time : GpsTime
         Time tag of the epoch.
     elevation_mask : float
@@ -247,7 +247,7 @@ def _solve_velocity(
     measured: Combinations,
     direction: FloatArray,
     position_itrf: FloatArray,
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: GpsTime,
 ) -> tuple[FloatArray, float]:
     """Return the Earth-fixed velocity from Doppler and its sigma; NaN with too few satellites."""
