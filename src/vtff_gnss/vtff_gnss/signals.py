@@ -110,7 +110,13 @@ def carrier_wavelength(
 
 
 def satellite_name(system: int, prn: int) -> str:
-    """Return the RINEX 3 name of a satellite, e.g. ``"G05"``."""
+    """Return the RINEX 3 name of a satellite.
+
+    Examples
+    --------
+    >>> satellite_name(0, 5), satellite_name(3, 11)
+    ('G05', 'E11')
+    """
     return f"{c.SYSTEM_LETTERS[system]}{prn:02d}"
 
 
