@@ -27,7 +27,7 @@ from vtff_bag.file.reader import BagReader
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 SOFTWARE = ("reference_software",)
 RECEIVERS = ("reference", f"gnss:={ROOT / 'config/gnss/benchmark.yaml'}")
-ON_TRUTH = "relative_state:=formation/relative_state_truth"
+ON_TRUTH = "relative_state:=relative_state_truth"
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ from vtff_node.executables import executable_path
 #: Processes of config/system/reference.yaml: name of the log file -> words of its command line.
 PROCESSES = {
     "simgen_emulator": "simgen_emulator",
-    "can_thruster_emulator": "can_thruster_emulator",
+    "deputy__can_thruster_emulator": "can_thruster_emulator",
     "simgen_bridge": "parameters/simgen_bridge.yaml",
     "chief__receiver_driver": "parameters/chief__receiver_driver.yaml",
     "deputy__receiver_driver": "parameters/deputy__receiver_driver.yaml",
-    "relative_ekf": "parameters/relative_ekf.yaml",
-    "sdre_controller": "parameters/sdre_controller.yaml",
+    "deputy__relative_ekf": "parameters/deputy__relative_ekf.yaml",
+    "deputy__sdre_controller": "parameters/deputy__sdre_controller.yaml",
     "deputy__thruster": "parameters/deputy__thruster.yaml",
     "bag_recorder": "parameters/bag_recorder.yaml",
 }

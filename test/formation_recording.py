@@ -12,7 +12,6 @@ from vtff_analysis.recordings.observation_recording import (
     observation_columns,
     observation_table,
 )
-from vtff_analysis.recordings.topics import ESTIMATE_TOPIC
 from vtff_bag.file.cdr_columns import MessageColumns
 from vtff_bag.file.reader import BagReader, DecodedMessage, RawMessage
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -26,8 +25,6 @@ from vtff_node.stamps import to_nanoseconds
 
 __all__ = ["formation_seconds"]
 
-AMBIGUITIES_TOPIC = "/formation/ambiguities"
-
 
 def formation_seconds(
     reader: BagReader, chief: str = "chief", deputy: str = "deputy"
@@ -38,7 +35,7 @@ def formation_seconds(
     ----------
     reader : BagReader
         A bag with <craft>/gnss/high_rate, <craft>/gnss/ephemeris, <craft>/gnss/fix,
-        /formation/ambiguities and /formation/relative_state.
+        /deputy/ambiguities and /deputy/relative_state.
     chief, deputy : str
         Names of the spacecraft.
 
@@ -51,8 +48,8 @@ def formation_seconds(
     recorded = _FormationBag(reader, crafts)
     observed = [recorded.observations(f"/{craft}/gnss/high_rate") for craft in crafts]
     fixes = [recorded.by_second(f"/{craft}/gnss/fix") for craft in crafts]
-    integers = recorded.by_second(AMBIGUITIES_TOPIC)
-    relative = recorded.by_second(ESTIMATE_TOPIC)
+    integers = recorded.by_second(f"/{deputy}/ambiguities")
+    relative = recorded.by_second(f"/{deputy}/relative_state")
     ephemerides = sorted(
         (
             (item.log_time, number, ephemeris_from_message(item.message))
@@ -73,8 +70,8 @@ def formation_seconds(
                     observed[0].get(second) or block_from_messages([]),
                     observed[1].get(second) or block_from_messages([]),
                 ),
-                relative.get(second),
-                integers.get(second),
+                [relative.get(second)],
+                [integers.get(second)],
                 [fixes_of_craft.get(second) for fixes_of_craft in fixes],
             ),
         )
@@ -88,7 +85,8 @@ class _FormationBag:
         observations = [f"/{craft}/gnss/high_rate" for craft in crafts]
         self._columns = {topic: observation_columns(reader, topic) for topic in observations}
         single = [f"/{craft}/gnss/{name}" for craft in crafts for name in ("fix", "ephemeris")]
-        topics = [*self._columns, *single, AMBIGUITIES_TOPIC, ESTIMATE_TOPIC]
+        deputy = crafts[1]
+        topics = [*self._columns, *single, f"/{deputy}/ambiguities", f"/{deputy}/relative_state"]
         self._raw: dict[str, list[RawMessage]] = {topic: [] for topic in topics}
         for raw in reader.raw_messages(topics):
             if raw.topic in self._columns:

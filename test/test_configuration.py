@@ -89,6 +89,8 @@ def test_a_system_file_takes_only_step_and_target_from_the_scenario(path):
                 entry = value.removeprefix("${scenario.").rstrip("}").split(".")
                 assert entry[0] in SCENARIO_ENTRIES, f"{node['executable']}: {name}"
                 assert entry[0] == "step" or "target" in entry, f"{node['executable']}: {name}"
+            if isinstance(value, str) and value.startswith(("${deputy.", "${spacecraft.")):
+                assert value.split(".")[1] == "target", f"{node['executable']}: {name}"
 
 
 @pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
@@ -102,8 +104,11 @@ def test_an_argument_that_feeds_a_parameter_has_the_default_of_that_parameter(pa
             if argument.get("file") or defaults.get(name) in (None, ""):
                 continue
             # 'emulator' stands for what the emulator's own process sets.
-            if "default" in argument and argument["default"] != "emulator":
-                assert argument["default"] == defaults[name], f"{node['executable']}: {name}"
+            default = argument.get("default")
+            while str(default).startswith("${"):  # that of another argument
+                default = arguments[default.removeprefix("${").rstrip("}")]["default"]
+            if default not in (None, "emulator"):
+                assert default == defaults[name], f"{node['executable']}: {name}"
 
 
 def test_simremote_has_one_port():

@@ -36,11 +36,11 @@ ENDLESS = ("--duration", 100_000)
 #: stopped is named by the runner, too.
 MISSED = {
     "simgen_emulator": ("simgen_bridge", "simgen_emulator"),
-    "can_thruster_emulator": ("thruster",),
-    "sdre_controller": ("thruster", "sdre_controller"),
+    "deputy__can_thruster_emulator": ("thruster",),
+    "deputy__sdre_controller": ("thruster", "sdre_controller"),
     "deputy__thruster": ("thruster",),
-    "chief__receiver_driver": ("/chief/receiver_driver", "/relative_ekf"),
-    "deputy__receiver_driver": ("/deputy/receiver_driver", "/relative_ekf"),
+    "chief__receiver_driver": ("/chief/receiver_driver", "/deputy/relative_ekf"),
+    "deputy__receiver_driver": ("/deputy/receiver_driver", "/deputy/relative_ekf"),
 }
 
 
@@ -150,13 +150,15 @@ def test_no_memory(tmp_path, fault_table):
     flight = Flight(tmp_path, *ENDLESS)
     flight.wait_for_steps()
     with flight.fault():
-        flight.limit("relative_ekf", resource.RLIMIT_AS, flight.memory("relative_ekf"))
+        flight.limit(
+            "deputy__relative_ekf", resource.RLIMIT_AS, flight.memory("deputy__relative_ekf")
+        )
         # What is left to the process may last for ever: an allocation that fails ends it.
         time.sleep(PAUSE)
-        flight.send("relative_ekf", signal.SIGKILL)
+        flight.send("deputy__relative_ekf", signal.SIGKILL)
     outcome = flight.end()
     fault_table("memory of relative_ekf", "none left, then killed", outcome)
-    check(outcome, "relative_ekf")
+    check(outcome, "deputy__relative_ekf")
 
 
 @pytest.mark.slow
@@ -184,8 +186,8 @@ def test_restart(tmp_path, fault_table):
     first = Flight(tmp_path / "first", *ENDLESS, environment=environment)
     first.wait_for_steps()
     with first.fault():
-        first.send("relative_ekf", signal.SIGKILL)
-    check(first.end(), "relative_ekf")
+        first.send("deputy__relative_ekf", signal.SIGKILL)
+    check(first.end(), "deputy__relative_ekf")
     second = Flight(tmp_path / "second", "--duration", 5, environment=environment)
     outcome = second.end()
     fault_table("run after a killed node", "restart", outcome)
@@ -196,16 +198,16 @@ def test_one_flight_is_disturbed_in_several_ways(tmp_path):
     """The short form: pauses that a run survives, then a process that stays stopped."""
     flight = Flight(tmp_path, *ENDLESS, system="reference_software.yaml")
     flight.wait_for_steps()
-    for name in ("sdre_controller", "simgen_emulator", "bag_recorder"):
+    for name in ("deputy__sdre_controller", "simgen_emulator", "bag_recorder"):
         flight.send(name, signal.SIGSTOP)
         time.sleep(0.5)
         flight.send(name, signal.SIGCONT)
         flight.wait_for_steps(size=20_000)
     with flight.fault():
-        flight.send("sdre_controller", signal.SIGSTOP)
+        flight.send("deputy__sdre_controller", signal.SIGSTOP)
     outcome = flight.end()
     check(outcome, "thrust on /deputy/propulsion/thrust_applied")
-    assert "; stopped: sdre_controller" in outcome.output
+    assert "; stopped: deputy__sdre_controller" in outcome.output
     assert outcome.closed and outcome.lost == 0 and outcome.steps > 20
 
 

@@ -87,7 +87,7 @@ def test_a_missing_link_of_the_loop_is_named(tmp_path):
     def remove_the_controller(content):
         del content["nodes"][1]
         content["nodes"][0]["parameters"].update(
-            expected_nodes=["/sdre_controller", "/deputy/thruster"], start_timeout=4.0
+            expected_nodes=["/deputy/sdre_controller", "/deputy/thruster"], start_timeout=4.0
         )
 
     out = tmp_path / "run"
@@ -95,7 +95,7 @@ def test_a_missing_link_of_the_loop_is_named(tmp_path):
     result = run_vtff("run", system, "--composed", "--out", out, "--no-report")
     assert result.returncode == 1
     assert "thrust on /deputy/propulsion/thrust_applied" in result.stdout
-    assert "not in the graph: /sdre_controller\n" in result.stdout
+    assert "not in the graph: /deputy/sdre_controller\n" in result.stdout
     assert BagReader(out).complete
 
 

@@ -154,7 +154,7 @@ def test_two_hosts_in_lockstep_give_the_same_bytes_as_one(on_this_machine, tmp_p
         folder = complete(parts, bag_of=parts[1])
     names = topics(on_this_machine)
     assert names == topics(folder)
-    assert {"/chief/gnss/raw", "/deputy/gnss/high_rate", "/formation/relative_state"} <= names
+    assert {"/chief/gnss/raw", "/deputy/gnss/high_rate", "/deputy/relative_state"} <= names
     assert assert_equal_messages(on_this_machine, folder, names) > 60 * DURATION
 
 
@@ -246,8 +246,8 @@ def test_a_link_cut_for_ten_seconds_is_survived(tmp_path, cut_host):
     if cut_host == 1:
         assert_cut_was_survived(parts[:2], folder, least=6, most=14)
     assert f"host '{HOSTS[cut_host]}' ({network.address(cut_host)}) is silent" in parts[0].output
-    state = messages(folder, "/formation/relative_state")[-1]
-    truth = messages(folder, "/formation/relative_state_truth")[-1]
+    state = messages(folder, "/deputy/relative_state")[-1]
+    truth = messages(folder, "/deputy/relative_state_truth")[-1]
     assert seconds(truth) - seconds(state) <= 2.0
     error = [getattr(state.position, axis) - getattr(truth.position, axis) for axis in "xyz"]
     assert np.linalg.norm(error) < 25.0  # of the state before, at most 17 m/s in-track
@@ -307,7 +307,7 @@ def test_ten_minutes_in_real_time_over_a_bad_link(tmp_path):
         for part in parts:
             part.wait(720.0)
         folder = complete(parts, bag_of=parts[0])
-    truth = messages(folder, "/formation/relative_state_truth")
+    truth = messages(folder, "/deputy/relative_state_truth")
     assert len(truth) == 601
     in_track = np.array([message.position.y for message in truth[-60:]])
     np.testing.assert_allclose(in_track, 100.0, atol=1.0)

@@ -96,7 +96,7 @@ def densities(run, truth):
     """Return time, altitude, combined density, sigma and true density."""
     table = [
         (seconds_of(m) - truth.start, m.altitude, m.density[-1], m.density_sigma[-1])
-        for m in messages(run, "/formation/electron_density")
+        for m in messages(run, "/deputy/iono/electron_density")
     ]
     table = np.array([row for row in table if math.isfinite(row[2])])
     return (*table.T, truth.density(table[:, 0]))
@@ -105,7 +105,7 @@ def densities(run, truth):
 def vertical_boundaries(run):
     return [
         m
-        for m in messages(run, "/formation/irregularity_boundary")
+        for m in messages(run, "/deputy/iono/irregularity_boundary")
         if m.kind == IrregularityBoundary.KIND_VERTICAL
     ]
 
@@ -125,14 +125,16 @@ def test_online_and_offline_give_the_same_bytes(short):
         for ephemeris in ephemerides:
             formation.add_ephemeris(ephemeris)
         result = formation.process(second)
-        offline["slant_tec"].append(
-            slant_tec_to_message(result.spacecraft[0].epoch, "chief/gnss_antenna")
+        offline["slant_tec"].append(slant_tec_to_message(result.spacecraft[0].epoch, "chief"))
+        offline["density"] += (
+            density_to_message(density, "deputy") for density in result.density[0]
         )
-        offline["density"] += map(density_to_message, result.density)
-        offline["boundary"] += [boundary_to_message(b, "chief") for b in result.boundaries]
+        offline["boundary"] += [
+            boundary_to_message(b, "chief", "deputy") for b in result.boundaries[0]
+        ]
     for name, topic in (
         ("slant_tec", "/chief/iono/slant_tec"),
-        ("density", "/formation/electron_density"),
+        ("density", "/deputy/iono/electron_density"),
     ):
         online = messages(short, topic)
         assert len(online) >= 10
@@ -250,7 +252,7 @@ def test_rays_enter_and_leave_when_they_do(craft, system, request):
     crossing = [s["time"] for s in true_seconds(run, craft) if max(s["s4_l1"], default=0) > 0.2]
     edges = [
         (m.entry, seconds_of(m) - start)
-        for m in messages(run, "/formation/irregularity_boundary")
+        for m in messages(run, "/deputy/iono/irregularity_boundary")
         if m.spacecraft == craft and m.source == IrregularityBoundary.SOURCE_S4
     ]
     assert min(t for entry, t in edges if entry) == pytest.approx(crossing[0], abs=15.0)

@@ -62,10 +62,10 @@ def test_millimetre_filter_and_delay_aware_design(runs, seed):
     assert keeping / keeping_hours <= 0.1
     assert "paper HIL" in shown and "Park et al. HIL" in shown
     times, estimate = history(
-        folder, "/formation/relative_state", lambda m: (m.solution, *m.position, *m.velocity)
+        folder, "/deputy/relative_state", lambda m: (m.solution, *m.position, *m.velocity)
     )
     same_times, truth = history(
-        folder, "/formation/relative_state_truth", lambda m: (*m.position, *m.velocity)
+        folder, "/deputy/relative_state_truth", lambda m: (*m.position, *m.velocity)
     )
     assert np.array_equal(times, same_times)
     assert set(estimate[:, 0]) == {RelativeState.SOLUTION_FIXED}

@@ -55,9 +55,9 @@ def test_an_outage_in_the_approach_ends_at_the_target(tmp_path, errors):
     totals = [value for key, value in summary.items() if key.startswith("delta_v_total_")]
     assert sum(totals) <= 75.0
     reader = BagReader(tmp_path / "run")
-    truth = [item.message for item in reader.messages("/formation/relative_state_truth")]
+    truth = [item.message for item in reader.messages("/deputy/relative_state_truth")]
     assert max(math.dist(message.position, TARGET) for message in truth[-60:]) <= 1.0
-    solutions = [item.message.solution for item in reader.messages("/formation/relative_state")]
+    solutions = [item.message.solution for item in reader.messages("/deputy/relative_state")]
     assert solutions.count(RelativeState.SOLUTION_PREDICTED) >= 35
     thrust = [
         (item.message.accel.linear.x, item.message.accel.linear.y, item.message.accel.linear.z)

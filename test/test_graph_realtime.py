@@ -19,7 +19,7 @@ def realtime(runs):
 
 
 def states(run):
-    messages = BagReader(run).messages("/formation/relative_state_truth")
+    messages = BagReader(run).messages("/deputy/relative_state_truth")
     return np.array([[*item.message.position, *item.message.velocity] for item in messages])
 
 

@@ -363,8 +363,9 @@ def test_a_file_that_is_no_receiver_log_fails_in_one_line(tmp_path):
     path = tmp_path / "picture.png"
     path.write_bytes(random.Random(1).randbytes(200_000))
     result = run_vtff("run", SYSTEMS / SYSTEM, f"log:={path}", "--out", tmp_path / "run")
-    assert result.returncode == 1
+    assert result.returncode == 2
     assert "no NovAtel log that vtff reads was found in" in result.stdout
+    assert not (tmp_path / "run").exists()
     assert "Traceback" not in result.stdout + result.stderr
 
 

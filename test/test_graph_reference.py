@@ -47,7 +47,7 @@ def test_graph_reproduces_the_in_process_loop(reference):
     expected = simulate_closed_loop(scenario, design)
     history = expected.deputies["deputy"]
     messages = [
-        item.message for item in BagReader(reference).messages("/formation/relative_state_truth")
+        item.message for item in BagReader(reference).messages("/deputy/relative_state_truth")
     ]
     recorded = np.array([[*message.position, *message.velocity] for message in messages])
     np.testing.assert_array_equal(recorded, history.state_relative_rtn)
@@ -69,7 +69,7 @@ def test_the_bag_holds_what_each_publisher_counted(reference):
         for topic, count in json.loads(path.read_text())["published"].items():
             published[topic] = published.get(topic, 0) + count
     topics = BagReader(reference).topics
-    assert published["/formation/relative_state_truth"] == 3601
+    assert published["/deputy/relative_state_truth"] == 3601
     assert {topic: topics[topic].message_count for topic in published if published[topic]} == {
         topic: count for topic, count in published.items() if count
     }

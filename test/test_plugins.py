@@ -86,7 +86,7 @@ def test_documented_controller_flies(mylab, tmp_path):
         "sdre_controller.stiffness:=2e-4",
     )
     assert result.returncode == 0, result.stdout + result.stderr
-    states = messages(tmp_path / "run", "/formation/relative_state_truth")
+    states = messages(tmp_path / "run", "/deputy/relative_state_truth")
     commands = messages(tmp_path / "run", "/deputy/control/thrust_command")
     assert len(commands) >= 30
     # In-track the law of the document, at its own stiffness and the given one.
@@ -105,11 +105,11 @@ def test_documented_estimator_flies(mylab, tmp_path):
     assert result.returncode == 0, result.stdout + result.stderr
     truth = {
         (state.header.stamp.sec, state.header.stamp.nanosec): state
-        for state in messages(tmp_path / "run", "/formation/relative_state_truth")
+        for state in messages(tmp_path / "run", "/deputy/relative_state_truth")
     }
     errors = [
         np.linalg.norm(np.subtract(state.position, true.position))
-        for state in messages(tmp_path / "run", "/formation/relative_state")
+        for state in messages(tmp_path / "run", "/deputy/relative_state")
         if state.solution == 2
         and (true := truth.get((state.header.stamp.sec, state.header.stamp.nanosec))) is not None
     ]

@@ -17,6 +17,7 @@ setup(
         "numpy>=1.26,<3",
         "brahe>=1.8,<1.9",
         "numba>=0.60,<1",
+        "scipy>=1.11,<2",
     ],
     python_requires=">=3.10",
     zip_safe=True,

@@ -95,7 +95,7 @@ def write_full_run(directory, seconds=200, seed=1, bias=0.0, custom=None):
         )
         bag.add("/sim/status", time, status)
     edge = IrregularityBoundary(entry=True, spacecraft=DEPUTY, prn=5, latitude_deg=-11.5)
-    bag.add("/formation/irregularity_boundaries", START + 50 * SECOND, edge)
+    bag.add("/deputy/iono/irregularity_boundaries", START + 50 * SECOND, edge)
     bag.writer.close()
     return directory
 
@@ -109,7 +109,7 @@ def _add_formation(bag, second, time, generator, bias):
     in_track = 100.0 + 900.0 * np.exp(-second / 8.0)
     truth = RelativeState(child_frame_id=DEPUTY, solution=RelativeState.SOLUTION_TRUTH)
     truth.position = np.array([0.0, in_track, 0.0])
-    bag.add("/formation/relative_state_truth", time, truth)
+    bag.add("/deputy/relative_state_truth", time, truth)
     if second > 5:
         fixed = second > 60
         sigma = np.array([0.02, 0.01, 0.01] if fixed else [0.6, 0.3, 0.3])
@@ -126,7 +126,7 @@ def _add_formation(bag, second, time, generator, bias):
         covariance[range(3), range(3)] = sigma**2
         covariance[range(3, 6), range(3, 6)] = 1e-6
         estimate.covariance = covariance.ravel()
-        bag.add("/formation/relative_state", time, estimate)
+        bag.add("/deputy/relative_state", time, estimate)
     command = AccelStamped()
     command.accel.linear.y = -0.5 if second < 10 else 0.0
     bag.add(f"/{DEPUTY}/control/thrust_command", time, command)

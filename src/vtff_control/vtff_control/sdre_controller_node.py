@@ -88,7 +88,7 @@ class SdreControllerParameters:
         maximum=100,
     )
     target_position_rtn: list[float] = parameter(
-        [0.0, 100.0, 0.0], "wanted position until /formation/target says otherwise", unit="m"
+        [0.0, 100.0, 0.0], "wanted position until the topic target says otherwise", unit="m"
     )
     target_velocity_rtn: list[float] = parameter(
         [0.0, 0.0, 0.0], "wanted velocity in the rotating frame", unit="m/s"
@@ -142,11 +142,11 @@ class SdreControllerParameters:
 class SdreControllerNode(VtffNode):
     """Formation controller (SDRE): one command for every relative state.
 
-    Subscribes to formation/relative_state and formation/target (vtff_msgs/RelativeState);
-    publishes <deputy>/control/thrust_command (geometry_msgs/AccelStamped, m/s^2 in chief/rtn,
-    stamped with the time of the state it answers). A state that is stale, not finite or marked
-    unusable gives zero thrust and a diagnostic; one that is repeated or out of order has been
-    answered already and is reported. A prediction is acted on as far as its covariance allows.
+    Stands in the namespace of its deputy. Subscribes to relative_state and target
+    (vtff_msgs/RelativeState); publishes control/thrust_command (geometry_msgs/AccelStamped, m/s^2
+    in chief/rtn, stamped with the time of the state it answers). A state that is stale, not finite
+    or marked unusable gives zero thrust and a diagnostic; one that is repeated or out of order has
+    been answered already and is reported. A prediction is acted on as far as its covariance allows.
     After a jump back in time control starts anew. A controller that fails, is too slow or answers
     with something unusable is named, its command is zero thrust and the node ends.
     """
@@ -187,12 +187,13 @@ class SdreControllerNode(VtffNode):
         self._reason = "no relative state yet"
         self._refused = 0
         self._order = StampOrder()
+        self._frame = ""  # that of the relative states
         self._now_nanoseconds: int | None = None
         self._command = AccelStamped()
-        self._publisher = self.publisher(AccelStamped, f"{given.deputy}/control/thrust_command")
-        self.subscribe(RelativeState, "formation/relative_state", self._on_relative_state)
+        self._publisher = self.publisher(AccelStamped, "control/thrust_command")
+        self.subscribe(RelativeState, "relative_state", self._on_relative_state)
         # Without a publisher the target stays that of the parameters.
-        self.subscribe(RelativeState, "formation/target", self._on_target, required=False)
+        self.subscribe(RelativeState, "target", self._on_target, required=False)
         if not self.lockstep:
             # In lockstep no state can be old: nobody goes on before it is answered.
             self.subscribe(Clock, "/clock", self._on_clock)
@@ -201,18 +202,27 @@ class SdreControllerNode(VtffNode):
         self._now_nanoseconds = to_nanoseconds(message.clock)
 
     def _on_target(self, message: RelativeState) -> None:
-        target = np.concatenate((message.position, message.velocity))
-        if message.child_frame_id not in ("", self.parameters.deputy):
+        if not self.is_of_deputy(message, self.parameters.deputy, "target"):
             return
-        if np.all(np.isfinite(target)):
+        target = np.concatenate((message.position, message.velocity))
+        frame = message.header.frame_id
+        if not frame.endswith("/rtn") or (self._frame and frame != self._frame):
+            self.get_logger().warning(
+                f"target of {self.parameters.deputy} is in frame '{frame}', not in "
+                f"'{self._frame or '<chief>/rtn'}': ignored",
+                throttle_duration_sec=5.0,
+            )
+        elif np.all(np.isfinite(target)):
             self._target = target
         else:
             self.get_logger().warning("ignored a target that is not finite")
 
     def _on_relative_state(self, message: RelativeState) -> None:
         started = time.perf_counter()
-        if message.child_frame_id != self.parameters.deputy or self.finished:
+        deputy = self.parameters.deputy
+        if self.finished or not self.is_of_deputy(message, deputy, "relative_state"):
             return
+        self._frame = message.header.frame_id
         stamp = to_nanoseconds(message.header.stamp)
         if not self._order.accepts(stamp):
             return

@@ -137,6 +137,10 @@ class ObservationTable:
             is_kept &= np.isin(
                 self.columns["band"].astype(int) << 8 | self.columns["attribute"], codes
             )
+        return self.rows(is_kept)
+
+    def rows(self, is_kept: npt.NDArray[np.bool_]) -> ObservationTable:
+        """Return the same epochs with some of the rows, given by a mask of shape (n,)."""
         kept_before = np.concatenate([[0], np.cumsum(is_kept)])
         return dataclasses.replace(
             self,

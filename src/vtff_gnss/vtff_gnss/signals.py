@@ -21,8 +21,10 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss import constants as c
 
 __all__ = [
+    "SYSTEM_FULL_NAMES",
     "SignalKey",
     "carrier_frequency_hz",
+    "carrier_number_of_signal",
     "carrier_wavelength",
     "satellite_from_number",
     "satellite_name",
@@ -108,8 +110,18 @@ def carrier_wavelength(
 
 
 def satellite_name(system: int, prn: int) -> str:
-    """Return the RINEX 3 name of a satellite, e.g. ``"G05"``."""
+    """Return the RINEX 3 name of a satellite.
+
+    Examples
+    --------
+    >>> satellite_name(0, 5), satellite_name(3, 11)
+    ('G05', 'E11')
+    """
     return f"{c.SYSTEM_LETTERS[system]}{prn:02d}"
+
+
+SYSTEM_FULL_NAMES = ("GPS", "GLONASS", "SBAS", "Galileo", "BeiDou", "QZSS", "NavIC")
+"""Names of the systems for people, at the index of their number ``SYSTEM_*``."""
 
 
 class SignalKey(NamedTuple):
@@ -182,6 +194,11 @@ def signal_number(
 def satellite_number_of_signal(number: npt.ArrayLike) -> npt.NDArray[np.int64]:
     """Return the `satellite_number` of each `signal_number`."""
     return np.asarray(np.asarray(number, dtype=np.int64) >> 2 * _FIELD_BITS)
+
+
+def carrier_number_of_signal(number: npt.ArrayLike) -> npt.NDArray[np.int64]:
+    """Return one integer for satellite and band of each `signal_number`."""
+    return np.asarray(np.asarray(number, dtype=np.int64) >> _FIELD_BITS)
 
 
 def signal_from_number(number: int) -> SignalKey:

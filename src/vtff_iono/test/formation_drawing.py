@@ -110,9 +110,9 @@ class DrawnFormation:
             for end in block_ends:
                 yield FormationSecond(
                     (START + float(end)).nanoseconds,
-                    tuple(_part(block, end) for block in blocks),  # type: ignore[arg-type]
+                    tuple(_part(block, end) for block in blocks),
                     (self.state(0, end), self.state(1, end)),
-                    self._integers(float(end), prns, integers, slipped),
+                    (self._integers(float(end), prns, integers, slipped),),
                 )
 
     def _is_slipped(self, craft: int, prn: np.ndarray, time: np.ndarray) -> np.ndarray:

@@ -75,39 +75,46 @@ def block_from_messages(messages: Sequence[GnssObservations]) -> ObservationBloc
 
 def second_from_messages(
     time: GpsTime,
-    observations: tuple[ObservationBlock, ObservationBlock],
-    relative: RelativeState | None,
-    ambiguities: AmbiguityStatus | None,
+    observations: Sequence[ObservationBlock],
+    relative: Sequence[RelativeState | None],
+    ambiguities: Sequence[AmbiguityStatus | None],
     fixes: Sequence[GnssFix | None],
 ) -> FormationSecond:
     """Return the measurements of a second.
 
     Relative navigation gives the states and the integers. Where it contradicts the receivers' own
     solutions, it is wrong: then those solutions are the states, and its integers are left out, so
-    that the integers found before hold on.
+    that the integers found before hold on. The state of the chief is that of the first deputy whose
+    relative navigation can be used.
 
     Parameters
     ----------
     time : GpsTime
         End of the second.
-    observations : tuple of ObservationBlock
-        Observations of chief and deputy.
-    relative : RelativeState or None
-        Relative state at `time`, if it has come.
-    ambiguities : AmbiguityStatus or None
-        Integers at `time`, if they have come.
+    observations : sequence of ObservationBlock
+        Observations of the chief and of each deputy.
+    relative : sequence of RelativeState or None
+        Relative state of each deputy at `time`, as far as it has come.
+    ambiguities : sequence of AmbiguityStatus or None
+        Integers of each deputy at `time`, as far as they have come.
     fixes : sequence of GnssFix or None
-        Solutions of the receivers of chief and deputy at `time`, as far as they have come.
+        Solutions of the receivers of the chief and each deputy at `time`, as far as they have come.
     """
-    fix_states = [None if fix is None else _state_from_fix(fix) for fix in fixes]
-    relative_states = None if relative is None else _states_from_relative_state(relative)
-    is_lost = relative_states is not None and any(
-        fix is not None and np.linalg.norm(fix[:3] - state[:3]) > _LARGEST_CONTRADICTION
-        for fix, state in zip(fix_states, relative_states, strict=True)
-    )
-    states = fix_states if relative_states is None or is_lost else relative_states
-    integers = {} if ambiguities is None or is_lost else _integers_from_message(ambiguities)
-    return FormationSecond(time.nanoseconds, observations, (states[0], states[1]), integers)
+    states = [None if fix is None else _state_from_fix(fix) for fix in fixes]
+    chief_fix, has_chief_state = states[0], False
+    integers: list[dict[SignalKey, float]] = []
+    for deputy, (relative_state, status) in enumerate(zip(relative, ambiguities, strict=True), 1):
+        pair = None if relative_state is None else _states_from_relative_state(relative_state)
+        is_lost = pair is not None and any(
+            fix is not None and np.linalg.norm(fix[:3] - state[:3]) > _LARGEST_CONTRADICTION
+            for fix, state in zip((chief_fix, states[deputy]), pair, strict=True)
+        )
+        if pair is not None and not is_lost:
+            states[deputy] = pair[1]
+            if not has_chief_state:
+                states[0], has_chief_state = pair[0], True
+        integers.append({} if status is None or is_lost else _integers_from_message(status))
+    return FormationSecond(time.nanoseconds, tuple(observations), tuple(states), tuple(integers))
 
 
 def _integers_from_message(message: AmbiguityStatus) -> dict[SignalKey, float]:
@@ -138,10 +145,10 @@ def _states_from_relative_state(message: RelativeState) -> tuple[FloatArray, Flo
     return states if np.isfinite(states).all() else None
 
 
-def slant_tec_to_message(epoch: SlantTecEpoch, frame_id: str) -> SlantTec:
-    """Return the message of the contents of one epoch."""
-    message = SlantTec()
-    _set_header(message, epoch.time, frame_id)
+def slant_tec_to_message(epoch: SlantTecEpoch, spacecraft: str) -> SlantTec:
+    """Return the message of the contents between a spacecraft and its satellites at one epoch."""
+    message = SlantTec(child_frame_id=spacecraft)
+    _set_header(message, epoch.time, antenna_frame(spacecraft))
     links = epoch.links
     _set_columns(
         message,
@@ -170,7 +177,7 @@ def scintillation_to_message(
     roti_tecu_per_minute: FloatArray,
     window_length: float,
     roti_interval: float,
-    frame_id: str,
+    spacecraft: str,
 ) -> Scintillation:
     """Return the message of the indices of one window.
 
@@ -181,8 +188,8 @@ def scintillation_to_message(
         ROTI of the signals of the window.
     window_length, roti_interval : float
         Length of the window, and interval of the rates of TEC, s.
-    frame_id : str
-        Frame of the antenna.
+    spacecraft : str
+        Whose observations the indices are of.
     """
     message = Scintillation(
         window=window_length,
@@ -190,7 +197,7 @@ def scintillation_to_message(
         phase_cutoff_hz=window.phase_cutoff_hz,
         roti_interval=roti_interval,
     )
-    _set_header(message, window.time, frame_id)
+    _set_header(message, window.time, antenna_frame(spacecraft))
     floats = ("s4", "s4_corrected", "s4_pseudo", "sigma_phi", "cn0_dbhz", "elevation", "azimuth")
     _set_columns(
         message,
@@ -204,14 +211,18 @@ def scintillation_to_message(
     return message
 
 
-def density_to_message(result: DensityResult) -> ElectronDensity:
-    """Return the message of one second: a row for each satellite, the last row for all together."""
+def density_to_message(result: DensityResult, deputy: str) -> ElectronDensity:
+    """Return the message of one second between the chief and a deputy.
+
+    It has a row for each satellite; the last row is of all together.
+    """
     epoch = result.epoch
     used = np.isfinite(epoch.density_satellite)
     message = ElectronDensity(
         position=result.position_itrf,
         altitude=epoch.altitude,
         vertical_separation=epoch.separation,
+        child_frame_id=deputy,
     )
     _set_header(message, result.time, EARTH_FRAME)
     _set_columns(
@@ -226,8 +237,17 @@ def density_to_message(result: DensityResult) -> ElectronDensity:
     return message
 
 
-def boundary_to_message(boundary: Boundary, spacecraft: str) -> IrregularityBoundary:
-    """Return the message of an edge that the named spacecraft has crossed or seen."""
+def boundary_to_message(boundary: Boundary, spacecraft: str, deputy: str) -> IrregularityBoundary:
+    """Return the message of an edge that a spacecraft has crossed or seen.
+
+    Parameters
+    ----------
+    boundary : Boundary
+    spacecraft : str
+        Name of the spacecraft whose observations tell the edge.
+    deputy : str
+        Name of the deputy of the pair.
+    """
     latitude, longitude, altitude = geodetic_from_itrf(boundary.position_itrf)
     time = GpsTime(boundary.time)
     message = IrregularityBoundary(
@@ -244,9 +264,15 @@ def boundary_to_message(boundary: Boundary, spacecraft: str) -> IrregularityBoun
         local_time_hours=mean_solar_local_time_hours(time, float(longitude)),
         confidence=boundary.confidence,
         spacecraft=spacecraft,
+        child_frame_id=deputy,
     )
     _set_header(message, boundary.time, EARTH_FRAME)
     return message
+
+
+def antenna_frame(spacecraft: str) -> str:
+    """Return the frame of the GNSS antenna of a spacecraft."""
+    return f"{spacecraft}/gnss_antenna"
 
 
 def _set_header(message: Any, gps_nanoseconds: int, frame_id: str) -> None:

@@ -1,16 +1,17 @@
-"""The ionosphere that two spacecraft observe together, second by second.
+"""The ionosphere that the spacecraft of a formation observe together, second by second.
 
-Each second brings the observations of both receivers since the second before, their positions, and
+Each second brings the observations of all receivers since the second before, their positions, and
 the integers that relative navigation has fixed. The results are the contents and the scintillation
-of each spacecraft (`vtff_iono.spacecraft.spacecraft_ionosphere`), the electron density between the
-two (`vtff_iono.density.formation_density`), and the edges of irregularities that they cross
-(`vtff_iono.edges`).
+of each spacecraft (`vtff_iono.spacecraft.spacecraft_ionosphere`), and for each deputy the electron
+density between it and the chief (`vtff_iono.density.formation_density`) and the edges of
+irregularities that the two cross (`vtff_iono.edges`).
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density.electron_density import DensitySettings
@@ -61,78 +62,87 @@ class FormationResult:
     Parameters
     ----------
     spacecraft : tuple of SpacecraftResult
-        Results of chief and deputy.
-    density : tuple of DensityResult
-        Densities of the seconds that have ended, as a rule one. A second ends with the first sample
-        of the next one.
-    boundaries : tuple of Boundary
-        Edges that this second has confirmed.
+        Results of the chief and each deputy.
+    density : tuple of tuple of DensityResult
+        For each deputy, densities of the seconds that have ended, as a rule one. A second ends with
+        the first sample of the next one.
+    boundaries : tuple of tuple of Boundary
+        For each deputy, edges of its pair that this second has confirmed; an edge that the chief
+        has seen is in every pair. `Boundary.spacecraft` is 0 for the chief, 1 for the deputy.
     """
 
-    spacecraft: tuple[SpacecraftResult, SpacecraftResult]
-    density: tuple[DensityResult, ...]
-    boundaries: tuple[Boundary, ...]
+    spacecraft: tuple[SpacecraftResult, ...]
+    density: tuple[tuple[DensityResult, ...], ...]
+    boundaries: tuple[tuple[Boundary, ...], ...]
 
 
 class FormationIonosphere:
-    """Contents, scintillation and electron density of two spacecraft.
+    """Contents, scintillation and electron density of a formation.
 
     Parameters
     ----------
     settings : FormationSettings
     code_biases : CodeBiasTable, optional
         Satellite biases; by default those that the ephemerides contain.
+    number_of_deputies : int
 
     Attributes
     ----------
     spacecraft : tuple of SpacecraftIonosphere
-        The processing of chief and deputy.
+        The processing of the chief and each deputy.
     """
 
     def __init__(
         self,
         settings: FormationSettings = FormationSettings(),  # noqa: B008 - frozen
         code_biases: CodeBiasTable | None = None,
+        number_of_deputies: int = 1,
     ) -> None:
-        self.spacecraft = (
-            SpacecraftIonosphere(settings.spacecraft, code_biases),
-            SpacecraftIonosphere(settings.spacecraft, code_biases),
+        count = number_of_deputies + 1
+        self.spacecraft = tuple(
+            SpacecraftIonosphere(settings.spacecraft, code_biases) for _ in range(count)
         )
-        self._tracks = (Track(), Track())
-        self._density = FormationDensity(
-            settings.density, settings.density_bands, settings.carrier_phase_sigma
-        )
-        self._ray_edges = (
-            RayEdgeFinder(0, settings.ray_edges),
-            RayEdgeFinder(1, settings.ray_edges),
-        )
-        self._vertical_edges = VerticalEdgeFinder()
+        self._tracks = [Track() for _ in range(count)]
+        self._ray_edges = [
+            RayEdgeFinder(min(craft, 1), settings.ray_edges) for craft in range(count)
+        ]
+        self._density = [
+            FormationDensity(settings.density, settings.density_bands, settings.carrier_phase_sigma)
+            for _ in range(number_of_deputies)
+        ]
+        self._vertical_edges = [VerticalEdgeFinder() for _ in range(number_of_deputies)]
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
-        """Add a broadcast ephemeris that either receiver has decoded."""
+        """Add a broadcast ephemeris that any receiver has decoded."""
         for spacecraft in self.spacecraft:
             spacecraft.add_ephemeris(ephemeris)
 
     def process(self, second: FormationSecond) -> FormationResult:
         """Process the next second and return its results."""
-        tracks, positions, results = [], [], []
+        positions: list[FloatArray] = []
+        results: list[SpacecraftResult] = []
+        ray_edges: list[list[Boundary]] = []
         for craft, spacecraft in enumerate(self.spacecraft):
             track = self._tracks[craft].followed_by(second.time, second.states_itrf[craft])
+            self._tracks[craft] = track
             block = second.observations[craft]
-            position = track.positions(block.time)
-            tracks.append(track)
-            positions.append(position)
-            results.append(spacecraft.process(block, position))
-        self._tracks = (tracks[0], tracks[1])
-        both_results = (results[0], results[1])
-        links = (self.spacecraft[0].links, self.spacecraft[1].links)
-        densities = self._density.update(second, both_results, links, self._tracks)
-        boundaries: list[Boundary] = []
-        for finder, block, position, result in zip(
-            self._ray_edges, second.observations, positions, results, strict=True
+            positions.append(track.positions(block.time))
+            results.append(spacecraft.process(block, positions[craft]))
+            ray_edges.append(self._ray_edges[craft].update(block, positions[craft], results[craft]))
+        densities: list[tuple[DensityResult, ...]] = []
+        boundaries: list[tuple[Boundary, ...]] = []
+        for deputy, (density, vertical_edges) in enumerate(
+            zip(self._density, self._vertical_edges, strict=True)
         ):
-            boundaries += finder.update(block, position, result)
-        boundaries += self._vertical_edges.update(
-            (positions[0], positions[1]), both_results, links, densities
-        )
-        return FormationResult(both_results, tuple(densities), tuple(boundaries))
+            craft = deputy + 1
+            pair_results = (results[0], results[craft])
+            links = (self.spacecraft[0].links, self.spacecraft[craft].links)
+            pair_densities = density.update(
+                second.pair(deputy), pair_results, links, (self._tracks[0], self._tracks[craft])
+            )
+            edges = vertical_edges.update(
+                (positions[0], positions[craft]), pair_results, links, pair_densities
+            )
+            densities.append(tuple(pair_densities))
+            boundaries.append((*ray_edges[0], *ray_edges[craft], *edges))
+        return FormationResult(tuple(results), tuple(densities), tuple(boundaries))

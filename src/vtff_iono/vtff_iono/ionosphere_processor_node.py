@@ -1,4 +1,4 @@
-"""Node `ionosphere_processor`: TEC, scintillation and electron density from two spacecraft."""
+"""Node `ionosphere_processor`: TEC, scintillation and electron density from a formation."""
 
 from __future__ import annotations
 
@@ -58,16 +58,13 @@ from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 LOOK_INTERVAL = 0.02  # s of wall time between looks at seconds that wait for a source
 LOCKSTEP_PATIENCE = 0.2  # s for messages that the end of their step has overtaken
 
-AMBIGUITIES = "ambiguities"
-RELATIVE_STATE = "relative state"
-
 
 @dataclass(frozen=True)
 class IonosphereProcessorParameters:
     """Parameters of `ionosphere_processor`."""
 
-    chief: str = parameter("chief", "name of the spacecraft that the deputy is compared with")
-    deputy: str = parameter("deputy", "name of the other spacecraft")
+    chief: str = parameter("chief", "name of the spacecraft that the deputies are compared with")
+    deputies: list[str] = parameter(["deputy"], "names of the other spacecraft")
     elevation_mask_deg: float = parameter(
         ELEVATION_MASK_DEG,
         "lowest elevation of satellites for contents and density; edges of rays have no mask",
@@ -128,8 +125,9 @@ class IonosphereProcessorParameters:
     )
     source_nodes: list[str] = parameter(
         [],
-        "in lockstep, the receiver drivers of chief and deputy and the relative navigation: a "
-        "second is processed without their messages once they have finished the step",
+        "in lockstep, the receiver drivers of chief and deputies, then the relative navigation of "
+        "each deputy: a second is processed without their messages once they have finished the "
+        "step",
     )
     patience: float = parameter(
         0.5, "without lockstep, wall time that a second waits for messages", unit="s", minimum=0.0
@@ -159,14 +157,15 @@ def formation_settings(parameters: IonosphereProcessorParameters) -> FormationSe
 
 
 class IonosphereProcessorNode(VtffNode):
-    """Computes the ionosphere that two spacecraft observe.
+    """Computes the ionosphere that a formation observes.
 
-    Subscribes to <craft>/gnss/high_rate, <craft>/gnss/ephemeris and <craft>/gnss/fix of chief and
-    deputy, formation/ambiguities and formation/relative_state, and /clock. Publishes
+    Subscribes to <craft>/gnss/high_rate, <craft>/gnss/ephemeris and <craft>/gnss/fix of the chief
+    and every deputy, <deputy>/ambiguities and <deputy>/relative_state, and /clock. Publishes
     <craft>/iono/slant_tec (SlantTec, TECU, once a second), <craft>/iono/scintillation
-    (Scintillation, once a window) and formation/electron_density (ElectronDensity, electrons/m^3,
-    once a second, stamped with the mean time of the samples) and formation/irregularity_boundary
-    (IrregularityBoundary, each edge once it is confirmed, stamped with the time of its crossing).
+    (Scintillation, once a window) and for each deputy <deputy>/iono/electron_density
+    (ElectronDensity, electrons/m^3, once a second, stamped with the mean time of the samples) and
+    <deputy>/iono/irregularity_boundary (IrregularityBoundary, each edge that the deputy or the
+    chief has met once it is confirmed, stamped with the time of its crossing).
     """
 
     Parameters = IonosphereProcessorParameters
@@ -174,7 +173,12 @@ class IonosphereProcessorNode(VtffNode):
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("ionosphere_processor", **node_arguments)
         parameters: IonosphereProcessorParameters = self.parameters
-        self._crafts = (parameters.chief, parameters.deputy)
+        self._crafts = (parameters.chief, *parameters.deputies)
+        for name in self._crafts:
+            if self._crafts.count(name) > 1:
+                raise ParameterError(f"parameter 'deputies': {name!r} is given twice")
+        if len(self._crafts) < 2:
+            raise ParameterError("parameter 'deputies': at least one name expected")
         self._code_biases = None
         if parameters.bias_file:
             try:
@@ -184,7 +188,9 @@ class IonosphereProcessorNode(VtffNode):
         self._formation = self._new_formation()
         self._sources_of_node = self._sources_by_node(parameters.source_nodes)
         waits_for_closing = self.lockstep and bool(parameters.source_nodes)
-        sources = [*self._crafts, *map(_fix, self._crafts), AMBIGUITIES, RELATIVE_STATE]
+        sources = [*self._crafts, *map(_fix, self._crafts)]
+        for deputy in parameters.deputies:
+            sources += _navigation(deputy)
         self._join = EpochJoin(
             sources,
             LOCKSTEP_PATIENCE if waits_for_closing else parameters.patience,
@@ -201,24 +207,32 @@ class IonosphereProcessorNode(VtffNode):
         self._scintillation_publishers = [
             self.publisher(Scintillation, f"{craft}/iono/scintillation") for craft in self._crafts
         ]
-        self._density_publisher = self.publisher(ElectronDensity, "formation/electron_density")
-        self._boundary_publisher = self.publisher(
-            IrregularityBoundary, "formation/irregularity_boundary"
-        )
+        self._density_publishers = [
+            self.publisher(ElectronDensity, f"{deputy}/iono/electron_density")
+            for deputy in parameters.deputies
+        ]
+        self._boundary_publishers = [
+            self.publisher(IrregularityBoundary, f"{deputy}/iono/irregularity_boundary")
+            for deputy in parameters.deputies
+        ]
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 
     def _new_formation(self) -> FormationIonosphere:
-        return FormationIonosphere(formation_settings(self.parameters), self._code_biases)
+        return FormationIonosphere(
+            formation_settings(self.parameters), self._code_biases, len(self.parameters.deputies)
+        )
 
     def _sources_by_node(self, nodes: list[str]) -> dict[str, tuple[str, ...]]:
         """Return the sources that are complete once a node has finished the step, by node."""
-        if nodes and len(nodes) != 3:
+        deputies = self.parameters.deputies
+        if nodes and len(nodes) != len(self._crafts) + len(deputies):
             raise ParameterError(
                 f"parameter 'source_nodes' names {len(nodes)} nodes; it must name the receiver "
-                "drivers of chief and deputy and the relative navigation"
+                f"drivers of {', '.join(self._crafts)} and the relative navigation of "
+                f"{', '.join(deputies)}"
             )
-        sources = [*((craft, _fix(craft)) for craft in self._crafts), (AMBIGUITIES, RELATIVE_STATE)]
+        sources = [*((craft, _fix(craft)) for craft in self._crafts), *map(_navigation, deputies)]
         return dict(zip(nodes, sources, strict=False))
 
     def _subscribe(self) -> None:
@@ -232,12 +246,18 @@ class IonosphereProcessorNode(VtffNode):
                 GnssEphemeris, f"{craft}/gnss/ephemeris", self._on_ephemeris, latched=True
             )
             self.subscribe(GnssFix, f"{craft}/gnss/fix", functools.partial(self._add, _fix(craft)))
-        self.subscribe(
-            AmbiguityStatus, "formation/ambiguities", functools.partial(self._add, AMBIGUITIES)
-        )
-        self.subscribe(
-            RelativeState, "formation/relative_state", functools.partial(self._add, RELATIVE_STATE)
-        )
+        for deputy in self.parameters.deputies:
+            for message_type, topic, source in zip(
+                (AmbiguityStatus, RelativeState),
+                (f"{deputy}/ambiguities", f"{deputy}/relative_state"),
+                _navigation(deputy),
+                strict=True,
+            ):
+                self.subscribe(
+                    message_type,
+                    topic,
+                    functools.partial(self._on_navigation, deputy, topic, source),
+                )
         if self._sources_of_node and self.lockstep:
             self.subscribe(StepDone, "/sim/step_done", self._on_step_done)
         self.subscribe(Clock, "/clock", self._on_clock)
@@ -262,6 +282,10 @@ class IonosphereProcessorNode(VtffNode):
             self._follow(stamp)
             self._join.add(source, stamp, message, time.monotonic())
             self._process_complete()
+
+    def _on_navigation(self, deputy: str, topic: str, source: str, message: Any) -> None:
+        if self.is_of_deputy(message, deputy, topic):
+            self._add(source, message)
 
     def _on_clock(self, message: Clock) -> None:
         stamp = to_nanoseconds(message.clock)
@@ -297,7 +321,7 @@ class IonosphereProcessorNode(VtffNode):
         result = self._formation.process(self._second(epoch))
         self._result = result
         self._counts["seconds"] += 1
-        self._counts["seconds with density"] += bool(result.density)
+        self._counts["seconds with density"] += any(result.density)
         self._publish(result)
         self._compute_time = time.perf_counter() - started
         self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
@@ -315,11 +339,12 @@ class IonosphereProcessorNode(VtffNode):
             self._pending[craft] = pending[count:]
             self._counts["samples"] += count
         measured = epoch.measured
+        navigation = [_navigation(deputy) for deputy in self.parameters.deputies]
         return second_from_messages(
             GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds),
-            (blocks[0], blocks[1]),
-            measured.get(RELATIVE_STATE),
-            measured.get(AMBIGUITIES),
+            blocks,
+            [measured.get(relative_state) for _, relative_state in navigation],
+            [measured.get(ambiguities) for ambiguities, _ in navigation],
             [measured.get(_fix(craft)) for craft in self._crafts],
         )
 
@@ -327,20 +352,22 @@ class IonosphereProcessorNode(VtffNode):
         parameters: IonosphereProcessorParameters = self.parameters
         for number, craft in enumerate(self._crafts):
             of_craft = result.spacecraft[number]
-            frame = f"{craft}/gnss_antenna"
             if of_craft.epoch is not None:
-                self._tec_publishers[number].publish(slant_tec_to_message(of_craft.epoch, frame))
+                self._tec_publishers[number].publish(slant_tec_to_message(of_craft.epoch, craft))
             for window, roti in of_craft.scintillation:
                 self._scintillation_publishers[number].publish(
                     scintillation_to_message(
-                        window, roti, parameters.window, parameters.roti_interval, frame
+                        window, roti, parameters.window, parameters.roti_interval, craft
                     )
                 )
-        for density in result.density:
-            self._density_publisher.publish(density_to_message(density))
-        for boundary in result.boundaries:
-            craft = self._crafts[boundary.spacecraft]
-            self._boundary_publisher.publish(boundary_to_message(boundary, craft))
+        for number, deputy in enumerate(parameters.deputies):
+            for density in result.density[number]:
+                self._density_publishers[number].publish(density_to_message(density, deputy))
+            for boundary in result.boundaries[number]:
+                craft = deputy if boundary.spacecraft else parameters.chief
+                self._boundary_publishers[number].publish(
+                    boundary_to_message(boundary, craft, deputy)
+                )
 
     # ---- health ------------------------------------------------------------------------------
 
@@ -352,8 +379,16 @@ class IonosphereProcessorNode(VtffNode):
         level, text = diagnostics.OK, "contents and density"
         if self._result is None:
             level, text = diagnostics.WARN, "no observations yet"
-        elif not self._result.density:
-            level, text = diagnostics.WARN, "no density: no integers on two signals in common"
+        elif not all(self._result.density):
+            without = [
+                deputy
+                for deputy, density in zip(
+                    self.parameters.deputies, self._result.density, strict=True
+                )
+                if not density
+            ]
+            level = diagnostics.WARN
+            text = f"no density with {', '.join(without)}: no integers on two signals in common"
         return diagnostics.status(
             f"{self.get_name()}: ionosphere",
             level,
@@ -364,7 +399,7 @@ class IonosphereProcessorNode(VtffNode):
                 "messages too late": self._join.late,
                 "compute time of the last second": self._compute_time,
             },
-            hardware_id=self.parameters.deputy,
+            hardware_id=self.parameters.chief,
         )
 
     def _receiver_bias_status(self) -> diagnostics.DiagnosticStatus:
@@ -381,7 +416,7 @@ class IonosphereProcessorNode(VtffNode):
             level,
             text,
             biases,
-            hardware_id=self.parameters.deputy,
+            hardware_id=self.parameters.chief,
         )
 
 
@@ -416,6 +451,11 @@ def describe_receiver_biases(
 
 def _fix(craft: str) -> str:
     return f"{craft} fix"
+
+
+def _navigation(deputy: str) -> tuple[str, str]:
+    """Return the sources of the integers and of the relative state of a deputy."""
+    return f"{deputy} ambiguities", f"{deputy} relative state"
 
 
 NODE_CLASS = IonosphereProcessorNode

@@ -117,7 +117,7 @@ def test_relative_state(solution):
 
 
 def test_ambiguities(solution):
-    message = round_trip(ambiguities_to_message(solution, "chief"), AmbiguityStatus)
+    message = round_trip(ambiguities_to_message(solution, "chief", "deputy"), AmbiguityStatus)
     assert list(message.prn) == [5, 7]
     assert list(message.reference_prn) == [9, 0]
     assert list(message.ambiguity_cycles) == [-12345678.0, 3.25]
@@ -128,7 +128,7 @@ def test_ambiguities(solution):
 
 
 def test_differential_tec(solution):
-    message = round_trip(differential_tec_to_message(solution, "chief"), SlantTec)
+    message = round_trip(differential_tec_to_message(solution, "chief", "deputy"), SlantTec)
     assert list(message.stec_tecu) == [-0.0123]
     assert list(message.stec_sigma_tecu) == pytest.approx([0.004])
     assert (message.band_first[0], message.band_second[0], message.arc[0]) == (1, 2, 4)
@@ -136,8 +136,9 @@ def test_differential_tec(solution):
     lengths = {
         len(getattr(message, name))
         for name in message.get_fields_and_field_types()
-        if name != "header"
+        if name not in ("header", "child_frame_id")
     }
+    assert message.child_frame_id == "deputy"
     assert lengths == {1}
 
 
@@ -146,7 +147,7 @@ def test_no_solution_is_a_message_too():
     message = round_trip(relative_state_to_message(nothing, "chief", "deputy"), RelativeState)
     assert message.solution == RelativeState.SOLUTION_NONE
     assert np.isnan(message.position).all()
-    assert len(ambiguities_to_message(nothing, "chief").prn) == 0
+    assert len(ambiguities_to_message(nothing, "chief", "deputy").prn) == 0
 
 
 def test_laser_range():

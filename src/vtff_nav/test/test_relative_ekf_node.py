@@ -40,6 +40,7 @@ class Bench:
     def __init__(self, context: rclpy.Context, **parameters: object) -> None:
         self.node = RelativeEkfNode(
             context=context,
+            namespace="deputy",
             parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
         )
         self.probe = rclpy.create_node("probe", context=context)
@@ -49,7 +50,7 @@ class Bench:
         self.clock = self.probe.create_publisher(Clock, "/clock", qos.PUBLISH)
         self.states: list[RelativeState] = []
         self.probe.create_subscription(
-            RelativeState, "/formation/relative_state", self.states.append, qos.subscribe(True)
+            RelativeState, "/deputy/relative_state", self.states.append, qos.subscribe(True)
         )
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(self.node)

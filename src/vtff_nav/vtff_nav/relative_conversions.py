@@ -42,10 +42,12 @@ def relative_state_to_message(solution: RelativeSolution, chief: str, deputy: st
     return message
 
 
-def ambiguities_to_message(solution: RelativeSolution, chief: str) -> AmbiguityStatus:
+def ambiguities_to_message(solution: RelativeSolution, chief: str, deputy: str) -> AmbiguityStatus:
     """Return the message of the ambiguities of a solution."""
     table = solution.ambiguities
-    message = AmbiguityStatus(ratio=solution.ratio, success_rate=solution.success_rate)
+    message = AmbiguityStatus(
+        ratio=solution.ratio, success_rate=solution.success_rate, child_frame_id=deputy
+    )
     _set_header(message, solution, chief)
     _set_columns(
         message,
@@ -64,14 +66,14 @@ def ambiguities_to_message(solution: RelativeSolution, chief: str) -> AmbiguityS
     return message
 
 
-def differential_tec_to_message(solution: RelativeSolution, chief: str) -> SlantTec:
+def differential_tec_to_message(solution: RelativeSolution, chief: str, deputy: str) -> SlantTec:
     """Return the message of the differential TEC of a solution.
 
     Columns without a value for a difference (TEC from code, vertical TEC, pierce points) are NaN.
     """
     table = solution.differential_tec
     not_a_number = np.full(len(table), np.nan)
-    message = SlantTec()
+    message = SlantTec(child_frame_id=deputy)
     _set_header(message, solution, chief)
     _set_columns(
         message,

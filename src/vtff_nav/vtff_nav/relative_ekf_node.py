@@ -248,7 +248,7 @@ class RelativeEkfParameters:
         unit="s",
         minimum=1.0,
     )
-    use_laser: bool = parameter(False, "use formation/laser_range (cdgps)")
+    use_laser: bool = parameter(False, "use laser_range (cdgps)")
     receiver_nodes: list[str] = parameter(
         [],
         "in lockstep, the nodes that publish the epochs of chief and deputy, and the laser ranges: "
@@ -350,10 +350,10 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
 class RelativeEkfNode(VtffNode):
     """Relative navigation of one deputy.
 
-    Subscribes to <craft>/gnss/epoch and <craft>/gnss/ephemeris of chief and deputy,
-    <deputy>/propulsion/thrust_applied, /clock, and formation/laser_range if asked for. Publishes
-    once an epoch formation/relative_state (RelativeState, m and m/s in the chief's RTN frame),
-    formation/ambiguities (AmbiguityStatus) and formation/differential_tec (SlantTec, TECU).
+    Stands in the namespace of its deputy. Subscribes to gnss/epoch and gnss/ephemeris of chief
+    (/<chief>/gnss/...) and deputy, propulsion/thrust_applied, /clock, and laser_range if asked for.
+    Publishes once an epoch relative_state (RelativeState, m and m/s in the chief's RTN frame),
+    ambiguities (AmbiguityStatus) and differential_tec (SlantTec, TECU).
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
     started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
     unusable is named, its solution is SOLUTION_NONE and the node ends.
@@ -371,6 +371,9 @@ class RelativeEkfNode(VtffNode):
             self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         except ValueError as error:
             raise ParameterError(str(error)) from error
+        self._namespaces = {given.chief: f"/{given.chief}/", given.deputy: ""}
+        if len(self._namespaces) < 2:
+            raise ParameterError(f"parameter 'deputy': {given.deputy!r} is the chief")
         self._sources = [given.chief, given.deputy, *([LASER] if given.use_laser else [])]
         self._source_of_node = self._sources_by_node(given.receiver_nodes)
         waits_for_closing = self.lockstep and bool(given.receiver_nodes)
@@ -383,9 +386,9 @@ class RelativeEkfNode(VtffNode):
         self._thrust_order = StampOrder()
         self._refused_thrust = 0
         self._inputs_since: float | None = None
-        self._state_publisher = self.publisher(RelativeState, "formation/relative_state")
-        self._ambiguity_publisher = self.publisher(AmbiguityStatus, "formation/ambiguities")
-        self._tec_publisher = self.publisher(SlantTec, "formation/differential_tec")
+        self._state_publisher = self.publisher(RelativeState, "relative_state")
+        self._ambiguity_publisher = self.publisher(AmbiguityStatus, "ambiguities")
+        self._tec_publisher = self.publisher(SlantTec, "differential_tec")
         self._subscribe(given)
         self.create_timer(JOIN_INTERVAL, self._check_inputs, clock=self.steady_clock)
 
@@ -398,21 +401,23 @@ class RelativeEkfNode(VtffNode):
         return dict(zip(nodes, self._sources, strict=False))
 
     def _subscribe(self, given: RelativeEkfParameters) -> None:
-        for craft in (given.chief, given.deputy):
+        for craft, namespace in self._namespaces.items():
             self.subscribe(
-                GnssObservations, f"{craft}/gnss/epoch", functools.partial(self._on_epoch, craft)
+                GnssObservations,
+                f"{namespace}gnss/epoch",
+                functools.partial(self._on_epoch, craft),
             )
             self.subscribe(
-                GnssEphemeris, f"{craft}/gnss/ephemeris", self._on_ephemeris, latched=True
+                GnssEphemeris, f"{namespace}gnss/ephemeris", self._on_ephemeris, latched=True
             )
         self.subscribe(
             AccelStamped,
-            f"{given.deputy}/propulsion/thrust_applied",
+            "propulsion/thrust_applied",
             self._on_thrust,
             required=False,  # a deputy may coast
         )
         if given.use_laser:
-            self.subscribe(LaserRange, "formation/laser_range", self._on_laser)
+            self.subscribe(LaserRange, "laser_range", self._on_laser)
         if self._source_of_node and self.lockstep:
             self.subscribe(StepDone, "/sim/step_done", self._on_step_done)
         self.subscribe(Clock, "/clock", self._on_clock)
@@ -431,7 +436,7 @@ class RelativeEkfNode(VtffNode):
         if not all(map(math.isfinite, acceleration)):
             self._refused_thrust += 1
             self.get_logger().warning(
-                f"{self.parameters.deputy}/propulsion/thrust_applied is not finite: ignored",
+                f"thrust_applied of {self.parameters.deputy} is not finite: ignored",
                 throttle_duration_sec=5.0,
             )
             return
@@ -454,7 +459,7 @@ class RelativeEkfNode(VtffNode):
         self._add(craft, to_nanoseconds(message.header.stamp), observations_from_message(message))
 
     def _on_laser(self, message: LaserRange) -> None:
-        if message.child_frame_id == self.parameters.deputy:
+        if self.is_of_deputy(message, self.parameters.deputy, "laser_range"):
             stamp = to_nanoseconds(message.header.stamp)
             self._add(LASER, stamp, laser_from_message(message))
 
@@ -492,8 +497,8 @@ class RelativeEkfNode(VtffNode):
     def _report_when_connected(self) -> None:
         """Report readiness a moment after all inputs have publishers, so that none is missed."""
         given: RelativeEkfParameters = self.parameters
-        topics = [f"{craft}/gnss/epoch" for craft in (given.chief, given.deputy)]
-        topics += ["formation/laser_range"] if given.use_laser else []
+        topics = [f"{namespace}gnss/epoch" for namespace in self._namespaces.values()]
+        topics += ["laser_range"] if given.use_laser else []
         if not all(self.count_publishers(topic) for topic in topics):
             return
         now = time.monotonic()
@@ -537,8 +542,12 @@ class RelativeEkfNode(VtffNode):
         given: RelativeEkfParameters = self.parameters
         self._solution = solution
         self._epochs[SOLUTION_NAMES[solution.solution]] += 1
-        self._ambiguity_publisher.publish(ambiguities_to_message(solution, given.chief))
-        self._tec_publisher.publish(differential_tec_to_message(solution, given.chief))
+        self._ambiguity_publisher.publish(
+            ambiguities_to_message(solution, given.chief, given.deputy)
+        )
+        self._tec_publisher.publish(
+            differential_tec_to_message(solution, given.chief, given.deputy)
+        )
         # Last, because it closes the loop.
         self._state_publisher.publish(
             relative_state_to_message(solution, given.chief, given.deputy)

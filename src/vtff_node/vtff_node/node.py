@@ -166,6 +166,26 @@ class VtffNode(Node):
             self._required_topics.append(subscription.topic_name)
         return subscription
 
+    def is_of_deputy(self, message: Any, deputy: str, topic: str) -> bool:
+        """Return whether a message names the deputy that this node works for; warn if it does not.
+
+        Parameters
+        ----------
+        message
+            Message with a ``child_frame_id``.
+        deputy
+            Name of the deputy.
+        topic
+            Topic of the message, for the warning.
+        """
+        if message.child_frame_id == deputy:
+            return True
+        self.get_logger().warning(
+            f"{topic} names '{message.child_frame_id}', not the deputy '{deputy}': ignored",
+            throttle_duration_sec=5.0,
+        )
+        return False
+
     def acknowledge_step(self, stamp: Any, started: float) -> None:
         """Note that this node has finished a step; acknowledge it if `acknowledge_steps` is set.
 

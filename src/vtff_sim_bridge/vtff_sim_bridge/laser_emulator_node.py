@@ -29,10 +29,10 @@ class LaserEmulatorParameters:
 
 
 class LaserEmulatorNode(VtffNode):
-    """Laser ranging instrument of the chief, as in paper 004.
+    """Laser ranging instrument between the chief and one deputy, as in paper 004.
 
-    Subscribes to formation/relative_state_truth (vtff_msgs/RelativeState) and publishes
-    formation/laser_range (vtff_msgs/LaserRange) with the same stamp.
+    Stands in the namespace of the deputy: subscribes to relative_state_truth
+    (vtff_msgs/RelativeState) and publishes laser_range (vtff_msgs/LaserRange) with the same stamp.
     """
 
     Parameters = LaserEmulatorParameters
@@ -44,11 +44,11 @@ class LaserEmulatorNode(VtffNode):
             given.latency, given.range_sigma, given.maximum_range, given.seed, given.deputy
         )
         self._measured = {"ranges": 0, "without echo": 0}
-        self._publisher = self.publisher(LaserRange, "formation/laser_range")
-        self.subscribe(RelativeState, "formation/relative_state_truth", self._on_truth)
+        self._publisher = self.publisher(LaserRange, "laser_range")
+        self.subscribe(RelativeState, "relative_state_truth", self._on_truth)
 
     def _on_truth(self, message: RelativeState) -> None:
-        if message.child_frame_id != self.parameters.deputy:
+        if not self.is_of_deputy(message, self.parameters.deputy, "relative_state_truth"):
             return
         started = time.perf_counter()
         stamp = to_nanoseconds(message.header.stamp)

@@ -67,12 +67,20 @@ class SimgenBridgeParameters(StepSourceParameters):
     coasting: list[str] = parameter(
         [], "deputies without a thruster: no step waits for their thrust"
     )
+    chief_thrusts: bool = parameter(
+        False, "the chief has a thruster too: each step waits for its thrust"
+    )
+    number_of_deputies: int = parameter(
+        0,
+        "deputies that the scenario's entry with 'repeat' makes, 0 = as the scenario says",
+        minimum=0,
+    )
 
 
 class SimgenBridgeNode(VtffNode):
     """Truth of all spacecraft, client of SimREMOTE, and the step source of a simulated run.
 
-    Publishes /clock, <craft>/truth/orbit, formation/relative_state_truth and sim/status once a
+    Publishes /clock, <craft>/truth/orbit, <deputy>/relative_state_truth and sim/status once a
     step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. With lockstep:=true
     a step begins when every participant has finished the step before; otherwise the wall clock
     begins the steps and the newest thrust is used.
@@ -86,9 +94,15 @@ class SimgenBridgeNode(VtffNode):
         self._scenario = _scenario_in_force(given)
         self._truth = self._scenario.formation_truth()
         self._steps = round(self._scenario.duration / self._scenario.step)
+        for name in given.coasting:
+            if name not in self._truth.deputies:
+                raise ParameterError(
+                    f"parameter 'coasting': there is no deputy {name!r}; the scenario has "
+                    f"{', '.join(self._truth.deputies)}"
+                )
         self._thrust = {
             name: ThrustBuffer(self._scenario.step)
-            for name in self._truth.deputies
+            for name in self._truth.names[0 if given.chief_thrusts else 1 :]
             if name not in given.coasting
         }
         self._simgen = self._make_link(given)
@@ -115,12 +129,12 @@ class SimgenBridgeNode(VtffNode):
                 self.publisher(OrbitState, f"{name}/truth/orbit"),
                 message,
             )
-        self._relative_publisher = self.publisher(RelativeState, "formation/relative_state_truth")
-        self._relative_messages: dict[str, RelativeState] = {}
+        self._relative_messages: dict[str, tuple[Any, RelativeState]] = {}
         for name in self._truth.deputies:
             relative = RelativeState(child_frame_id=name, solution=RelativeState.SOLUTION_TRUTH)
             relative.header.frame_id = f"{self._truth.chief}/rtn"
-            self._relative_messages[name] = relative
+            publisher = self.publisher(RelativeState, f"{name}/relative_state_truth")
+            self._relative_messages[name] = (publisher, relative)
         self._status_publisher = self.publisher(SimulatorStatus, "sim/status")
         self._status = SimulatorStatus(
             scenario=self._scenario.name,
@@ -250,14 +264,14 @@ class SimgenBridgeNode(VtffNode):
             message.velocity = state[3:]
             publisher.publish(message)
         state_chief = self._truth.state_gcrf(self._truth.chief)
-        for name, relative in self._relative_messages.items():
+        for name, (publisher, relative) in self._relative_messages.items():
             relative_state = self._truth.relative_state_rtn(name)
             relative.header.stamp = stamp
             relative.position = relative_state[:3]
             relative.velocity = relative_state[3:]
             relative.position_chief_gcrf = state_chief[:3]
             relative.velocity_chief_gcrf = state_chief[3:]
-            self._relative_publisher.publish(relative)
+            publisher.publish(relative)
         self._publish_status(stamp)
         self._show_progress()
 
@@ -392,7 +406,8 @@ class SimgenBridgeNode(VtffNode):
 
     def _show_progress(self, *, urgent: bool = False) -> None:
         separations = {
-            name: float(message.position[1]) for name, message in self._relative_messages.items()
+            name: float(message.position[1])
+            for name, (_, message) in self._relative_messages.items()
         }
         lateness = {"late_steps": self._lateness.late_steps, "largest_lag": self._lateness.largest}
         self.report_progress(
@@ -465,7 +480,9 @@ def _scenario_in_force(given: SimgenBridgeParameters) -> Scenario:
     """Load the scenario and let the parameters replace what they name."""
     try:
         scenario = load_scenario(
-            pathlib.Path(given.scenario_file), given.seed if given.seed >= 0 else None
+            pathlib.Path(given.scenario_file),
+            given.seed if given.seed >= 0 else None,
+            given.number_of_deputies,
         )
     except ScenarioError as error:
         raise ParameterError(str(error)) from error

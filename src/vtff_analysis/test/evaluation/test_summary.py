@@ -161,7 +161,7 @@ def run_of(deputies):
     history = RunHistory(
         START,
         START + 200 * SECOND,
-        {"/formation/relative_state_truth": 402},
+        {"/deputy/relative_state_truth": 402},
         deputies,
         simulator=SimulatorReport("reference", "lockstep", True, 200.0, 0, float("inf")),
     )
@@ -184,7 +184,7 @@ def test_run_keys():
     assert summary["run_start_utc"] == "2016-03-21T01:00:00.000Z"
     assert summary["run_duration_s"] == 200.0
     assert summary["real_time_factor"] is None  # not finite
-    assert summary["message_count_formation_relative_state_truth"] == 402
+    assert summary["message_count_deputy_relative_state_truth"] == 402
 
 
 def test_navigation_error_compares_equal_times():

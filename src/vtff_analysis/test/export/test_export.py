@@ -118,7 +118,7 @@ def test_a_long_topic_is_written_in_batches(exported, monkeypatch, tmp_path):
     monkeypatch.setattr(tables, "BATCH", 7)
     for export, suffix in ((tables.export_csv, "csv"), (tables.export_parquet, "parquet")):
         export(reader, tmp_path)
-        for name in ("chief_gnss_epoch", "formation_relative_state"):
+        for name in ("chief_gnss_epoch", "deputy_relative_state"):
             again, before = tmp_path / f"{name}.{suffix}", folder / f"{name}.{suffix}"
             if suffix == "csv":
                 assert again.read_bytes() == before.read_bytes()

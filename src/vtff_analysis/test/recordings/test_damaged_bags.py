@@ -36,9 +36,7 @@ def write_run(directory, seed=1, steps=STEPS):
     """A short flight with truth, thrust and observations."""
     generator = np.random.default_rng(seed)
     with BagWriter(directory, {"run": str(seed)}, 2048, steady_clock=lambda: 0.0) as writer:
-        relative = writer.add_topic(
-            "/formation/relative_state_truth", "vtff_msgs/msg/RelativeState"
-        )
+        relative = writer.add_topic("/deputy/relative_state_truth", "vtff_msgs/msg/RelativeState")
         thrust = writer.add_topic(
             "/deputy/propulsion/thrust_applied", "geometry_msgs/msg/AccelStamped"
         )

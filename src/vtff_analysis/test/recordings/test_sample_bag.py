@@ -30,7 +30,7 @@ def test_it_is_whole_and_small(reader):
 def test_it_fits_the_installed_messages(reader):
     selection = select_topics(reader)
     assert selection.skipped == (), "record the sample again, see bags/README.md"
-    assert {"/chief/gnss/epoch", "/deputy/gnss/high_rate", "/formation/relative_state"} <= set(
+    assert {"/chief/gnss/epoch", "/deputy/gnss/high_rate", "/deputy/relative_state"} <= set(
         selection.topics
     )
 

@@ -74,11 +74,11 @@ def write_formation(run_directory, deputies=("deputy",), seconds=200, navigation
         in_track = 100.0 + 900.0 * np.exp(-t / 8.0) - (60.0 if t == 54 else 0.0)
         for deputy in deputies:
             state = relative_state(deputy, [0.0, in_track, 0.0])
-            bag.add("/formation/relative_state_truth", t, state)
+            bag.add(f"/{deputy}/relative_state_truth", t, state)
             if navigation:
                 solution = RelativeState.SOLUTION_FIXED if t > 3 else RelativeState.SOLUTION_NONE
                 state = relative_state(deputy, [0.01, in_track, 0.0], solution)
-                bag.add("/formation/relative_state", t, state)
+                bag.add(f"/{deputy}/relative_state", t, state)
             bag.add(f"/{deputy}/control/thrust_command", t, acceleration([0.0, 0.0, 0.0]))
             push = [0.0, -0.5 if t < 10 else 0.0, 0.0]
             bag.add(f"/{deputy}/propulsion/thrust_applied", t + 1, acceleration(push))

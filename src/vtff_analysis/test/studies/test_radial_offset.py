@@ -102,7 +102,7 @@ def write_flight(folder, offset, lowest=COMPARISON_ALTITUDES[0]):
         message = ElectronDensity(altitude=chief - 0.5 * offset, vertical_separation=-offset)
         message.system, message.prn = [0, 255], [7, 0]
         message.density, message.density_sigma = [5e12, measured], [1e9, SIGMA]
-        bag.add("/formation/electron_density", time, message)
+        bag.add("/deputy/iono/electron_density", time, message)
     bag.writer.close()
     return folder
 
@@ -128,7 +128,7 @@ def test_a_flight_with_few_densities_on_its_rising_leg_is_refused(tmp_path):
 
 
 def test_a_run_that_is_not_of_the_study_is_refused():
-    with pytest.raises(BagReadError, match="/formation/electron_density"):
+    with pytest.raises(BagReadError, match="/deputy/iono/electron_density"):
         flown_offset(SAMPLE, 1000.0)
 
 

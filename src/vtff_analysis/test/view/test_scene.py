@@ -190,7 +190,7 @@ def test_long_runs_are_thinned_alike_on_every_topic(duration, interval, phase):
 
 def test_no_ephemeris_and_no_boundary_is_thinned():
     builder = SceneBuilder(Scene("run", START))
-    for topic in ("/chief/gnss/ephemeris", "/formation/irregularity_boundaries"):
+    for topic in ("/chief/gnss/ephemeris", "/deputy/iono/irregularity_boundaries"):
         assert all(builder.claim_slot(topic, START) for _ in range(5))
 
 

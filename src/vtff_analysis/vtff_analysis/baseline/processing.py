@@ -21,7 +21,7 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import Dynamics
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS, MeasurementNoise
-from vtff_nav.relative.common.solution import SOLUTION_NONE, RelativeEstimator, RelativeSolution
+from vtff_nav.relative.common.solution import SOLUTION_NONE, RelativeSolution
 from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 
 __all__ = ["BaselineOptions", "BaselineRun", "process_baseline"]
@@ -147,6 +147,8 @@ def process_baseline(
     estimator = _make_estimator(options)
     for ephemeris in sources.ephemerides:
         estimator.add_ephemeris(ephemeris)
+    if sources.precise_orbits is not None:
+        estimator.use_orbits(sources.precise_orbits)
     solutions = []
     thrust = collections.deque(sources.thrust)
     for done, (rover, base) in enumerate(pairs, start=1):
@@ -164,7 +166,7 @@ def process_baseline(
     return _make_run(solutions, options, sources.position_base_itrf, unpaired)
 
 
-def _make_estimator(options: BaselineOptions) -> RelativeEstimator:
+def _make_estimator(options: BaselineOptions) -> CdgpsEstimator | PaperEstimator:
     if options.estimator == "paper":
         if options.dynamics != "orbital":
             raise BaselineError("estimator paper: for receivers in orbit only (--dynamics orbital)")

@@ -11,23 +11,40 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY, TRUTH_TOPIC
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY, truth_topic
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.files.observation_files import open_ephemerides, open_observations
+from vtff_gnss.files.navigation_files import open_navigation
+from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
+from vtff_gnss.orbits.precise_orbit import PreciseOrbits
+from vtff_gnss.signals import carrier_number_of_signal, signal_number
 
 if TYPE_CHECKING:
     from vtff_bag.file.reader import BagReader
 
-__all__ = ["BaselineError", "BaselineSources", "Thrust", "TrueBaseline", "from_bag", "from_files"]
+__all__ = [
+    "PAIRING_TOLERANCE",
+    "BaselineError",
+    "BaselineSources",
+    "Thrust",
+    "TrueBaseline",
+    "from_bag",
+    "from_files",
+    "pair_times",
+]
 
 Position = tuple[float, float, float]
 Progress = Callable[[str], None]
+
+PAIRING_TOLERANCE = 0.02
+"""s; largest difference of the time tags of two epochs that belong together. The filter moves each
+receiver over it with its velocity."""
 
 _LOWEST_ORBIT = 100e3  # m
 
@@ -75,6 +92,8 @@ class BaselineSources:
         Thrust of the rover in a bag, in the order of time.
     truth : TrueBaseline or None
         True baseline in a bag of a simulation.
+    precise_orbits : PreciseOrbits or None
+        Orbits of SP3 files, used in place of the ephemerides.
     """
 
     rover_name: str
@@ -87,6 +106,7 @@ class BaselineSources:
     remarks: tuple[str, ...]
     thrust: tuple[Thrust, ...] = ()
     truth: TrueBaseline | None = None
+    precise_orbits: PreciseOrbits | None = None
 
     @property
     def is_in_orbit(self) -> bool | None:
@@ -98,16 +118,19 @@ class BaselineSources:
     def common_epochs(
         self, start: GpsTime | None = None, end: GpsTime | None = None
     ) -> list[tuple[int, int]]:
-        """Return the indices in rover and base of the epochs with equal time tags, within limits.
+        """Return the indices in rover and base of the epochs of equal time, within limits.
+
+        Time tags of receivers with clocks of their own differ; those that are closer than
+        `PAIRING_TOLERANCE` and half an interval belong together. The filter refers the
+        observations of each receiver to the time of the base.
 
         Raises
         ------
         BaselineError
             If there is no common epoch.
         """
-        times, rover, base = np.intersect1d(
-            self.rover.time_nanoseconds, self.base.time_nanoseconds, return_indices=True
-        )
+        rover, base = pair_times(self.rover.time_nanoseconds, self.base.time_nanoseconds)
+        times = self.base.time_nanoseconds[base]
         is_within = np.ones(len(times), dtype=bool)
         if start is not None:
             is_within &= times >= start.nanoseconds
@@ -117,9 +140,57 @@ class BaselineSources:
             limits = "" if is_within.size == 0 else " within --start and --end"
             raise BaselineError(
                 f"no common epochs{limits}: rover {_span_text(self.rover)}, "
-                f"base {_span_text(self.base)}; epochs are common if their time tags are equal"
+                f"base {_span_text(self.base)}; epochs are common if their time tags differ by "
+                f"less than {1e3 * PAIRING_TOLERANCE:.0f} ms"
             )
         return list(zip(rover[is_within].tolist(), base[is_within].tolist(), strict=True))
+
+
+def pair_times(
+    rover: npt.NDArray[np.int64], base: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the indices of the times of two receivers that belong together, both increasing.
+
+    Parameters
+    ----------
+    rover, base : ndarray of int64, shape (n,), (m,)
+        ns, increasing.
+    """
+    if not len(rover) or not len(base):
+        return np.zeros(0, np.intp), np.zeros(0, np.intp)
+    steps = [float(np.median(np.diff(times))) for times in (rover, base) if len(times) > 1]
+    tolerance = min([PAIRING_TOLERANCE * NANOSECONDS_PER_SECOND, *(0.45 * step for step in steps)])
+    after = np.clip(np.searchsorted(rover, base), 1, max(len(rover) - 1, 1))
+    after = np.minimum(after, len(rover) - 1)
+    before = np.maximum(after - 1, 0)
+    nearest = np.where(np.abs(rover[before] - base) <= np.abs(rover[after] - base), before, after)
+    index = np.flatnonzero(np.abs(rover[nearest] - base) <= tolerance)
+    # Two epochs of the base may be nearest to one of the rover where the base repeats itself.
+    chosen, first = np.unique(nearest[index], return_index=True)
+    return chosen, index[first]
+
+
+def _without_unshared_signals(
+    rover: ObservationTable, base: ObservationTable
+) -> tuple[ObservationTable, ObservationTable]:
+    """Return the tables without signals on carriers on which the receivers share another signal.
+
+    Each receiver has its own preferred signal on a carrier. Equal signals are better than two
+    that only share the carrier.
+    """
+    numbers = [_signal_numbers(table) for table in (rover, base)]
+    shared = np.intersect1d(np.unique(numbers[0]), np.unique(numbers[1]))
+    carriers = np.unique(carrier_number_of_signal(shared))
+    kept = [
+        np.isin(number, shared) | ~np.isin(carrier_number_of_signal(number), carriers)
+        for number in numbers
+    ]
+    return rover.rows(kept[0]), base.rows(kept[1])
+
+
+def _signal_numbers(table: ObservationTable) -> npt.NDArray[np.int64]:
+    columns = table.columns
+    return signal_number(columns["system"], columns["prn"], columns["band"], columns["attribute"])
 
 
 def from_files(
@@ -137,7 +208,8 @@ def from_files(
     rover, base : pathlib.Path
         RINEX 2, 3 or 4 or NovAtel logs, compressed or not.
     navigation : sequence of pathlib.Path
-        RINEX navigation files or NovAtel logs; ephemerides in the observation files are used too.
+        RINEX navigation files, NovAtel logs or SP3 files; ephemerides in the observation files are
+        used too.
     systems : str, optional
         Letters of the satellite systems that are used.
     partial : bool
@@ -159,30 +231,32 @@ def from_files(
         if progress is not None:
             progress(path.name)
         files.append(open_observations(path, systems=systems, partial=partial))
-    ephemerides: list[BroadcastEphemeris] = []
-    for path in navigation:
-        if progress is not None:
-            progress(path.name)
-        ephemerides += open_ephemerides(path)
-    for file in files:
-        ephemerides += file.ephemerides
-    if systems is not None:
-        ephemerides = [e for e in ephemerides if SYSTEM_LETTERS[e.system] in systems]
-    if not ephemerides:
+    given = open_navigation(navigation, progress)
+    given = given.with_ephemerides(e for file in files for e in file.ephemerides)
+    if given.is_empty:
         raise BaselineError(
             f"no ephemerides: {rover.name} and {base.name} hold none, name a navigation file"
-            if not navigation
-            else f"no ephemerides of the systems {systems} in the files given"
         )
+    letters = SYSTEM_LETTERS if systems is None else systems
+    wanted = [SYSTEM_LETTERS.index(letter) for letter in letters]
+    if not given.by_system(wanted):
+        raise BaselineError(f"no ephemerides of the systems {systems} in the files given")
+    for file in files:
+        given.require_coverage(file.table.time_nanoseconds, file.path.name)
+    tables = _without_unshared_signals(files[0].table, files[1].table)
     return BaselineSources(
         rover_name=f"{rover.name}, {files[0].format_name}",
         base_name=f"{base.name}, {files[1].format_name}",
-        rover=files[0].table,
-        base=files[1].table,
-        ephemerides=tuple(dict.fromkeys(ephemerides)),
+        rover=tables[0],
+        base=tables[1],
+        ephemerides=tuple(e for e in given.ephemerides if e.system in wanted),
         position_base_itrf=files[1].approximate_position,
         is_position_stated=files[1].format_name.startswith("RINEX"),
-        remarks=tuple(f"{f.path.name}: {remark}" for f in files for remark in f.remarks),
+        remarks=(
+            *(f"{f.path.name}: {remark}" for f in files for remark in f.remarks),
+            *given.remarks,
+        ),
+        precise_orbits=given.precise_orbits,
     )
 
 
@@ -258,10 +332,11 @@ def _read_thrust(reader: BagReader, topic: str) -> tuple[Thrust, ...]:
 def _read_truth(reader: BagReader, rover: str) -> TrueBaseline | None:
     from vtff_node.stamps import to_nanoseconds
 
-    if TRUTH_TOPIC not in reader.topics:
+    topic = truth_topic(rover)
+    if topic not in reader.topics:
         return None
     times, baselines = [], []
-    for decoded in reader.messages(TRUTH_TOPIC):
+    for decoded in reader.messages(topic):
         message = decoded.message
         if message.child_frame_id == rover:
             time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))

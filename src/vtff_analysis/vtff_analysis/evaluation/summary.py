@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import datetime
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +12,7 @@ import numpy as np
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.gnss_summary import summarise_receiver
 from vtff_analysis.evaluation.navigation import navigation_error
-from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
+from vtff_analysis.recordings.history import AXES, DeputyHistory, HealthItem, RunHistory
 from vtff_analysis.recordings.settings import ControllerSettings, RunSettings
 from vtff_analysis.recordings.topics import key_part
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -29,6 +29,9 @@ __all__ = [
 
 SETTLED_WITHIN = 1.0
 """Largest deviation from the target in m that counts as settled (Peng and others, section 4.1)."""
+
+_FRAMES_DAMAGED = ("CRC-bad", "dropped")
+"""Counts that a receiver driver reports on /diagnostics."""
 
 Summary = dict[str, Any]
 
@@ -65,10 +68,24 @@ def summarise_run(
         prefix = f"{key_part(receiver.name)}_"
         numbers = summarise_receiver(receiver)
         summary.update({prefix + key: value for key, value in numbers.items()})
+    summary.update(_summarise_receiver_logs(history.health))
     summary["message_count"] = sum(history.message_counts.values())
     for topic, count in sorted(history.message_counts.items()):
         summary[f"message_count_{key_part(topic)}"] = count
     return {key: plain_value(value) for key, value in summary.items()}
+
+
+def _summarise_receiver_logs(health: Sequence[HealthItem]) -> Summary:
+    """Return the logs of all receiver drivers that were damaged or of an unknown kind."""
+    streams = [item.values for item in health if _FRAMES_DAMAGED[0] in item.values]
+    if not streams:
+        return {}
+    return {
+        "receiver_logs_damaged": sum(
+            int(values.get(name, 0)) for values in streams for name in _FRAMES_DAMAGED
+        ),
+        "receiver_logs_undecoded": sum(int(values.get("unknown", 0)) for values in streams),
+    }
 
 
 def plain_value(value: Any) -> Any:

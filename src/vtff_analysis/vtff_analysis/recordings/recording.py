@@ -20,12 +20,7 @@ from vtff_analysis.recordings.history import (
     SimulatorReport,
 )
 from vtff_analysis.recordings.recording_details import DetailCollector
-from vtff_analysis.recordings.topics import (
-    ESTIMATE_TOPIC,
-    STATUS_TOPIC,
-    TARGET_TOPIC,
-    TRUTH_TOPIC,
-)
+from vtff_analysis.recordings.topics import STATUS_TOPIC, relative_state_topic
 from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader, RawMessage
@@ -43,7 +38,6 @@ _PACINGS = {
     SimulatorStatus.PACING_REALTIME: "realtime",
 }
 
-_RELATIVE_TOPICS = {TRUTH_TOPIC: "truth", ESTIMATE_TOPIC: "estimate", TARGET_TOPIC: "target"}
 _THRUST_TOPIC = re.compile(
     r"^/(?P<deputy>.+)/(?P<what>control/thrust_command|propulsion/thrust_applied)$"
 )
@@ -230,8 +224,9 @@ class _Collector:
 
     def handler(self, topic: str) -> Handler | None:
         """Return the function that takes the messages of a topic; None for an unused topic."""
-        if topic in _RELATIVE_TOPICS:
-            return functools.partial(self._add_relative_state, _RELATIVE_TOPICS[topic])
+        relative = relative_state_topic(topic)
+        if relative is not None:
+            return functools.partial(self._add_relative_state, *relative)
         if topic == STATUS_TOPIC:
             return self._set_status
         thrust = _THRUST_TOPIC.match(topic)
@@ -251,12 +246,14 @@ class _Collector:
             return handlers[gnss["what"]]
         return None
 
-    def _add_relative_state(self, what: str, message: Any) -> None:
+    def _add_relative_state(self, name: str, what: str, message: Any) -> None:
+        if message.child_frame_id != name:
+            raise ValueError(f"it names '{message.child_frame_id}', not the deputy '{name}'")
         row = np.concatenate((message.position, message.velocity))
         unusable = what == "estimate" and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(row).all():
             return
-        deputy = self._relative.setdefault(message.child_frame_id or "deputy", {})
+        deputy = self._relative.setdefault(name, {})
         if what == "estimate":
             variance = np.asarray(message.covariance)[::7]  # the diagonal of a 6 by 6 matrix
             sigma = np.sqrt(np.where(variance > 0.0, variance, 0.0))

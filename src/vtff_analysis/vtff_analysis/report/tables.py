@@ -139,6 +139,10 @@ def print_receivers(
     for label, values in receiver_rows(summary, receivers):
         table.add_row(label, *values)
     console.print(table)
+    damaged = summary.get("receiver_logs_damaged")
+    if damaged is not None:
+        undecoded = summary["receiver_logs_undecoded"]
+        console.print(f"receiver logs: {damaged} damaged, {undecoded} of a kind not decoded")
 
 
 def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str, list[str]]]:

@@ -57,9 +57,9 @@ _MODEL_SPACING = 250.0
 _MOST_SAMPLES = 1200
 """Most samples of a deconvolution, whose matrix grows with their square."""
 
-_DENSITY_TOPIC = "/formation/electron_density"
 _FEWEST_SAMPLES = 200
 _CHIEF, _DEPUTY = "chief", "deputy"
+_DENSITY_TOPIC = f"/{_DEPUTY}/iono/electron_density"
 
 
 class OffsetError(ValueError):
@@ -83,7 +83,7 @@ class OffsetResult:
         Mean absolute difference of single samples to the truth averaged over the separation,
         electrons per cubic metre.
     noise : float
-        Mean |N(k)|^2 of the noise of the samples.
+        Mean ``|N(k)|^2`` of the noise of the samples.
     departure, departure_deconvolved : float
         Wavelength below which the spectrum departs, m; NaN where it never does.
     noise_scale : float
@@ -152,7 +152,7 @@ def flown_offset(run: pathlib.Path, offset: float) -> OffsetResult:
     Parameters
     ----------
     run : Path
-        Run folder or bag with /formation/electron_density and the true orbits.
+        Run folder or bag with /deputy/iono/electron_density and the true orbits.
     offset : float
         Radial offset that was flown, m.
 

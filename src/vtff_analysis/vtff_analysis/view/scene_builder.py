@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 import re
 from collections.abc import Callable
@@ -9,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vtff_analysis.recordings.topics import ESTIMATE_TOPIC, TARGET_TOPIC, TRUTH_TOPIC
+from vtff_analysis.recordings.topics import relative_state_topic
 from vtff_analysis.view.satellites import SatellitePositions
 from vtff_analysis.view.scene import Scene
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -22,7 +23,6 @@ from vtff_msgs.msg import RelativeState
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
 
-_RELATIVE_SOURCES = {TRUTH_TOPIC: "truth", ESTIMATE_TOPIC: "estimate", TARGET_TOPIC: "target"}
 _CRAFT_TOPIC = re.compile(
     r"^/(?P<craft>.+)/(?P<what>truth/orbit|gnss/fix|gnss/epoch|gnss/ephemeris"
     r"|control/thrust_command|propulsion/thrust_applied|iono/slant_tec|iono/scintillation)$"
@@ -71,9 +71,9 @@ class SceneBuilder:
 
     def handler(self, topic: str) -> Handler | None:
         """Return the function of (ns since 1970, message) for a topic; None if it is not shown."""
-        if topic in _RELATIVE_SOURCES:
-            source = _RELATIVE_SOURCES[topic]
-            return lambda stamp, message: self._add_relative(source, stamp, message)
+        relative = relative_state_topic(topic)
+        if relative is not None:
+            return functools.partial(self._add_relative, *relative)
         match = _CRAFT_TOPIC.match(topic)
         if match is not None:
             craft = match["craft"].replace("/", ".")
@@ -172,11 +172,16 @@ class SceneBuilder:
         row = [linear.x, linear.y, linear.z]
         self.scene.add("thrust", stamp, row, deputy=deputy, source=source)
 
-    def _add_relative(self, source: str, stamp: int, message: Any) -> None:
+    def _add_relative(self, deputy: str, source: str, stamp: int, message: Any) -> None:
+        if message.child_frame_id != deputy:
+            named = message.child_frame_id
+            note = f"{source} of '{deputy}': a message names '{named}' and is left out"
+            if note not in self.scene.notes:
+                self.scene.notes.append(note)
+            return
         unusable = source == "estimate" and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(message.position).all():
             return
-        deputy = message.child_frame_id or "deputy"
         row = [float(value) for value in message.position]
         self.scene.add("relative", stamp, row, deputy=deputy, source=source)
 

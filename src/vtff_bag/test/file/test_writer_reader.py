@@ -19,7 +19,7 @@ from vtff_bag.file import mcap_blocks
 from vtff_bag.file.errors import BagReadError, BagWriteError
 from vtff_bag.file.info import describe_bag
 from vtff_bag.file.metadata import parse_stored_metadata, read_metadata
-from vtff_bag.file.reader import BagReader
+from vtff_bag.file.reader import OLD_TOPICS, BagReader
 from vtff_bag.file.recover import recover
 from vtff_bag.file.writer import BagWriter
 
@@ -344,7 +344,7 @@ FILL_DISK = textwrap.dedent(
     """
     import os, pathlib, sys
     from vtff_bag.file.errors import BagWriteError
-    from vtff_bag.file.reader import BagReader
+    from vtff_bag.file.reader import OLD_TOPICS, BagReader
     from vtff_bag.file.writer import BagWriter
 
     bag = pathlib.Path(sys.argv[1]) / "bag"
@@ -395,3 +395,17 @@ def test_a_disk_without_room_for_the_reserve_is_refused(tmp_path):
     assert ended.stderr.splitlines() == [
         f"{tmp_path}/bag/bag_0.mcap: cannot create: No space left on device; left: []"
     ]
+
+
+def test_a_bag_with_old_topics_is_refused_in_one_line(tmp_path, monkeypatch):
+    bag_samples.write_bag(tmp_path / "new", [])
+    old = next(iter(BagReader(tmp_path / "new").topics))
+    monkeypatch.setattr("vtff_bag.file.reader.OLD_TOPICS", {old})
+    with pytest.raises(BagReadError, match=f"{old}.*record the run anew") as refusal:
+        BagReader(tmp_path / "new")
+    assert "\n" not in str(refusal.value)
+
+
+def test_topics_of_a_formation_of_two_are_old():
+    assert "/formation/relative_state_truth" in OLD_TOPICS
+    assert "/formation/safety" not in OLD_TOPICS

@@ -43,6 +43,22 @@ class DecodedMessage(NamedTuple):
     message: Any
 
 
+#: Topics of bags that were recorded when a formation had one deputy.
+OLD_TOPICS = frozenset(
+    f"/formation/{name}"
+    for name in (
+        "relative_state",
+        "relative_state_truth",
+        "ambiguities",
+        "differential_tec",
+        "target",
+        "laser_range",
+        "electron_density",
+        "irregularity_boundary",
+    )
+)
+
+
 class BagReader:
     """Reads a bag.
 
@@ -80,10 +96,20 @@ class BagReader:
         for content in self.contents:
             self.notes.extend(f"{content.path.name}: {note}" for note in content.notes)
         self.topics = self._merge_topics()
+        self._refuse_old_topics()
         self._check_metadata()
         filled = [content for content in self.contents if content.message_count]
         self.start_time = min((content.start_time for content in filled), default=0)
         self.end_time = max((content.end_time for content in filled), default=0)
+
+    def _refuse_old_topics(self) -> None:
+        """Refuse bags whose topics of the deputy are not in its namespace."""
+        old = sorted(OLD_TOPICS.intersection(self.topics))
+        if old:
+            raise BagReadError(
+                f"{self.path}: an older vtff recorded it, with '{old[0]}': what belongs to a "
+                "deputy is now in its namespace; record the run anew"
+            )
 
     @property
     def complete(self) -> bool:

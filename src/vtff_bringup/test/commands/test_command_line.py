@@ -104,7 +104,7 @@ def write_bag(folder, topic):
 
 def test_a_run_that_never_flew_is_refused(tmp_path):
     grounded = write_bag(tmp_path / "grounded", "/diagnostics")
-    flown = write_bag(tmp_path / "flown", "/formation/relative_state")
+    flown = write_bag(tmp_path / "flown", "/deputy/relative_state")
     require_flight(pathlib.Path(flown))
     for command in (["report", grounded], ["compare", flown, grounded]):
         result = CliRunner().invoke(cli.make_app(), command)

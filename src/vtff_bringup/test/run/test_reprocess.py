@@ -19,9 +19,9 @@ from vtff_node.executables import ExecutableNotFoundError, executable_path  # no
 COMMAND_TOPIC = "/deputy/control/thrust_command"
 APPLIED_TOPIC = "/deputy/propulsion/thrust_applied"
 NAVIGATION_TOPICS = (
-    "/formation/relative_state",
-    "/formation/ambiguities",
-    "/formation/differential_tec",
+    "/deputy/relative_state",
+    "/deputy/ambiguities",
+    "/deputy/differential_tec",
 )
 SECONDS = 25
 
@@ -59,7 +59,7 @@ def test_unchanged_parameters_give_the_recorded_bytes(recorded, tmp_path, mode):
     result = invoke("reprocess", recorded, *arguments)
     assert result.exit_code == 0, result.output
     assert len(re.findall(r"\bidentical\b", result.output)) == 2
-    for topic in (COMMAND_TOPIC, APPLIED_TOPIC, "/clock", "/formation/relative_state_truth"):
+    for topic in (COMMAND_TOPIC, APPLIED_TOPIC, "/clock", "/deputy/relative_state_truth"):
         assert payloads(out, topic) == payloads(recorded, topic), topic
     assert json.loads((out / "run.json").read_text())["system"] == "control_only"
 

@@ -40,7 +40,7 @@ def test_reference_system(settings):
     assert nodes["sdre_controller"].all_parameters()["acceleration_cap"] == 1.4
     assert nodes["simgen_bridge"].parameters["lockstep_side_branches"] == ["/bag_recorder"]
     assert set(nodes["simgen_bridge"].parameters["expected_nodes"]) == {
-        "/sdre_controller",
+        "/deputy/sdre_controller",
         "/deputy/thruster",
         "/bag_recorder",
     }
@@ -84,7 +84,7 @@ def test_ros_arguments_name_everything(settings, tmp_path):
     arguments = node.ros_arguments(tmp_path / "p.yaml")
     assert arguments[0] == "--ros-args"
     assert "__node:=sdre_controller" in arguments
-    assert "formation/relative_state:=formation/relative_state_truth" in arguments
+    assert "relative_state:=relative_state_truth" in arguments
     assert str(tmp_path / "p.yaml") in arguments
 
 

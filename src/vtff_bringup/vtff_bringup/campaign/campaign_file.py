@@ -1,4 +1,4 @@
-"""Campaign files (config/campaign/*.yaml): what is flown, what is varied, what is kept.
+"""Campaign files (``config/campaign/*.yaml``): what is flown, what is varied, what is kept.
 
 A campaign file is read strictly: everything wrong is a `CampaignError` of one line that names the
 file and the field, before anything is flown. docs/campaigns.md describes the fields.

@@ -50,7 +50,7 @@ def replay(
     same as services: ~/pause, ~/resume, ~/step, ~/seek, ~/set_rate. Messages are published in
     ROS_DOMAIN_ID (0 if it is not set).
 
-    Example: vtff replay bags/mine --rate 10 --exclude-topics /formation/relative_state
+    Example: vtff replay bags/mine --rate 10 --exclude-topics /deputy/relative_state
     """
     console = Console(highlight=False)
     parameters = {

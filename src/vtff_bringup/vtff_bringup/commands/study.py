@@ -142,6 +142,72 @@ def radial_offset(
     _write_offsets(console, results, folder)
 
 
+@app.command("formation_designs")
+def formation_designs(
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for the CSV files; default: none are written."),
+    ] = None,
+) -> None:
+    """Let formations drift for 15 orbits under J2: model errors, and passive safety (paper 002).
+
+    The first table is the error of mean relative elements with the J2 transition against the
+    nonlinear motion; the second the closest approaches of paper 002's projected circular orbit,
+    of its equation (7) taken literally, and of a helix of the same size. It takes some seconds.
+
+    Exit code: 0 complete, 2 the folder cannot be used.
+    """
+    from vtff_analysis.studies.formation_designs import (
+        fflas_formations,
+        fly_formation,
+        model_errors,
+        write_formation_designs,
+    )
+
+    console = Console(highlight=False)
+    try:
+        folder = None if out is None else chosen_folder(out, empty=False)
+    except RunFolderError as error:
+        stop(console, error, EXIT_USAGE)
+    errors = model_errors()
+    table = Table("design", "size", "e", "largest error", "of the size", title="Model, 15 orbits")
+    for row in errors:
+        table.add_row(
+            row.design,
+            f"{row.size:g} m",
+            f"{row.eccentricity:g}",
+            f"{row.error:.3f} m",
+            f"{row.percent:.3f} %",
+        )
+    console.print(table)
+    pairs = [
+        (elements, pair)
+        for name, relative in fflas_formations().items()
+        for elements in ("osculating", "mean")
+        for pair in fly_formation(name, relative, elements)
+    ]
+    table = Table(
+        "formation", "set up in", "pair", "closest", "farthest", "closest in R-N", title="Paper 002"
+    )
+    for elements, pair in pairs:
+        table.add_row(
+            pair.formation,
+            elements,
+            f"{pair.first}-{pair.second}",
+            f"{pair.closest:.2f} m",
+            f"{pair.farthest:.2f} m",
+            f"{pair.closest_radial_normal:.2f} m",
+        )
+    console.print(table)
+    console.print(
+        "pco_literal has the in-track offset of the paper's equation (7): with it B and C meet. "
+        "A projected circle is not passively safe (R-N separation 0), a helix is."
+    )
+    if folder is not None:
+        for path in write_formation_designs(folder, errors, pairs):
+            console.print(f"wrote {path}")
+
+
 def _fly_offsets(
     console: Console, flights: pathlib.Path, offsets: Sequence[float], seed: int
 ) -> CampaignResult:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import dataclasses
 import ipaddress
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 from vtff_bringup.system.description import HostDescription, NodeDescription, ProcessDescription
-from vtff_bringup.system.entries import PLAIN_NAME, EntryReader
+from vtff_bringup.system.entries import PLAIN_NAME
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.references import References
 
@@ -23,7 +23,7 @@ HOST_STEP_TIMEOUT = 40.0
 
 
 def read_hosts(
-    path: pathlib.Path, content: Mapping[str, Any], references: References
+    path: pathlib.Path, declared: Mapping[str, Any], references: References
 ) -> dict[str, str]:
     """Return the address of each host by its name, and let ``${hosts.NAME}`` stand for it.
 
@@ -34,9 +34,8 @@ def read_hosts(
     SystemFileError
         If a name or an address is wrong, or two hosts have one address.
     """
-    reader = EntryReader(path)
     hosts: dict[str, str] = {}
-    for name, value in reader.mapping(content, "hosts", "system file").items():
+    for name, value in declared.items():
         where = f"host '{name}'"
         if not PLAIN_NAME.fullmatch(name):
             raise SystemFileError(f"{path}: {where}: a name of a host is letters, digits and '_'")
@@ -65,7 +64,7 @@ def read_hosts(
 
 def place_on_hosts(
     path: pathlib.Path,
-    content: Mapping[str, Any],
+    declared: Collection[str],
     addresses: Mapping[str, str],
     nodes: Sequence[NodeDescription],
     processes: Sequence[ProcessDescription],
@@ -81,8 +80,8 @@ def place_on_hosts(
     ----------
     path
         The system file, for messages.
-    content
-        Its content.
+    declared
+        Names of all hosts of the file.
     addresses
         Address of each host by its name.
     nodes, processes
@@ -98,7 +97,7 @@ def place_on_hosts(
         *(("process", process.name, process.host) for process in processes),
     ]:
         if host and host not in addresses:
-            has_no_address = host in (content.get("hosts") or {})
+            has_no_address = host in declared
             problem = "has no address" if has_no_address else "is not one of 'hosts'"
             raise SystemFileError(
                 f"{path}: {kind} '{name}': host '{host}' {problem}; "

@@ -9,7 +9,8 @@ A system file (``config/system/*.yaml``) has these keys:
     `vtff_bringup.system.extension`.
 ``arguments``
     Values that the command line may set with ``key:=value``: name -> ``default``,
-    ``description``, ``file: true`` for a path relative to the system file.
+    ``description``, ``file: true`` for a path relative to the system file, ``file: receiver_log``
+    for one that must hold NovAtel logs.
 ``processes``
     Programs without ROS, started first: ``name``, ``package``, ``executable``,
     ``arguments``; ``when`` (argument -> value: the program starts only if the argument has this
@@ -17,7 +18,8 @@ A system file (``config/system/*.yaml``) has these keys:
     the command line keeps its value, unless ``when`` asks for it). Programs start with SIGINT and
     SIGTERM blocked and have to unblock them once their handlers are installed.
 ``nodes``
-    ROS nodes: ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
+    ROS nodes: ``for_each`` (spacecraft | deputy, also of a process: one for each of them in the
+    scenario, see below), ``package``, ``executable``, ``name``, ``namespace``, ``parameters``,
     ``parameter_files``, ``remaps``, ``lockstep`` (participant | side_branch: the node acknowledges
     each step; nodes between the simulator and the thruster need not, because the thrust that
     closes the loop comes after their work), ``prepares`` (the simulator starts only after the
@@ -29,10 +31,16 @@ A system file (``config/system/*.yaml``) has these keys:
     leaves the machine out. A node or process with ``host`` runs there, the others on that of the
     node that ends the run. See docs/hosts.md.
 ``control_port``
-    TCP and UDP port of the main host by which its parts agree.
+    TCP and UDP port of the main host by which the parts of a run agree.
 
-``${hosts.name}`` stands for the address of a host,
-``${name}`` for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
+An entry with ``for_each: spacecraft`` or ``for_each: deputy`` stands for one node or process for
+each of them; ``${spacecraft}`` or ``${deputy}`` is the name there, and ``${deputy.a.b}`` an entry
+of that spacecraft in the scenario. A key of ``arguments``, ``hosts`` or ``sets``, or a text in a
+list, with ``${spacecraft}`` or ``${deputy}`` in it stands for one for each. ``${chief}`` and
+``${deputies}`` are the names of the chief and of all deputies everywhere.
+
+``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
+``${hosts.name}`` for the address of a host,
 and ``${run_directory}``, ``${free_port}``, ``${free_port.<any name>}`` (another one for each
 name), ``${pacing}``, ``${seed}`` (of the run, else of the scenario), ``${nodes}`` (fully qualified
 names of all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the
@@ -56,20 +64,30 @@ from vtff_bringup.system.description import (
 from vtff_bringup.system.entries import PLAIN_NAME, EntryReader, describe_entry
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
-from vtff_bringup.system.overrides import sort_overrides
+from vtff_bringup.system.overrides import parse_override, sort_overrides
 from vtff_bringup.system.placement import DEFAULT_CONTROL_PORT, place_on_hosts, read_hosts
-from vtff_bringup.system.references import References, free_port
+from vtff_bringup.system.references import (
+    DEPUTY,
+    NUMBER_OF_DEPUTIES,
+    SPACECRAFT,
+    References,
+    free_port,
+)
 from vtff_bringup.system.yaml_file import read_mapping
 from vtff_node.executables import ExecutableNotFoundError, share_folder
 
 __all__ = ["find_system_file", "load_system"]
 
+FOR_EACH = (SPACECRAFT, DEPUTY)
 LOCKSTEP_ROLES = ("participant", "side_branch")
 
 SYSTEM_KEYS = {"description", "arguments", "hosts", "control_port", "processes", "nodes"}
 ARGUMENT_KEYS = {"default", "description", "file"}
-PROCESS_KEYS = {"name", "host", "package", "executable", "arguments", "when", "sets"}
+PROCESS_KEYS = {"for_each", "host", "name", "package", "executable", "arguments", "when", "sets"}
+#: Value of the key `file` of an argument whose file must hold NovAtel logs.
+RECEIVER_LOG = "receiver_log"
 NODE_KEYS = {
+    "for_each",
     "host",
     "package",
     "executable",
@@ -162,28 +180,37 @@ class _Loader:
         for number, entry in enumerate(node_entries, 1):
             self._check_node(entry, number)
         names = {entry.get("name") or entry["executable"] for entry in node_entries}
+        argument_entries = self._expand_arguments(argument_entries, overrides)
         argument_values, parameter_values = sort_overrides(
             overrides, set(argument_entries), names, self._path.name
         )
         values = self._references.values
         for name, entry in argument_entries.items():
-            self._entries.check_keys(entry, ARGUMENT_KEYS, f"argument '{name}'")
             values[name] = self._argument_value(name, entry, argument_values)
-        addresses = read_hosts(self._path, content, self._references)
+        declared_hosts = self._expand_keys(
+            self._entries.mapping(content, "hosts", "system file"), "hosts"
+        )
+        addresses = read_hosts(self._path, declared_hosts, self._references)
         processes = tuple(self._read_processes(process_entries, set(argument_values)))
-        values["nodes"] = [self._qualified_name(entry) for entry in node_entries]
+        each_node = [
+            (entry, references)
+            for entry in node_entries
+            for references in self._references_of(entry, _describe_node(entry))
+        ]
+        values["nodes"] = [self._qualified_name(*node) for node in each_node]
         nodes = self._add_run_parameters(
-            [self._read_node(entry, parameter_values) for entry in node_entries]
+            [self._read_node(*node, parameter_values) for node in each_node]
         )
         if not nodes:
             raise SystemFileError(f"{self._path}: no nodes")
+        self._check_unique(nodes)
         node_names = {node.qualified_name.strip("/") for node in nodes}
         for name in parameter_values:
             if "/" in name and name not in node_names:
                 known = ", ".join(sorted(node_names))
                 raise SystemFileError(f"{self._path.name} has no node '{name}'; known: {known}")
         hosts, placed_nodes, placed_processes = place_on_hosts(
-            self._path, content, addresses, nodes, processes
+            self._path, declared_hosts, addresses, nodes, processes
         )
         return SystemDescription(
             path=self._path,
@@ -206,11 +233,58 @@ class _Loader:
             raise SystemFileError(f"{self._path}: control_port must be 1 to 65535, not {port!r}")
         return port
 
+    def _references_of(self, entry: Mapping[str, Any], where: str) -> list[References]:
+        """Return the references of an entry: one, or one for each spacecraft or deputy."""
+        kind = entry.get("for_each")
+        if kind is None:
+            return [self._references]
+        if kind not in FOR_EACH:
+            raise SystemFileError(
+                f"{self._path}: {where}: for_each is '{kind}'; choose {' or '.join(FOR_EACH)}"
+            )
+        return self._references.for_each(kind, where)
+
+    def _check_unique(self, nodes: Sequence[NodeDescription]) -> None:
+        names = [node.qualified_name for node in nodes]
+        for name in names:
+            if names.count(name) > 1:
+                raise SystemFileError(f"{self._path}: two nodes have the name '{name}'")
+
+    def _expand_keys(self, mapping: Mapping[str, Any], where: str) -> dict[str, Any]:
+        """Return a mapping whose keys with ``${spacecraft}`` or ``${deputy}`` are one for each."""
+        expanded: dict[str, Any] = {}
+        for key, value in mapping.items():
+            kinds = [kind for kind in FOR_EACH if f"${{{kind}}}" in key]
+            if not kinds:
+                expanded[key] = value
+                continue
+            for references in self._references.for_each(kinds[0], where):
+                name = str(references.resolve(key, where))
+                if name in expanded:
+                    raise SystemFileError(f"{self._path}: {where}: '{name}' is given twice")
+                expanded[name] = _with_craft(value, kinds[0], references.craft)
+        return expanded
+
+    def _expand_arguments(
+        self, entries: Mapping[str, Any], overrides: Sequence[str]
+    ) -> dict[str, Any]:
+        """Return the arguments with those of each spacecraft; they need the scenario."""
+        given = dict(parse_override(text) for text in overrides)
+        for name, entry in entries.items():
+            self._entries.check_keys(entry, ARGUMENT_KEYS, f"argument '{name}'")
+        if any("${" in name for name in entries):
+            for name in ("scenario", NUMBER_OF_DEPUTIES):
+                if name in entries:
+                    self._references.values[name] = self._argument_value(name, entries[name], given)
+        return self._expand_keys(entries, "arguments")
+
     def _argument_value(self, name: str, entry: Mapping[str, Any], given: dict[str, Any]) -> Any:
         if name in given:
             value, base = given[name], pathlib.Path.cwd()
         elif "default" in entry:
-            value, base = entry["default"], self._path.parent
+            where = f"argument '{name}'"
+            value = self._references.resolve(entry["default"], where)
+            base = self._path.parent
         else:
             raise SystemFileError(
                 f"{self._path.name} needs '{name}' ({entry.get('description', '')}): "
@@ -221,6 +295,8 @@ class _Loader:
         file = (base / str(value)).resolve()
         if not file.is_file():
             raise SystemFileError(f"argument '{name}': no file '{value}' (looked at {file})")
+        if entry["file"] == RECEIVER_LOG:
+            _check_receiver_log(name, file)
         return str(file)
 
     def _read_processes(
@@ -239,46 +315,52 @@ class _Loader:
             conditions = self._entries.mapping(entry, "when", where)
             if any(str(values.get(key)) != str(value) for key, value in conditions.items()):
                 continue
-            for key, value in self._entries.mapping(entry, "sets", where).items():
+            changes = self._expand_keys(self._entries.mapping(entry, "sets", where), where)
+            for key, value in changes.items():
                 if key in conditions or key not in given:
                     values[key] = self._references.resolve(value, where)
-            arguments = self._references.resolve(
-                self._entries.sequence(entry, "arguments", where), where
-            )
-            processes.append(
-                ProcessDescription(
-                    name=entry["name"],
-                    package=entry["package"],
-                    executable=entry["executable"],
-                    host=str(self._references.resolve(entry.get("host") or "", where)),
-                    arguments=tuple(
-                        str(item)
-                        for argument in arguments
-                        for item in (argument if isinstance(argument, list) else [argument])
-                    ),
+            for references in self._references_of(entry, where):
+                prefix = f"{references.craft}__" if references.craft else ""
+                arguments = references.resolve(
+                    self._entries.sequence(entry, "arguments", where), where
                 )
-            )
+                processes.append(
+                    ProcessDescription(
+                        name=f"{prefix}{entry['name']}",
+                        package=entry["package"],
+                        executable=entry["executable"],
+                        host=str(references.resolve(entry.get("host") or "", where)),
+                        arguments=tuple(
+                            str(item)
+                            for argument in arguments
+                            for item in (argument if isinstance(argument, list) else [argument])
+                        ),
+                    )
+                )
         return processes
 
     def _read_node(
-        self, entry: Mapping[str, Any], overrides: Mapping[str, Mapping[str, Any]]
+        self,
+        entry: Mapping[str, Any],
+        references: References,
+        overrides: Mapping[str, Mapping[str, Any]],
     ) -> NodeDescription:
         name = entry.get("name") or entry["executable"]
-        where = f"node '{name}'"
+        where = _describe_node(entry)
         role = entry.get("lockstep", "")
         if role and role not in LOCKSTEP_ROLES:
             raise SystemFileError(
                 f"{self._path}: {where}: lockstep is '{role}'; choose {' or '.join(LOCKSTEP_ROLES)}"
             )
-        parameters = self._references.resolve(
+        parameters = references.resolve(
             dict(self._entries.mapping(entry, "parameters", where)), where
         )
-        qualified_name = self._qualified_name(entry)
+        qualified_name = self._qualified_name(entry, references)
         parameters.update(overrides.get(str(name), {}))
         parameters.update(overrides.get(qualified_name.strip("/"), {}))
         files = []
         for text in self._entries.sequence(entry, "parameter_files", where):
-            file = (self._path.parent / str(self._references.resolve(text, where))).resolve()
+            file = (self._path.parent / str(references.resolve(text, where))).resolve()
             if not file.is_file():
                 raise SystemFileError(f"{self._path}: {where}: no parameter file {file}")
             files.append(file)
@@ -286,21 +368,21 @@ class _Loader:
             package=entry["package"],
             executable=entry["executable"],
             name=str(name),
-            namespace=self._namespace(entry),
+            namespace=self._namespace(entry, references),
             parameters=parameters,
             parameter_files=tuple(files),
-            remaps=self._read_remaps(entry, where),
+            remaps=self._read_remaps(entry, references, where),
             lockstep=role,
             prepares=bool(entry.get("prepares", False)),
             ends_run=bool(entry.get("ends_run", False)),
             own_process=bool(entry.get("own_process", False)),
-            host=str(self._references.resolve(entry.get("host") or "", where)),
+            host=str(references.resolve(entry.get("host") or "", where)),
         )
 
-    def _read_remaps(self, entry: Mapping[str, Any], where: str) -> dict[str, str]:
-        remaps = self._references.resolve(
-            dict(self._entries.mapping(entry, "remaps", where)), where
-        )
+    def _read_remaps(
+        self, entry: Mapping[str, Any], references: References, where: str
+    ) -> dict[str, str]:
+        remaps = references.resolve(dict(self._entries.mapping(entry, "remaps", where)), where)
         for source, target in remaps.items():
             if not isinstance(target, str):
                 raise SystemFileError(
@@ -308,9 +390,9 @@ class _Loader:
                 )
         return dict(remaps)
 
-    def _namespace(self, entry: Mapping[str, Any]) -> str:
-        where = f"node '{entry.get('name') or entry['executable']}'"
-        given = str(self._references.resolve(entry.get("namespace") or "", where))
+    def _namespace(self, entry: Mapping[str, Any], references: References) -> str:
+        where = _describe_node(entry)
+        given = str(references.resolve(entry.get("namespace") or "", where))
         namespace = given.strip("/")
         if namespace and not all(PLAIN_NAME.fullmatch(name) for name in namespace.split("/")):
             raise SystemFileError(
@@ -319,9 +401,9 @@ class _Loader:
             )
         return f"/{namespace}"
 
-    def _qualified_name(self, entry: Mapping[str, Any]) -> str:
+    def _qualified_name(self, entry: Mapping[str, Any], references: References) -> str:
         name = entry.get("name") or entry["executable"]
-        return f"{self._namespace(entry).rstrip('/')}/{name}"
+        return f"{self._namespace(entry, references).rstrip('/')}/{name}"
 
     def _add_run_parameters(self, nodes: list[NodeDescription]) -> list[NodeDescription]:
         """Add the pacing to each node, and the names of all others to the one that ends the run."""
@@ -363,3 +445,26 @@ class _Loader:
         named = ("package", "name") if entry.get("name") else ("package", "executable")
         self._entries.check_names(entry, named, where)
         self._entries.check_executable(entry, where)
+
+
+def _describe_node(entry: Mapping[str, Any]) -> str:
+    return f"node '{entry.get('name') or entry['executable']}'"
+
+
+def _with_craft(value: Any, kind: str, craft: str) -> Any:
+    """Return a value with ``${spacecraft}`` or ``${deputy}`` replaced by a name."""
+    if isinstance(value, dict):
+        return {key: _with_craft(item, kind, craft) for key, item in value.items()}
+    return value.replace(f"${{{kind}}}", craft) if isinstance(value, str) else value
+
+
+def _check_receiver_log(argument: str, file: pathlib.Path) -> None:
+    # Imported here, because few systems read a log.
+    from vtff_gnss.files.observation_files import ObservationFileError, check_receiver_log
+
+    try:
+        check_receiver_log(file)
+    except ObservationFileError as error:
+        raise SystemFileError(f"argument '{argument}': {error}") from None
+    except OSError as error:
+        raise SystemFileError(f"argument '{argument}': {file}: {error.strerror}") from None

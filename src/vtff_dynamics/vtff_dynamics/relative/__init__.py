@@ -1,1 +1,1 @@
-"""Relative motion of two spacecraft."""
+"""Relative motion: states, relative orbital elements, transition, formation designs, impulses."""

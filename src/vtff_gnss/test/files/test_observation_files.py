@@ -9,6 +9,7 @@ import hatanaka
 import numpy as np
 import pytest
 from constellation_test_support import BRDC, SPIRENT, drawn_navigation_file, shared_file
+from encoder_test_support import receiver_log
 from gnss_test_support import examples, oem_file
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,6 +27,7 @@ from rinex_test_support import (
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_gnss.files.observation_files import (
     ObservationFileError,
+    check_receiver_log,
     open_ephemerides,
     open_observations,
 )
@@ -169,3 +171,28 @@ def test_ephemerides_of_real_navigation_files_and_logs(tmp_path):
     packed.write_bytes(hatanaka.compress(gzip.decompress(shared_file(BRDC).read_bytes()),
                                          compression="Z"))  # fmt: skip
     assert len(open_ephemerides(packed)) == 435 + 9784
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "the file is empty"),
+        (SMALL.encode(), "a RINEX file; a NovAtel log is required"),
+        (bytes(range(256)) * 400, "no NovAtel log that vtff reads was found"),
+        (b"\x1f\x8b\x08 nonsense", "compressed file is damaged"),
+        (receiver_log(2).replace(b"\xaaD\x12", b"\xaaD\x11"), "no NovAtel log that vtff reads"),
+    ],
+)
+def test_a_file_without_a_receiver_log_is_refused(content, message, tmp_path):
+    path = tmp_path / "some.gps"
+    path.write_bytes(content)
+    with pytest.raises(ObservationFileError, match=message) as caught:
+        check_receiver_log(path)
+    assert "some.gps" in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("before", [b"", bytes(100_000)])
+def test_a_receiver_log_is_accepted(before, tmp_path):
+    path = tmp_path / "some.gps.gz"
+    path.write_bytes(gzip.compress(before + receiver_log(2)))
+    check_receiver_log(path)

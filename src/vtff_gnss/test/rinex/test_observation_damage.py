@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rinex_test_support import epoch_3, header_2, header_3, header_line, types_3, value
 
+from vtff_gnss.constants import FLAG_LOCK_LOST
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.observation import parse_rinex_observation
 
@@ -118,3 +119,42 @@ def test_truncated_compact_files_are_refused(compression, where):
 @functools.cache
 def _packed(compression: str) -> bytes:
     return hatanaka.compress(sample(3), compression=compression)
+
+
+def _with_count(version: int, epoch: int, count: int) -> bytes:
+    """Return the sample with another number of satellites in one of its epochs."""
+    lines = sample(version).decode("ascii").splitlines(keepends=True)
+    starts = [i for i, line in enumerate(lines) if line.startswith(("> 2024", " 24  1 10"))]
+    line = lines[starts[epoch]]
+    column = line.rindex("  6") if version == 3 else line.index("  6G01")
+    lines[starts[epoch]] = f"{line[:column]}{count:3d}{line[column + 3 :]}"
+    return "".join(lines).encode("ascii")
+
+
+@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("count", [0, 3, 5, 7, 8, 13, 30, 999])
+@pytest.mark.parametrize("epoch", [0, 1, 10, 18])
+def test_a_wrong_number_of_satellites_costs_its_epoch(version, count, epoch):
+    result = parse_rinex_observation(_with_count(version, epoch, count), "sample")
+    expected = [e for i, e in enumerate(intact(version)) if i != epoch]
+    assert [e.time for e in result.epochs()] == [e.time for e in expected]
+    for actual, wanted in zip(result.epochs(), expected, strict=True):
+        np.testing.assert_array_equal(actual.pseudorange, wanted.pseudorange)
+    (remark,) = result.remarks
+    assert remark.startswith("1 damaged epoch is left out, the first: sample:")
+    # The satellites that are there again have been out of sight for one epoch.
+    if epoch:
+        assert (result.table.columns["flags"] & FLAG_LOCK_LOST).any()
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_all_damaged_epochs_are_counted(version):
+    content = _with_count(version, 3, 5)
+    marks = (b"> 2024", b" 24  1 10")
+    lines = content.splitlines(keepends=True)
+    starts = [i for i, line in enumerate(lines) if line.startswith(marks)]
+    lines[starts[7]] = lines[starts[7]][:10] + b"x" + lines[starts[7]][11:]
+    result = parse_rinex_observation(b"".join(lines), "sample")
+    assert len(result.table) == 18
+    (remark,) = result.remarks
+    assert remark.startswith(f"2 damaged epochs are left out, the first: sample:{starts[3] + 1}:")

@@ -14,6 +14,7 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import STATUS_NONE, Fix
 from vtff_gnss.novatel import ReceiverLogStream, StreamCounters
 from vtff_gnss.novatel.events import Event
+from vtff_gnss.novatel.stream import RawLogs
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.rinex.compressed_file import decompress, is_hatanaka, is_rinex
@@ -24,6 +25,7 @@ from vtff_gnss.rinex.observation import parse_rinex_observation
 __all__ = [
     "ObservationFile",
     "ObservationFileError",
+    "check_receiver_log",
     "open_ephemerides",
     "open_observations",
 ]
@@ -58,6 +60,8 @@ class ObservationFile:
         the mean of the receiver's fixes if these stay within `ROOFTOP_EXTENT`.
     remarks : tuple of str
         Irregularities of the file in sentences: damage, observations left out.
+    fixes : tuple of Fix
+        Positions that the receiver computed itself, in a receiver log.
     """
 
     path: pathlib.Path
@@ -66,6 +70,7 @@ class ObservationFile:
     ephemerides: tuple[BroadcastEphemeris, ...]
     approximate_position: tuple[float, float, float] | None
     remarks: tuple[str, ...]
+    fixes: tuple[Fix, ...] = ()
 
     def epochs(self) -> Iterator[ObservationEpoch]:
         """Yield the epochs."""
@@ -144,6 +149,34 @@ def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]
     return ephemerides
 
 
+def check_receiver_log(path: str | pathlib.Path) -> None:
+    """Raise an error unless a file, compressed or not, holds an intact NovAtel log.
+
+    The file is read up to the first one.
+
+    Raises
+    ------
+    ObservationFileError
+        If the file is something else, or every log of it is damaged.
+    OSError
+        If the file cannot be read.
+    """
+    path = pathlib.Path(path)
+    try:
+        content = decompress(path.read_bytes(), path)
+    except RinexError as error:
+        raise ObservationFileError(str(error)) from None
+    if is_rinex(content):
+        raise ObservationFileError(f"{path}: a RINEX file; a NovAtel log is required here")
+    counters = StreamCounters()
+    for _ in _novatel_events(content, counters, None, raw_logs="all"):
+        if counters.frames_good:
+            return
+    if not content.strip():
+        raise ObservationFileError(_describe_unknown(path, content))
+    raise ObservationFileError(f"{path}: no NovAtel log that vtff reads was found in this file")
+
+
 def _open_rinex(
     path: pathlib.Path,
     content: bytes,
@@ -160,7 +193,8 @@ def _open_rinex(
     if result.error is not None:
         remarks.append(f"only {len(result.table)} epochs were read: {result.error}")
     if not len(result.table.columns["prn"]):
-        raise ObservationFileError(f"{path}: no observations" + _of(systems, signals))
+        reason = f" ({remarks[-1]})" if remarks else ""
+        raise ObservationFileError(f"{path}: no observations{_of(systems, signals)}{reason}")
     hatanaka = " (Hatanaka)" if is_hatanaka(content) else ""
     return ObservationFile(
         path=path,
@@ -200,6 +234,7 @@ def _open_novatel(
         remarks.append(
             f"{counters.frames_crc_bad} damaged and {counters.frames_truncated} cut-off logs"
         )
+    fixes = [event for event in events if isinstance(event, Fix)]
     table = ObservationTable.from_epochs(chosen).select(systems, signals)
     if not len(table.columns["prn"]):
         raise ObservationFileError(f"{path}: no observations" + _of(systems, signals))
@@ -208,15 +243,19 @@ def _open_novatel(
         format_name=f"NovAtel {log_name}",
         table=table,
         ephemerides=tuple(e for e in events if isinstance(e, BroadcastEphemeris)),
-        approximate_position=_mean_position([e for e in events if isinstance(e, Fix)]),
+        approximate_position=_mean_position(fixes),
         remarks=tuple(remarks),
+        fixes=tuple(fixes),
     )
 
 
 def _novatel_events(
-    content: bytes, counters: StreamCounters, progress: Progress | None
+    content: bytes,
+    counters: StreamCounters,
+    progress: Progress | None,
+    raw_logs: RawLogs = "none",
 ) -> Iterator[Event]:
-    stream = ReceiverLogStream(counters=counters)
+    stream = ReceiverLogStream(counters=counters, raw_logs=raw_logs)
     for start in range(0, len(content), _CHUNK_LENGTH):
         yield from stream.feed(content[start : start + _CHUNK_LENGTH])
         if progress is not None:

@@ -106,6 +106,8 @@ class EphemerisTable:
     ephemerides : tuple of BroadcastEphemeris
         Row i of every column is ``ephemerides[i]``.
     system, prn : ndarray of uint8, shape (n,)
+    source : ndarray of uint8, shape (n,)
+        ``EPHEMERIS_SOURCE_*``.
     group_delay, group_delay_secondary : ndarray, shape (n,)
         As in `BroadcastEphemeris`, s.
 
@@ -121,6 +123,7 @@ class EphemerisTable:
         self.ephemerides = tuple(ephemerides)
         self.system = np.array([e.system for e in ephemerides], dtype=np.uint8)
         self.prn = np.array([e.prn for e in ephemerides], dtype=np.uint8)
+        self.source = np.array([e.source for e in ephemerides], dtype=np.uint8)
         self.group_delay = self._column("group_delay")
         self.group_delay_secondary = self._column("group_delay_secondary")
         self._columns = {name: self._column(name) for name in _COLUMNS}
@@ -143,6 +146,10 @@ class EphemerisTable:
     def __len__(self) -> int:
         """Return the number of satellites."""
         return len(self.ephemerides)
+
+    def select(self, rows: npt.NDArray[np.intp]) -> EphemerisTable:
+        """Return a table of some rows."""
+        return EphemerisTable([self.ephemerides[row] for row in rows.tolist()])
 
     def _column(self, name: str) -> FloatArray:
         return np.array([getattr(e, name) for e in self.ephemerides], dtype=float)

@@ -6,11 +6,16 @@ import bisect
 from collections.abc import Iterable
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.constants import EPHEMERIS_SOURCE_INAV, EPHEMERIS_SOURCE_LNAV, SYSTEM_GALILEO
+from vtff_gnss.constants import (
+    EPHEMERIS_SOURCE_FNAV,
+    EPHEMERIS_SOURCE_INAV,
+    EPHEMERIS_SOURCE_LNAV,
+    SYSTEM_GALILEO,
+)
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 
-__all__ = ["EphemerisStore", "validity_interval"]
+__all__ = ["DEFAULT_SOURCES", "EphemerisStore", "stores_by_system", "validity_interval"]
 
 
 def validity_interval(ephemeris: BroadcastEphemeris) -> tuple[GpsTime, GpsTime]:
@@ -27,19 +32,24 @@ def validity_interval(ephemeris: BroadcastEphemeris) -> tuple[GpsTime, GpsTime]:
     return reference - half, reference + half
 
 
+DEFAULT_SOURCES = (EPHEMERIS_SOURCE_LNAV, EPHEMERIS_SOURCE_INAV, EPHEMERIS_SOURCE_FNAV)
+"""Messages that orbits and clocks are computed from, the preferred one of a satellite first."""
+
+
 class EphemerisStore:
     """Ephemerides of many satellites and times; gives the table that is valid at a time.
 
     For each satellite the valid set with the newest `toe` is used; of several sets with
-    the same `toe` the set received last, and of several received at once the last given.
+    the same `toe` the set received last, and of several received at once the last given. Sets of
+    a message that stands later in `sources` are used where no other is valid.
 
     Parameters
     ----------
     ephemerides : iterable of BroadcastEphemeris
         GPS and Galileo.
     sources : tuple of int
-        ``EPHEMERIS_SOURCE_*`` to use; others are left out. Galileo files hold I/NAV and F/NAV,
-        whose clocks refer to different pairs of signals.
+        ``EPHEMERIS_SOURCE_*`` to use, the preferred one first; others are left out. Galileo files
+        hold I/NAV and F/NAV, whose clocks refer to different pairs of signals.
     healthy_only : bool
         Leave out a satellite while the chosen set has health bits. The set of an unhealthy
         satellite does not make room for an older, healthy one.
@@ -48,7 +58,7 @@ class EphemerisStore:
     def __init__(
         self,
         ephemerides: Iterable[BroadcastEphemeris],
-        sources: tuple[int, ...] = (EPHEMERIS_SOURCE_LNAV, EPHEMERIS_SOURCE_INAV),
+        sources: tuple[int, ...] = DEFAULT_SOURCES,
         healthy_only: bool = True,
     ) -> None:
         self._healthy_only = healthy_only
@@ -62,7 +72,13 @@ class EphemerisStore:
                 self._sets.setdefault(satellite, []).append((start, end, ephemeris))
                 changes.update((start, end))
         for sets in self._sets.values():
-            sets.sort(key=lambda entry: (entry[2].time_of_ephemeris, entry[2].time))
+            sets.sort(
+                key=lambda entry: (
+                    -sources.index(entry[2].source),
+                    entry[2].time_of_ephemeris,
+                    entry[2].time,
+                )
+            )
         self._changes = sorted(changes)
         self._interval: int | None = None
         self._table = EphemerisTable(())
@@ -94,3 +110,17 @@ class EphemerisStore:
         """Return until when `table` gives the object of `time`; None if for ever."""
         interval = bisect.bisect_right(self._changes, time)
         return self._changes[interval] if interval < len(self._changes) else None
+
+
+def stores_by_system(ephemerides: Iterable[BroadcastEphemeris]) -> dict[int, EphemerisStore]:
+    """Return one store for each satellite system, in which unhealthy satellites stay.
+
+    The ionosphere is measured with them too: an unhealthy satellite still broadcasts a valid
+    orbit, and its signals pass the same ionosphere. Galileo changes its ephemerides every ten
+    minutes; with separate stores these changes do not touch GPS.
+    """
+    listed = list(ephemerides)
+    return {
+        system: EphemerisStore([e for e in listed if e.system == system], healthy_only=False)
+        for system in sorted({e.system for e in listed})
+    }

@@ -16,8 +16,9 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable, SatelliteStates
+from vtff_gnss.orbits.broadcast_orbit import SatelliteStates
 from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 
 __all__ = [
     "LineOfSight",
@@ -69,7 +70,7 @@ class LineOfSight:
 
 
 def lines_of_sight(
-    table: EphemerisTable | InterpolatedOrbits,
+    table: SatelliteTable | InterpolatedOrbits,
     time: GpsTime,
     offset: npt.ArrayLike,
     position_receiver_itrf: npt.ArrayLike,
@@ -80,7 +81,7 @@ def lines_of_sight(
 
     Parameters
     ----------
-    table : EphemerisTable or InterpolatedOrbits
+    table : SatelliteTable or InterpolatedOrbits
         n satellites.
     time : GpsTime
         Reference of `offset`.

@@ -13,7 +13,19 @@ from typing import Protocol
 
 from vtff_gnss.rinex.errors import RinexError
 
-__all__ = ["decompress", "decompress_hatanaka", "is_hatanaka", "is_rinex"]
+__all__ = [
+    "COMPRESSION_MARK_LENGTH",
+    "decompress",
+    "decompress_hatanaka",
+    "is_compressed",
+    "is_hatanaka",
+    "is_rinex",
+]
+
+COMPRESSION_MARK_LENGTH = 4
+"""Bytes at the start of a file that tell its compression."""
+
+_GZIP, _BZIP2, _COMPRESS, _ZIP = b"\x1f\x8b", b"BZh", b"\x1f\x9d", b"PK\x03\x04"
 
 _VERSION_LABEL = b"RINEX VERSION / TYPE"
 _LABEL_COLUMN = 60
@@ -48,23 +60,28 @@ def decompress(content: bytes, path: str | pathlib.Path) -> bytes:
         If the compressed file is damaged or incomplete, or a zip archive of several files.
     """
     try:
-        if content[:2] == b"\x1f\x8b":
+        if content.startswith(_GZIP):
             with gzip.GzipFile(fileobj=io.BytesIO(content)) as packed:
                 return _read_bounded(packed, content, path)
-        if content[:3] == b"BZh":
+        if content.startswith(_BZIP2):
             with bz2.BZ2File(io.BytesIO(content)) as packed:
                 return _read_bounded(packed, content, path)
-        if content[:2] == b"\x1f\x9d":
+        if content.startswith(_COMPRESS):
             import hatanaka  # here, because it takes a while and few files need it
 
             return bytes(hatanaka.decompress(content))
-        if content[:4] == b"PK\x03\x04":
+        if content.startswith(_ZIP):
             return _unzip(content, path)
     except RinexError:
         raise
     except _DAMAGES as error:
         raise RinexError(f"{path}: compressed file is damaged or incomplete: {error}") from None
     return content
+
+
+def is_compressed(content: bytes) -> bool:
+    """Return whether bytes are the start of a file that `decompress` unpacks."""
+    return content.startswith((_GZIP, _BZIP2, _COMPRESS, _ZIP))
 
 
 def is_hatanaka(content: bytes) -> bool:

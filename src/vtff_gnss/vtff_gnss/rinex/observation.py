@@ -35,7 +35,8 @@ class RinexObservations:
     events : tuple of RinexEvent
         Event records (flags 2 to 5).
     remarks : tuple of str
-        Warnings of the Hatanaka decompressor.
+        Warnings of the Hatanaka decompressor, header lines that could not be read, and epochs that
+        are left out.
     error : RinexError or None
         With `partial`, what ended the reading; the table holds what was before.
     """
@@ -136,9 +137,17 @@ def parse_rinex_observation(
         header=header,
         table=_table(rows, slips, records, header, epoch_count, name),
         events=tuple(records.events),
-        remarks=remarks,
+        remarks=(*remarks, *header.remarks, *_describe_damaged(records)),
         error=failure,
     )
+
+
+def _describe_damaged(records: EpochRecords) -> tuple[str, ...]:
+    count = len(records.damaged)
+    if count == 0:
+        return ()
+    verb = "epoch is" if count == 1 else "epochs are"
+    return (f"{count} damaged {verb} left out, the first: {records.damaged[0]}",)
 
 
 def _read_header(lines: Sequence[bytes], name: str) -> tuple[RinexObservationHeader, int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
@@ -21,6 +22,8 @@ _CYCLE_SLIPS = b"6"
 _POWER_FAILURE = b"1"
 _SATELLITES_PER_LINE_2 = 12
 _TYPES_PER_LINE_2 = 5
+# Seconds in format F11.7 and flag; the date before them may be damaged.
+_SECOND_AND_FLAG_2 = re.compile(rb"[ \d]{3}\.\d{7}  [0-6]")
 
 
 @dataclass(frozen=True)
@@ -76,6 +79,8 @@ class EpochRecords:
     batches, slips : list of Batch
         Observations, and cycle-slip records (flag 6) with the number of the epoch that follows.
     events : list of RinexEvent
+    damaged : list of RinexError
+        Epochs that are left out, because their number of satellites or their first line is wrong.
     error : RinexError or None
         Error that ended the reading before the end of the file.
     """
@@ -86,6 +91,7 @@ class EpochRecords:
     batches: list[Batch] = field(default_factory=list)
     slips: list[Batch] = field(default_factory=list)
     events: list[RinexEvent] = field(default_factory=list)
+    damaged: list[RinexError] = field(default_factory=list)
     error: RinexError | None = None
 
 
@@ -93,6 +99,10 @@ def walk_epochs(
     lines: Sequence[bytes], start: int, header: RinexObservationHeader, name: str
 ) -> EpochRecords:
     """Find epochs and satellite records; the observations themselves are not read yet.
+
+    An epoch whose number of satellites is not that of its records, or whose first line is
+    malformed, is left out, and reading goes on at the next line that begins an epoch. Without such
+    a line the error ends the reading.
 
     Parameters
     ----------
@@ -112,6 +122,10 @@ def walk_epochs(
     except RinexError as error:
         walker.result.error = error
     return walker.result
+
+
+class _TimeOrderError(RinexError):
+    """An epoch is not later than the one before: no damage of one epoch, but of the file."""
 
 
 class _Walker3:
@@ -145,13 +159,47 @@ class _Walker3:
         return self._next <= self._last
 
     def step(self) -> None:
-        """Take one epoch or event.
+        """Take one epoch or event, or pass over a damaged one.
 
         Raises
         ------
         RinexError
-            If it is malformed or incomplete; nothing of it is kept then.
+            If it is malformed or incomplete, and no other epoch follows; nothing of it is kept
+            then. Or if time does not grow.
         """
+        start = self._next
+        try:
+            self._take()
+        except _TimeOrderError:
+            raise
+        except RinexError as error:
+            self._next = start
+            if not self._resynchronise(start):
+                raise
+            self.result.damaged.append(error)
+
+    def _resynchronise(self, damaged: int) -> bool:
+        """Go to the first epoch after line `damaged`; return False if there is none."""
+        for index in range(damaged + 1, self._last + 1):
+            if self._begins_epoch(self._lines[index]):
+                self._next = index
+                return True
+        return False
+
+    def _begins_epoch(self, line: bytes) -> bool:
+        return line[:1] == b">"
+
+    def _check_records(self, first: int, end: int) -> None:
+        """Refuse an epoch whose records, lines `first` to `end`, are more or fewer than it says."""
+        lines = self._lines
+        is_wrong = any(map(self._begins_epoch, lines[first:end]))
+        if not is_wrong and end <= self._last and not self._begins_epoch(lines[end]):
+            # Without another epoch it is an error of what follows, not of this epoch.
+            is_wrong = any(map(self._begins_epoch, lines[end : self._last + 1]))
+        if is_wrong:
+            raise self._error("epoch: its number of satellites is not that of its records")
+
+    def _take(self) -> None:
         line = self._lines[self._next]
         self._check_epoch_line(line)
         kind = line[self.FLAG : self.FLAG + 1]
@@ -167,9 +215,8 @@ class _Walker3:
         index = len(self.result.times)
         time = self._time(line)
         if index and kind in _OBSERVATIONS and time <= self.result.times[-1]:
-            raise self._error(
-                f"epoch: {GpsTime(time)} is not after {GpsTime(self.result.times[-1])}"
-            )
+            reason = f"epoch: {GpsTime(time)} is not after {GpsTime(self.result.times[-1])}"
+            raise _TimeOrderError(str(self._error(reason)))
         clock_offset = self._clock_offset(line)
         batch = self._batch
         if kind in _CYCLE_SLIPS:
@@ -189,6 +236,7 @@ class _Walker3:
     def _take_satellites(self, batch: Batch, count: int, index: int) -> None:
         first, end = self._next + 1, self._next + 1 + count
         self._require(end)
+        self._check_records(first, end)
         batch.satellites.extend([line[:3] for line in self._lines[first:end]])
         batch.line_indices.extend(range(first, end))
         batch.epochs.extend([index] * count)
@@ -256,12 +304,20 @@ class _Walker2(_Walker3):
         if len(line) <= self.FLAG:
             raise self._error("epoch: the line is too short")
 
+    def _begins_epoch(self, line: bytes) -> bool:
+        # The decimal point of the seconds stands where no value has one. Events may have no time.
+        if line[18:19] == b".":
+            return _SECOND_AND_FLAG_2.match(line, self.SECOND.start) is not None
+        flag = line[self.FLAG : self.FLAG + 1]
+        return bool(flag) and flag in _EVENTS and not line[: self.FLAG].strip()
+
     def _take_satellites(self, batch: Batch, count: int, index: int) -> None:
         list_lines = max(-(-count // _SATELLITES_PER_LINE_2), 1)
         per_record = batch.lines_per_record_2
         first = self._next + list_lines
         end = first + count * per_record
         self._require(end)
+        self._check_records(first, end)
         listed = b"".join(
             line[32:68].ljust(36) for line in self._lines[self._next : self._next + list_lines]
         )

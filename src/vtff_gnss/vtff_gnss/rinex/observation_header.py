@@ -18,6 +18,14 @@ __all__ = ["LABEL_COLUMN", "RinexObservationHeader", "read_header", "read_header
 
 LABEL_COLUMN = 60
 _MAX_TYPES = 999
+_DATE_WORDS = 6
+# Without these the values of a file are something else; all other lines are optional.
+_REQUIRED_LABELS = (
+    "SYS / # / OBS TYPES",
+    "# / TYPES OF OBSERV",
+    "SYS / SCALE FACTOR",
+    "WAVELENGTH FACT L1/2",
+)
 
 
 @dataclass
@@ -64,6 +72,8 @@ class RinexObservationHeader:
         GPS - UTC, s.
     comments : tuple of str
         Text of the comment lines.
+    remarks : tuple of str
+        Optional lines that could not be read and were passed over, one sentence each.
     """
 
     version: float
@@ -88,6 +98,7 @@ class RinexObservationHeader:
     wavelength_factors: tuple[int, int] = (1, 1)
     leap_seconds: int | None = None
     comments: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def antenna_position(self) -> tuple[float, float, float] | None:
         """Return the antenna reference point, ITRF, m: the marker and the antenna offset from it.
@@ -131,7 +142,7 @@ def read_header(lines: Iterator[Line]) -> RinexObservationHeader:
     # The time system stands in a record that may follow those that need it.
     for record in records:
         if record.text[LABEL_COLUMN:].strip() == "TIME OF FIRST OBS":
-            header.time_system = record.text[48:51].strip() or header.time_system
+            header.time_system = _stated_time_system(record) or header.time_system
             _clock(header, record)
     source = iter(records)
     for record in source:
@@ -149,11 +160,26 @@ def read_header_record(
     Raises
     ------
     RinexError
-        If a field is malformed. Labels that do not matter are passed over.
+        If a field is malformed without which the observations cannot be understood. Other
+        malformed lines become remarks; labels that do not matter are passed over.
     """
-    reader = _READERS.get(line.text[LABEL_COLUMN:].strip())
-    if reader is not None:
+    label = line.text[LABEL_COLUMN:].strip()
+    reader = _READERS.get(label)
+    if reader is None:
+        return
+    try:
         reader(header, line, following)
+    except RinexError as error:
+        if label in _REQUIRED_LABELS:
+            raise
+        header.remarks = (*header.remarks, f"header line is not used: {error}")
+
+
+def _stated_time_system(line: Line) -> str:
+    """Return the time system in a line TIME OF FIRST OBS, wherever it stands behind the date."""
+    words = line.text[43:LABEL_COLUMN].split()
+    letters = [word for word in words if word.isalpha()]
+    return letters[0] if letters else ""
 
 
 def _clock(header: RinexObservationHeader, line: Line) -> RinexClock:
@@ -261,11 +287,14 @@ def _read_time(header: RinexObservationHeader, line: Line, _: Iterator[Line]) ->
     label = line.text[LABEL_COLUMN:].strip()
     if not line.text[:43].strip():
         return
+    # Archives hold seconds with any number of digits, in fields of any width.
+    words = [word for word in line.text[:48].split() if not word.isalpha()]
     try:
-        nanoseconds = _clock(header, line).nanoseconds(
-            line.text[:30].encode("ascii", "replace"),
-            line.text[32:43].encode("ascii", "replace"),
-        )
+        if len(words) != _DATE_WORDS:
+            raise ValueError("year, month, day, hour, minute and second expected")
+        minute = " ".join(words[:-1]).encode("ascii", "replace")
+        second = f"{float(words[-1]):11.7f}".encode("ascii")
+        nanoseconds = _clock(header, line).nanoseconds(minute, second)
     except ValueError as error:
         if isinstance(error, RinexError):
             raise

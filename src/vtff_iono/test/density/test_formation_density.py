@@ -20,10 +20,10 @@ def process(drawn, stale_prn=None):
         formation.add_ephemeris(ephemeris)
     at_first, densities = None, {}
     for second in drawn.seconds(DURATION, 0.1):
-        at_first = at_first or second.integers
+        at_first = at_first or second.integers[0]
         stale = {key: cycles for key, cycles in at_first.items() if key.prn == stale_prn}
-        second = dataclasses.replace(second, integers={**second.integers, **stale})
-        for density in formation.process(second).density:
+        second = dataclasses.replace(second, integers=({**second.integers[0], **stale},))
+        for density in formation.process(second).density[0]:
             densities[round((density.time - START.nanoseconds) * 1e-9 + 0.45)] = density
     return densities
 

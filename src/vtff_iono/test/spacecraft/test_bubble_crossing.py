@@ -49,8 +49,8 @@ def flight():
     results = [formation.process(second) for second in drawn.seconds(DURATION, 0.05)]
     return types.SimpleNamespace(
         drawn=drawn,
-        densities=[density for result in results for density in result.density],
-        boundaries=[boundary for result in results for boundary in result.boundaries],
+        densities=[density for result in results for density in result.density[0]],
+        boundaries=[boundary for result in results for boundary in result.boundaries[0]],
         slipped=visible[0],
         fading=visible[1],
     )

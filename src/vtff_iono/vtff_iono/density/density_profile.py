@@ -227,8 +227,8 @@ def departure_scale(
     """Return the scale (m) below which a measured spectrum departs from the reference.
 
     The squared ratio is that of the part of the measured transform which is coherent with the
-    reference, |sum(M R*)|^2 / (sum |R|^2)^2 in bins of wavenumber, so that noise neither hides nor
-    feigns a departure.
+    reference, ``|sum(M R*)|^2 / (sum |R|^2)^2`` in bins of wavenumber, so that noise neither hides
+    nor feigns a departure.
 
     Parameters
     ----------
@@ -238,8 +238,8 @@ def departure_scale(
         Squared ratio below which the spectrum departs, dB.
     bins_per_octave : int
     noise : float
-        Mean |N(k)|^2 of the noise of `measured`, see `white_noise_spectrum`. Bins in which it alone
-        may take a ratio of 1 below the level, at three sigma, are not used.
+        Mean ``|N(k)|^2`` of the noise of `measured`, see `white_noise_spectrum`. Bins in which it
+        alone may take a ratio of 1 below the level, at three sigma, are not used.
 
     Returns
     -------
@@ -264,7 +264,7 @@ def departure_scale(
 
 
 def white_noise_spectrum(sigma: float, count: int) -> float:
-    """Return the mean `wavenumber_spectrum`, |N(k)|^2, of white noise; the same at every k.
+    """Return the mean `wavenumber_spectrum`, ``|N(k)|^2``, of white noise; the same at every k.
 
     Parameters
     ----------
@@ -295,7 +295,7 @@ def noise_scale(
     Returns
     -------
     float
-        2 pi / k where the mean |N(k)|^2 of the reference in bins of wavenumber falls below the
+        2 pi / k where the mean ``|N(k)|^2`` of the reference in bins of wavenumber falls below the
         noise, coming from large scales; NaN if it never does.
     """
     number, bins, middle = _octave_bins(wavenumber, bins_per_octave)

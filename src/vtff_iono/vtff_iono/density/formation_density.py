@@ -33,7 +33,7 @@ from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch, PhaseStretches
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.signal_pairs import Link
-from vtff_iono.spacecraft.formation_second import FormationSecond, Track
+from vtff_iono.spacecraft.formation_second import PairSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 
 __all__ = ["DensityResult", "FormationDensity"]
@@ -164,7 +164,7 @@ class FormationDensity:
 
     def update(
         self,
-        second: FormationSecond,
+        second: PairSecond,
         results: tuple[SpacecraftResult, SpacecraftResult],
         links: tuple[Sequence[Link], Sequence[Link]],
         tracks: tuple[Track, Track],
@@ -173,7 +173,7 @@ class FormationDensity:
 
         Parameters
         ----------
-        second : FormationSecond
+        second : PairSecond
         results : tuple of SpacecraftResult
             Results of chief and deputy for the second.
         links : tuple of sequence of Link
@@ -237,7 +237,7 @@ class FormationDensity:
         }
 
     def _current_stretches(
-        self, second: FormationSecond, arcs: dict[LinkSignals, tuple[int, int]]
+        self, second: PairSecond, arcs: dict[LinkSignals, tuple[int, int]]
     ) -> dict[LinkSignals, PhaseStretch]:
         """Return the stretch of each link: its arcs and the integers that hold now."""
         continuity = {signal: both for signals, both in arcs.items() for signal in signals}
@@ -246,7 +246,7 @@ class FormationDensity:
 
     def _differences(
         self,
-        second: FormationSecond,
+        second: PairSecond,
         results: tuple[SpacecraftResult, SpacecraftResult],
         stretches: dict[LinkSignals, PhaseStretch],
     ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
@@ -418,7 +418,7 @@ class FormationDensity:
 
 
 def _single_difference(
-    second: FormationSecond,
+    second: PairSecond,
     results: tuple[SpacecraftResult, SpacecraftResult],
     chosen: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
     name: str,

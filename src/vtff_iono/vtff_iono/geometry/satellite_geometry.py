@@ -11,9 +11,8 @@ import numpy.typing as npt
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
-from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
+from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
 from vtff_gnss.signals import satellite_number
 
 __all__ = ["ELEVATION_MASK_DEG", "SatelliteGeometry", "geometry_from_stores", "satellite_geometry"]
@@ -55,7 +54,7 @@ class SatelliteGeometry:
 
 
 def satellite_geometry(
-    store: EphemerisStore,
+    store: SatelliteOrbits,
     time: npt.ArrayLike,
     system: npt.NDArray[np.uint8],
     prn: npt.NDArray[np.uint8],
@@ -65,8 +64,8 @@ def satellite_geometry(
 
     Parameters
     ----------
-    store : EphemerisStore
-        Ephemerides of the satellites.
+    store : SatelliteOrbits
+        Orbits of the satellites, broadcast or precise.
     time : array_like of int, shape (n,) or scalar
         GPS time of every observation, ns since 1980-01-06, not decreasing.
     system, prn : ndarray of uint8, shape (n,)
@@ -98,8 +97,8 @@ def satellite_geometry(
 
 
 def _epochs_of_tables(
-    store: EphemerisStore, time: npt.NDArray[np.int64]
-) -> Iterator[tuple[int, int, EphemerisTable]]:
+    store: SatelliteOrbits, time: npt.NDArray[np.int64]
+) -> Iterator[tuple[int, int, SatelliteTable]]:
     """Yield ranges of epochs that use the same ephemerides: first, last (not included), table.
 
     The epochs of a range have the same reference time. The numbers do not depend on how the epochs
@@ -119,7 +118,7 @@ def _epochs_of_tables(
 
 
 def geometry_from_stores(
-    stores: Mapping[int, EphemerisStore],
+    stores: Mapping[int, SatelliteOrbits],
     time: npt.NDArray[np.int64],
     system: npt.NDArray[np.uint8],
     prn: npt.NDArray[np.uint8],
@@ -132,8 +131,8 @@ def geometry_from_stores(
 
     Parameters
     ----------
-    stores : mapping of int to EphemerisStore
-        Ephemerides by ``SYSTEM_*``; a system without a store has no geometry.
+    stores : mapping of int to SatelliteOrbits
+        Orbits by ``SYSTEM_*``; a system without a store has no geometry.
     time, system, prn, position_receiver_itrf
         As in `satellite_geometry`.
     """
@@ -156,7 +155,7 @@ def geometry_from_stores(
 def _fill_rows(
     result: SatelliteGeometry,
     rows_of_epochs: slice,
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: npt.NDArray[np.int64],
     position: FloatArray,
     epoch_of_row: npt.NDArray[np.int64],
@@ -171,10 +170,8 @@ def _fill_rows(
         return
     has_position = np.asarray(np.isfinite(position).all(axis=1))
     if len(time) >= _MANY_EPOCHS:
-        observed = set(np.unique(satellite).tolist())
-        table = EphemerisTable(
-            [e for e in table.ephemerides if int(satellite_number(e.system, e.prn)) in observed]
-        )
+        is_observed = np.isin(satellite_number(table.system, table.prn), satellite)
+        table = table.select(np.flatnonzero(is_observed))
         if len(table) == 0:
             return
     reference = time[0] // _REFERENCE_INTERVAL * _REFERENCE_INTERVAL

@@ -13,12 +13,12 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
 
-__all__ = ["FormationSecond", "Track"]
+__all__ = ["FormationSecond", "PairSecond", "Track"]
 
 
 @dataclass(frozen=True, eq=False)
-class FormationSecond:
-    """The measurements of a second.
+class PairSecond:
+    """The measurements of chief and one deputy in a second.
 
     Parameters
     ----------
@@ -26,9 +26,6 @@ class FormationSecond:
         End of the second, GPS time, ns since 1980-01-06.
     observations : tuple of ObservationBlock
         All epochs of chief and deputy since the second before.
-    states_itrf : tuple of ndarray or None, shape (6,)
-        States of chief and deputy at `time`, position (m) and Earth-fixed velocity (m/s); None
-        where unknown.
     integers : mapping of SignalKey to float
         Integers of single differences, deputy less chief, that are fixed at `time`, cycles
         relative to a reference satellite of each group of signals.
@@ -36,8 +33,36 @@ class FormationSecond:
 
     time: int
     observations: tuple[ObservationBlock, ObservationBlock]
-    states_itrf: tuple[FloatArray | None, FloatArray | None]
     integers: Mapping[SignalKey, float]
+
+
+@dataclass(frozen=True, eq=False)
+class FormationSecond:
+    """The measurements of a formation in a second.
+
+    Parameters
+    ----------
+    time : int
+        End of the second, GPS time, ns since 1980-01-06.
+    observations : tuple of ObservationBlock
+        All epochs of the chief and each deputy since the second before.
+    states_itrf : tuple of ndarray or None, shape (6,)
+        States of the chief and each deputy at `time`, position (m) and Earth-fixed velocity (m/s);
+        None where unknown.
+    integers : tuple of mapping of SignalKey to float
+        For each deputy as in `PairSecond`.
+    """
+
+    time: int
+    observations: tuple[ObservationBlock, ...]
+    states_itrf: tuple[FloatArray | None, ...]
+    integers: tuple[Mapping[SignalKey, float], ...]
+
+    def pair(self, deputy: int) -> PairSecond:
+        """Return the measurements of the chief and a deputy, counted from 0."""
+        return PairSecond(
+            self.time, (self.observations[0], self.observations[deputy + 1]), self.integers[deputy]
+        )
 
 
 class Track:

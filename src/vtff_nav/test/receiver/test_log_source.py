@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import os
 import pathlib
 
@@ -105,4 +107,19 @@ def test_a_file_without_permission_is_refused(tmp_path):
     if os.access(path, os.R_OK):
         pytest.skip("this user may read everything")
     with pytest.raises(SourceError, match="Permission denied"):
+        open_source(str(path))
+
+
+@pytest.mark.parametrize("compress", [gzip.compress, bz2.compress])
+def test_a_compressed_log_is_read(tmp_path, compress):
+    content = os.urandom(2 * CHUNK_LENGTH + 17)
+    path = tmp_path / "receiver.gps.gz"
+    path.write_bytes(compress(content))
+    assert content_of(str(path)) == content
+
+
+def test_a_cut_compressed_log_is_refused(tmp_path):
+    path = tmp_path / "receiver.gps.gz"
+    path.write_bytes(gzip.compress(os.urandom(1000))[:-20])
+    with pytest.raises(SourceError, match=r"receiver\.gps\.gz: compressed file is damaged"):
         open_source(str(path))

@@ -2,10 +2,19 @@
 
 from __future__ import annotations
 
+import io
 import os
 import pathlib
 import stat
 import urllib.parse
+from typing import BinaryIO
+
+from vtff_gnss.rinex.compressed_file import (
+    COMPRESSION_MARK_LENGTH,
+    decompress,
+    is_compressed,
+)
+from vtff_gnss.rinex.errors import RinexError
 
 CHUNK_LENGTH = 1 << 14
 PORT_FORMS = "use /dev/tty..., serial://<device>, tcp://<host>:<port> or file://<path>"
@@ -18,6 +27,8 @@ class SourceError(OSError):
 class FileSource:
     """A receiver log file, read from start to end.
 
+    A log that is compressed with gzip, bzip2, zip or compress is decompressed when it is opened.
+
     Parameters
     ----------
     path
@@ -26,8 +37,8 @@ class FileSource:
     Raises
     ------
     SourceError
-        If the file cannot be opened or is no regular file: opening a pipe would wait for its
-        writer.
+        If the file cannot be opened, its compression is damaged, or it is no regular file:
+        opening a pipe would wait for its writer.
     """
 
     def __init__(self, path: pathlib.Path) -> None:
@@ -36,15 +47,27 @@ class FileSource:
             mode = os.stat(path).st_mode
             if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
                 raise SourceError(f"cannot read receiver log {path}: it is not a regular file")
-            self._file = path.open("rb")
+            self._file: BinaryIO = path.open("rb")
             self.size = os.fstat(self._file.fileno()).st_size
+            self._decompress()
         except SourceError:
             raise
+        except RinexError as error:
+            raise SourceError(f"cannot read receiver log {error}") from error
         except (OSError, ValueError) as error:
             raise SourceError(
                 f"cannot read receiver log {path}: {_describe_error(error)}"
             ) from error
         self.position = 0
+
+    def _decompress(self) -> None:
+        """Replace a compressed file by its content."""
+        is_packed = is_compressed(self._file.read(COMPRESSION_MARK_LENGTH))
+        self._file.seek(0)
+        if is_packed:
+            with self._file as packed:
+                content = decompress(packed.read(), self.path)
+            self._file, self.size = io.BytesIO(content), len(content)
 
     def read(self) -> bytes:
         """Return the next bytes; empty at the end.

@@ -1,4 +1,4 @@
-"""GNSS files (config/gnss/*.yaml): constellation, atmosphere, receivers and faults of a run.
+"""GNSS files (``config/gnss/*.yaml``): constellation, atmosphere, receivers and faults of a run.
 
 Read strictly, as scenario files are: an unknown key, a missing field, a wrong type or a value out
 of range is a `ScenarioError` that names the file and the field.

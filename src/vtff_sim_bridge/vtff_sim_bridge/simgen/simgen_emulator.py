@@ -18,6 +18,7 @@ from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 
 if TYPE_CHECKING:
+    from vtff_sim_bridge.gnss.configuration import GnssConfiguration
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
 LOGGER = logging.getLogger("simgen_emulator")
@@ -104,19 +105,7 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
 
     configuration = load_gnss_configuration(options.gnss, options.seed)
     if options.receiver_ports is not None:
-        receivers = configuration.receivers
-        if len(options.receiver_ports) != len(receivers):
-            raise ValueError(
-                f"--receiver-ports: {len(options.receiver_ports)} ports for {len(receivers)} "
-                f"receivers ({', '.join(receiver.name for receiver in receivers)})"
-            )
-        configuration = dataclasses.replace(
-            configuration,
-            receivers=tuple(
-                dataclasses.replace(receiver, tcp_port=port)
-                for receiver, port in zip(receivers, options.receiver_ports, strict=True)
-            ),
-        )
+        configuration = _with_ports(configuration, dict(options.receiver_ports))
     return GnssEmulation(
         machine,
         configuration,
@@ -124,6 +113,18 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
         options.gnss_truth,
         tcp_host=options.host,
     )
+
+
+def _with_ports(configuration: GnssConfiguration, ports: dict[str, int]) -> GnssConfiguration:
+    """Return a configuration whose receivers listen on these TCP ports."""
+    names = [receiver.name for receiver in configuration.receivers]
+    if set(ports) != set(names):
+        raise ValueError(f"--receiver-ports: one for each of {', '.join(names)} is needed")
+    receivers = tuple(
+        dataclasses.replace(receiver, tcp_port=ports[receiver.name])
+        for receiver in configuration.receivers
+    )
+    return dataclasses.replace(configuration, receivers=receivers)
 
 
 def describe_failure(error: Exception) -> str:
@@ -151,6 +152,14 @@ def _port_number(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"0 to 65535 expected, got {text!r}")
     return int(text)
+
+
+def _named_port(text: str) -> tuple[str, int]:
+    """Return name and port of ``NAME=PORT``; the error is what argparse shows."""
+    name, separator, number = text.partition("=")
+    if not name or not separator:
+        raise argparse.ArgumentTypeError(f"NAME=PORT expected, got {text!r}")
+    return name, _port_number(number)
 
 
 def _seed(text: str) -> int:
@@ -211,10 +220,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument(
         "--receiver-ports",
-        type=_port_number,
+        type=_named_port,
         nargs="+",
-        metavar="PORT",
-        help="TCP ports of the receivers on the address of --host, in the order of the file",
+        metavar="NAME=PORT",
+        help="TCP port of each receiver of the file, on the address of --host",
     )
     parser.add_argument(
         "--gnss-truth", type=Path, metavar="FILE", help="write what the receivers were given"

@@ -1,4 +1,4 @@
-"""Scenario files (config/scenario/*.yaml): what flies, from where, under which forces.
+"""Scenario files (``config/scenario/*.yaml``): what flies, from where, under which forces.
 
 A scenario file is read strictly: an unknown key, a missing field, a wrong type or a value out of
 range is a `ScenarioError` that names the file and the field. The form of the file is described in
@@ -8,6 +8,7 @@ range is a `ScenarioError` that names the file and the field. The form of the fi
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import re
 import typing
@@ -26,6 +27,7 @@ from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
+from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
 from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterErrors
 
@@ -41,6 +43,9 @@ __all__ = [
 
 INTEGRATORS = ("rk4", "euler")
 """Names accepted by the field ``integrator``."""
+
+DEFAULT_HARD_RADIUS = 10.0
+"""Distance (m) that no two spacecraft may come within, where the file gives none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +96,7 @@ class Scenario:
     integrator: str
     step: float
     spacecraft: tuple[Spacecraft, ...]
+    hard_radius: float = DEFAULT_HARD_RADIUS
 
     def __post_init__(self) -> None:
         """Check the duration against the step."""
@@ -134,7 +140,9 @@ class Scenario:
         )
 
 
-def load_scenario(path: str | Path, seed: int | None = None) -> Scenario:
+def load_scenario(
+    path: str | Path, seed: int | None = None, number_of_deputies: int = 0
+) -> Scenario:
     """Read a scenario file.
 
     Fields (SI units; angles in degrees where the name says so)::
@@ -144,11 +152,14 @@ def load_scenario(path: str | Path, seed: int | None = None) -> Scenario:
         duration, step         s; the duration is a whole number of steps
         seed                   whole number of 0 or more
         integrator             rk4 | euler
+        hard_radius            m (optional, 10): no two spacecraft may come closer
         draw                   (optional) fields of truth.drawn_geometry.GeometryDraw: epoch and
                                orbits that the seed draws
         force_model            fields of vtff_dynamics.orbit.propagator.ForceModel
         spacecraft             a list, the chief first:
           - name               lower-case letters, digits, underscores
+            repeat             (optional) this entry stands for so many deputies, see
+                               truth.repeated_spacecraft
             role               chief | deputy
             orbit              one of
               cartesian_gcrf:  {position: [3], velocity: [3]}
@@ -174,6 +185,8 @@ def load_scenario(path: str | Path, seed: int | None = None) -> Scenario:
         The YAML file.
     seed
         Replaces the seed of the file.
+    number_of_deputies
+        How many deputies an entry with ``repeat`` makes in all; 0 for as many as it says.
 
     Returns
     -------
@@ -184,10 +197,12 @@ def load_scenario(path: str | Path, seed: int | None = None) -> Scenario:
     ScenarioError
         If the file cannot be read or does not have this form.
     """
-    return read_scenario(read_yaml(Path(path)), str(path), seed)
+    return read_scenario(read_yaml(Path(path)), str(path), seed, number_of_deputies)
 
 
-def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Scenario:
+def read_scenario(
+    fields: typing.Any, file: str, seed: int | None = None, number_of_deputies: int = 0
+) -> Scenario:
     """Read the fields of a scenario file.
 
     Parameters
@@ -198,13 +213,15 @@ def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Sce
         Name of the file for messages.
     seed
         Replaces the seed of the file.
+    number_of_deputies
+        As for `load_scenario`.
 
     Raises
     ------
     ScenarioError
         If the fields do not have the form of a scenario.
     """
-    root = Section(file, "", fields)
+    root = Section(file, "", repeat_spacecraft(fields, file, number_of_deputies))
     epoch = root.convert("epoch", lambda: parse_epoch(root.text("epoch")))
     force_model = _force_model(root.section("force_model"))
     seed_of_file = root.whole_number("seed")
@@ -232,10 +249,34 @@ def read_scenario(fields: typing.Any, file: str, seed: int | None = None) -> Sce
             integrator=root.choice("integrator", INTEGRATORS),
             step=root.number("step", minimum=1e-9),
             spacecraft=spacecraft,
+            hard_radius=(
+                root.number("hard_radius", minimum=0.0)
+                if "hard_radius" in root
+                else DEFAULT_HARD_RADIUS
+            ),
         ),
     )
     root.finish()
+    _check_separations(root, scenario)
     return scenario
+
+
+def _check_separations(root: Section, scenario: Scenario) -> None:
+    """Refuse a formation that starts, or is meant to end, inside its own hard radius."""
+    starts = {craft.name: craft.state_gcrf[:3] for craft in scenario.spacecraft}
+    targets = {scenario.chief.name: np.zeros(3)}
+    for craft in scenario.deputies:
+        if craft.target_rtn is not None:
+            targets[craft.name] = craft.target_rtn[:3]
+    for positions, what in ((starts, "start"), (targets, "have targets")):
+        for (first, at_first), (second, at_second) in itertools.combinations(positions.items(), 2):
+            separation = float(np.linalg.norm(at_second - at_first))
+            if separation < scenario.hard_radius:
+                raise root.error(
+                    "spacecraft",
+                    f"{first} and {second} {what} {separation:.3g} m apart, inside the hard radius "
+                    f"of {scenario.hard_radius:g} m",
+                )
 
 
 def state_ahead_on_orbit(state_gcrf: npt.ArrayLike, distance: float) -> FloatArray:
@@ -415,6 +456,11 @@ def _state_from_elements(section: Section, epoch: GpsTime) -> FloatArray:
 
 def _target(section: Section) -> FloatArray:
     """Return the target of a deputy, shape (6,)."""
+    for name in section.names:
+        if re.match(r"(position|velocity)_", name) and not name.endswith("_relative_rtn"):
+            raise section.error(
+                name, "a target is relative to the chief in its RTN frame: position_relative_rtn"
+            )
     position = section.vector("position_relative_rtn")
     velocity = np.zeros(3)
     if "velocity_relative_rtn" in section:

@@ -91,6 +91,11 @@ class Section:
     def __contains__(self, name: str) -> bool:
         return name in self._fields
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fields that the file gives."""
+        return tuple(str(name) for name in self._fields)
+
     def error(self, name: str, problem: str) -> ScenarioError:
         """Return the error for a field of this section (the section itself if empty)."""
         place = ".".join(part for part in (self._place, name) if part)

@@ -14,7 +14,7 @@ import numpy as np
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.common.measurements import SingleDifferences, compute_geometry
 
@@ -31,7 +31,7 @@ class StartEpoch:
     Parameters
     ----------
     time : GpsTime
-    table : EphemerisTable
+    table : SatelliteTable
         Ephemerides of all satellites in `differences`.
     differences : SingleDifferences
     state_chief_itrf : ndarray, shape (6,)
@@ -41,7 +41,7 @@ class StartEpoch:
     """
 
     time: GpsTime
-    table: EphemerisTable
+    table: SatelliteTable
     differences: SingleDifferences
     state_chief_itrf: FloatArray
     offsets: FloatArray

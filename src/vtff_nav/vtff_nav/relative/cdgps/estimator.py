@@ -23,7 +23,7 @@ from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
 from vtff_nav.relative.cdgps.model import make_sky, north_and_east
@@ -89,8 +89,8 @@ class CdgpsEstimator(EstimatorInputs):
         self._signal_reader = SignalReader(
             self.configuration.measurement_noise, self.configuration.bands
         )
-        self._mask_of_table: tuple[EphemerisTable, npt.NDArray[np.bool_]] | None = None
-        self._table_in_view: tuple[EphemerisTable, npt.NDArray[np.bool_], EphemerisTable] | None
+        self._mask_of_table: tuple[SatelliteTable, npt.NDArray[np.bool_]] | None = None
+        self._table_in_view: tuple[SatelliteTable, npt.NDArray[np.bool_], SatelliteTable] | None
         self._table_in_view = None
         self.reset()
 
@@ -144,7 +144,7 @@ class CdgpsEstimator(EstimatorInputs):
         return 0.0 if self._last_update is None else time - self._last_update
 
     def _read_signals(
-        self, epoch: ObservationEpoch | None, table: EphemerisTable
+        self, epoch: ObservationEpoch | None, table: SatelliteTable
     ) -> SignalTable | None:
         """Return the signals of a receiver whose satellites have an ephemeris; None without."""
         if epoch is None:
@@ -155,8 +155,8 @@ class CdgpsEstimator(EstimatorInputs):
         return signals if len(signals) else None
 
     def _select_in_view(
-        self, table: EphemerisTable, signals: list[SignalTable | None]
-    ) -> EphemerisTable:
+        self, table: SatelliteTable, signals: list[SignalTable | None]
+    ) -> SatelliteTable:
         """Return a table of the satellites in view; the same object while they are the same."""
         satellites = np.concatenate([s.satellite for s in signals if s is not None])
         if self._table_in_view is not None:
@@ -165,7 +165,7 @@ class CdgpsEstimator(EstimatorInputs):
                 return in_view
         satellites = np.unique(satellites)
         rows = np.searchsorted(satellite_numbers(table), satellites)
-        in_view = EphemerisTable([table.ephemerides[row] for row in rows.tolist()])
+        in_view = table.select(rows)
         self._table_in_view = (table, satellite_mask(satellites), in_view)
         return in_view
 
@@ -174,7 +174,7 @@ class CdgpsEstimator(EstimatorInputs):
         time: GpsTime,
         epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
         signals: list[SignalTable | None],
-        table: EphemerisTable,
+        table: SatelliteTable,
     ) -> list[str]:
         """Initialise the filters that are not running; return why one could not be."""
         chief, deputy = epochs
@@ -254,7 +254,7 @@ class CdgpsEstimator(EstimatorInputs):
         interval: float,
         epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
         signals: list[SignalTable | None],
-        table: EphemerisTable,
+        table: SatelliteTable,
         laser: LaserMeasurement | None,
     ) -> RelativeSolution:
         """Update both filters with the observations of an epoch and return the solution."""
@@ -334,7 +334,7 @@ class CdgpsEstimator(EstimatorInputs):
         time: GpsTime,
         epochs: tuple[ObservationEpoch | None, ObservationEpoch | None],
         signals: list[SignalTable | None],
-        table: EphemerisTable,
+        table: SatelliteTable,
         states: FloatArray,
     ) -> Geometry:
         """Set the receiver clocks from codes; return the geometry at the times of reception."""

@@ -17,7 +17,7 @@ from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
@@ -77,7 +77,7 @@ class AbsoluteFilter:
         return self.state.covariance[:6, :6]
 
     def start(
-        self, time: GpsTime, tag: GpsTime, signals: SignalTable, table: EphemerisTable
+        self, time: GpsTime, tag: GpsTime, signals: SignalTable, table: SatelliteTable
     ) -> bool:
         """Start from the codes of one epoch, or of two epochs without Doppler; return whether.
 
@@ -88,7 +88,7 @@ class AbsoluteFilter:
         tag : GpsTime
             Time tag of the observations.
         signals : SignalTable
-        table : EphemerisTable
+        table : SatelliteTable
         """
         configuration = self._configuration
         measured = form_combinations(signals, table)
@@ -165,7 +165,7 @@ class AbsoluteFilter:
         self.state.predict_leading(mean, transition, noise)
 
     def update(
-        self, time: GpsTime, signals: SignalTable, table: EphemerisTable, seen: Geometry
+        self, time: GpsTime, signals: SignalTable, table: SatelliteTable, seen: Geometry
     ) -> None:
         """Update the state with the observations of an epoch.
 
@@ -173,7 +173,7 @@ class AbsoluteFilter:
         ----------
         time : GpsTime
         signals : SignalTable
-        table : EphemerisTable
+        table : SatelliteTable
         seen : Geometry
             Geometry for the present state and `clock`.
         """

@@ -9,8 +9,8 @@ import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
 from vtff_nav.relative.common.dynamics import ThrustInterval
 
 __all__ = ["EstimatorInputs"]
@@ -28,6 +28,7 @@ class EstimatorInputs:
     def __init__(self, ephemerides: Iterable[BroadcastEphemeris] = ()) -> None:
         self._ephemerides = dict.fromkeys(ephemerides)
         self._store: EphemerisStore | None = None
+        self._precise_orbits: SatelliteOrbits | None = None
         self._thrust: list[ThrustInterval] = []
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
@@ -35,6 +36,10 @@ class EstimatorInputs:
         if ephemeris not in self._ephemerides:
             self._ephemerides[ephemeris] = None
             self._store = None
+
+    def use_orbits(self, orbits: SatelliteOrbits) -> None:
+        """Use these orbits and clocks in place of the ephemerides."""
+        self._precise_orbits = orbits
 
     def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
         """Add the thrust of the deputy; see `RelativeEstimator.add_thrust`.
@@ -52,8 +57,10 @@ class EstimatorInputs:
         if acceleration.any():
             self._thrust.append(ThrustInterval(start, duration, acceleration))
 
-    def _ephemeris_table(self, time: GpsTime) -> EphemerisTable:
-        """Return the table of the ephemerides that are valid at a time."""
+    def _ephemeris_table(self, time: GpsTime) -> SatelliteTable:
+        """Return the satellites whose orbit is known at a time."""
+        if self._precise_orbits is not None:
+            return self._precise_orbits.table(time)
         if self._store is None:
             self._store = EphemerisStore(self._ephemerides)
         return self._store.table(time)

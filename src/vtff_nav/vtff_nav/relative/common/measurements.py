@@ -14,11 +14,12 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, skew
 from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import (
     SignalKey,
     carrier_frequency_hz,
+    carrier_number_of_signal,
     satellite_number,
     satellite_number_of_signal,
     signal_from_number,
@@ -51,6 +52,8 @@ _ATTRIBUTE_RANK = np.full(256, len(_ATTRIBUTE_ORDER), dtype=np.int64)
 for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
     _ATTRIBUTE_RANK[ord(_letter)] = _rank
 
+# Scatter of the delays of two codes on one carrier over the satellites of a system, m.
+_MIXED_CODE_SIGMA = 0.5
 _LAYOUTS_KEPT = 16
 _CODE_AND_PHASE_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
 _LARGEST_SATELLITE_NUMBER = int(satellite_number(255, 255))
@@ -327,21 +330,31 @@ class SingleDifferences:
 
 
 def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDifferences:
-    """Return the differences, deputy less chief, of the signals that both receivers have."""
+    """Return the differences, deputy less chief, of the carriers that both receivers have.
+
+    Two signals on one carrier of a satellite are differenced whatever their tracking attributes:
+    RINEX aligns their phases (RINEX 3.05, section 9.1). Their codes differ by the delays of the
+    satellite, which the variance of the difference holds. The key is that of the deputy's signal,
+    so that satellites whose signals are paired in another way have a receiver bias of their own.
+    """
     _, rows_chief, rows_deputy = np.intersect1d(
-        chief.signal, deputy.signal, assume_unique=True, return_indices=True
+        carrier_number_of_signal(chief.signal),
+        carrier_number_of_signal(deputy.signal),
+        assume_unique=True,
+        return_indices=True,
     )
     a, b = chief.select(rows_chief), deputy.select(rows_deputy)
+    mixed_variance = np.where(a.signal != b.signal, _MIXED_CODE_SIGMA**2, 0.0)
     added = c.FLAG_HALF_CYCLE_ADDED
     half_cycles = ((a.flags & added) > 0).astype(np.int64) + 2 * ((b.flags & added) > 0)
     return SingleDifferences(
-        keys=[signal_from_number(number) for number in a.signal.tolist()],
+        keys=[signal_from_number(number) for number in b.signal.tolist()],
         satellite=a.satellite,
         wavelength=a.wavelength,
         frequency_hz=a.frequency_hz,
         code=b.pseudorange - a.pseudorange,
         phase=b.carrier_range - a.carrier_range,
-        code_variance=a.code_sigma**2 + b.code_sigma**2,
+        code_variance=a.code_sigma**2 + b.code_sigma**2 + mixed_variance,
         phase_variance=a.phase_sigma**2 + b.phase_sigma**2,
         is_parity_known=(a.flags & b.flags & c.FLAG_PARITY_KNOWN) > 0,
         half_cycles=half_cycles,
@@ -387,13 +400,13 @@ class Geometry:
         return np.searchsorted(self.satellite, satellite)
 
 
-def satellite_numbers(table: EphemerisTable) -> npt.NDArray[np.int64]:
+def satellite_numbers(table: SatelliteTable) -> npt.NDArray[np.int64]:
     """Return the `vtff_gnss.signals.satellite_number` of each row of a table, increasing."""
     return satellite_number(table.system, table.prn)
 
 
 def compute_geometry(
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: GpsTime,
     offsets: FloatArray,
     states_itrf: FloatArray,
@@ -403,7 +416,7 @@ def compute_geometry(
 
     Parameters
     ----------
-    table : EphemerisTable
+    table : SatelliteTable
     time : GpsTime
         Time of the states.
     offsets : ndarray, shape (2,)
@@ -453,12 +466,12 @@ def _free_fall_acceleration(position: FloatArray, velocity: FloatArray) -> Float
 
 
 @functools.lru_cache(maxsize=32)
-def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
+def code_group_delay(table: SatelliteTable, band: int) -> FloatArray:
     """Return the delay of the code on a carrier against the broadcast clock, m.
 
     Parameters
     ----------
-    table : EphemerisTable
+    table : SatelliteTable
     band : int
         RINEX frequency digit.
 
@@ -471,7 +484,9 @@ def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
     -----
     With gamma = (f1 / f)^2: GPS gamma TGD (IS-GPS-200, 20.3.3.3.3.2; inter-signal corrections of
     L2C and L5 are not in LNAV and taken as zero). Galileo with the I/NAV clock: E1 and E5b gamma
-    BGD(E1,E5b), E5a BGD(E1,E5b) + (gamma - 1) BGD(E1,E5a) (OS SIS ICD, 5.1.5).
+    BGD(E1,E5b), E5a BGD(E1,E5b) + (gamma - 1) BGD(E1,E5a) (OS SIS ICD, 5.1.5); with the F/NAV
+    clock: E1 and E5a gamma BGD(E1,E5a); it does not tell the delay of E5b, which is taken as that
+    of E5a.
     """
     frequency = carrier_frequency_hz(table.system, np.full(len(table), band))
     gamma = (c.FREQUENCY_L1 / frequency) ** 2
@@ -479,6 +494,8 @@ def code_group_delay(table: EphemerisTable, band: int) -> FloatArray:
         galileo = table.group_delay_secondary + (gamma - 1.0) * table.group_delay
     else:
         galileo = gamma * table.group_delay_secondary
+    is_fnav = table.source == c.EPHEMERIS_SOURCE_FNAV
+    galileo = np.where(is_fnav, gamma * table.group_delay, galileo)
     delay = np.where(table.system == c.SYSTEM_GALILEO, galileo, gamma * table.group_delay)
     return SPEED_OF_LIGHT * delay
 

@@ -13,7 +13,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
@@ -32,6 +32,8 @@ __all__ = [
 _POINT_ITERATIONS = 12
 # The first iterations only bring the position near the Earth: elevations mean nothing yet.
 _ITERATIONS_WITHOUT_ELEVATION = 6
+# From a position nearby one iteration finds the clock and the elevations.
+_ITERATIONS_WITH_WIDE_MASK = 1
 _FIRST_RADIUS = 6.9e6
 _POINT_TOLERANCE = 1e-3
 _LARGEST_POINT_CONDITION = 1e10
@@ -87,13 +89,13 @@ class Combinations:
         )
 
 
-def form_combinations(signals: SignalTable, table: EphemerisTable) -> Combinations:
+def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinations:
     """Return the ionosphere-free combinations of the first two carriers of each satellite.
 
     Parameters
     ----------
     signals : SignalTable
-    table : EphemerisTable
+    table : SatelliteTable
         All satellites of `signals` must be in it; their group delays are taken off the codes.
     """
     # Signals are in the order of satellites and bands.
@@ -130,7 +132,7 @@ def form_combinations(signals: SignalTable, table: EphemerisTable) -> Combinatio
 
 
 def _corrected_code(
-    signals: SignalTable, rows: npt.NDArray[np.intp], table: EphemerisTable
+    signals: SignalTable, rows: npt.NDArray[np.intp], table: SatelliteTable
 ) -> FloatArray:
     """Return the codes of some rows less their broadcast group delays, m, shape (n,)."""
     code, bands = signals.pseudorange[rows], signals.band[rows]
@@ -169,23 +171,26 @@ class SinglePoint:
 
 def solve_single_point(
     measured: Combinations,
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: GpsTime,
     elevation_mask: float,
     has_troposphere: bool,
+    nearby_itrf: FloatArray | None = None,
 ) -> SinglePoint | None:
-    """Solve position and one clock for each system by least squares, without a first guess.
+    """Solve position and one clock for each system by least squares.
 
     Parameters
     ----------
     measured : Combinations
-    table : EphemerisTable
+    table : SatelliteTable
     time : GpsTime
         Time tag of the epoch.
     elevation_mask : float
         Satellites below are not used, rad.
     has_troposphere : bool
         Whether `troposphere_delay` is part of the model.
+    nearby_itrf : ndarray, shape (3,), optional
+        A position within some 1000 km, m, from which fewer iterations are needed.
 
     Returns
     -------
@@ -197,9 +202,13 @@ def solve_single_point(
     if len(measured) < fewest_satellites:
         return None
     rows = np.searchsorted(satellite_numbers(table), measured.satellite)
-    # Satellites in view are on the side of the Earth where the receiver is.
-    sum_of_satellites = table.states(time).position_itrf[rows].sum(axis=0)
-    position = _FIRST_RADIUS * sum_of_satellites / np.linalg.norm(sum_of_satellites)
+    if nearby_itrf is None:
+        # Satellites in view are on the side of the Earth where the receiver is.
+        sum_of_satellites = table.states(time).position_itrf[rows].sum(axis=0)
+        position = _FIRST_RADIUS * sum_of_satellites / np.linalg.norm(sum_of_satellites)
+        without_elevation = _ITERATIONS_WITHOUT_ELEVATION
+    else:
+        position, without_elevation = nearby_itrf, _ITERATIONS_WITH_WIDE_MASK
     is_of_system = (measured.system[:, None] == systems[None, :]).astype(float)
     clocks, is_used = np.zeros(len(systems)), np.ones(len(measured), dtype=bool)
     for iteration in range(_POINT_ITERATIONS):
@@ -212,7 +221,7 @@ def solve_single_point(
         direction = geometry.direction[0, rows]
         design = np.hstack((-direction, is_of_system)) / measured.code_sigma[:, None]
         predicted = geometry.range[0, rows] - geometry.clock[0, rows] + is_of_system @ clocks
-        if iteration >= _ITERATIONS_WITHOUT_ELEVATION:
+        if iteration >= without_elevation:
             is_used = elevation > elevation_mask
             if np.count_nonzero(is_used) < fewest_satellites:
                 return None
@@ -226,7 +235,7 @@ def solve_single_point(
         position = position + change[:3]
         clocks = clocks + change[3:]
         is_converged = float(np.abs(change).max()) < _POINT_TOLERANCE
-        if is_converged and iteration > _ITERATIONS_WITHOUT_ELEVATION:
+        if is_converged and iteration > without_elevation:
             break
     else:
         return None
@@ -247,7 +256,7 @@ def _solve_velocity(
     measured: Combinations,
     direction: FloatArray,
     position_itrf: FloatArray,
-    table: EphemerisTable,
+    table: SatelliteTable,
     time: GpsTime,
 ) -> tuple[FloatArray, float]:
     """Return the Earth-fixed velocity from Doppler and its sigma; NaN with too few satellites."""

@@ -28,7 +28,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
+from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.code_mean import CodeMean, StartEpoch
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
@@ -79,7 +79,7 @@ class _Measured:
     """Single differences of an epoch, with ephemerides and time tags (less `time`, s)."""
 
     time: GpsTime
-    table: EphemerisTable
+    table: SatelliteTable
     differences: SingleDifferences
     tag_offsets: FloatArray
 
@@ -198,7 +198,7 @@ class PaperEstimator(EstimatorInputs):
         self._filter.predict_to(mean, expm(duration * jacobian), noise)
 
     def _update_chief(
-        self, time: GpsTime, epoch: ObservationEpoch | None, table: EphemerisTable
+        self, time: GpsTime, epoch: ObservationEpoch | None, table: SatelliteTable
     ) -> None:
         """Update the chief's orbit and clock, or initialise them."""
         if epoch is None:
@@ -218,7 +218,7 @@ class PaperEstimator(EstimatorInputs):
             seen = self._chief_geometry(time, epoch.time - time, table)
         self._chief.update(time, signals, table, seen)
 
-    def _chief_geometry(self, time: GpsTime, tag_offset: float, table: EphemerisTable) -> Geometry:
+    def _chief_geometry(self, time: GpsTime, tag_offset: float, table: SatelliteTable) -> Geometry:
         state = state_gcrf_to_itrf(time, self._chief.mean[:6])
         offsets = np.full(2, tag_offset - self._chief.clock)
         return compute_geometry(
@@ -231,7 +231,7 @@ class PaperEstimator(EstimatorInputs):
         interval: float,
         chief: ObservationEpoch | None,
         deputy: ObservationEpoch | None,
-        table: EphemerisTable,
+        table: SatelliteTable,
     ) -> _Measured | None:
         """Return the signals in common view; forget the ambiguities of signals that slipped."""
         if chief is None or deputy is None:

@@ -1,0 +1,198 @@
+"""Decisions of the safety monitor."""
+
+import ast
+import pathlib
+
+import numpy as np
+import pytest
+from safety_samples import CHIEF, COVARIANCE, SETTING, heard, relative
+
+import vtff_control.safety
+from vtff_control.safety.formation_safety import (
+    MODE_EVADE,
+    MODE_HOLD,
+    MODE_MONITOR,
+    MODE_WATCH,
+    DeputyInput,
+    FormationSafety,
+    SafetySetting,
+)
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn
+from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.relative.designs import helix
+from vtff_dynamics.relative.relative_elements import relative_state_of_elements
+
+
+def monitor(*deputies, setting=SETTING):
+    return FormationSafety("chief", deputies or ("deputy",), setting)
+
+
+def coast(state, seconds, chief=CHIEF):
+    """Return relative states and chiefs of free flight, second by second."""
+    states = np.array([chief, deputy_state_gcrf(chief, state)])
+    flown = free_flight(states, np.arange(float(seconds)))
+    return [(relative_state_rtn(*moment), moment[0]) for moment in flown]
+
+
+def test_it_imports_neither_guidance_nor_controllers():
+    folder = pathlib.Path(vtff_control.safety.__file__).parent
+    for path in folder.glob("*.py"):
+        for statement in ast.walk(ast.parse(path.read_text())):
+            names = []
+            if isinstance(statement, ast.ImportFrom):
+                names = [statement.module or ""]
+            elif isinstance(statement, ast.Import):
+                names = [alias.name for alias in statement.names]
+            for name in names:
+                assert not name.startswith("vtff_control") or name.startswith("vtff_control.safety")
+
+
+def test_a_formation_that_stays_clear_is_passed_through():
+    step = monitor().step({"deputy": heard(relative(t=100.0), (1e-5, 0.0, 0.0))})
+    decision = step.decisions["deputy"]
+    assert decision.command_rtn is None
+    assert decision.mode == MODE_MONITOR
+    assert not decision.isolated.any()
+    (pair,) = step.pairs
+    assert (pair.first, pair.second) == ("chief", "deputy")
+    assert 90.0 < pair.separation <= 100.0
+
+
+def test_a_powered_approach_is_watched_and_passed_through():
+    step = monitor().step({"deputy": heard(relative(t=600.0, vt=-20.0), (0.0, 0.5, 0.0))})
+    decision = step.decisions["deputy"]
+    assert decision.mode == MODE_WATCH
+    assert decision.command_rtn is None
+    assert "chief-deputy" in decision.reason
+
+
+def test_the_last_way_out_is_taken_before_it_closes():
+    """A controller that pushes on: the deputy is taken over while 30 m can be kept."""
+    safety, state, chief = monitor(), relative(t=600.0, vt=-20.0), CHIEF
+    waiting, closest, modes = np.zeros(3), np.inf, []
+    for _ in range(120):
+        decision = safety.step(
+            {"deputy": heard(state, (0.0, -0.3, 0.0), waiting, chief)}
+        ).decisions["deputy"]
+        command = np.array([0.0, -0.3, 0.0])
+        if decision.command_rtn is not None:
+            command = decision.command_rtn
+        states = np.array([chief, deputy_state_gcrf(chief, state)])
+        states = free_flight(states, [0.0, 1.0])[-1]
+        chief = states[0]
+        state = relative_state_rtn(*states)
+        state += np.concatenate((0.5 * waiting, waiting))
+        waiting = command
+        closest = min(closest, np.linalg.norm(state[:3]))
+        modes.append(decision.mode)
+    assert modes[0] == MODE_WATCH
+    assert modes[-1] == MODE_HOLD
+    assert "the last way out closes" in decision.reason
+    assert 30.0 <= closest < 60.0
+
+
+def test_it_stays_taken_over_until_the_reset():
+    safety = monitor()
+    for state, chief in coast(relative(t=400.0, vt=-15.0), 4):
+        decision = safety.step({"deputy": heard(state, chief=chief)}).decisions["deputy"]
+    assert decision.mode == MODE_EVADE
+    assert "nobody acts" in decision.reason
+    far = heard(relative(t=5000.0), (0.1, 0.0, 0.0))
+    decision = safety.step({"deputy": far}).decisions["deputy"]
+    assert decision.mode == MODE_HOLD
+    np.testing.assert_array_equal(decision.command_rtn, 0.0)
+    safety.reset("deputy")
+    decision = safety.step({"deputy": far}).decisions["deputy"]
+    assert decision.mode == MODE_MONITOR
+    assert decision.command_rtn is None
+    with pytest.raises(KeyError):
+        safety.reset("nobody")
+
+
+def test_a_report_that_nobody_commanded_isolates_the_axis():
+    safety = monitor()
+    safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0))})
+    decision = safety.step(
+        {"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0), (0.0, -0.9, 0.0))}
+    ).decisions["deputy"]
+    assert decision.isolated.tolist() == [False, True, False]
+    assert "stuck on along T" in decision.reason
+    assert decision.command_rtn[1] == 0.0
+
+
+def test_a_report_of_less_than_half_isolates_the_axis():
+    safety = monitor()
+    for _ in range(3):
+        decision = safety.step(
+            {"deputy": heard(relative(t=1000.0), (0.0, 0.8, 0.0), (0.0, 0.0, 0.0))}
+        ).decisions["deputy"]
+    assert decision.isolated.tolist() == [False, True, False]
+    assert "stuck off or weak along T" in decision.reason
+
+
+def test_a_deputy_without_navigation_is_predicted_with_growing_covariance():
+    safety = monitor(setting=SafetySetting(hard_radius=30.0, acceleration_cap=1.4, orbits=0.2))
+    first = safety.step({"deputy": heard(relative(t=400.0))}).pairs[0]
+    silent = DeputyInput(command_rtn=np.zeros(3), reported_rtn=np.zeros(3))
+    for _ in range(300):
+        last = safety.step({"deputy": silent}).pairs[0]
+    assert last.sigmas < first.sigmas
+    # It drifts as free flight does, and evades before its sigma reaches the chief.
+    poor = monitor(setting=SafetySetting(hard_radius=30.0, acceleration_cap=1.4, orbits=1.0))
+    state = heard(relative(t=100.0))
+    blurred = DeputyInput(state.relative_rtn, 400.0 * COVARIANCE, CHIEF, np.zeros(3), np.zeros(3))
+    poor.step({"deputy": blurred})
+    reasons = ""
+    for _ in range(300):
+        decision = poor.step({"deputy": DeputyInput()}).decisions["deputy"]
+        if decision.mode == MODE_EVADE:
+            reasons = decision.reason
+            break
+    assert "no commands" in reasons
+
+
+def test_pairs_of_deputies_count():
+    """Two deputies meet far from the chief; one of them is moved away."""
+    setting = SafetySetting(hard_radius=30.0, acceleration_cap=1.4)
+    safety = FormationSafety("a", ("b", "c"), setting)
+    states = {"b": relative(t=3000.0, vt=-4.0), "c": relative(t=2700.0, vt=4.0)}
+    flights = zip(*(coast(state, 5) for state in states.values()), strict=True)
+    for moments in flights:
+        step = safety.step(
+            {
+                name: heard(state, chief=chief)
+                for name, (state, chief) in zip(states, moments, strict=True)
+            }
+        )
+    assert [(pair.first, pair.second) for pair in step.pairs] == [
+        ("a", "b"),
+        ("a", "c"),
+        ("b", "c"),
+    ]
+    assert step.pairs[2].separation < 30.0
+    assert step.decisions["b"].mode == MODE_EVADE
+
+
+def test_a_passively_safe_formation_needs_no_commands():
+    safety = monitor()
+    state = relative_state_of_elements(CHIEF, helix(60.0, 60.0, 0.3))
+    for _ in range(20):
+        decision = safety.step({"deputy": heard(state, None)}).decisions["deputy"]
+    assert decision.mode == MODE_MONITOR
+
+
+def test_wrong_settings_and_names_are_named():
+    with pytest.raises(ValueError, match="hard_radius: more than 0"):
+        SafetySetting(hard_radius=0.0)
+    with pytest.raises(ValueError, match="probability: less than 0.5"):
+        SafetySetting(probability=0.7)
+    with pytest.raises(ValueError, match="different names"):
+        FormationSafety("chief", ("a", "a"), SETTING)
+    with pytest.raises(ValueError, match="at least one"):
+        FormationSafety("chief", (), SETTING)
+
+
+def test_before_any_navigation_commands_pass():
+    decision = monitor().step({"deputy": DeputyInput(command_rtn=np.zeros(3))})
+    assert decision.pairs == []
+    assert decision.decisions["deputy"].command_rtn is None

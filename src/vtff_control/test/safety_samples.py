@@ -1,0 +1,24 @@
+"""Chiefs and settings that the tests of the safety monitor share."""
+
+import numpy as np
+
+from vtff_control.safety.formation_safety import DeputyInput, SafetySetting
+from vtff_dynamics.orbit.elements import ClassicalElements
+
+CHIEF = ClassicalElements(6928137.0, 0.001, 1.0, 0.0, 0.0, 0.0).to_state()
+SETTING = SafetySetting(hard_radius=30.0, acceleration_cap=1.4)
+COVARIANCE = np.diag([0.01**2] * 3 + [1e-4**2] * 3)
+
+
+def relative(r=0.0, t=0.0, n=0.0, vr=0.0, vt=0.0, vn=0.0):
+    return np.array([r, t, n, vr, vt, vn])
+
+
+def heard(state, command=(0.0, 0.0, 0.0), reported=(0.0, 0.0, 0.0), chief=CHIEF):
+    return DeputyInput(
+        state,
+        COVARIANCE,
+        chief,
+        np.array(reported, dtype=float),
+        None if command is None else np.array(command, dtype=float),
+    )

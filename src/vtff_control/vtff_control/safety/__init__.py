@@ -1,0 +1,1 @@
+"""Collision avoidance that trusts neither guidance nor controllers nor thrusters (no ROS)."""

@@ -1,0 +1,563 @@
+"""Decision about every thrust command: pass it on, replace it, or shut a thruster off.
+
+The monitor trusts neither guidance nor controllers nor what a thruster reports, and uses none of
+their code. Every step it takes the navigated relative states with their covariance, the thrust that
+is reported for now, and the commands that wait for their thrusters.
+
+A command passes on while, with all thrust off after it, every pair stays clear for some orbits; or
+while an evasive manoeuvre that starts some seconds after it still keeps every pair clear (mode
+WATCH: a powered approach leads to the other spacecraft by intent, and is none of its business as
+long as there is a way out). The deputy is taken over when that way out closes, when nobody acts
+although a pair will soon not be clear, or when a thruster does not do what it reports; the axis of
+such a thruster is isolated. Taken over it stays, until a reset: commands are those of the evasive
+manoeuvre, planned anew every step, and zero while every pair is clear.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from scipy.special import ndtri
+
+from vtff_control.safety.escape import ClearBounds, find_escape
+from vtff_control.safety.prediction import FreeMotion, PairPrediction, predict_free_motion
+from vtff_control.safety.thrust_monitor import ThrustMonitor
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.elements import osculating_mean_motion
+from vtff_dynamics.orbit.gravity import predict_state
+from vtff_dynamics.relative.motion import hcw_transition_matrix
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = [
+    "MODE_EVADE",
+    "MODE_HOLD",
+    "MODE_MONITOR",
+    "MODE_WATCH",
+    "DeputyDecision",
+    "DeputyInput",
+    "FormationSafety",
+    "SafetySetting",
+    "SafetyStep",
+]
+
+MODE_MONITOR = 0
+"""Every pair stays clear with thrust off; commands pass on."""
+MODE_WATCH = 1
+"""A pair does not stay clear with thrust off, an evasive manoeuvre is at hand; commands pass on."""
+MODE_EVADE = 2
+"""Taken over: an evasive manoeuvre replaces the commands."""
+MODE_HOLD = 3
+"""Taken over: every pair stays clear, commands are zero until a reset."""
+
+_PASSIVE_STEPS = 3
+_MISSING_STEPS = 5
+_ABSENT_STEPS = 10
+_WEAK_STEPS = 2
+_REPORT_FLOOR = 0.02  # of the cap: difference of report and command that is not looked at
+_HYSTERESIS = 0.25  # of the margin; and in sigma
+
+
+@dataclass(frozen=True)
+class SafetySetting:
+    """What is safe, and what the deputies can do.
+
+    Parameters
+    ----------
+    hard_radius
+        Distance below which no pair may come, m.
+    margin
+        Added to it for the expected distance, m.
+    probability
+        Largest probability of a pair to be inside the hard radius at any moment.
+    orbits
+        Length of the prediction with thrust off.
+    acceleration_cap
+        Of each axis of a thruster, m/s2.
+    velocity_limit
+        Largest change of the velocity by one evasive manoeuvre, m/s on an axis.
+    reaction_time
+        How much later than the next command an evasive manoeuvre must still work, s.
+    thrust_share
+        Share of the cap that an evasive manoeuvre counts with.
+    navigation_sigma
+        Error of a position that covariances do not contain, m.
+    thrust_sigma
+        Error of reported thrust by which a prediction without navigation grows.
+    step
+        s.
+    delay_steps
+        Steps from a command's stamp to its start.
+    """
+
+    hard_radius: float = 10.0
+    margin: float = 2.0
+    probability: float = 1e-4
+    orbits: float = 2.0
+    acceleration_cap: float = 1.0
+    velocity_limit: float = 50.0
+    reaction_time: float = 2.0
+    thrust_share: float = 0.9
+    navigation_sigma: float = 0.2
+    thrust_sigma: float = 0.05
+    step: float = 1.0
+    delay_steps: int = 1
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        for name, value in vars(self).items():
+            if not (math.isfinite(value) and value >= 0.0):
+                raise ValueError(f"{name}: 0 or more expected, got {value!r}")
+        for name in ("hard_radius", "probability", "orbits", "acceleration_cap", "step"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"{name}: more than 0 expected, got {getattr(self, name)!r}")
+        if not self.probability < 0.5:
+            raise ValueError(f"probability: less than 0.5 expected, got {self.probability!r}")
+
+    @property
+    def bounds(self) -> ClearBounds:
+        """Return when a pair is clear."""
+        return ClearBounds(
+            self.hard_radius, self.hard_radius + self.margin, float(-ndtri(self.probability))
+        )
+
+    @property
+    def planning_bounds(self) -> ClearBounds:
+        """Return the stricter bounds of a manoeuvre, so that it is not repeated for a trifle."""
+        bounds = self.bounds
+        return ClearBounds(
+            bounds.hard_radius,
+            bounds.clear_radius + _HYSTERESIS * self.margin,
+            bounds.clear_sigmas + _HYSTERESIS,
+        )
+
+    @property
+    def escape_horizon(self) -> float:
+        """Return for how long an evasive manoeuvre must keep pairs clear at once, s.
+
+        Three times what the thruster needs to cross the hard radius twice, at least ten minutes.
+        """
+        crossing = math.sqrt(4.0 * self.bounds.clear_radius / self.acceleration_cap)
+        return max(600.0, 3.0 * crossing)
+
+
+@dataclass(frozen=True, eq=False)
+class DeputyInput:
+    """What is known of a deputy at a step.
+
+    Attributes
+    ----------
+    relative_rtn, covariance_rtn
+        Navigated relative state (m, m/s, shape (6,)) and its covariance (6, 6), None for an exact
+        one. A state of None is missing or not usable: the deputy is predicted from the last one.
+    state_chief_gcrf
+        State of the chief that defines the frame, m and m/s, shape (6,); None without a state.
+    reported_rtn
+        Acceleration that the thruster reports for the step that begins, m/s2, shape (3,); None
+        without a report.
+    command_rtn
+        Command that waits for the thruster, m/s2, shape (3,); None if none has come.
+    """
+
+    relative_rtn: FloatArray | None = None
+    covariance_rtn: FloatArray | None = None
+    state_chief_gcrf: FloatArray | None = None
+    reported_rtn: FloatArray | None = None
+    command_rtn: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class DeputyDecision:
+    """What happens to the command of a deputy.
+
+    Attributes
+    ----------
+    mode
+        `MODE_MONITOR`, `MODE_WATCH`, `MODE_EVADE` or `MODE_HOLD`.
+    command_rtn
+        Command in place of the one that came, m/s2, shape (3,); None passes that one on.
+    isolated
+        Axes R, T, N of the thruster that are to be shut off, shape (3,), bool.
+    reason
+        Why it was taken over, one line; of a deputy in WATCH, what is watched. Else empty.
+    """
+
+    mode: int
+    command_rtn: FloatArray | None
+    isolated: np.ndarray[tuple[int], np.dtype[np.bool_]]
+    reason: str
+
+
+@dataclass(frozen=True, eq=False)
+class SafetyStep:
+    """Result of a step: a decision for every deputy, a prediction for every pair."""
+
+    decisions: dict[str, DeputyDecision]
+    pairs: list[PairPrediction]
+
+
+@dataclass(eq=False)
+class _Track:
+    """What the monitor knows of a deputy from the steps before."""
+
+    monitor: ThrustMonitor
+    relative: FloatArray | None = None
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    thrust_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 9)))
+    reported: FloatArray = field(default_factory=lambda: np.zeros(3))
+    expected: list[FloatArray] = field(default_factory=list)
+    reason: str = ""
+    isolated: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(
+        default_factory=lambda: np.zeros(3, dtype=bool)
+    )
+    weak_steps: np.ndarray[tuple[int], np.dtype[np.int_]] = field(
+        default_factory=lambda: np.zeros(3, dtype=int)
+    )
+    passive_steps: int = 0
+    missing_steps: int = 0
+
+
+class FormationSafety:
+    """Safety monitor of a chief and its deputies; call `step` once a step.
+
+    Parameters
+    ----------
+    chief
+        Name of the chief.
+    deputies
+        Names of the deputies.
+    setting
+        Bounds and capabilities.
+
+    Raises
+    ------
+    ValueError
+        If a name is there twice, or there is no deputy.
+    """
+
+    def __init__(self, chief: str, deputies: Sequence[str], setting: SafetySetting) -> None:
+        if not deputies:
+            raise ValueError("deputies: at least one name expected")
+        if len({chief, *deputies}) != len(deputies) + 1:
+            raise ValueError(f"deputies: different names expected, got {chief}, {list(deputies)}")
+        self._names = (chief, *deputies)
+        self._setting = setting
+        self._tracks = {
+            name: _Track(ThrustMonitor(setting.acceleration_cap, setting.step)) for name in deputies
+        }
+        self._chief: FloatArray | None = None
+
+    def reset(self, deputy: str | None = None) -> None:
+        """Give a deputy, or all, back to the controllers, and forget what was isolated.
+
+        Raises
+        ------
+        KeyError
+            If there is no such deputy.
+        """
+        for name in self._tracks if deputy is None else (deputy,):
+            track = self._tracks[name]
+            track.reason = ""
+            track.isolated = np.zeros(3, dtype=bool)
+            track.passive_steps = track.missing_steps = 0
+            track.expected.clear()
+            track.monitor.reset()
+
+    def step(self, inputs: Mapping[str, DeputyInput]) -> SafetyStep:
+        """Decide about the commands of a step.
+
+        Parameters
+        ----------
+        inputs
+            Of every deputy by name; one that is absent is predicted.
+        """
+        self._take_states(inputs)
+        if self._chief is None:
+            # Nothing has been navigated yet: there is nothing to judge by.
+            return SafetyStep(
+                {name: DeputyDecision(MODE_MONITOR, None, np.zeros(3, bool), "") for name in
+                 self._tracks},
+                [],
+            )  # fmt: skip
+        known = [name for name, track in self._tracks.items() if track.relative is not None]
+        start = self._states_after(known, inputs, self._setting.delay_steps, with_command=False)
+        passed = self._states_after(known, inputs, self._setting.delay_steps, with_command=True)
+        motion = self._motion(known, *passed)
+        pairs = self._pairs(motion, self._setting.bounds)
+        decisions = {}
+        for name, track in self._tracks.items():
+            given = inputs.get(name, DeputyInput())
+            decisions[name] = self._decide(name, track, given, known, start, motion, pairs)
+            self._expect(track, given, decisions[name])
+        return SafetyStep(decisions, pairs)
+
+    # ---- states ------------------------------------------------------------------------------
+
+    def _take_states(self, inputs: Mapping[str, DeputyInput]) -> None:
+        """Take what is navigated, predict what is not, and watch the thrusters."""
+        step = self._setting.step
+        chiefs = (
+            given.state_chief_gcrf for given in inputs.values() if given.relative_rtn is not None
+        )
+        previous_chief = self._chief
+        self._chief = next((chief for chief in chiefs if chief is not None), None)
+        if self._chief is None and previous_chief is not None:
+            self._chief = predict_state(previous_chief, step)
+        for name, track in self._tracks.items():
+            given = inputs.get(name, DeputyInput())
+            before = track.reported
+            if given.relative_rtn is not None and self._chief is not None:
+                covariance = given.covariance_rtn
+                track.covariance = np.zeros((6, 6)) if covariance is None else covariance
+                track.thrust_effect = np.zeros((6, 9))
+                track.relative = given.relative_rtn
+                fault = track.monitor.update(self._chief, track.relative, track.covariance, before)
+                if fault is not None:
+                    track.isolated |= fault.axes
+                    track.reason = track.reason or fault.text
+            elif track.relative is not None and previous_chief is not None:
+                track.monitor.reset()
+                track.relative, _ = _advance(track.relative, previous_chief, before, step)
+                transition = hcw_transition_matrix(osculating_mean_motion(previous_chief), step)
+                track.covariance = transition @ track.covariance @ transition.T
+                push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
+                track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(
+                    np.eye(3), before
+                )
+            track.reported = np.zeros(3) if given.reported_rtn is None else given.reported_rtn
+            self._compare_report(track, given)
+
+    def _compare_report(self, track: _Track, given: DeputyInput) -> None:
+        """Look whether the thruster reports more than it was told."""
+        if not track.expected or len(track.expected) < self._setting.delay_steps:
+            return
+        expected = track.expected.pop(0)
+        if given.reported_rtn is None:
+            return
+        cap = self._setting.acceleration_cap
+        told = np.clip(expected, -cap, cap)
+        # In the direction of the command, up to its size; against it, nothing.
+        along = np.where(told >= 0.0, given.reported_rtn, -given.reported_rtn)
+        floor = _REPORT_FLOOR * cap
+        over = (along > 1.1 * np.abs(told) + floor) | (along < -floor)
+        under = along < 0.5 * np.abs(told) - floor
+        track.weak_steps = np.where(under, track.weak_steps + 1, 0)
+        weak = track.weak_steps >= _WEAK_STEPS
+        for axes, text in (
+            (over, "stuck on along {}: reports a thrust that nobody commanded"),
+            (weak, "stuck off or weak along {}: reports less than half of what it was told"),
+        ):
+            if axes.any():
+                names = ", ".join(axis for axis, is_it in zip("RTN", axes, strict=True) if is_it)
+                track.isolated = track.isolated | axes
+                track.reason = track.reason or "thruster " + text.format(names)
+
+    def _expect(self, track: _Track, given: DeputyInput, decision: DeputyDecision) -> None:
+        """Keep what the thruster is told, for comparison with its report."""
+        command = given.command_rtn if decision.command_rtn is None else decision.command_rtn
+        wanted = np.zeros(3) if command is None else np.where(decision.isolated, 0.0, command)
+        if self._setting.delay_steps:
+            track.expected.append(wanted)
+
+    def _states_after(
+        self,
+        known: Sequence[str],
+        inputs: Mapping[str, DeputyInput],
+        delay_steps: int,
+        with_command: bool,
+    ) -> tuple[FloatArray, list[FloatArray]]:
+        """Return the chief and the deputies when a command of now starts, or ends, to act."""
+        step, cap = self._setting.step, self._setting.acceleration_cap
+        assert self._chief is not None
+        chief, states = self._chief, []
+        for name in known:
+            track = self._tracks[name]
+            command = inputs.get(name, DeputyInput()).command_rtn
+            wanted = np.zeros(3) if command is None or track.reason else np.clip(command, -cap, cap)
+            thrusts = [track.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
+            thrusts += [wanted] if with_command else []
+            assert track.relative is not None
+            relative, chief = track.relative, self._chief
+            for thrust in thrusts:
+                relative, chief = _advance(relative, chief, thrust, step)
+            states.append(relative)
+        return chief, states
+
+    def _motion(
+        self, known: Sequence[str], chief: FloatArray, states: Sequence[FloatArray]
+    ) -> FreeMotion:
+        setting = self._setting
+        floor = np.zeros((6, 6))
+        floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
+        covariances = []
+        for name in known:
+            track = self._tracks[name]
+            thrust = setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
+            covariances.append(track.covariance + thrust + floor)
+        return predict_free_motion(
+            (self._names[0], *known), chief, states, covariances, setting.orbits
+        )
+
+    def _pairs(self, motion: FreeMotion, bounds: ClearBounds) -> list[PairPrediction]:
+        count = len(motion.names)
+        return [
+            motion.predict_pair(
+                first, second, bounds.hard_radius, bounds.clear_radius, bounds.clear_sigmas
+            )
+            for first in range(count)
+            for second in range(first + 1, count)
+        ]
+
+    # ---- decisions ---------------------------------------------------------------------------
+
+    def _decide(
+        self,
+        name: str,
+        track: _Track,
+        given: DeputyInput,
+        known: Sequence[str],
+        start: tuple[FloatArray, list[FloatArray]],
+        motion: FreeMotion,
+        pairs: Sequence[PairPrediction],
+    ) -> DeputyDecision:
+        command = given.command_rtn
+        if command is not None:
+            track.passive_steps = 0 if np.any(command) else track.passive_steps + 1
+        track.missing_steps = track.missing_steps + 1 if command is None else 0
+        if track.relative is None:
+            if track.reason:  # a thruster was isolated before anything was navigated
+                return DeputyDecision(MODE_HOLD, np.zeros(3), track.isolated.copy(), track.reason)
+            return DeputyDecision(MODE_MONITOR, None, track.isolated.copy(), "")
+        watched = ""
+        if not track.reason:
+            worst = min(
+                (pair for pair in pairs if name in (pair.first, pair.second)),
+                key=lambda pair: pair.violation_time,
+            )
+            if math.isfinite(worst.violation_time):
+                watched = _describe_pair(worst)
+                track.reason = self._reason_to_take_over(name, track, motion, worst, watched)
+        if track.reason:
+            return self._take_over(name, track, known, start)
+        mode = MODE_WATCH if watched else MODE_MONITOR
+        return DeputyDecision(mode, None, track.isolated.copy(), watched)
+
+    def _reason_to_take_over(
+        self, name: str, track: _Track, motion: FreeMotion, worst: PairPrediction, watched: str
+    ) -> str:
+        """Return why a deputy must be taken over now; empty if it need not."""
+        setting = self._setting
+        is_soon = worst.violation_time <= setting.escape_horizon
+        if track.missing_steps >= (_MISSING_STEPS if is_soon else _ABSENT_STEPS):
+            return f"no commands for {track.missing_steps * setting.step:g} s; {watched}"
+        if not is_soon:
+            return ""
+        if track.passive_steps >= _PASSIVE_STEPS:
+            return f"nobody acts: no thrust is commanded; {watched}"
+        escape = find_escape(
+            motion,
+            motion.names.index(name),
+            setting.bounds,
+            self._available(track),
+            setting.velocity_limit,
+            setting.reaction_time,
+            setting.escape_horizon,
+        )
+        return f"the last way out closes; {watched}" if escape is None else ""
+
+    def _take_over(
+        self,
+        name: str,
+        track: _Track,
+        known: Sequence[str],
+        start: tuple[FloatArray, list[FloatArray]],
+    ) -> DeputyDecision:
+        """Return the command of the evasive manoeuvre, or zero while every pair is clear."""
+        setting = self._setting
+        isolated = track.isolated.copy()
+        motion = self._motion(known, *start)
+        index = motion.names.index(name)
+        bounds = setting.bounds
+        soonest = min(
+            motion.predict_pair(
+                min(index, other),
+                max(index, other),
+                bounds.hard_radius,
+                bounds.clear_radius,
+                bounds.clear_sigmas,
+            ).violation_time
+            for other in range(len(motion.names))
+            if other != index
+        )
+        if not math.isfinite(soonest):
+            return DeputyDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
+        available = self._available(track)
+        horizons = [float(motion.times[-1])]
+        if soonest <= setting.escape_horizon:
+            horizons.append(setting.escape_horizon)
+        velocity = None
+        for horizon in horizons:
+            for planning in (setting.planning_bounds, bounds):
+                escape = find_escape(
+                    motion, index, planning, available, setting.velocity_limit, 0.0, horizon
+                )
+                if escape is not None:
+                    velocity = escape.velocity_rtn
+                    break
+            if velocity is not None:
+                break
+        if velocity is None:
+            if soonest > setting.escape_horizon:
+                return DeputyDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
+            velocity = _away(motion, index, soonest) * setting.velocity_limit
+        command = self._command(velocity, available)
+        return DeputyDecision(MODE_EVADE, command, isolated, track.reason)
+
+    def _available(self, track: _Track) -> FloatArray:
+        """Return the acceleration that a manoeuvre counts with, on R, T and N, m/s2."""
+        share = self._setting.thrust_share * self._setting.acceleration_cap
+        return np.where(track.isolated, 0.0, share)
+
+    def _command(self, velocity: FloatArray, available: FloatArray) -> FloatArray:
+        """Return the acceleration of the coming step of a burn, m/s2."""
+        usable = available > 0.0
+        wanted = np.where(usable, velocity, 0.0)
+        durations = np.abs(wanted[usable]) / available[usable]
+        duration = max(float(durations.max(initial=0.0)), self._setting.step)
+        return np.asarray(wanted / duration)
+
+
+def _advance(
+    relative: FloatArray, chief: FloatArray, acceleration_rtn: FloatArray, step: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return relative state and chief after a step with constant thrust."""
+    deputy = predict_state(deputy_state_gcrf(chief, relative), step)
+    acceleration = rotation_gcrf_to_rtn(chief).T @ acceleration_rtn
+    deputy[:3] += 0.5 * step**2 * acceleration
+    deputy[3:] += step * acceleration
+    after = predict_state(chief, step)
+    return relative_state_rtn(after, deputy), after
+
+
+def _away(motion: FreeMotion, index: int, moment: float) -> FloatArray:
+    """Return the direction in RTN from the spacecraft that is nearest at a moment, shape (3,)."""
+    sample = min(int(np.searchsorted(motion.times, moment)), len(motion.times) - 1)
+    differences = [
+        motion.rotation[sample] @ (motion.relative[index] - other)[sample, :3]
+        for number, other in enumerate(motion.relative)
+        if number != index
+    ]
+    nearest = min(differences, key=lambda difference: float(np.linalg.norm(difference)))
+    size = float(np.linalg.norm(nearest))
+    return nearest / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+
+
+def _describe_pair(pair: PairPrediction) -> str:
+    """Return what is predicted of a pair, in words."""
+    return (
+        f"{pair.first}-{pair.second}: with thrust off {pair.separation:.1f} m in "
+        f"{pair.separation_time:.0f} s, {pair.sigmas:.1f} sigma from the hard radius, "
+        f"first not clear in {pair.violation_time:.0f} s"
+    )

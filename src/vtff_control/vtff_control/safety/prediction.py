@@ -1,0 +1,359 @@
+"""Free motion of a formation over orbits, with covariance: how near every pair comes.
+
+The relative states are carried by nonlinear flight under J2 (`vtff_dynamics.orbit.free_flight`),
+their covariance by the transition about the chief, taken from six displaced flights: any
+eccentricity and any distance. Differences of states are in GCRF axes.
+
+A pair is *clear* at a moment if its expected distance is at least a radius, and its position is
+outside the hard radius by so many sigma. The sigma are those across a plane that separates the
+position from the sphere, the better one of two: across the line of sight, and across the direction
+P^-1 d, which looks past an uncertainty that grows in-track. For any such plane the probability of
+being inside the sphere is at most that of being beyond the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from vtff_control.safety.probability import (
+    encounter_probability,
+    instantaneous_probability,
+    sigma_bound_probability,
+)
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import GM_EARTH
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.vectors import FloatArray, skew
+
+__all__ = [
+    "FreeMotion",
+    "PairPrediction",
+    "hermite_position",
+    "predict_free_motion",
+    "prediction_times",
+    "sigmas_outside",
+]
+
+_DISPLACEMENTS = np.array([10.0] * 3 + [0.01] * 3)  # m and m/s
+_CERTAIN = 8.0  # sigma: a probability beyond is given as its bound, 6e-16
+_SHORT_ENCOUNTER = 0.02  # of an orbit: a fly-by that lasts longer is not straight
+
+
+def prediction_times(period: float, orbits: float) -> FloatArray:
+    """Return the moments of a prediction, s: every 2 s, 10 s after a minute, 30 s after ten."""
+    return np.concatenate(
+        (
+            np.arange(0.0, 60.0, 2.0),
+            np.arange(60.0, 600.0, 10.0),
+            np.arange(600.0, max(orbits * period, 600.0) + 30.0, 30.0),
+        )
+    )
+
+
+@dataclass(frozen=True)
+class PairPrediction:
+    """What is predicted of two spacecraft with all thrust off; lengths in m, times in s from now.
+
+    Attributes
+    ----------
+    first, second
+        Names.
+    separation, separation_time
+        Smallest expected distance, and when.
+    radial_normal
+        Smallest expected distance in the R-N plane of the chief.
+    sigmas, sigmas_time
+        Smallest number of sigma between the pair and the hard radius, and when.
+    probability
+        That the pair comes inside the hard radius: the larger of the largest instantaneous one and
+        that of a short encounter.
+    violation_time
+        When the pair is first not clear; infinite if it always is.
+    """
+
+    first: str
+    second: str
+    separation: float
+    separation_time: float
+    radial_normal: float
+    sigmas: float
+    sigmas_time: float
+    probability: float
+    violation_time: float
+
+
+@dataclass(frozen=True, eq=False)
+class FreeMotion:
+    """Motion of all deputies about the chief without thrust.
+
+    Attributes
+    ----------
+    times
+        s from the start, shape (n,).
+    names
+        Chief and deputies.
+    relative
+        Difference to the chief in GCRF axes, m and m/s, shape (m, n, 6); zero for the chief.
+    covariances
+        Covariances of the positions to the chief, shape (m, n, 3, 3); zero for the chief.
+    transition
+        From a difference at the start to one later, shape (n, 6, 6).
+    rotation
+        From GCRF to the chief's RTN axes, shape (n, 3, 3).
+    """
+
+    times: FloatArray
+    names: tuple[str, ...]
+    relative: FloatArray
+    covariances: FloatArray
+    transition: FloatArray
+    rotation: FloatArray
+
+    def pair_covariance(self, first: int, second: int) -> FloatArray:
+        """Return the covariance of the position between two spacecraft, shape (n, 3, 3).
+
+        The errors of two deputies that share a chief are correlated positively; their correlation
+        is not known here, and to leave it out makes the covariance of the difference larger.
+        """
+        return np.asarray(self.covariances[first] + self.covariances[second])
+
+    def predict_pair(
+        self, first: int, second: int, hard_radius: float, clear_radius: float, clear_sigmas: float
+    ) -> PairPrediction:
+        """Return how near two spacecraft come.
+
+        Parameters
+        ----------
+        first, second
+            Indices into `names`.
+        hard_radius
+            m.
+        clear_radius, clear_sigmas
+            Expected distance (m), and sigma between pair and hard radius, of a clear pair.
+        """
+        relative = np.ascontiguousarray(self.relative[second] - self.relative[first])
+        covariance = self.pair_covariance(first, second)
+        result, separation_state = _scan(
+            self.times,
+            relative,
+            covariance,
+            self.rotation,
+            hard_radius,
+            clear_radius,
+            clear_sigmas,
+        )
+        separation, separation_time, radial_normal, sigmas, sigmas_time, violation = result
+        probability = sigma_bound_probability(sigmas)
+        if sigmas < _CERTAIN:
+            index = int(np.searchsorted(self.times, sigmas_time))
+            position = _position_at(self.times, relative, sigmas_time)
+            probability = instantaneous_probability(position, covariance[index], hard_radius)
+            nearest = int(np.searchsorted(self.times, separation_time))
+            probability = max(
+                probability, self._encounter(separation_state, covariance[nearest], hard_radius)
+            )
+        return PairPrediction(
+            self.names[first],
+            self.names[second],
+            float(separation),
+            float(separation_time),
+            float(radial_normal),
+            float(sigmas),
+            float(sigmas_time),
+            probability,
+            float(violation),
+        )
+
+    def _encounter(self, state: FloatArray, covariance: FloatArray, radius: float) -> float:
+        """Return the probability of a short encounter; zero if the fly-by is too slow to be one."""
+        speed = float(np.linalg.norm(state[3:]))
+        extent = radius + math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
+        if not extent < speed * _SHORT_ENCOUNTER * 5600.0:
+            return 0.0
+        return encounter_probability(state[:3], state[3:], covariance, radius)
+
+
+def predict_free_motion(
+    names: Sequence[str],
+    state_chief_gcrf: FloatArray,
+    relative_states_rtn: Sequence[FloatArray],
+    covariances_rtn: Sequence[FloatArray],
+    orbits: float,
+) -> FreeMotion:
+    """Return the motion of a formation without thrust.
+
+    Parameters
+    ----------
+    names
+        The chief, then the deputies.
+    state_chief_gcrf
+        m and m/s, shape (6,).
+    relative_states_rtn, covariances_rtn
+        Relative state of each deputy (m, m/s, shape (6,); the frame turns about N alone) and its
+        covariance, shape (6, 6).
+    orbits
+        Length of the prediction.
+    """
+    chief = np.asarray(state_chief_gcrf, dtype=float)
+    count = len(relative_states_rtn)
+    axis = 1.0 / (2.0 / np.linalg.norm(chief[:3]) - float(chief[3:] @ chief[3:]) / GM_EARTH)
+    period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
+    times = prediction_times(period, orbits)
+    deputies = [deputy_state_gcrf(chief, state) for state in relative_states_rtn]
+    displaced = chief + np.diag(_DISPLACEMENTS)
+    flown = free_flight(np.array([chief, *deputies, *displaced]), times)
+    relative = np.zeros((count + 1, len(times), 6))
+    relative[1:] = np.swapaxes(flown[:, 1 : count + 1] - flown[:, :1], 0, 1)
+    transition = np.swapaxes(flown[:, count + 1 :] - flown[:, :1], 1, 2) / _DISPLACEMENTS
+
+    rotation_start = rotation_gcrf_to_rtn(chief)
+    momentum = np.cross(chief[:3], chief[3:])
+    rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
+    to_gcrf = np.zeros((6, 6))
+    to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation_start.T
+    to_gcrf[3:, :3] = rotation_start.T @ skew(rate)
+    to_position = np.ascontiguousarray(transition[:, :3]) @ to_gcrf
+    covariances = np.zeros((count + 1, len(times), 3, 3))
+    for index, covariance in enumerate(covariances_rtn, start=1):
+        covariances[index] = to_position @ covariance @ np.swapaxes(to_position, 1, 2)
+
+    states = flown[:, 0]
+    radial = states[:, :3] / np.linalg.norm(states[:, :3], axis=1, keepdims=True)
+    normal = np.cross(states[:, :3], states[:, 3:])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    rotation = np.stack((radial, np.cross(normal, radial), normal), axis=1)
+    return FreeMotion(times, tuple(names), relative, covariances, transition, rotation)
+
+
+@compiled
+def hermite_position(
+    start: FloatArray, end: FloatArray, step: float, fraction: float, position: FloatArray
+) -> None:
+    """Write the position at a fraction of a step between two states (6,)."""
+    f = fraction
+    h00 = (1.0 + 2.0 * f) * (1.0 - f) * (1.0 - f)
+    h10 = f * (1.0 - f) * (1.0 - f) * step
+    h01 = f * f * (3.0 - 2.0 * f)
+    h11 = f * f * (f - 1.0) * step
+    for k in range(3):
+        position[k] = h00 * start[k] + h10 * start[k + 3] + h01 * end[k] + h11 * end[k + 3]
+
+
+@compiled
+def sigmas_outside(position: FloatArray, covariance: FloatArray, radius: float) -> float:
+    """Return the sigma between a position and a sphere, by the better one of two planes."""
+    x, y, z = position[0], position[1], position[2]
+    distance = math.sqrt(x * x + y * y + z * z)
+    if distance <= radius:
+        return 0.0
+    a, b, c = covariance[0, 0], covariance[0, 1], covariance[0, 2]
+    d, e, f = covariance[1, 1], covariance[1, 2], covariance[2, 2]
+    variance = (a * x * x + d * y * y + f * z * z + 2.0 * (b * x * y + c * x * z + e * y * z)) / (
+        distance * distance
+    )
+    best = 1e9
+    if variance > 0.0:
+        best = min(best, (distance - radius) / math.sqrt(variance))
+    # y = P^-1 d by cofactors.
+    c00, c01, c02 = d * f - e * e, c * e - b * f, b * e - c * d
+    c11, c12, c22 = a * f - c * c, b * c - a * e, a * d - b * b
+    determinant = a * c00 + b * c01 + c * c02
+    if determinant > 1e-30:
+        u = (c00 * x + c01 * y + c02 * z) / determinant
+        v = (c01 * x + c11 * y + c12 * z) / determinant
+        w = (c02 * x + c12 * y + c22 * z) / determinant
+        square = u * x + v * y + w * z
+        if square > 0.0:
+            along = square - radius * math.sqrt(u * u + v * v + w * w)
+            best = max(best, along / math.sqrt(square))
+    return best
+
+
+@compiled
+def _scan(
+    times: FloatArray,
+    relative: FloatArray,
+    covariance: FloatArray,
+    rotation: FloatArray,
+    hard_radius: float,
+    clear_radius: float,
+    clear_sigmas: float,
+) -> tuple[FloatArray, FloatArray]:
+    """Return six figures of a pair, as in `PairPrediction`, and the state when it is nearest."""
+    pieces = 4
+    position, later, velocity = np.empty(3), np.empty(3), np.empty(3)
+    nearest = np.zeros(6)
+    separation, separation_time, radial_normal = 1e18, 0.0, 1e18
+    fewest, fewest_time, violation = 1e18, 0.0, np.inf
+    for index in range(len(times)):
+        step, count = 0.0, 1
+        if index + 1 < len(times):
+            step = times[index + 1] - times[index]
+            x, v = relative[index, :3], relative[index, 3:]
+            reach = math.sqrt(v[0] ** 2 + v[1] ** 2 + v[2] ** 2) * step
+            distance = math.sqrt(x[0] ** 2 + x[1] ** 2 + x[2] ** 2)
+            if distance - 1.5 * reach < max(separation, 3.0 * clear_radius):
+                count = pieces
+        for piece in range(count):
+            if piece == 0:
+                for k in range(3):
+                    position[k] = relative[index, k]
+            else:
+                hermite_position(
+                    relative[index], relative[index + 1], step, piece / pieces, position
+                )
+            moment = times[index] + step * piece / pieces
+            distance = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
+            # The nearest point of the straight piece that follows.
+            if count > 1:
+                if piece + 1 < pieces:
+                    hermite_position(
+                        relative[index], relative[index + 1], step, (piece + 1) / pieces, later
+                    )
+                else:
+                    for k in range(3):
+                        later[k] = relative[index + 1, k]
+                length2, along = 0.0, 0.0
+                for k in range(3):
+                    velocity[k] = later[k] - position[k]
+                    length2 += velocity[k] * velocity[k]
+                    along -= velocity[k] * position[k]
+                if length2 > 0.0 and 0.0 < along < length2:
+                    share = along / length2
+                    for k in range(3):
+                        position[k] += share * velocity[k]
+                    moment += share * step / pieces
+                    distance = math.sqrt(position[0] ** 2 + position[1] ** 2 + position[2] ** 2)
+            if distance < separation:
+                separation, separation_time = distance, moment
+                for k in range(3):
+                    nearest[k] = position[k]
+                    nearest[k + 3] = relative[index, k + 3]
+            radial, normal = 0.0, 0.0
+            for k in range(3):
+                radial += rotation[index, 0, k] * position[k]
+                normal += rotation[index, 2, k] * position[k]
+            radial_normal = min(radial_normal, math.sqrt(radial * radial + normal * normal))
+            sigmas = sigmas_outside(position, covariance[index], hard_radius)
+            if sigmas < fewest:
+                fewest, fewest_time = sigmas, moment
+            if violation == np.inf and (distance < clear_radius or sigmas < clear_sigmas):
+                violation = moment
+    figures = np.array([separation, separation_time, radial_normal, fewest, fewest_time, violation])
+    return figures, nearest
+
+
+def _position_at(times: FloatArray, relative: FloatArray, moment: float) -> FloatArray:
+    """Return the position at a moment, between the samples, m, shape (3,)."""
+    index = min(max(int(np.searchsorted(times, moment, side="right")) - 1, 0), len(times) - 2)
+    step = float(times[index + 1] - times[index])
+    position = np.empty(3)
+    hermite_position(
+        relative[index], relative[index + 1], step, (moment - times[index]) / step, position
+    )
+    return position

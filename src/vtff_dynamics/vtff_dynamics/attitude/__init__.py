@@ -1,0 +1,1 @@
+"""Attitude of a rigid spacecraft: quaternions, orbit axes, magnetic field, body with wheel."""
