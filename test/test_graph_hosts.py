@@ -218,10 +218,10 @@ def assert_cut_was_survived(parts, folder, least, most):
     late = [message.late_commands for message in status]
     assert least <= late[-1] <= most + 6
     gone = [seconds(m) for m, n, p in zip(status[1:], late[1:], late, strict=False) if n > p]
-    # In the middle of the cut the truth flies without thrust: its acceleration is that of gravity.
     times, sizes = thrust(folder, "/deputy/control/thrust_command").T
     answered = thrust(folder)
-    cut = (answered[:, 0] > gone[0] + 3.5) & (answered[:, 0] < gone[-1] - 1.0)
+    # Commands that the link held back come when their time is over.
+    cut = (answered[:, 0] > gone[0] + 0.5) & (answered[:, 0] < gone[-1] - 1.0)
     assert not np.any(answered[cut, 1] > 0.0), answered[cut]
     after = answered[answered[:, 0] > gone[-1] + 3.0]
     assert len(after) > 3 and np.all(after[-4:-1, 1] > 0.0)  # the last one ends the run
@@ -249,8 +249,8 @@ def test_a_link_cut_for_ten_seconds_is_survived(tmp_path, cut_host):
     state = messages(folder, "/deputy/relative_state")[-1]
     truth = messages(folder, "/deputy/relative_state_truth")[-1]
     assert seconds(truth) - seconds(state) <= 2.0
-    error = [getattr(state.position, axis) - getattr(truth.position, axis) for axis in "xyz"]
-    assert np.linalg.norm(error) < 25.0  # of the state before, at most 17 m/s in-track
+    error = np.subtract(state.position, truth.position)
+    assert np.linalg.norm(error) < 5.0  # of the same second, or of one step before
 
 
 @needs_hosts
@@ -309,7 +309,7 @@ def test_ten_minutes_in_real_time_over_a_bad_link(tmp_path):
         folder = complete(parts, bag_of=parts[0])
     truth = messages(folder, "/deputy/relative_state_truth")
     assert len(truth) == 601
-    in_track = np.array([message.position.y for message in truth[-60:]])
+    in_track = np.array([message.position[1] for message in truth[-60:]])
     np.testing.assert_allclose(in_track, 100.0, atol=1.0)
     assert messages(folder, "/sim/status")[-1].late_commands <= 30
 

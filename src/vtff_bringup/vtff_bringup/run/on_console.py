@@ -41,6 +41,9 @@ def exit_on_run_errors(console: Console, run_directory: pathlib.Path) -> Iterato
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
         raise exit_with_error(console, error, EXIT_FAILURE) from error
+    except KeyboardInterrupt:  # while other hosts are waited for
+        remove_if_empty(run_directory)
+        raise
 
 
 def run_system(
