@@ -164,7 +164,7 @@ FAULTS = {
     "corrupted_bytes": ({"duration": 10.0, "rate": 4e-4}, 10),
     "dropped_bytes": ({"duration": 10.0, "rate": 4e-4}, 10),
 }
-#: Each fault has a window of its own in one flight: its time, its duration, and the recovery afterwards.
+#: Each fault has a window of its own in one flight: its time, its duration, and its recovery.
 FIRST_FAULT_TIME = 10
 RECOVERY = 6
 
