@@ -28,7 +28,7 @@ fi
 # shellcheck disable=SC1091
 . .venv/vtff_environment.sh
 export PYTHONPATH="$packages:$PYTHONPATH"
-export MPLBACKEND="${MPLBACKEND:-agg}"
+unset MPLBACKEND # the kernel shows figures by its own
 # Nothing of the user's Jupyter may lead to another kernel.
 export JUPYTER_PREFER_ENV_PATH=1 IPYTHONDIR="$packages/.ipython"
 started=$SECONDS
