@@ -9,6 +9,7 @@ cd "$root"
 packages="$root/.venv/documentation"
 log="$root/log/docs.log"
 mkdir -p "$root/log"
+: >"$log"
 
 stop() {
   printf 'docs: %s\n' "$1" >&2
@@ -27,16 +28,21 @@ fi
 # shellcheck disable=SC1091
 . .venv/vtff_environment.sh
 export PYTHONPATH="$packages:$PYTHONPATH"
-export MPLBACKEND="${MPLBACKEND:-agg}"
+unset MPLBACKEND # the kernel shows figures by its own
 # Nothing of the user's Jupyter may lead to another kernel.
 export JUPYTER_PREFER_ENV_PATH=1 IPYTHONDIR="$packages/.ipython"
 started=$SECONDS
 echo "docs: running the tutorials and writing the pages (two to four minutes) ..."
 rm -rf docs/html
-python -m sphinx -W --keep-going -q -b html -d docs/html/.doctrees docs docs/html ||
-  stop "the pages have faults (above)"
+build() { # a builder, its folder
+  python -m sphinx -W --keep-going -q -w "$log.warnings" -b "$1" -d docs/html/.doctrees docs "$2" \
+    >>"$log" 2>&1
+}
+build html docs/html || { cat "$log.warnings" && stop "the pages have faults; details: log/docs.log"; }
 echo "docs: running the examples of the docstrings ..."
-python -m sphinx -W --keep-going -q -b doctest -d docs/html/.doctrees docs docs/html/.doctest ||
-  stop "an example does not give what it says (above)"
+build doctest docs/html/.doctest || {
+  cat docs/html/.doctest/output.txt
+  stop "an example does not give what it says; details: log/docs.log"
+}
 (cd docs && python -m site_pages.check_site html) || stop "the site has faults (above)"
 echo "docs: docs/html/index.html ($((SECONDS - started)) s)"
