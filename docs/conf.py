@@ -33,7 +33,7 @@ suppress_warnings = ["ref.python"]
 
 myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
-nb_execution_mode = "cache"
+nb_execution_mode = "force"
 nb_execution_timeout = 60  # s for one cell; a tutorial takes less than a minute
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
