@@ -33,4 +33,4 @@ lint: setup_test  ## Check format, style and types
 	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
 
 clean:  ## Remove everything that set-up and the build made
-	rm -rf .venv build install log docs/html docs/generated src/vtff_analysis/vtff_analysis/view/web/cesium
+	rm -rf .venv build install log docs/html docs/generated docs/jupyter_execute src/vtff_analysis/vtff_analysis/view/web/cesium
