@@ -32,6 +32,24 @@ def run_vtff(*arguments: object, timeout: float = 240.0) -> subprocess.Completed
     )
 
 
+#: Scenario time, s, and command line of the flights that compare bytes of receivers. The referee
+#: decoder reads ephemerides from RAWEPHEM only.
+RECEIVER_FLIGHT_DURATION = 20
+RECEIVER_COMMANDS = [
+    "UNLOGALL THISPORT TRUE",
+    "LOG THISPORT RANGEB ONTIME 0.05",
+    "LOG THISPORT RAWEPHEMB ONCHANGED",
+    "LOG THISPORT BESTXYZB ONTIME 1",
+    "LOG THISPORT TIMEB ONTIME 1",
+]
+RECEIVER_FLIGHT = (
+    "--duration",
+    RECEIVER_FLIGHT_DURATION,
+    "receiver_driver.publish_raw:=true",
+    f"receiver_driver.commands:={RECEIVER_COMMANDS}",
+)
+
+
 class Runs:
     """Makes runs on demand and remembers them, for all processes of one test session.
 

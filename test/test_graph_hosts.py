@@ -17,7 +17,15 @@ import time
 import numpy as np
 import psutil
 import pytest
-from graph_support import ROOT, SYSTEMS, assert_equal_messages, run_vtff, topics
+from graph_support import (
+    RECEIVER_FLIGHT,
+    RECEIVER_FLIGHT_DURATION,
+    ROOT,
+    SYSTEMS,
+    assert_equal_messages,
+    run_vtff,
+    topics,
+)
 from network_hosts import NetworkHosts, why_no_hosts
 
 from vtff_bag.file.reader import BagReader
@@ -28,10 +36,15 @@ HOSTS = ("chief", "deputy", "simulator")
 LIMIT = 240.0  # s after which a test gives up
 LOSSY = {"loss": 0.01, "delay": 0.005, "jitter": 0.002}
 
-#: Scenario time of the flights in lockstep, s.
-DURATION = 12
+needs_hosts = pytest.mark.usefixtures("possible_hosts")
 
-needs_hosts = pytest.mark.skipif(bool(why_no_hosts()), reason=why_no_hosts() or "hosts can be made")
+
+@pytest.fixture(scope="module")
+def possible_hosts():
+    """Skip, with the reason, where no hosts can be made."""
+    reason = why_no_hosts()
+    if reason:
+        pytest.skip(reason)
 
 
 class Part:
@@ -136,27 +149,20 @@ def thrust(folder, topic="/deputy/propulsion/thrust_applied"):
     return np.array(rows)
 
 
-@pytest.fixture(scope="module")
-def on_this_machine(runs):
-    """The same flight on one machine, with serial ports in place of TCP."""
-    return runs.make(
-        "hosts_none", "reference.yaml", "--composed", "--duration", DURATION, "--no-report",
-        "receiver_driver.publish_raw:=true",
-    )[0]  # fmt: skip
-
-
 @needs_hosts
-def test_two_hosts_in_lockstep_give_the_same_bytes_as_one(on_this_machine, tmp_path):
+def test_two_hosts_in_lockstep_give_the_same_bytes_as_one(runs, tmp_path):
+    """The flight of test_graph_receivers.py, with TCP in place of serial ports."""
+    one = runs.make("receivers_2", "reference.yaml", *RECEIVER_FLIGHT, "--composed")[0]
     with NetworkHosts(2) as network:
         parts = start_parts(
-            network, tmp_path, "--composed", "--duration", DURATION, "--no-report",
-            "receiver_driver.publish_raw:=true", placed=["recorder_host:=deputy"],
+            network, tmp_path, *RECEIVER_FLIGHT, "--composed", "--no-report",
+            placed=["recorder_host:=deputy"],
         )  # fmt: skip
         folder = complete(parts, bag_of=parts[1])
-    names = topics(on_this_machine)
+    names = topics(one)
     assert names == topics(folder)
     assert {"/chief/gnss/raw", "/deputy/gnss/high_rate", "/deputy/relative_state"} <= names
-    assert assert_equal_messages(on_this_machine, folder, names) > 60 * DURATION
+    assert assert_equal_messages(one, folder, names) > 100 * RECEIVER_FLIGHT_DURATION
 
 
 @needs_hosts
@@ -364,34 +370,24 @@ def test_a_full_disk_on_the_recording_host_ends_the_run_as_here(tmp_path):
 
 
 def test_a_system_of_several_hosts_names_its_parts():
-    """Without --host, and with one that there is not, before anything is made."""
-    two = ("chief_address:=192.0.2.1", "deputy_address:=192.0.2.2")
-    for options, words in (((), ""), (("--host", "mars"), "--host mars is none of them; ")):
-        result = run_vtff("run", SYSTEM, *two, *options)
-        assert result.returncode == 2
-        assert result.stdout == (
-            f"error: {words}reference_hosts.yaml runs on 2 hosts; start one part on each: "
-            "--host chief (192.0.2.1), --host deputy (192.0.2.2); the first leads the run\n"
-        )
-
-
-def test_a_system_of_one_machine_has_no_parts(tmp_path):
-    result = run_vtff("run", "reference_software", "--host", "chief", "--out", tmp_path / "run")
+    """Before anything is made; the parts are those of src/vtff_bringup/test/hosts."""
+    result = run_vtff(
+        "run", SYSTEM, "chief_address:=192.0.2.1", "deputy_address:=192.0.2.2", "--composed"
+    )
     assert result.returncode == 2
     assert result.stdout == (
-        "error: --host chief: reference_software.yaml runs on this machine alone\n"
+        "error: reference_hosts.yaml runs on 2 hosts; start one part on each: "
+        "--host chief (192.0.2.1), --host deputy (192.0.2.2); the first leads the run\n"
     )
-    assert not (tmp_path / "run").exists()
 
 
 def test_a_part_on_the_wrong_machine_is_refused(tmp_path):
-    two = ("chief_address:=203.0.113.1", "deputy_address:=203.0.113.2")
-    for host, reason in (("chief", "cannot listen on TCP port"), ("deputy", "no interface of")):
-        result = run_vtff("run", SYSTEM, *two, "--host", host, "--out", tmp_path / "run")
-        assert result.returncode == 2
-        assert (
-            result.stdout.startswith(f"error: host '{host}' (203.0.113.")
-            and reason in result.stdout
-        )
-        assert result.stdout.count("\n") == 1
-        assert not (tmp_path / "run").exists()
+    result = run_vtff(
+        "run", SYSTEM, "chief_address:=203.0.113.1", "deputy_address:=203.0.113.2",
+        "--host", "deputy", "--out", tmp_path / "run",
+    )  # fmt: skip
+    assert result.returncode == 2
+    assert result.stdout.startswith("error: host 'deputy' (203.0.113.2): ")
+    assert "no interface of this machine has that address" in result.stdout
+    assert result.stdout.count("\n") == 1
+    assert not (tmp_path / "run").exists()

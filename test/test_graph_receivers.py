@@ -5,7 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import yaml
-from graph_support import ROOT, assert_equal_messages, topics
+from graph_support import (
+    RECEIVER_FLIGHT,
+    RECEIVER_FLIGHT_DURATION,
+    ROOT,
+    assert_equal_messages,
+    topics,
+)
 
 from vtff_bag.file.reader import BagReader
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -16,32 +22,17 @@ pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not in
 
 SYSTEM = "reference.yaml"
 CRAFT = ("chief", "deputy")
-#: Scenario time of the flights without faults, s.
-DURATION = 20
-#: The referee reads ephemerides from RAWEPHEM only.
-COMMANDS = [
-    "UNLOGALL THISPORT TRUE",
-    "LOG THISPORT RANGEB ONTIME 0.05",
-    "LOG THISPORT RAWEPHEMB ONCHANGED",
-    "LOG THISPORT BESTXYZB ONTIME 1",
-    "LOG THISPORT TIMEB ONTIME 1",
-]
+DURATION = RECEIVER_FLIGHT_DURATION
 
 
 @pytest.fixture(scope="module")
 def run(runs):
-    return runs.make(
-        "receivers_1", SYSTEM, "--duration", DURATION, "receiver_driver.publish_raw:=true",
-        f"receiver_driver.commands:={COMMANDS}", "--no-report",
-    )[0]  # fmt: skip
+    return runs.make("receivers_1", SYSTEM, *RECEIVER_FLIGHT, "--no-report")[0]
 
 
 @pytest.fixture(scope="module")
 def again(runs):
-    return runs.make(
-        "receivers_2", SYSTEM, "--duration", DURATION, "receiver_driver.publish_raw:=true",
-        f"receiver_driver.commands:={COMMANDS}", "--composed",
-    )[0]  # fmt: skip
+    return runs.make("receivers_2", SYSTEM, *RECEIVER_FLIGHT, "--composed")[0]
 
 
 def messages(folder, topic):

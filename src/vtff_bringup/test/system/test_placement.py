@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from vtff_bringup.hosts.take_part import check_host
 from vtff_bringup.run.runner import Runner
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.placement import DEFAULT_CONTROL_PORT
@@ -113,3 +114,21 @@ def test_the_shipped_system_needs_its_addresses():
     assert [host.name for host in system.hosts] == ["chief", "deputy", "simulator"]
     with pytest.raises(SystemFileError, match="host 'simulator' has no address"):
         load_system(path, (*two, "recorder_host:=simulator"))
+
+
+@pytest.mark.parametrize(("host", "words"), [(None, ""), ("mars", "--host mars is none of them; ")])
+def test_a_part_that_is_not_chosen_is_one_line_with_all_parts(tmp_path, host, words):
+    with pytest.raises(SystemFileError) as raised:
+        check_host(load(tmp_path), host)
+    assert str(raised.value) == (
+        f"{words}two.yaml runs on 2 hosts; start one part on each: --host main (192.0.2.1), "
+        "--host other (192.0.2.2); the first leads the run"
+    )
+    check_host(load(tmp_path), "other")
+
+
+def test_a_system_of_one_machine_has_no_parts():
+    system = load_system(find_system_file("reference_software"))
+    check_host(system, None)
+    with pytest.raises(SystemFileError, match="reference_software.yaml runs on this machine alone"):
+        check_host(system, "chief")
