@@ -10,8 +10,7 @@ from typing import Any
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.yaml_file import read_mapping
 from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
-from vtff_sim_bridge.truth.scenario import DEFAULT_HARD_RADIUS
-from vtff_sim_bridge.truth.scenario_fields import ScenarioError
+from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
 
 __all__ = ["DEPUTY", "SPACECRAFT", "References", "free_port"]
 
