@@ -104,7 +104,6 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
     configuration = load_gnss_configuration(options.gnss, options.seed)
-<<<<<<< HEAD
     if options.spacecraft:
         if len(options.spacecraft) != len(options.vehicles):
             raise ValueError(
@@ -112,10 +111,8 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
             )
         vehicles = dict(zip(options.spacecraft, options.vehicles, strict=True))
         configuration = assign_vehicles(configuration, vehicles)
-=======
     if options.receiver_ports is not None:
         configuration = _with_ports(configuration, dict(options.receiver_ports))
->>>>>>> origin/main
     return GnssEmulation(
         machine,
         configuration,
