@@ -6,7 +6,7 @@ PYTEST_ARGUMENTS ?=
 TEST_PROCESSES ?= 2
 SYSTEM ?= config/system/reference.yaml
 
-.PHONY: help setup setup_test demo test bench lint clean
+.PHONY: help setup setup_test demo test bench docs lint clean
 
 help:  ## Show the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 14
@@ -26,8 +26,11 @@ test: setup_test  ## Run all tests but the slow ones; says what it leaves out
 bench: setup  ## Run the benchmarks, one after the other (idle machine, please)
 	@$(ENVIRONMENT) && python benchmarks/run_all.py
 
+docs: setup  ## Build the documentation site into docs/html and check it
+	@tools/build_docs.sh
+
 lint: setup_test  ## Check format, style and types
 	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
 
 clean:  ## Remove everything that set-up and the build made
-	rm -rf .venv build install log src/vtff_analysis/vtff_analysis/view/web/cesium
+	rm -rf .venv build install log docs/html docs/generated docs/jupyter_execute src/vtff_analysis/vtff_analysis/view/web/cesium

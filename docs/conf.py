@@ -13,8 +13,8 @@ from site_pages.write_pages import write_pages  # noqa: E402
 
 project = "vtff"
 author = "vtff developers"
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb"]
-exclude_patterns = ["html", "site_pages", "**/.ipynb_checkpoints"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.doctest", "sphinx.ext.napoleon", "myst_nb"]
+exclude_patterns = ["html", "jupyter_execute", "site_pages", "**/.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = "vtff"
 html_show_sourcelink = False
@@ -31,9 +31,9 @@ napoleon_use_ivar = True
 # objects: Sphinx finds several objects of such a name and chooses none.
 suppress_warnings = ["ref.python"]
 
-myst_enable_extensions = ["dollarmath", "colon_fence"]
+myst_enable_extensions = ["colon_fence"]
 myst_heading_anchors = 4
-nb_execution_mode = "cache"
+nb_execution_mode = "force"
 nb_execution_timeout = 60  # s for one cell; a tutorial takes less than a minute
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True

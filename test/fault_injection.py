@@ -21,10 +21,12 @@ import time
 import tty
 from collections.abc import Iterator
 
+import can
 from graph_support import ROOT, SYSTEMS
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
+from vtff_control.thruster.can_thruster import open_bus
 from vtff_node.executables import executable_path
 
 #: Processes of config/system/reference.yaml: name of the log file -> words of its command line.
@@ -39,6 +41,9 @@ PROCESSES = {
     "deputy__thruster": "parameters/deputy__thruster.yaml",
     "bag_recorder": "parameters/bag_recorder.yaml",
 }
+
+#: Multicast group of the emulated CAN bus: the default of config/system/reference.yaml.
+CAN_GROUP = "239.74.163.2"
 
 #: Runs of this test session; a test that fails may leave one flying.
 FLIGHTS: list[Flight] = []
@@ -466,6 +471,103 @@ class Link:
         self._delay = 0.2
 
 
+class CanLink:
+    """Two CAN buses of this machine whose frames are carried over until they are disturbed.
+
+    Attributes
+    ----------
+    ports
+        UDP ports of the two buses, in the default group.
+    """
+
+    def __init__(self) -> None:
+        self.ports = (_free_udp_port(), _free_udp_port())
+        self._noise = self._is_cut = False
+        self._delay = 0.0
+        self._buses = [open_bus("udp_multicast", CAN_GROUP, port) for port in self.ports]
+        # A bus of udp_multicast hears what it has sent itself: that is not carried back.
+        self._sent: dict[can.BusABC, list[bytes]] = {bus: [] for bus in self._buses}
+        self._stop = threading.Event()
+        near, far = self._buses
+        self._threads = [
+            threading.Thread(target=self._carry, args=pair, daemon=True)
+            for pair in ((near, far), (far, near))
+        ]
+        for thread in self._threads:
+            thread.start()
+
+    def _carry(self, source: can.BusABC, sink: can.BusABC) -> None:
+        generator = random.Random(0)
+        while not self._stop.is_set():
+            frame = source.recv(0.1)
+            if frame is None or self._is_cut:
+                continue
+            if bytes(frame.data) in self._sent[source]:
+                self._sent[source].remove(bytes(frame.data))
+                continue
+            time.sleep(self._delay)
+            if self._noise and generator.random() < 0.5:
+                frame.data[generator.randrange(len(frame.data))] = generator.randrange(256)
+            self._sent[sink].append(bytes(frame.data))
+            sink.send(frame)
+
+    def cut(self) -> None:
+        """Carry nothing from now on."""
+        self._is_cut = True
+
+    def noise(self) -> None:
+        """Change one byte in half of the frames from now on."""
+        self._noise = True
+
+    def delay(self) -> None:
+        """Hold back each frame by a fifth of a second."""
+        self._delay = 0.2
+
+    def close(self) -> None:
+        """End both buses."""
+        self._stop.set()
+        for thread in self._threads:
+            thread.join()
+        for bus in self._buses:
+            bus.shutdown()
+
+
+def _free_udp_port() -> int:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
+        free.bind(("127.0.0.1", 0))
+        return int(free.getsockname()[1])
+
+
+class EmulatedThruster:
+    """The thruster as a program of the test, on a CAN bus that can be disturbed."""
+
+    def __init__(self) -> None:
+        self.link = CanLink()
+        near, far = self.link.ports
+        self.arguments = ("thruster:=hardware", f"deputy_can_port:={near}")
+        self._process = subprocess.Popen(
+            [str(executable_path("vtff_sim_bridge", "can_thruster_emulator"))]
+            + ["--dbc", str(ROOT / "config/can/vtff_thruster.dbc"), "--port", str(far)]
+            + ["--channel", CAN_GROUP, "--clock", "lockstep", "--log-level", "warning"]
+        )
+
+    def __enter__(self) -> EmulatedThruster:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        _end(self._process)
+        self.link.close()
+
+
+def _end(process: subprocess.Popen[bytes]) -> None:
+    process.terminate()
+    try:
+        process.wait(20.0)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
 class EmulatedUnit:
     """SimGEN and the receivers as programs of the test, with links that can be disturbed.
 
@@ -502,9 +604,4 @@ class EmulatedUnit:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._process.terminate()
-        try:
-            self._process.wait(20.0)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        _end(self._process)

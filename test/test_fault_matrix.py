@@ -16,16 +16,22 @@ import shutil
 import signal
 import time
 
+import can
 import pytest
 from fault_injection import (
+    CAN_GROUP,
     FLIGHTS,
     PROCESSES,
+    CanLink,
     ClockShim,
+    EmulatedThruster,
     EmulatedUnit,
     Flight,
     Outcome,
     SmallDisk,
 )
+
+from vtff_control.thruster.can_thruster import open_bus
 
 LARGEST_LOSS = 2  # s of scenario that a fault may cost
 LARGEST_WALL_TIME = 120.0  # s from a fault to the end of the command: time-out and teardown
@@ -125,6 +131,50 @@ def test_link(link, how, tmp_path, fault_table):
         assert outcome.left == [] and outcome.lost <= LARGEST_LOSS
     else:
         check(outcome, "simgen_bridge", "receiver_driver")
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["cut", "noise", "delay"])
+def test_can_link(how, tmp_path, fault_table):
+    """Noise and delay cost commands or time, never the run; a cut bus ends it."""
+    with EmulatedThruster() as thruster:
+        flight = Flight(tmp_path, *ENDLESS, *thruster.arguments)
+        flight.wait_for_steps()
+        with flight.fault():
+            getattr(thruster.link, how)()
+        if how == "delay":
+            flight.wait_for_steps(size=30_000)
+        outcome = flight.end(interrupts=how == "delay")
+    fault_table("link can", how, outcome)
+    if how == "delay":
+        assert outcome.exit_code == 130 and "Traceback" not in outcome.output
+        assert outcome.left == [] and outcome.lost <= LARGEST_LOSS
+    else:
+        check(outcome, "/deputy/thruster")
+
+
+def test_the_can_link_of_the_matrix_carries_cuts_and_disturbs():
+    with contextlib.closing(CanLink()) as link, contextlib.ExitStack() as stack:
+        near, far = (
+            stack.enter_context(open_bus("udp_multicast", CAN_GROUP, port)) for port in link.ports
+        )
+
+        def is_carried(number, source, sink):
+            """Send a frame; return whether it arrives at the other bus, or its changed form."""
+            data = bytes([number] * 8)
+            source.send(can.Message(arbitration_id=0x123, data=data, is_extended_id=False))
+            assert bytes(source.recv(10.0).data) == data  # a bus hears what it sends
+            frame = sink.recv(0.3)
+            return None if frame is None else bytes(frame.data) == data
+
+        assert is_carried(1, near, far) and is_carried(2, far, near)
+        assert near.recv(0.2) is None and far.recv(0.2) is None  # nothing comes back or twice
+        link.noise()
+        unchanged = [is_carried(number, far, near) for number in range(10, 30)]
+        assert None not in unchanged and 3 <= sum(unchanged) <= 17
+        link.cut()
+        assert is_carried(3, near, far) is None
+        assert is_carried(4, far, near) is None
 
 
 @pytest.mark.slow

@@ -13,7 +13,7 @@ from graph_support import ROOT
 
 from vtff_gnss.novatel.stream import ReceiverLogStream
 
-SECONDS = 0.5  # of processor for each parser
+SECONDS = 0.3  # of processor for each parser
 
 
 def test_no_input_gets_through_a_parser(tmp_path):

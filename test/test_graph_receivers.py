@@ -17,7 +17,7 @@ pyrtklib = pytest.importorskip("pyrtklib", reason="the referee decoder is not in
 SYSTEM = "reference.yaml"
 CRAFT = ("chief", "deputy")
 #: Scenario time of the flights without faults, s.
-DURATION = 30
+DURATION = 20
 #: The referee reads ephemerides from RAWEPHEM only.
 COMMANDS = [
     "UNLOGALL THISPORT TRUE",
@@ -158,15 +158,15 @@ def test_the_referee_sees_the_same_ephemerides(run, decoded):
 FAULTS = {
     "slip": ({"cycles": 3.0}, 0),
     "half_cycle": ({}, 0),
-    "outage": ({"duration": 10.0}, 0),
+    "outage": ({"duration": 5.0}, 0),
     "clock_jump": ({"seconds": 1e-3}, 0),
     "silent": ({"duration": 5.0}, 5),
-    "corrupted_bytes": ({"duration": 20.0, "rate": 2e-4}, 20),
-    "dropped_bytes": ({"duration": 20.0, "rate": 2e-4}, 20),
+    "corrupted_bytes": ({"duration": 10.0, "rate": 4e-4}, 10),
+    "dropped_bytes": ({"duration": 10.0, "rate": 4e-4}, 10),
 }
-#: Each fault has a window of its own in one flight: its time, its duration, and 10 s afterwards.
-FIRST_FAULT_TIME = 15
-RECOVERY = 10
+#: Each fault has a window of its own in one flight: its time, its duration, and its recovery.
+FIRST_FAULT_TIME = 10
+RECOVERY = 6
 
 
 def fault_windows():

@@ -18,7 +18,7 @@ SYSTEM = "reference_software.yaml"
 
 @pytest.fixture(scope="module")
 def reference(runs):
-    return runs.make("distributed_1", SYSTEM)[0]
+    return runs.make("composed_hour", SYSTEM, "--composed")[0]
 
 
 @pytest.fixture(scope="module")

@@ -172,33 +172,91 @@ workspace_is_built() {
     [ "$(cat install/.vtff_workspace 2>/dev/null)" = "$(workspace_fingerprint)" ]
 }
 
+# Start a command beside this script, in a process group of its own and without lock and terminal.
+background=()
+start() {
+  set -m
+  "$@" 9>&- 8>&- </dev/null &
+  set +m
+  background+=($!)
+}
+
+# What is started must not outlive this script: Ctrl-C does not reach the other groups.
+end_background() {
+  local process
+  for process in "${background[@]}"; do
+    kill -- "-$process" 2>/dev/null || true
+  done
+}
+
+# pip works in one thread and hardly waits for the network: each of two takes half of the packages.
+# --no-deps: the lock is complete, and leaves out what override.txt names.
+# --no-compile: a tenth of the modules is ever used; Python compiles those.
+pip_install() { # a file of requirements
+  local halves half failed=""
+  halves="$root/log/${1##*/}.halves"
+  rm -rf "$halves"
+  mkdir "$halves"
+  awk -v folder="$halves" '!/^#/ { print >(folder "/" (NR % 2 ? "first" : "second")) }' "$1"
+  local -A processes=()
+  for half in "$halves"/*; do
+    start "$venv/bin/python" -m pip install --no-compile --no-deps -r "$half" >"$half.log" 2>&1
+    processes[$half]=${background[-1]}
+  done
+  for half in "${!processes[@]}"; do
+    wait "${processes[$half]}" || failed=$half
+    cat "$half.log"
+  done
+  # The reason of a failure is looked for at the end of the log.
+  [ -z "$failed" ] || { cat "$failed.log" && return 1; }
+}
+
 install_packages() {
   check_disk "$packages_kib"
   local python
   python=$(choose_python)
   rm -rf "$venv" build install
   step "making .venv with $("$python" --version)" "$python" -m venv "$venv"
-  # --no-deps: the lock is complete, and leaves out what override.txt names.
-  # --no-compile: a tenth of the modules is ever used; Python compiles those.
   step "installing ROS 2 Jazzy and the libraries (one to three minutes)" \
-    "$venv/bin/python" -m pip install --no-compile --no-deps -r requirements/lock.txt
+    pip_install requirements/lock.txt
   step "correcting the wheels' CMake files" "$venv/bin/python" tools/patch_wheels.py
   packages_fingerprint >"$venv/.vtff_packages"
 }
 
 install_test_packages() {
   check_disk "$test_packages_kib"
-  step "installing what the tests need (about one minute)" \
-    "$venv/bin/python" -m pip install --no-compile --no-deps -r requirements/lock_test.txt
+  step "installing what the tests need (about one minute)" pip_install requirements/lock_test.txt
   test_packages_fingerprint >"$venv/.vtff_test_packages"
+}
+
+# The nodes are written in Python: C++ messages, half of the compiler's work, have no user.
+message_options="-DVTFF_MESSAGES_FOR_PYTHON_ONLY=ON -DBUILD_TESTING=OFF"
+
+# What an older build has linked may be gone or moved, and then colcon fails. Python packages are
+# linked again in seconds; messages are compiled again only if one came, went or is built otherwise.
+remove_old_build() {
+  local messages
+  messages=$({
+    find src/vtff_msgs -name '*.msg' -o -name '*.srv' | LC_ALL=C sort
+    sha256sum src/vtff_msgs/CMakeLists.txt
+    echo "$message_options"
+  } 2>/dev/null) || true
+  if [ "$(cat build/vtff_msgs/.vtff_messages 2>/dev/null)" != "$messages" ]; then
+    rm -rf build install
+    mkdir -p build/vtff_msgs
+    echo "$messages" >build/vtff_msgs/.vtff_messages
+  fi
+  mkdir -p install
+  find build install -mindepth 1 -maxdepth 1 ! -name vtff_msgs -exec rm -rf {} +
 }
 
 build_workspace() {
   check_disk "$workspace_kib"
-  rm -f install/.vtff_workspace # an interrupted build is none
-  step "building the workspace (about one minute)" env \
+  remove_old_build # with the mark of a finished one
+  step "building the workspace (half a minute)" env \
     AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" PATH="$venv/bin:$PATH" \
-    "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+
+    "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+ \
+    --cmake-args $message_options
   step "writing the environment" "$venv/bin/python" tools/write_environment.py
   install_command
   step "compiling the modules of the nodes" import_nodes
@@ -243,7 +301,11 @@ wait_for_others() {
 check_place
 wait_for_others
 : >"$log"
-trap 'stop "interrupted; call it again"' INT TERM
+exec 8>&2 # the output of the step that is interrupted goes into the log
+trap 'stop "interrupted; call it again" 2>&8' INT TERM
+trap end_background EXIT
+start install_viewer
+viewer=${background[-1]}
 if ! packages_are_installed; then
   check_machine
   install_packages
@@ -255,4 +317,4 @@ fi
 if [ "${1:-}" = test ] && ! test_packages_are_installed; then
   install_test_packages
 fi
-install_viewer
+wait "$viewer"

@@ -58,8 +58,8 @@ class LinkRewriter:
             path, _, anchor = match.group(2).partition("#")
             target = posixpath.normpath(posixpath.join(posixpath.dirname(origin), path))
             linked = posixpath.relpath(self._page_of(target, origin), posixpath.dirname(page))
-            # Only Markdown pages have the anchors of their headings.
-            end = f"#{anchor}" if anchor and linked.endswith(".md") else ""
+            # Lines of a file that is shown have no anchors, headings have.
+            end = f"#{anchor}" if anchor and target not in self.shown else ""
             return f"{match.group(1)}{linked}{end}{match.group(3)}"
 
         return LINK.sub(replace, text)

@@ -16,6 +16,7 @@ from geometry_msgs.msg import AccelStamped
 from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
 from vtff_control.thruster.can_thruster import ThrusterLink, open_bus
 from vtff_control.thruster.isolation import isolated_axes, isolated_text
+from vtff_control.thruster.late_commands import LateCommands
 from vtff_control.thruster.thruster import AppliedThrust, Thruster
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
@@ -89,7 +90,8 @@ class ThrusterCanNode(VtffNode):
     thruster reports on propulsion/thrust_applied (both geometry_msgs/AccelStamped, m/s^2 in
     chief/rtn). The stamp of thrust_applied is the time at which the thrust starts; it acts for
     one step. Cap and quantum are the thruster's own. A step is acknowledged when the report has
-    come; a command without a report, and a missing command, mean zero thrust.
+    come; a command without a report, and a missing command, mean zero thrust. In real time a
+    command whose step is over when it comes is refused.
     """
 
     Parameters = ThrusterCanParameters
@@ -114,13 +116,16 @@ class ThrusterCanNode(VtffNode):
             raise ParameterError(f"parameter 'interface': {error}") from error
         self._watchdog = round(given.watchdog_timeout * NANOSECONDS_PER_SECOND)
         self._applied = AccelStamped()
-        self._counts = {"saturated": 0, "refused": 0, "out of order": 0, "watchdog trips": 0}
+        self._counts = {"saturated": 0, "refused": 0, "out of order": 0, "too late": 0}
+        self._counts["watchdog trips"] = 0
         self._reason = ""
         self._open: OpenCommand | None = None
         self._isolated = isolated_axes(0)
         self._silent = False
         self._tripped = False
         self._order = StampOrder()
+        # After its step a command could only act in place of a newer one.
+        self._late_commands = LateCommands((given.delay_steps + 1) * given.step)
         self._last_stamp = -1
         self._last_start = -1
         self._last_command_at = 0.0
@@ -146,6 +151,9 @@ class ThrusterCanNode(VtffNode):
         stamp = to_nanoseconds(message.header.stamp)
         if not self._order.accepts(stamp):
             self._counts["out of order"] = self._order.refused
+            return
+        if not self.lockstep and self._late_commands.is_too_late(stamp):
+            self._counts["too late"] = self._late_commands.refused
             return
         if self.lockstep and 0 <= self._last_stamp < stamp - self._watchdog:
             # There is nothing to cut: a thrust acts for one step only.

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from geometry_msgs.msg import AccelStamped
 
 from vtff_control.thruster.isolation import isolated_axes, isolated_text
+from vtff_control.thruster.late_commands import LateCommands
 from vtff_control.thruster.thruster import Thruster
 from vtff_msgs.msg import ThrusterIsolation
 from vtff_node import diagnostics
@@ -51,7 +52,8 @@ class ThrusterModelNode(VtffNode):
 
     Subscribes to control/thrust_command and publishes propulsion/thrust_applied (both
     geometry_msgs/AccelStamped, m/s^2 in chief/rtn). The stamp of thrust_applied is the time at
-    which the thrust starts; it acts for one step. Without a command there is no thrust.
+    which the thrust starts; it acts for one step. Without a command there is no thrust. In real
+    time a command whose step is over when it comes is refused.
     """
 
     Parameters = ThrusterModelParameters
@@ -72,6 +74,8 @@ class ThrusterModelNode(VtffNode):
         self._saturated = 0
         self._refused = 0
         self._order = StampOrder()
+        # After its step a command could only act in place of a newer one.
+        self._late_commands = LateCommands((given.delay_steps + 1) * given.step)
         self._reason = ""
         self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
         self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
@@ -91,6 +95,8 @@ class ThrusterModelNode(VtffNode):
         started = time.perf_counter()
         stamp = to_nanoseconds(message.header.stamp)
         if not self._order.accepts(stamp):
+            return
+        if not self.lockstep and self._late_commands.is_too_late(stamp):
             return
         wanted = message.accel.linear
         thrust = self._thruster.command(stamp, (wanted.x, wanted.y, wanted.z))
@@ -121,6 +127,7 @@ class ThrusterModelNode(VtffNode):
                     "saturated": self._saturated,
                     "refused": self._refused,
                     "out of order": self._order.refused,
+                    "too late": self._late_commands.refused,
                 },
                 hardware_id=self.get_namespace().strip("/"),
             )

@@ -21,6 +21,7 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss import constants as c
 
 __all__ = [
+    "SYSTEM_FULL_NAMES",
     "SignalKey",
     "carrier_frequency_hz",
     "carrier_number_of_signal",
@@ -109,8 +110,18 @@ def carrier_wavelength(
 
 
 def satellite_name(system: int, prn: int) -> str:
-    """Return the RINEX 3 name of a satellite, e.g. ``"G05"``."""
+    """Return the RINEX 3 name of a satellite.
+
+    Examples
+    --------
+    >>> satellite_name(0, 5), satellite_name(3, 11)
+    ('G05', 'E11')
+    """
     return f"{c.SYSTEM_LETTERS[system]}{prn:02d}"
+
+
+SYSTEM_FULL_NAMES = ("GPS", "GLONASS", "SBAS", "Galileo", "BeiDou", "QZSS", "NavIC")
+"""Names of the systems for people, at the index of their number ``SYSTEM_*``."""
 
 
 class SignalKey(NamedTuple):

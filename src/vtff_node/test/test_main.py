@@ -20,7 +20,7 @@ PROGRAM = """
     from vtff_node import main
     from vtff_node.node import VtffNode
 
-    main.TEARDOWN_TIMEOUT = 1.0
+    main.LEAVE_TIMEOUT, main.TEARDOWN_TIMEOUT = 0.5, 2.0
 
     class EndingNode(VtffNode):
         def __init__(self, **node_arguments):
@@ -64,17 +64,18 @@ def test_a_process_ends_with_the_code_of_its_node(exit_code):
     assert [line.rpartition(": ")[2] for line in result.stderr.splitlines()] == ["begins"]
 
 
-@pytest.mark.parametrize(
-    "teardown",
-    [
-        "while True: pass",
-        "re.match('(a+)+$', 'a' * 60 + 'b')",  # runs for ages and keeps the interpreter lock
-    ],
-)
-def test_a_teardown_that_spins_is_named_and_ended(teardown):
-    result = run(teardown)
+@pytest.mark.parametrize("exit_code", [0, 1])
+def test_a_teardown_that_spins_is_left_with_the_code_of_the_node(exit_code):
+    result = run("while True: pass", exit_code)
+    assert result.returncode == exit_code
+    assert "warning: ROS has not ended 0.5 s after its nodes" in result.stderr
+    assert "in destroy_node" in result.stderr
+
+
+def test_a_teardown_that_keeps_the_interpreter_lock_is_named_and_ended():
+    result = run("re.match('(a+)+$', 'a' * 60 + 'b')")  # runs for ages
     assert result.returncode == 1
-    assert "Timeout (0:00:01)!" in result.stderr
+    assert "Timeout (0:00:02)!" in result.stderr
     assert "in destroy_node" in result.stderr
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import faulthandler
 import inspect
+import os
 import sys
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,6 +27,9 @@ from vtff_node.process.stop_signals import StopRequest
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.
 SPIN_TIMEOUT = 0.1
+
+#: Time after the end of all nodes at which their process leaves ROS and DDS behind, s.
+LEAVE_TIMEOUT = 2.0
 
 #: Longest time from the end of all nodes to the end of their process, s.
 TEARDOWN_TIMEOUT = 10.0
@@ -73,9 +78,11 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     finally:
         for node in nodes:
             node.close()
+        exit_code = max((node.exit_code for node in nodes), default=0)
+        leave_late_teardown(exit_code)
         limit_teardown()
         executor.shutdown()
-    return max((node.exit_code for node in nodes), default=0)
+    return exit_code
 
 
 def run_nodes(factories: Sequence[Callable[[], VtffNode]], arguments: Sequence[str]) -> int:
@@ -128,6 +135,28 @@ def _end_without_memory(nodes: Sequence[VtffNode], error: MemoryError) -> int:
     reason = " ".join(str(error).split())
     print(f"error: {names}: no memory is left{': ' if reason else ''}{reason}", file=sys.stderr)
     return EXIT_FAILURE
+
+
+def leave_late_teardown(exit_code: int) -> None:
+    """End the process with the exit code of its nodes if it still exists after `LEAVE_TIMEOUT`.
+
+    The nodes have ended, their last messages are acknowledged, their counts are written: nothing of
+    the run is lost. Where the interpreter lock is held, only `limit_teardown` helps.
+    """
+    timer = threading.Timer(LEAVE_TIMEOUT, _leave, (exit_code,))
+    timer.daemon = True
+    with contextlib.suppress(RuntimeError):  # as below
+        timer.start()
+
+
+def _leave(exit_code: int) -> None:
+    print(
+        f"warning: ROS has not ended {LEAVE_TIMEOUT:g} s after its nodes; the process leaves it",
+        file=sys.stderr,
+        flush=True,
+    )
+    faulthandler.dump_traceback(file=2)
+    os._exit(exit_code)
 
 
 def limit_teardown() -> None:

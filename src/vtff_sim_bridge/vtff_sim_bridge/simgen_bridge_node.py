@@ -33,6 +33,7 @@ START_POLL = 0.05  # s
 SETTLE_TIME = 0.5  # s from the moment at which the graph is complete to the start in real time
 REALTIME_POLL = 0.002  # s, resolution of the wall-clock pacing
 SIMGEN_MARGIN = 60  # s by which the run of SimGEN is longer, so that it takes the last motion
+REPLY_SHARE = 0.4  # of a step, within which SimGEN replies in real time or counts as cut off
 WATCH_INTERVAL = 0.25  # s of wall time between looks for missing participants
 
 
@@ -52,6 +53,9 @@ class SimgenBridgeParameters(StepSourceParameters):
         "", "SimGEN scenario file to select (SC), empty = <name of the scenario>.scn"
     )
     simgen_timeout: float = parameter(2.0, "longest wait for a reply", unit="s", minimum=0.01)
+    simgen_reconnect_timeout: float = parameter(
+        10.0, "in lockstep, longest wait for a lost connection to SimGEN", unit="s", minimum=0.1
+    )
     lockstep_preparing: list[str] = parameter(
         [], "fully qualified nodes that must report ready before the run starts, in any pacing"
     )
@@ -211,7 +215,10 @@ class SimgenBridgeNode(VtffNode):
             return None
         client = SimRemoteClient(given.simgen_host, given.simgen_port, given.simgen_timeout)
         return SimGenLink(
-            client, self._truth.names, reconnect_timeout=10.0 if self.lockstep else None
+            client,
+            self._truth.names,
+            reconnect_timeout=given.simgen_reconnect_timeout if self.lockstep else None,
+            patience_while_running=None if self.lockstep else REPLY_SHARE * self._scenario.step,
         )
 
     def _prepare_simgen(self) -> bool:

@@ -26,11 +26,18 @@ def test_fly_is_the_closed_loop_of_the_scenario():
     )
 
 
+def test_fly_with_the_cap_of_appendix_a_comes_as_near_as_the_paper():
+    flown = fly(SCENARIO, "paper", duration=120.0, acceleration_cap=1.4)
+    closest, _ = flown.minimum_in_track()
+    assert closest == pytest.approx(38.17, abs=0.1)  # m; paper 000, appendix A
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
         ({"design": "nobody"}, "design: 'nobody' is not one of paper"),
         ({"duration": 0.25}, "duration: one or more whole steps"),
+        ({"acceleration_cap": -1.0}, "acceleration_cap: one or three positive numbers"),
     ],
 )
 def test_fly_tells_wrong_arguments(arguments, text):

@@ -252,7 +252,9 @@ def test_navigation_is_compared_with_truth(run_directory):
         (("serial://${run_directory}/ports/chief", "/dev/ttyUSB0"), "emulated and real"),
     ],
 )
-def test_receivers_are_called_emulated_or_real(run_directory, ports, receivers):
+def test_receivers_are_called_emulated_or_real(run_directory, ports, receivers, monkeypatch):
+    # The pictures are those of the test before; drawing them takes most of the time.
+    monkeypatch.setattr("vtff_analysis.report.write.draw_pictures", lambda *arguments: [])
     write_formation(run_directory, navigation=True)
     for spacecraft, port in zip(("chief", "deputy"), ports, strict=True):
         content = {f"/{spacecraft}/receiver_driver": {"ros__parameters": {"port": port}}}

@@ -127,7 +127,7 @@ def test_biases_of_another_year(tmp_path, sample):
     biases = sinex_file(tmp_path, sinex_line("DSB", "G07", "", "C1C", "C2W", -3.25, 0.5))
     out = tmp_path / "out"
     result = run(sample.rover, "--nav", sample.navigation, "--biases", biases, "--out", out)
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "valid from 2024-01-10" in result.output and "of 2016-03-21" in result.output
 
 
@@ -135,7 +135,7 @@ def test_one_frequency_is_not_enough(tmp_path, sample):
     path = tmp_path / "single.rnx"
     write_rinex_observation(path, open_observations(sample.rover, signals=("1C", "1X")).table)
     result = run(path, "--out", tmp_path / "out")
-    assert result.exit_code == 1
+    assert result.exit_code == 2
     assert "single.rnx" in result.output and "no second frequency" in result.output
 
 
@@ -144,7 +144,7 @@ def test_what_is_asked_for_wrongly(tmp_path, sample):
     result = run(sample.rover, "--nav", tmp_path / "absent.nav")
     assert result.exit_code == 2 and "absent.nav" in result.output
     result = run(sample.rover, "--out", tmp_path / "out")
-    assert result.exit_code == 1 and "--nav" in result.output
+    assert result.exit_code == 2 and "--nav" in result.output
 
 
 def test_a_bag_of_two_receivers(bag_run):

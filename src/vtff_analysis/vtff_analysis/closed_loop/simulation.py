@@ -74,7 +74,7 @@ class ClosedLoopResult:
         return self.deputies[name] if name is not None else next(iter(self.deputies.values()))
 
     def total_delta_v(self, name: str | None = None) -> FloatArray:
-        """Sum of |applied| dt over the run for each of R, T, N in m/s, shape (3,)."""
+        """Sum of ``|applied| dt`` over the run for each of R, T, N in m/s, shape (3,)."""
         return np.asarray(np.abs(self.deputy(name).applied_rtn).sum(axis=0) * self.step)
 
     def minimum_in_track(self, name: str | None = None) -> tuple[float, float]:

@@ -18,7 +18,7 @@ from vtff_analysis.tec.sources import from_file
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.vectors import norm
-from vtff_gnss.files.observation_files import open_ephemerides
+from vtff_gnss.files.navigation_files import open_navigation
 from vtff_nav.relative.common.dynamics import DYNAMICS
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario
@@ -96,14 +96,14 @@ def tec(observations: str | os.PathLike[str], nav: Paths = ()) -> TecResult:
     OSError
         If a file cannot be read.
     """
-    ephemerides = [entry for path in _paths(nav) for entry in open_ephemerides(path)]
-    return process(from_file(pathlib.Path(observations)), ephemerides, "broadcast")
+    return process(from_file(pathlib.Path(observations)), open_navigation(_paths(nav)), "broadcast")
 
 
 def fly(
     scenario: str | os.PathLike[str] | Scenario,
     design: str = "paper",
     duration: float | None = None,
+    acceleration_cap: float = 1.0,
 ) -> ClosedLoopResult:
     """Fly a scenario in this process: truth, controller and thruster, without ROS.
 
@@ -115,18 +115,22 @@ def fly(
         Controller, with its defaults; `simulate_closed_loop` takes all of its parameters.
     duration : float, optional
         s; by default that of the scenario.
+    acceleration_cap : float, optional
+        Largest acceleration on each axis, m/s2. The default is that of the remote-sensing flight
+        of paper 000; the systems of `vtff run` fly with the 1.4 m/s2 of its appendix A.
 
     Raises
     ------
     ValueError
-        If the scenario, the design or the duration is wrong; the text names it.
+        If the scenario, the design, the duration or the cap is wrong; the text names it.
     OSError
         If the scenario cannot be read.
     """
     flown = scenario if isinstance(scenario, Scenario) else load_scenario(pathlib.Path(scenario))
     if duration is not None:
         flown = dataclasses.replace(flown, duration=duration)
-    return simulate_closed_loop(flown, SdreDesign(design=design, sample_time=flown.step))
+    chosen = SdreDesign(design=design, sample_time=flown.step, acceleration_cap=acceleration_cap)
+    return simulate_closed_loop(flown, chosen)
 
 
 def _paths(given: Paths) -> list[pathlib.Path]:

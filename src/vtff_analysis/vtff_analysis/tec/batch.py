@@ -12,11 +12,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.output import summarise_result, write_plots, write_tables
 from vtff_analysis.tec.processing import process
-from vtff_analysis.tec.sources import TecError, bag_receivers, from_bag, from_file, is_bag
+from vtff_analysis.tec.receiver_orbit import ReceiverOrbit
+from vtff_analysis.tec.sources import bag_receivers, from_bag, from_file, is_bag
 from vtff_bag.file.errors import BagError
-from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.files.navigation_files import NavigationFiles
 from vtff_gnss.files.observation_files import ObservationFileError
 from vtff_iono.bias.code_biases import BiasFileError, CodeBiasTable
 
@@ -52,19 +54,25 @@ class TecOptions:
         Folder of tables and plots.
     form : str
         Format of the tables: ``csv`` or ``parquet``.
-    ephemerides : tuple of BroadcastEphemeris
-        Ephemerides in addition to those of the files.
+    navigation : NavigationFiles
+        Orbits in addition to those of the files.
     biases : str or CodeBiasTable
         Satellite biases.
     partial : bool
         Whether a damaged file is used up to the damage.
+    orbit : ReceiverOrbit or None
+        Orbit of the receiver.
+    allow_old_biases : bool
+        Whether biases of another time are used.
     """
 
     folder: pathlib.Path
     form: str
-    ephemerides: tuple[BroadcastEphemeris, ...] = ()
+    navigation: NavigationFiles = NavigationFiles()  # noqa: RUF009 - it does not change
     biases: str | CodeBiasTable = "broadcast"
     partial: bool = False
+    orbit: ReceiverOrbit | None = None
+    allow_old_biases: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,6 +94,10 @@ def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
         names[name] += 1
         return TecTask(path, receiver, name if names[name] == 1 else f"{name}_{names[name]}")
 
+    # Imported here, because it needs rclpy, which files do not.
+    if any(is_bag(path) for path in paths):
+        from vtff_analysis.recordings.run_place import find_run
+
     for path in paths:
         if not is_bag(path):
             tasks.append(make_task(path, None, path.name.split(".")[0]))
@@ -93,13 +105,14 @@ def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
         bag = TecTask(path, None, path.resolve().name)
         try:
             receivers = bag_receivers(path)
+            name = find_run(path).name
         except (BagError, TecError) as error:
             tasks.append(TecOutcome(bag, error=str(error)))
         except OSError as error:
             tasks.append(TecOutcome(bag, error=_describe_error(error, path)))
         else:
             tasks += [
-                make_task(path, receiver, bag.name + receiver.replace("/", "_"))
+                make_task(path, receiver, name + receiver.replace("/", "_"))
                 for receiver in receivers
             ]
     return tasks
@@ -111,7 +124,9 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
             source = from_file(task.path, options.partial)
         else:
             source = from_bag(task.path, task.receiver)
-        result = process(source, options.ephemerides, options.biases)
+        result = process(
+            source, options.navigation, options.biases, options.orbit, options.allow_old_biases
+        )
         write_tables(result, options.folder, task.name, options.form)
         write_plots(result, options.folder, task.name)
     except (BagError, TecError, ObservationFileError, BiasFileError) as error:

@@ -2,45 +2,32 @@
 
 from __future__ import annotations
 
-import math
 import pathlib
-from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
-from vtff_gnss.constants import SYSTEM_GALILEO, SYSTEM_GPS
+from vtff_analysis.tec.errors import TecError
+from vtff_analysis.tec.receiver_orbit import ReceiverOrbit, orbit_from_fixes
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.files.observation_files import open_observations
+from vtff_gnss.fix import Fix
 from vtff_gnss.observation_table import ObservationTable
-from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_gnss.signals import satellite_number
-from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
-from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
+
+if TYPE_CHECKING:
+    from vtff_bag.file.reader import BagReader
 
 __all__ = [
-    "TecError",
     "TecSource",
     "bag_receivers",
     "from_bag",
     "from_file",
     "is_bag",
-    "receiver_positions",
 ]
 
 # Topics with observations, the preferred one first.
 _OBSERVATIONS = ("high_rate", "epoch")
-_BANDS = {SYSTEM_GPS: (1, 2), SYSTEM_GALILEO: (1, 5)}
-_POINT_INTERVAL = 30.0  # s between positions from code
-_ELEVATION_MASK = math.radians(5.0)
-_FEWEST_POINTS = 4
-
-
-class TecError(ValueError):
-    """A file cannot be processed; the message names it and the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +45,8 @@ class TecSource:
         Position of a receiver at rest, m; None for a receiver that moves.
     remarks : tuple of str
         Notes for the user, one line each.
+    orbit : ReceiverOrbit or None
+        Track of a receiver that moves, from its own fixes.
     """
 
     description: str
@@ -65,6 +54,7 @@ class TecSource:
     ephemerides: tuple[BroadcastEphemeris, ...]
     position_itrf: tuple[float, float, float] | None
     remarks: tuple[str, ...]
+    orbit: ReceiverOrbit | None = None
 
 
 def is_bag(path: pathlib.Path) -> bool:
@@ -95,6 +85,7 @@ def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
         ephemerides=file.ephemerides,
         position_itrf=file.approximate_position,
         remarks=file.remarks,
+        orbit=orbit_from_fixes(f"fixes in {path.name}", file.fixes),
     )
 
 
@@ -134,6 +125,7 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
     """
     # Imported here, because these need rclpy, which files do not.
     from vtff_analysis.recordings.observation_recording import recorded_observations
+    from vtff_analysis.recordings.run_place import find_run
     from vtff_bag.file.reader import BagReader
     from vtff_node.conversions.gnss import ephemeris_from_message
 
@@ -144,50 +136,21 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
         raise TecError(f"{path}: neither {' nor '.join(topics)} in this bag")
     latched = f"{receiver}/gnss/ephemeris"
     messages = reader.messages(latched) if latched in reader.topics else []
+    name = find_run(path).name
     return TecSource(
-        description=f"{topic} of {path.name}",
+        description=f"{topic} of {name}",
         table=recorded_observations(reader, topic),
         ephemerides=tuple({ephemeris_from_message(decoded.message): None for decoded in messages}),
         position_itrf=None,
         remarks=tuple(reader.notes),
+        orbit=orbit_from_fixes(f"fixes of {receiver} in {name}", _recorded_fixes(reader, receiver)),
     )
 
 
-def receiver_positions(
-    table: ObservationTable, ephemerides: Sequence[BroadcastEphemeris]
-) -> npt.NDArray[np.float64]:
-    """Return the positions of a moving receiver at all epochs, ITRF, m, shape (m, 3).
+def _recorded_fixes(reader: BagReader, receiver: str) -> list[Fix]:
+    from vtff_node.conversions.gnss import fix_from_message
 
-    Positions from code every 30 s are joined by cubic splines. In orbit the noise of the codes,
-    some metres, remains, which is negligible for elevations.
-
-    Raises
-    ------
-    TecError
-        If fewer than four epochs give a position.
-    """
-    store = EphemerisStore(ephemerides)
-    reader = SignalReader(MeasurementNoise(), _BANDS)
-    seconds = 1e-9 * (table.time_nanoseconds - table.time_nanoseconds[0])
-    step = round(_POINT_INTERVAL * NANOSECONDS_PER_SECOND)
-    chosen = np.flatnonzero(np.diff(table.time_nanoseconds // step, prepend=-1))
-    times, positions = [], []
-    for index in np.unique(np.append(chosen, len(table) - 1)).tolist():
-        epoch = table.epoch(index)
-        orbits = store.table(epoch.time)
-        with_orbit = satellite_number(orbits.system, orbits.prn)
-        signals = reader.read(epoch, satellite_mask(with_orbit))
-        if len(signals) == 0:
-            continue
-        point = solve_single_point(
-            form_combinations(signals, orbits), orbits, epoch.time, _ELEVATION_MASK, False
-        )
-        if point is not None:
-            times.append(seconds[index])
-            positions.append(point.position_itrf)
-    if len(times) < _FEWEST_POINTS:
-        raise TecError("the position of the receiver is not stated and cannot be computed")
-    spline = CubicSpline(np.array(times), np.array(positions))
-    inside = (seconds >= times[0] - _POINT_INTERVAL) & (seconds <= times[-1] + _POINT_INTERVAL)
-    result: npt.NDArray[np.float64] = np.where(inside[:, np.newaxis], spline(seconds), np.nan)
-    return result
+    topic = f"{receiver}/gnss/fix"
+    if topic not in reader.topics:
+        return []
+    return [fix_from_message(decoded.message) for decoded in reader.messages(topic)]

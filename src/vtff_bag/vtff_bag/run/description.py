@@ -19,8 +19,9 @@ RUN_FILE = "run.json"
 PARAMETER_FOLDER = "parameters"
 
 #: Keys of the run file that are no arguments: they differ between equal runs, and so stay out of
-#: the bag. ROS domain; in real time, steps that began late and the largest delay of one in s.
-MEASURED_KEYS = ("ros_domain_id", "late_steps", "largest_lag_s")
+#: the bag. ROS domain; on several hosts, the one that wrote the folder and by how much the clocks
+#: of others are ahead; in real time, steps that began late and the largest delay of one in s.
+MEASURED_KEYS = ("ros_domain_id", "host", "clock_offsets_s", "late_steps", "largest_lag_s")
 
 #: Keys of the bag's custom data.
 ARGUMENTS_KEY = "run"

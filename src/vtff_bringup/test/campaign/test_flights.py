@@ -72,7 +72,7 @@ def test_a_killed_worker_and_the_number_of_workers_change_nothing(tmp_path):
 
 
 def test_two_campaigns_at_once_and_one_that_is_interrupted_and_resumed(tmp_path):
-    file = write_campaign(tmp_path, changed("samples", 2, HOUR))
+    file = write_campaign(tmp_path, changed("samples", 6, changed("duration", 600.0)))
     one, other = tmp_path / "one", tmp_path / "other"
     interrupted = start_campaign(file, one, "--workers", 1)
     steady = start_campaign(file, other, "--workers", 1)
@@ -85,14 +85,14 @@ def test_two_campaigns_at_once_and_one_that_is_interrupted_and_resumed(tmp_path)
     assert last.startswith("interrupted; ") and f"--out {one} --resume" in last
     assert "Traceback" not in output
     kept = (one / "cases.jsonl").read_bytes()
-    assert 1 <= len(table_of(one)) == kept.count(b"\n") < 4
+    assert 1 <= len(table_of(one)) == kept.count(b"\n") < 12
     refused = start_campaign(file, one)
     assert "already holds a campaign" in refused.communicate(timeout=120)[0]
     assert refused.returncode == 2
     resumed = start_campaign(file, one, "--workers", 1, "--resume")
     output = resumed.communicate(timeout=240)[0]
     assert resumed.returncode == 0, output
-    assert f"{kept.count(chr(10).encode())} of 4 cases are finished already" in output
+    assert f"{kept.count(chr(10).encode())} of 12 cases are finished already" in output
     assert (one / "cases.jsonl").read_bytes().startswith(kept)
     assert steady.wait(timeout=240) == 0, steady.communicate()[0]
     assert table_of(one).equals(table_of(other))

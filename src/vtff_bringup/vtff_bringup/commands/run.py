@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import pathlib
 from typing import Annotated, Optional
 
@@ -9,10 +10,12 @@ import typer
 from rich.console import Console
 
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.hosts.run_order import RunOrder
+from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.host_session import Conclusion, HostSession
 from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, report_run, run_system
-from vtff_bringup.system.description import RunSettings
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import find_system_file, load_system
 
@@ -51,6 +54,13 @@ def run(
             min=0.0,
         ),
     ] = None,
+    host: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            help="Of a system on several machines: the part of this one, e.g. --host deputy. "
+            "Start one part on each; the main one is given arguments and options, and leads.",
+        ),
+    ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
         typer.Option(help="Folder of the run, new or empty; default: bags/SYSTEM_DATE_TIME."),
@@ -66,6 +76,9 @@ def run(
 
     Exit code: 0 complete, 1 a node failed or a message was not recorded, 2 a file, an argument
     or a parameter is wrong, 130 interrupted by Ctrl-C (the bag is complete up to then).
+
+    On several machines (docs/hosts.md): vtff run reference_hosts chief_address:=192.0.2.1
+    deputy_address:=192.0.2.2 --host chief on one, the same with --host deputy on the other.
     """
     console = Console(highlight=False)
     if max_lag is not None and not realtime:
@@ -75,17 +88,41 @@ def run(
         run_directory = output_folder(out, path.stem, parent="bags", empty=True)
     except (SystemFileError, RunFolderError) as error:
         raise exit_with_error(console, error, EXIT_USAGE) from error
-    settings = RunSettings(
-        run_directory=run_directory,
+    order = RunOrder(
+        overrides=tuple(overrides or ()),
         pacing="realtime" if realtime else "lockstep",
         duration=duration,
         seed=seed,
         max_lag=max_lag,
+        composed=composed,
+        report=report,
     )
-    with exit_on_run_errors(console, run_directory):
-        description = load_system(path, overrides or [], settings)
-        result = run_system(console, description, settings, composed=composed, verbose=verbose)
-    exit_code, message_count = conclude_run(console, run_directory, result)
-    if report and message_count and exit_code in (0, EXIT_INTERRUPTED):
+    settings = order.settings(run_directory, {})
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(exit_on_run_errors(console, run_directory))
+        description = load_system(path, order.overrides, settings)
+        check_host(description, host)
+        session: HostSession | None = None
+        if host is not None:
+            session, order = stack.enter_context(
+                take_part(console, description, host, order, run_directory)
+            )
+            description = session.description
+            settings = order.settings(run_directory, description.free_ports)
+        result = run_system(
+            console,
+            description,
+            settings,
+            composed=order.composed,
+            verbose=verbose,
+            session=session,
+        )
+        if session is not None and not session.records:
+            raise typer.Exit(conclude_on_other_host(console, session, result))
+        exit_code, message_count = conclude_run(console, run_directory, result)
+        if session is not None:
+            own = Conclusion(session.host, str(run_directory), exit_code, message_count)
+            session.conclude(own)
+    if order.report and message_count and exit_code in (0, EXIT_INTERRUPTED):
         exit_code = report_run(console, run_directory) or exit_code
     raise typer.Exit(exit_code)

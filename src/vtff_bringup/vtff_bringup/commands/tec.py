@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 import pathlib
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
@@ -10,11 +12,15 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
+from vtff_bringup.run.errors import (
+    describe_os_error,
+    exit_with_error,
+    print_error,
+    print_note,
+)
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_gnss.ephemeris import BroadcastEphemeris
     from vtff_iono.bias.code_biases import CodeBiasTable
 
 _FORMS = ("csv", "parquet")
@@ -27,15 +33,29 @@ def tec(
     ],
     nav: Annotated[
         Optional[list[pathlib.Path]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="RINEX navigation file or log with ephemerides; may be repeated."),
+        typer.Option(
+            help="RINEX navigation file, log with ephemerides, or SP3 file; may be repeated."
+        ),
     ] = None,
     biases: Annotated[
-        str,
+        Optional[list[str]],  # noqa: UP045
         typer.Option(
-            help="Satellite biases: a Bias-SINEX or DCB file, 'broadcast' (group delays of the "
-            "navigation message) or 'none' (simulated signals without biases)."
+            help="Satellite biases: a Bias-SINEX or DCB file, repeated for files that complete "
+            "each other (P1-P2 and P1-C1); 'broadcast' (group delays of the navigation message, "
+            "the default) or 'none' (simulated signals without biases)."
         ),
-    ] = "broadcast",
+    ] = None,
+    allow_old_biases: Annotated[
+        bool,
+        typer.Option("--allow-old-biases", help="Use biases that are valid at another time."),
+    ] = False,
+    orbit: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(
+            help="Orbit of the receiver, SP3 or OEM; default: its own fixes in a log or bag, "
+            "else from its codes."
+        ),
+    ] = None,
     form: Annotated[str, typer.Option("--format", help="csv or parquet.")] = "csv",
     partial: Annotated[
         bool, typer.Option("--partial", help="Use a damaged RINEX file up to the damage.")
@@ -49,37 +69,46 @@ def tec(
 
     Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed, and
     bags with /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a
-    receiver without a stated position is located from its codes. The receiver bias is estimated,
-    with a sigma. A file that cannot be used is reported, the others are processed; the exit code
-    is then 1. As many receivers as there are processors are processed at once.
+    receiver without a stated position is located by its fixes or codes. The receiver bias is
+    estimated, with a sigma. Of several codes on a carrier those are used whose satellite biases
+    are known. A file that cannot be used is reported, the others are processed; the exit code
+    is then 1, and 2 if none can be used. As many receivers as there are processors are processed
+    at once.
 
     Examples
     --------
     vtff tec BELE.crx.gz --nav BRDC.rnx.gz --biases CAS.BIA.gz
 
     vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
+
+    vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
     # Imported here, because numpy, numba and matplotlib take a while.
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_analysis.tec.output import write_summary
-    from vtff_bag.run.folder import RunFolderError, output_folder
+    from vtff_analysis.tec.receiver_orbit import open_receiver_orbit
+    from vtff_bag.run.folder import output_folder, remove_if_empty
+    from vtff_gnss.files.navigation_files import open_navigation
 
     console = Console(highlight=False)
     if form not in _FORMS:
         raise exit_with_error(
             console, f"--format {form!r}: one of {', '.join(_FORMS)} expected", EXIT_USAGE
         )
-    ephemerides = _read_ephemerides(console, nav or [])
-    satellite_biases = _read_biases(console, biases)
-    try:
+    with _exit_on_bad_file(console):
+        navigation = open_navigation(nav or [])
+        satellite_biases = _read_biases(biases or ["broadcast"])
+        receiver_orbit = None if orbit is None else open_receiver_orbit(orbit)
         folder = output_folder(out, "tec")
-    except RunFolderError as error:
-        raise exit_with_error(console, error, EXIT_USAGE) from error
+    for remark in navigation.remarks:
+        print_note(console, remark)
     summaries: list[dict[str, Any]] = []
     failed = 0
     entries = find_tasks(files)
     tasks = [entry for entry in entries if not isinstance(entry, TecOutcome)]
-    options = TecOptions(folder, form, ephemerides, satellite_biases, partial)
+    options = TecOptions(
+        folder, form, navigation, satellite_biases, partial, receiver_orbit, allow_old_biases
+    )
     with (
         run_tasks(tasks, options) as outcomes,
         Progress(console=console, transient=True, disable=not console.is_interactive) as bar,
@@ -94,41 +123,50 @@ def tec(
                 _print_summary(console, outcome.summary)
                 summaries.append(outcome.summary)
             bar.advance(progress)
-    if summaries:
-        write_summary(summaries, folder / "tec.json")
+    if not summaries:
+        remove_if_empty(folder)
+        raise typer.Exit(EXIT_USAGE)
+    write_summary(summaries, folder / "tec.json")
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
 
 
-def _read_ephemerides(
-    console: Console, paths: list[pathlib.Path]
-) -> tuple[BroadcastEphemeris, ...]:
-    from vtff_gnss.files.observation_files import ObservationFileError, open_ephemerides
-
-    ephemerides: list[BroadcastEphemeris] = []
-    for path in paths:
-        try:
-            ephemerides += open_ephemerides(path)
-        except ObservationFileError as error:
-            raise exit_with_error(console, error, EXIT_USAGE) from error
-        except OSError as error:
-            raise exit_with_error(console, describe_os_error(error, path), EXIT_USAGE) from error
-    return tuple(ephemerides)
-
-
-def _read_biases(console: Console, text: str) -> str | CodeBiasTable:
-    from vtff_iono.bias.bias_files import read_code_biases
+@contextlib.contextmanager
+def _exit_on_bad_file(console: Console) -> Iterator[None]:
+    """End the command with one line and exit code 2 if a file cannot be used."""
+    from vtff_analysis.tec.errors import TecError
+    from vtff_bag.run.folder import RunFolderError
+    from vtff_gnss.files.observation_files import ObservationFileError
     from vtff_iono.bias.code_biases import BiasFileError
 
-    if text in ("broadcast", "none"):
-        return text
     try:
-        return read_code_biases(text)
-    except BiasFileError as error:
+        yield
+    except (ObservationFileError, BiasFileError, TecError, RunFolderError) as error:
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
-        raise exit_with_error(console, describe_os_error(error, text), EXIT_USAGE) from error
+        raise exit_with_error(console, describe_os_error(error), EXIT_USAGE) from error
+
+
+def _read_biases(names: list[str]) -> str | CodeBiasTable:
+    """Return the joined biases of some files, or the one word that stands for them.
+
+    Raises
+    ------
+    BiasFileError
+        If a file is no bias file, or stands beside such a word.
+    OSError
+        If a file cannot be read.
+    """
+    from vtff_iono.bias.bias_files import read_code_biases
+    from vtff_iono.bias.code_biases import BiasFileError, CodeBiasTable
+
+    words = [name for name in names if name in ("broadcast", "none")]
+    if words and len(names) > 1:
+        raise BiasFileError(f"--biases {words[0]}: not together with other biases")
+    if words:
+        return words[0]
+    return CodeBiasTable.joined([read_code_biases(name) for name in names])
 
 
 def _print_summary(console: Console, summary: dict[str, Any]) -> None:

@@ -109,7 +109,8 @@ def launch_actions(
     SystemFileError
         If the system file or an override is wrong.
     ValueError
-        If `duration` or `seed` is not a number, or the folder already holds a run.
+        If `duration` or `seed` is not a number, the folder already holds a run, or the system has
+        several hosts.
     """
     from launch.actions import ExecuteProcess
 
@@ -125,6 +126,8 @@ def launch_actions(
         seed=_parse_number("seed", seed, int),
     )
     description = load_system(path, shlex.split(overrides), settings)
+    if description.hosts:
+        raise ValueError(f"{path.name} runs on several hosts: only `vtff run --host` can do so")
     directory.mkdir(parents=True, exist_ok=True)
     environment = _additional_environment(directory)
     lifelines = Lifelines()  # `ros2 launch` holds them as long as it lives

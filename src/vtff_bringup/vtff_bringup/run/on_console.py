@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import pathlib
 from collections.abc import Callable, Iterator
+from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -16,6 +17,7 @@ from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.host_session import HostError, HostSession
 from vtff_bringup.run.progress import RunProgress
 from vtff_bringup.run.runner import Runner, RunResult, check_counts
 from vtff_bringup.system.description import RunSettings, SystemDescription
@@ -34,11 +36,14 @@ def exit_on_run_errors(console: Console, run_directory: pathlib.Path) -> Iterato
     """
     try:
         yield
-    except (SystemFileError, ExecutableNotFoundError, DomainOccupiedError) as error:
+    except (SystemFileError, ExecutableNotFoundError, DomainOccupiedError, HostError) as error:
         remove_if_empty(run_directory)
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
         raise exit_with_error(console, error, EXIT_FAILURE) from error
+    except KeyboardInterrupt:  # while other hosts are waited for
+        remove_if_empty(run_directory)
+        raise
 
 
 def run_system(
@@ -49,6 +54,7 @@ def run_system(
     composed: bool,
     verbose: bool,
     prepare: Callable[[], None] | None = None,
+    session: HostSession | None = None,
 ) -> RunResult:
     """Run a loaded system in its run folder, with its progress on the console.
 
@@ -64,6 +70,8 @@ def run_system(
         Whether every line of the processes is shown.
     prepare
         Writes further files into the run folder before the first process starts.
+    session
+        The run on the other hosts, of a system that has several.
 
     Raises
     ------
@@ -79,7 +87,11 @@ def run_system(
     def begin(domain: int) -> None:
         console.print(f"{DOMAIN_VARIABLE} {domain}")
         arguments = {"system": description.name, **description.arguments}
-        write_arguments(settings.run_directory, arguments, {"ros_domain_id": domain})
+        measured: dict[str, Any] = {"ros_domain_id": domain}
+        if session is not None:
+            measured["host"] = session.host
+            measured["clock_offsets_s"] = session.clock_offsets
+        write_arguments(settings.run_directory, arguments, measured)
         if prepare is not None:
             prepare()
 
@@ -89,6 +101,8 @@ def run_system(
             if verbose or noteworthy:
                 progress.print(f"[{name}] {line}")
 
+        if session is not None:
+            session.say = progress.print
         runner = Runner(
             description,
             settings.run_directory,
@@ -96,6 +110,7 @@ def run_system(
             on_domain=begin,
             on_progress=progress.update,
             on_line=show_line,
+            session=session,
         )
         result = runner.run()
     late_steps = result.progress.get("late_steps")

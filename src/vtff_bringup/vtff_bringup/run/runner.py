@@ -12,7 +12,7 @@ import selectors
 import signal
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from types import FrameType
 from typing import Any
 
@@ -21,10 +21,12 @@ import yaml
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, add_dds_settings, reserve_domain
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.host_session import HostSession, RunEnd
 from vtff_bringup.run.processes import FULL_DISK, ManagedProcess, end_together
 from vtff_bringup.run.standstill import StandstillWatch
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
+from vtff_bringup.system.errors import SystemFileError
 from vtff_node.executables import executable_path
 from vtff_node.process.lifeline import LOG_FILE_VARIABLE, Lifelines, Stage
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
@@ -73,6 +75,10 @@ class _Failure:
     still_runs: bool = False  # it has not ended by itself
 
     @property
+    def last_output(self) -> tuple[str, ...]:
+        return tuple(self.process.tail())
+
+    @property
     def exit_code(self) -> int:
         if self.still_runs:
             return EXIT_FAILURE
@@ -105,6 +111,14 @@ class Runner:
     on_line
         Function that is called with ``(process name, line, noteworthy)`` for each line that the
         processes print. After an interrupt by the user lines go to the logs only.
+    session
+        The run on the other hosts, if the system has several: only the entries of this host are
+        started, and start and end are those of all.
+
+    Raises
+    ------
+    SystemFileError
+        If the system has several hosts and there is no session.
     """
 
     def __init__(
@@ -116,8 +130,15 @@ class Runner:
         on_domain: Callable[[int], None] | None = None,
         on_progress: Callable[[dict[str, Any]], None] | None = None,
         on_line: Callable[[str, str, bool], None] | None = None,
+        session: HostSession | None = None,
     ) -> None:
+        if system.hosts and session is None:
+            raise SystemFileError(
+                f"{system.path.name} runs on several hosts, "
+                f"{', '.join(host.name for host in system.hosts)}: only `vtff run --host` can do so"
+            )
         self._system = system
+        self._session = session
         self._directory = run_directory
         self._composed = composed
         self._on_domain = on_domain
@@ -144,12 +165,13 @@ class Runner:
             If the run folder cannot be written.
         """
         started = time.monotonic()
-        failure: _Failure | None = None
+        failure: _Failure | RunEnd | None = None
+        end = RunEnd(EXIT_FAILURE, "its part of the run could not start")
         stopped: list[str] = []
         environment = _child_environment()
         with (
             self._handle_signals(),
-            reserve_domain(environment, self._node_names()) as domain,
+            self._reserve_domain(environment) as domain,
             _open_pipe() as (progress_read, progress_write),
             contextlib.closing(Lifelines()) as lifelines,
         ):
@@ -159,12 +181,15 @@ class Runner:
             environment[DOMAIN_VARIABLE] = str(domain)
             environment[RUN_DIRECTORY_VARIABLE] = str(self._directory)
             environment[PROGRESS_VARIABLE] = str(progress_write)
+            if self._session is not None:
+                self._session.add_dds_settings(environment, self._directory)
             try:
                 self._start(environment, progress_write, lifelines)
                 failure = self._follow(progress_read)
                 stopped = self._stopped_names(failure)
+                end = self._describe_end(failure)
             finally:
-                failures = self._end_all()
+                failures = self._end_all(end)
                 self._drain_progress(progress_read)
         wall_time = time.monotonic() - started
         failure = failure or (failures[0] if failures else None)
@@ -177,11 +202,25 @@ class Runner:
             exit_code, reason = failure.exit_code, failure.reason
             if stopped:
                 reason += f"; stopped: {', '.join(stopped)}"
-            output = tuple(failure.process.tail())
+            output = failure.last_output
         return RunResult(exit_code, reason, output, wall_time, self._progress, full_disk)
 
-    def _node_names(self) -> list[str]:
-        return [node.qualified_name for node in self._system.nodes]
+    def _reserve_domain(
+        self, environment: Mapping[str, str]
+    ) -> contextlib.AbstractContextManager[int]:
+        if self._session is not None:  # the hosts have agreed on one and hold it
+            return contextlib.nullcontext(self._session.domain)
+        return reserve_domain(environment, [node.qualified_name for node in self._system.nodes])
+
+    def _runs_here(self, host: str) -> bool:
+        return self._session is None or host == self._session.host
+
+    def _describe_end(self, failure: _Failure | RunEnd | None) -> RunEnd:
+        if self._interrupted:
+            return RunEnd(EXIT_INTERRUPTED, "interrupted")
+        if failure is None:
+            return RunEnd(0, "")
+        return RunEnd(failure.exit_code, failure.reason, failure.last_output)
 
     def _start(
         self, environment: dict[str, str], progress_descriptor: int, lifelines: Lifelines
@@ -199,15 +238,21 @@ class Runner:
             )
 
         for process in self._system.processes:
+            if not self._runs_here(process.host):
+                continue
             path = executable_path(process.package, process.executable)
             command = [str(path), *process.arguments]
             self._helpers.append(start(process.name, command, Stage.HELPERS))
         composed = []
+        composed_ends_run = False
         for node in self._system.nodes:
             if self._interrupted:
                 return
             arguments = node.ros_arguments(self._write_parameters(node))
+            if not self._runs_here(node.host):
+                continue  # only its parameters belong to the description of the run
             if self._composed and not node.own_process:
+                composed_ends_run |= node.ends_run
                 entry = {"package": node.package, "executable": node.executable}
                 composed.append({**entry, "ros_arguments": arguments})
                 continue
@@ -222,7 +267,7 @@ class Runner:
             file = self._directory / "composed.json"
             file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
             command = [sys.executable, "-m", "vtff_bringup.system.composed", str(file)]
-            self._nodes.append((start("composed", command, Stage.NODES), True))
+            self._nodes.append((start("composed", command, Stage.NODES), composed_ends_run))
 
     def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
         name = node.qualified_name.strip("/").replace("/", "__")
@@ -248,7 +293,7 @@ class Runner:
             self._interrupted = True
             discard_output((1, 2))
 
-    def _follow(self, progress_read: int) -> _Failure | None:
+    def _follow(self, progress_read: int) -> _Failure | RunEnd | None:
         """Wait for the end of the run; return the failure that ended it, if there was one."""
         standstill = StandstillWatch()
         ending = next((process for process, ends_run in self._nodes if ends_run), None)
@@ -258,6 +303,11 @@ class Runner:
                 if selector.select(POLL_INTERVAL):
                     self._read_progress(progress_read)
                     standstill.take_progress()
+                if self._session is not None:
+                    self._share_progress(self._session)
+                    ended = self._session.poll()
+                    if ended is not None:
+                        return ended if ended.exit_code else None
                 for process in [*self._helpers, *self._recorders]:
                     if process.exit_code is not None:
                         return _Failure(process, "ended before the run did")
@@ -279,26 +329,66 @@ class Runner:
     def _all_processes(self) -> list[ManagedProcess]:
         return [*(process for process, _ in self._nodes), *self._recorders, *self._helpers]
 
-    def _stopped_names(self, failure: _Failure | None) -> list[str]:
+    def _share_progress(self, session: HostSession) -> None:
+        """Give the progress of the run to the other hosts, or show what the main one reports."""
+        if any(ends_run for _, ends_run in self._nodes):
+            session.progress = self._progress
+        elif session.progress != self._progress:
+            self._progress = session.progress
+            if self._on_progress is not None and not self._interrupted:
+                self._show(self._on_progress, self._progress)
+
+    def _stopped_names(self, failure: _Failure | RunEnd | None) -> list[str]:
         """Return the other processes that are stopped: what has failed may have waited for them."""
         return [
             process.name
             for process in self._all_processes()
-            if failure is not None and process is not failure.process and process.is_stopped
+            if isinstance(failure, _Failure)
+            and process is not failure.process
+            and process.is_stopped
         ]
 
-    def _end_all(self) -> list[_Failure]:
-        """End the nodes, then the recorders, which record their last messages, then the helpers."""
+    def _end_all(self, end: RunEnd) -> list[_Failure]:
+        """End the nodes, then the recorders, which record their last messages, then the helpers.
+
+        A stage ends on all hosts before the next one begins.
+        """
         failures = []
+        session = self._session
         # A recorder that was stopped takes what the nodes hold for it, before they end.
         for process in self._all_processes():
             process.signal_group(signal.SIGCONT)
         nodes = [process for process, _ in self._nodes]
-        for processes in (nodes, self._recorders, self._helpers):
+        groups = ((Stage.NODES, nodes), (Stage.RECORDERS, self._recorders))
+        for stage, processes in (*groups, (Stage.HELPERS, self._helpers)):
+            if session is not None:
+                session.begin_stage(stage, end)
+                self._write_counts(session.counts)
             for process, code in zip(processes, end_together(processes), strict=True):
                 if code not in (0, -signal.SIGINT):
                     failures.append(_Failure(process, "did not end in order"))
+            if session is not None:
+                session.complete_stage(stage, self._read_counts())
+        if session is not None:
+            self._share_progress(session)
         return failures
+
+    def _read_counts(self) -> dict[str, str]:
+        """Return the texts of the files in which the nodes have counted, by name."""
+        texts = {}
+        for path in sorted((self._directory / NODE_RECORDS).glob("*.json")):
+            with contextlib.suppress(OSError):
+                texts[path.name] = path.read_text(encoding="utf-8")
+        return texts
+
+    def _write_counts(self, counts: Mapping[str, str]) -> None:
+        """Write what the nodes of other hosts have counted beside the files of this host."""
+        folder = self._directory / NODE_RECORDS
+        for name, text in counts.items():
+            with contextlib.suppress(OSError):  # on a full disk the run has failed already
+                folder.mkdir(exist_ok=True)
+                if not (folder / name).exists():
+                    (folder / name).write_text(text, encoding="utf-8")
 
     def _read_progress(self, descriptor: int) -> None:
         for line in os.read(descriptor, 65536).decode().splitlines():

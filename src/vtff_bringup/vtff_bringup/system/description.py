@@ -10,7 +10,21 @@ import yaml
 
 from vtff_bringup.system.yaml_file import read_mapping, ros_parameters
 
-__all__ = ["NodeDescription", "ProcessDescription", "RunSettings", "SystemDescription"]
+__all__ = [
+    "HostDescription",
+    "NodeDescription",
+    "ProcessDescription",
+    "RunSettings",
+    "SystemDescription",
+]
+
+
+@dataclasses.dataclass(frozen=True)
+class HostDescription:
+    """A machine of a run on several machines, and the IPv4 address of its interface."""
+
+    name: str
+    address: str
 
 
 @dataclasses.dataclass(frozen=True)
@@ -21,6 +35,7 @@ class ProcessDescription:
     package: str
     executable: str
     arguments: tuple[str, ...]
+    host: str = ""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -38,6 +53,7 @@ class NodeDescription:
     prepares: bool
     ends_run: bool
     own_process: bool
+    host: str = ""
 
     @property
     def qualified_name(self) -> str:
@@ -85,13 +101,20 @@ class NodeDescription:
 
 @dataclasses.dataclass(frozen=True)
 class SystemDescription:
-    """A system file with arguments and overrides applied."""
+    """A system file with arguments and overrides applied.
+
+    `hosts` is empty for a run on one machine; otherwise the main host is the first. `free_ports`
+    has the value of each ``${free_port}`` and ``${free_port.NAME}`` that the file uses.
+    """
 
     path: pathlib.Path
     description: str
     arguments: dict[str, Any]
     processes: tuple[ProcessDescription, ...]
     nodes: tuple[NodeDescription, ...]
+    hosts: tuple[HostDescription, ...] = ()
+    control_port: int = 0
+    free_ports: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -116,6 +139,8 @@ class RunSettings:
     max_lag
         In real time, steps that the run may be late before it stops, 0 for no limit; None for the
         default of the node that paces the run.
+    free_ports
+        Values of ``free_port`` and ``free_port.NAME``; those that are missing are chosen.
     """
 
     run_directory: pathlib.Path
@@ -123,3 +148,4 @@ class RunSettings:
     duration: float | None = None
     seed: int | None = None
     max_lag: float | None = None
+    free_ports: dict[str, int] = dataclasses.field(default_factory=dict)

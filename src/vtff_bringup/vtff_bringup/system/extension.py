@@ -58,6 +58,10 @@ def _join(
     for name, entry in _require_kind(content.get("arguments"), dict, path, "arguments").items():
         arguments[name] = _merge(arguments.get(name), entry)
     joined["arguments"] = arguments
+    joined["hosts"] = {
+        **_require_kind(base.get("hosts"), dict, base_path, "hosts"),
+        **_require_kind(content.get("hosts"), dict, path, "hosts"),
+    }
     for key in _LISTS:
         entries = list(_require_kind(base.get(key), list, base_path, key))
         indices = {_entry_name(entry): index for index, entry in enumerate(entries)}

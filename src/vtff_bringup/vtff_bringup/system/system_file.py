@@ -26,13 +26,21 @@ A system file (``config/system/*.yaml``) has these keys:
     node has said on /sim/step_done that it is ready), ``ends_run`` (the orderly end of the node is
     the end of the run), ``own_process`` (the node is never composed).
 
+``hosts``
+    Machines of a run on several machines: name -> IPv4 address of an interface; an empty one
+    leaves the machine out. A node or process with ``host`` runs there, the others on that of the
+    node that ends the run. See docs/hosts.md.
+``control_port``
+    TCP and UDP port of the main host by which the parts of a run agree.
+
 An entry with ``for_each: spacecraft`` or ``for_each: deputy`` stands for one node or process for
 each of them; ``${spacecraft}`` or ``${deputy}`` is the name there, and ``${deputy.a.b}`` an entry
-of that spacecraft in the scenario. A key of ``arguments`` or of ``sets``, or a text in a list, with
-``${spacecraft}`` or ``${deputy}`` in it stands for one for each. ``${chief}`` and ``${deputies}``
-are the names of the chief and of all deputies everywhere.
+of that spacecraft in the scenario. A key of ``arguments``, ``hosts`` or ``sets``, or a text in a
+list, with ``${spacecraft}`` or ``${deputy}`` in it stands for one for each. ``${chief}`` and
+``${deputies}`` are the names of the chief and of all deputies everywhere.
 
 ``${name}`` stands for an argument, ``${scenario.a.b}`` for an entry of the scenario file,
+``${hosts.name}`` for the address of a host,
 and ``${run_directory}``, ``${free_port}``, ``${free_port.<any name>}`` (another one for each
 name), ``${pacing}``, ``${seed}`` (of the run, else of the scenario), ``${nodes}`` (fully qualified
 names of all nodes) and ``${vehicles}`` (SimGEN's vehicles, one for each spacecraft of the
@@ -57,6 +65,7 @@ from vtff_bringup.system.entries import PLAIN_NAME, EntryReader, describe_entry
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
 from vtff_bringup.system.overrides import parse_override, sort_overrides
+from vtff_bringup.system.placement import DEFAULT_CONTROL_PORT, place_on_hosts, read_hosts
 from vtff_bringup.system.references import (
     DEPUTY,
     NUMBER_OF_DEPUTIES,
@@ -72,13 +81,14 @@ __all__ = ["find_system_file", "load_system"]
 FOR_EACH = (SPACECRAFT, DEPUTY)
 LOCKSTEP_ROLES = ("participant", "side_branch")
 
-SYSTEM_KEYS = {"description", "arguments", "processes", "nodes"}
+SYSTEM_KEYS = {"description", "arguments", "hosts", "control_port", "processes", "nodes"}
 ARGUMENT_KEYS = {"default", "description", "file"}
-PROCESS_KEYS = {"for_each", "name", "package", "executable", "arguments", "when", "sets"}
+PROCESS_KEYS = {"for_each", "host", "name", "package", "executable", "arguments", "when", "sets"}
 #: Value of the key `file` of an argument whose file must hold NovAtel logs.
 RECEIVER_LOG = "receiver_log"
 NODE_KEYS = {
     "for_each",
+    "host",
     "package",
     "executable",
     "name",
@@ -155,6 +165,7 @@ class _Loader:
             "run_directory": str(settings.run_directory),
             "pacing": settings.pacing,
             "free_port": free_port(),
+            **settings.free_ports,
         }
         if settings.seed is not None:
             values["seed"] = settings.seed
@@ -176,6 +187,10 @@ class _Loader:
         values = self._references.values
         for name, entry in argument_entries.items():
             values[name] = self._argument_value(name, entry, argument_values)
+        declared_hosts = self._expand_keys(
+            self._entries.mapping(content, "hosts", "system file"), "hosts"
+        )
+        addresses = read_hosts(self._path, declared_hosts, self._references)
         processes = tuple(self._read_processes(process_entries, set(argument_values)))
         each_node = [
             (entry, references)
@@ -194,13 +209,29 @@ class _Loader:
             if "/" in name and name not in node_names:
                 known = ", ".join(sorted(node_names))
                 raise SystemFileError(f"{self._path.name} has no node '{name}'; known: {known}")
+        hosts, placed_nodes, placed_processes = place_on_hosts(
+            self._path, declared_hosts, addresses, nodes, processes
+        )
         return SystemDescription(
             path=self._path,
             description=str(content.get("description", "")),
             arguments={name: values[name] for name in argument_entries},
-            processes=processes,
-            nodes=tuple(nodes),
+            processes=placed_processes,
+            nodes=placed_nodes,
+            hosts=hosts,
+            control_port=self._control_port(content),
+            free_ports={
+                name: port for name, port in values.items() if name.split(".")[0] == "free_port"
+            },
         )
+
+    def _control_port(self, content: Mapping[str, Any]) -> int:
+        port = self._references.resolve(
+            content.get("control_port", DEFAULT_CONTROL_PORT), "system file"
+        )
+        if not isinstance(port, int) or not 0 < port < 65536:
+            raise SystemFileError(f"{self._path}: control_port must be 1 to 65535, not {port!r}")
+        return port
 
     def _references_of(self, entry: Mapping[str, Any], where: str) -> list[References]:
         """Return the references of an entry: one, or one for each spacecraft or deputy."""
@@ -278,7 +309,7 @@ class _Loader:
             self._entries.check_keys(
                 entry, PROCESS_KEYS, where, needed=("name", "package", "executable")
             )
-            self._entries.check_texts(entry, ("name", "package", "executable"), where)
+            self._entries.check_texts(entry, ("name", "package", "executable", "host"), where)
             self._entries.check_names(entry, ("name", "package"), where)
             self._entries.check_executable(entry, where)
             conditions = self._entries.mapping(entry, "when", where)
@@ -298,6 +329,7 @@ class _Loader:
                         name=f"{prefix}{entry['name']}",
                         package=entry["package"],
                         executable=entry["executable"],
+                        host=str(references.resolve(entry.get("host") or "", where)),
                         arguments=tuple(
                             str(item)
                             for argument in arguments
@@ -344,6 +376,7 @@ class _Loader:
             prepares=bool(entry.get("prepares", False)),
             ends_run=bool(entry.get("ends_run", False)),
             own_process=bool(entry.get("own_process", False)),
+            host=str(references.resolve(entry.get("host") or "", where)),
         )
 
     def _read_remaps(
@@ -405,7 +438,9 @@ class _Loader:
     def _check_node(self, entry: Any, number: int) -> None:
         where = describe_entry("node", entry, number)
         self._entries.check_keys(entry, NODE_KEYS, where, needed=("package", "executable"))
-        self._entries.check_texts(entry, ("package", "executable", "name", "namespace"), where)
+        self._entries.check_texts(
+            entry, ("package", "executable", "name", "namespace", "host"), where
+        )
         # Without a name the node is called like its executable.
         named = ("package", "name") if entry.get("name") else ("package", "executable")
         self._entries.check_names(entry, named, where)

@@ -83,8 +83,10 @@ def magnetic_field_gcrf(
 class DrawnFieldError:
     """Error of a field model: a drawn potential field of the Earth, fixed to it.
 
-    The field is that of magnetic dipoles inside the core, drawn by a seed: it has no divergence and
-    no curl, and structure of the degrees 1 to some 5. It is scaled so that the root mean square of
+    The field is that of magnetic dipoles drawn inside the Earth, so it has no divergence and no
+    curl. Coefficients of field models have about equal errors at all degrees (Lowes 2000, Geophys.
+    J. Int. 142, 946-947), so most of their error in orbit is of the degrees 3 to 8; dipoles at 0.6
+    to 0.8 of the Earth's radius have such a spectrum. It is scaled so that the root mean square of
     each component over the sphere of the orbit is `sigma`.
 
     Parameters
@@ -106,24 +108,24 @@ class DrawnFieldError:
     sigma: float
     seed: int
     radius: float = RADIUS_EARTH_JGM3 + 700e3
-    sources: int = 12
+    sources: int = 60
 
     def __post_init__(self) -> None:
         """Draw the dipoles and scale them."""
         if not 0.0 <= self.sigma < math.inf:
             raise ValueError(f"sigma: 0 or more (T) expected, got {self.sigma}")
-        if not self.radius > 0.6 * RADIUS_EARTH_JGM3 or self.sources < 1:
+        if not self.radius > RADIUS_EARTH_JGM3 or self.sources < 1:
             raise ValueError(
-                f"radius, sources: an orbit above the core and one source or more expected, got "
+                f"radius, sources: an orbit above the ground and one source or more expected, got "
                 f"{self.radius:g} m and {self.sources}"
             )
         generator = np.random.default_rng((self.seed, 0xB))
         positions = generator.standard_normal((self.sources, 3))
-        depths = RADIUS_EARTH_JGM3 * generator.uniform(0.2, 0.5, self.sources)
+        depths = RADIUS_EARTH_JGM3 * generator.uniform(0.6, 0.8, self.sources)
         positions *= (depths / np.linalg.norm(positions, axis=1))[:, None]
         moments = generator.standard_normal((self.sources, 3))
         # A Fibonacci lattice: equal areas, so that its mean is that of the sphere.
-        count = 400
+        count = 1000
         number = np.arange(count)
         z = 1.0 - (2.0 * number + 1.0) / count
         angle = number * math.pi * (3.0 - math.sqrt(5.0))

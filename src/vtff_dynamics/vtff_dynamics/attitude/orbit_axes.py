@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.attitude.quaternion import from_rotation_matrix
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = [
     "orbit_rate",
@@ -39,8 +39,7 @@ def rotation_gcrf_to_orbit(state_gcrf: npt.ArrayLike) -> FloatArray:
 def orbit_rate(state_gcrf: npt.ArrayLike) -> float:
     """Return the rate at which the orbit axes turn about -y, rad/s."""
     state = np.asarray(state_gcrf, dtype=float)
-    angular_momentum = np.cross(state[:3], state[3:])
-    return math.sqrt(float(angular_momentum @ angular_momentum)) / float(state[:3] @ state[:3])
+    return norm(cross(state[:3], state[3:])) / float(state[:3] @ state[:3])
 
 
 def quaternion_from_roll_pitch_yaw(

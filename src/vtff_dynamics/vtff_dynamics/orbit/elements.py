@@ -44,6 +44,13 @@ def mean_anomaly_from_true(true_anomaly: float, eccentricity: float) -> float:
     ------
     ValueError
         If the eccentricity is not in [0, 1).
+
+    Examples
+    --------
+    >>> round(mean_anomaly_from_true(1.0, 0.1), 6)
+    0.838479
+    >>> round(true_anomaly_from_mean(0.838479, 0.1), 6)
+    1.0
     """
     _check_eccentricity(eccentricity)
     beta = eccentricity / (1.0 + math.sqrt(1.0 - eccentricity * eccentricity))

@@ -38,6 +38,17 @@ class Formation:
     ------
     ValueError
         If a shape or a unit cannot be right; the text names the parameter, expected and got.
+
+    Examples
+    --------
+    A deputy 100 m ahead on the same circular orbit is there an hour later too, but for J2:
+
+    >>> from vtff_dynamics.time.timescales import parse_epoch
+    >>> start = parse_epoch("2016-03-21T01:00:00 GPS")
+    >>> ahead = {"deputy": [0.0, 100.0, 0.0, 0.0, 0.0, 0.0]}
+    >>> formation = Formation.on_circular_orbit(start, 6.871e6, 0.785, ahead)
+    >>> float(formation.after(3600.0).relative_states_rtn["deputy"][1].round())
+    100.0
     """
 
     time: GpsTime

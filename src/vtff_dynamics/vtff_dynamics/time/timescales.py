@@ -263,6 +263,11 @@ def parse_epoch(text: str) -> GpsTime:
     ------
     ValueError
         If the text is not such an epoch; the message repeats the text.
+
+    Examples
+    --------
+    >>> (parse_epoch("2016-12-31T23:59:60 UTC") - parse_epoch("2017-01-01T00:00:00 GPS"))
+    17.0
     """
     match = _EPOCH_PATTERN.fullmatch(text.strip())
     if match is None:

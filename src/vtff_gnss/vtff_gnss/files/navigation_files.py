@@ -13,7 +13,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.files.observation_files import ObservationFileError, open_ephemerides
-from vtff_gnss.orbits.ephemeris_selection import EphemerisStore, validity_interval
+from vtff_gnss.orbits.ephemeris_selection import stores_by_system, validity_interval
 from vtff_gnss.orbits.precise_orbit import InterpolationError, PreciseOrbits
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_gnss.orbits.sp3 import Sp3File, is_sp3, parse_sp3
@@ -56,16 +56,10 @@ class NavigationFiles:
 
         Satellites that are unhealthy are part of it. Systems without orbits are left out.
         """
-        orbits: dict[int, SatelliteOrbits] = {}
-        precise = self.precise_orbits
-        for system in systems:
-            if precise is not None and system in precise.systems:
-                orbits[system] = precise
-                continue
-            ephemerides = [e for e in self.ephemerides if e.system == system]
-            if ephemerides:
-                orbits[system] = EphemerisStore(ephemerides, healthy_only=False)
-        return orbits
+        orbits: dict[int, SatelliteOrbits] = {**stores_by_system(self.ephemerides)}
+        if self.precise_orbits is not None:
+            orbits.update(dict.fromkeys(self.precise_orbits.systems, self.precise_orbits))
+        return {system: orbits[system] for system in systems if system in orbits}
 
     def require_coverage(self, time_nanoseconds: npt.NDArray[np.int64], name: str) -> None:
         """Raise an error unless some orbit is valid at some time of observations.

@@ -60,6 +60,8 @@ class ObservationFile:
         the mean of the receiver's fixes if these stay within `ROOFTOP_EXTENT`.
     remarks : tuple of str
         Irregularities of the file in sentences: damage, observations left out.
+    fixes : tuple of Fix
+        Positions that the receiver computed itself, in a receiver log.
     """
 
     path: pathlib.Path
@@ -68,6 +70,7 @@ class ObservationFile:
     ephemerides: tuple[BroadcastEphemeris, ...]
     approximate_position: tuple[float, float, float] | None
     remarks: tuple[str, ...]
+    fixes: tuple[Fix, ...] = ()
 
     def epochs(self) -> Iterator[ObservationEpoch]:
         """Yield the epochs."""
@@ -231,6 +234,7 @@ def _open_novatel(
         remarks.append(
             f"{counters.frames_crc_bad} damaged and {counters.frames_truncated} cut-off logs"
         )
+    fixes = [event for event in events if isinstance(event, Fix)]
     table = ObservationTable.from_epochs(chosen).select(systems, signals)
     if not len(table.columns["prn"]):
         raise ObservationFileError(f"{path}: no observations" + _of(systems, signals))
@@ -239,8 +243,9 @@ def _open_novatel(
         format_name=f"NovAtel {log_name}",
         table=table,
         ephemerides=tuple(e for e in events if isinstance(e, BroadcastEphemeris)),
-        approximate_position=_mean_position([e for e in events if isinstance(e, Fix)]),
+        approximate_position=_mean_position(fixes),
         remarks=tuple(remarks),
+        fixes=tuple(fixes),
     )
 
 

@@ -15,7 +15,7 @@ from vtff_gnss.constants import (
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.broadcast_orbit import EphemerisTable
 
-__all__ = ["EphemerisStore", "validity_interval"]
+__all__ = ["DEFAULT_SOURCES", "EphemerisStore", "stores_by_system", "validity_interval"]
 
 
 def validity_interval(ephemeris: BroadcastEphemeris) -> tuple[GpsTime, GpsTime]:
@@ -110,3 +110,17 @@ class EphemerisStore:
         """Return until when `table` gives the object of `time`; None if for ever."""
         interval = bisect.bisect_right(self._changes, time)
         return self._changes[interval] if interval < len(self._changes) else None
+
+
+def stores_by_system(ephemerides: Iterable[BroadcastEphemeris]) -> dict[int, EphemerisStore]:
+    """Return one store for each satellite system, in which unhealthy satellites stay.
+
+    The ionosphere is measured with them too: an unhealthy satellite still broadcasts a valid
+    orbit, and its signals pass the same ionosphere. Galileo changes its ephemerides every ten
+    minutes; with separate stores these changes do not touch GPS.
+    """
+    listed = list(ephemerides)
+    return {
+        system: EphemerisStore([e for e in listed if e.system == system], healthy_only=False)
+        for system in sorted({e.system for e in listed})
+    }

@@ -1,14 +1,14 @@
 """Orbit and clock of satellites between exact evaluations of their ephemerides.
 
 Position, velocity and acceleration at both ends of an interval determine a polynomial of degree 5
-(quintic Hermite interpolation); clock offset and drift one of degree 3. The remainder is
+(quintic Hermite interpolation); clock offset and drift one of degree 3. The remainder is::
 
     |f - p| <= max |f^(6)| h^6 / (6! 2^6)        and        max |f^(4)| h^4 / (4! 2^4)
 
 in the interval (Davis, Interpolation and Approximation, theorem 3.5.1). A satellite at r = 27e6 m
 moves relative to the Earth-fixed axes with at most w = 2.2e-4 rad/s and twice that in the
-harmonic corrections (below 1e-4 r), so that |f^(6)| < 4e-15 m/s6: with h = 30 s the error is below
-1e-10 m, and below rounding (4e-9 m). That of the clock is below 1e-11 m.
+harmonic corrections (below 1e-4 r), so that ``|f^(6)|`` < 4e-15 m/s6: with h = 30 s the error is
+below 1e-10 m, and below rounding (4e-9 m). That of the clock is below 1e-11 m.
 """
 
 from __future__ import annotations

@@ -100,8 +100,7 @@ def parse_sp3(content: bytes, path: str | pathlib.Path) -> Sp3File:
         elif mark == "P":
             if not times:
                 raise line.error("position: no epoch before it")
-            satellite = line.text[1:4].replace(" ", "0" if line.text[1:2] != " " else "G", 1)
-            rows.append((len(times) - 1, satellite, _position_and_clock(line)))
+            rows.append((len(times) - 1, _satellite(line.text[1:4]), _position_and_clock(line)))
         elif line.text.startswith("EOF"):
             break
     else:
@@ -125,6 +124,11 @@ def _to_arrays(
         position_itrf=values[..., :3],
         clock_offset=values[..., 3],
     )
+
+
+def _satellite(field: str) -> str:
+    """Return the name of a satellite; version a names GPS satellites by their number alone."""
+    return field[:1].replace(" ", "G") + field[1:].replace(" ", "0")
 
 
 def _time_system(lines: Sequence[Line]) -> RinexClock:

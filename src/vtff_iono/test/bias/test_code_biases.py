@@ -150,7 +150,7 @@ def test_broken_files_are_named(tmp_path):
         assert name in str(raised.value)
     path = tmp_path / "cut.bia.gz"
     path.write_bytes(own_bias_file(tmp_path, "own.BIA.gz").read_bytes()[:-100])
-    with pytest.raises(BiasFileError, match="gzip"):
+    with pytest.raises(BiasFileError, match="compressed file is damaged"):
         read_code_biases(path)
     with pytest.raises(BiasFileError, match="holds no code bias"):
         CodeBiasTable([]).require_valid(NOON)

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import calendar
 import datetime
-import gzip
 import math
 import pathlib
 import re
@@ -19,6 +18,8 @@ import re
 from vtff_dynamics.constants import SECONDS_PER_DAY
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_GLONASS, SYSTEM_GPS, SYSTEM_LETTERS
+from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.errors import RinexError
 from vtff_iono.bias.code_biases import BiasFileError, CodeBias, CodeBiasTable
 
 __all__ = ["read_code_biases"]
@@ -41,7 +42,8 @@ _DCB_TITLE = re.compile(
     r"DIFFERENTIAL \((?P<first>\w\d)-(?P<second>\w\d)\) CODE BIASES", re.IGNORECASE
 )
 _DCB_MONTH = re.compile(r"YEAR-MONTH:\s*(?P<year>\d{2})-(?P<month>\d{2})")
-_DCB_DAY = re.compile(r"ENDING DAY\s+(?P<day>\d{1,3}),\s*(?P<year>\d{4})", re.IGNORECASE)
+# "ENDING DAY 203, 2010" and "ENDING D203, 2010".
+_DCB_DAY = re.compile(r"ENDING D(?:AY\s+)?(?P<day>\d{1,3}),\s*(?P<year>\d{4})", re.IGNORECASE)
 _DCB_DAYS = 30
 _DCB_SIGNALS = {
     SYSTEM_GPS: {"P1": "C1W", "P2": "C2W", "C1": "C1C", "C2": "C2X"},
@@ -50,7 +52,7 @@ _DCB_SIGNALS = {
 
 
 def read_code_biases(path: str | pathlib.Path) -> CodeBiasTable:
-    """Read a Bias-SINEX file (``.BIA``) or a DCB file of CODE, plain or with the ending ``.gz``.
+    """Read a Bias-SINEX file (``.BIA``) or a DCB file of CODE, compressed or not.
 
     From Bias-SINEX the differential (DSB) and absolute (OSB) code biases in ns are read; phase
     biases are ignored.
@@ -64,12 +66,10 @@ def read_code_biases(path: str | pathlib.Path) -> CodeBiasTable:
         If the file cannot be read.
     """
     path = pathlib.Path(path)
-    raw = path.read_bytes()
-    if path.suffix == ".gz":
-        try:
-            raw = gzip.decompress(raw)
-        except (OSError, EOFError) as error:
-            raise BiasFileError(f"{path}: not a complete gzip file: {error}") from None
+    try:
+        raw = decompress(path.read_bytes(), path)
+    except RinexError as error:
+        raise BiasFileError(str(error)) from None
     lines = raw.decode("ascii", errors="replace").splitlines()
     if lines and lines[0].startswith("%=BIA"):
         return CodeBiasTable(_read_bias_sinex(path, lines), str(path))

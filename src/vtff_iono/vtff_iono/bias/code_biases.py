@@ -12,11 +12,13 @@ signals; the bias of any other pair is the sum along the path with the smallest 
 
 from __future__ import annotations
 
+import dataclasses
 import heapq
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from vtff_dynamics.constants import SECONDS_PER_DAY
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import (
     EPHEMERIS_SOURCE_FNAV,
@@ -27,7 +29,13 @@ from vtff_gnss.constants import (
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import carrier_frequency_hz
 
-__all__ = ["BiasFileError", "CodeBias", "CodeBiasTable", "broadcast_code_biases"]
+__all__ = [
+    "COARSE_CODE_SIGMA",
+    "BiasFileError",
+    "CodeBias",
+    "CodeBiasTable",
+    "broadcast_code_biases",
+]
 
 BROADCAST_SIGMA = 0.5e-9
 """s; scatter of broadcast group delays about network solutions (0.4 ns for GPS against CAS on
@@ -43,8 +51,11 @@ _BROADCAST_PAIRS = {
     ),
 }
 
-# s; scatter of C1C-C1W over the satellites: GPS broadcasts no delay of C/A against P(Y).
-_COARSE_CODE_SIGMA = 1.2e-9
+# End of a bias that is valid for ever; some 1900 years after 1980.
+_LAST_WEEK = 100_000
+
+COARSE_CODE_SIGMA = 1.2e-9
+"""s; scatter of C1C-C1W over the satellites: GPS broadcasts no delay of C/A against P(Y)."""
 
 
 class BiasFileError(ValueError):
@@ -105,18 +116,43 @@ class CodeBiasTable:
         """Return the number of biases."""
         return len(self.biases)
 
+    @classmethod
+    def joined(cls, tables: Sequence[CodeBiasTable]) -> CodeBiasTable:
+        """Return the biases of several tables as one."""
+        return cls(
+            (bias for table in tables for bias in table.biases),
+            ", ".join(table.origin for table in tables),
+        )
+
+    def at_all_times(self) -> CodeBiasTable:
+        """Return the same biases without limits of time."""
+        end = GpsTime.from_week_tow(_LAST_WEEK, 0.0)
+        return CodeBiasTable(
+            (dataclasses.replace(bias, start=GpsTime(0), end=end) for bias in self.biases),
+            self.origin,
+        )
+
+    def is_valid(self, time: GpsTime, tolerance: float = 0.0) -> bool:
+        """Return whether some bias is valid within `tolerance` (s) of a time."""
+        return any(b.start - tolerance <= time <= b.end + tolerance for b in self.biases)
+
+    def describe_age(self, time: GpsTime) -> str:
+        """Return how many days biases of another time are away from `time`, as a sentence."""
+        first = min(bias.start for bias in self.biases)
+        last = max(bias.end for bias in self.biases)
+        days = max(first - time, time - last) / SECONDS_PER_DAY
+        return (
+            f"{self.origin}: its biases are valid from {_day(first)} to {_day(last)}, "
+            f"the observations are of {_day(time)}, {days:.0f} days away"
+        )
+
     def require_valid(self, time: GpsTime, tolerance: float = 0.0) -> None:
         """Raise `BiasFileError` unless some bias is valid within `tolerance` (s) of a time."""
-        if any(b.start - tolerance <= time <= b.end + tolerance for b in self.biases):
+        if self.is_valid(time, tolerance):
             return
         if not self.biases:
             raise BiasFileError(f"{self.origin}: holds no code bias")
-        first = min(bias.start for bias in self.biases)
-        last = max(bias.end for bias in self.biases)
-        raise BiasFileError(
-            f"{self.origin}: its biases are valid from {_day(first)} to {_day(last)}, "
-            f"the observations are of {_day(time)}"
-        )
+        raise BiasFileError(f"{self.describe_age(time)}; --allow-old-biases uses them")
 
     def satellite_bias(
         self, system: int, prn: int, first: str, second: str, time: GpsTime, tolerance: float = 0.0
@@ -208,7 +244,7 @@ def broadcast_code_biases(ephemerides: Sequence[BroadcastEphemeris]) -> CodeBias
             value = getattr(ephemeris, field) * (1.0 - (frequency_first / frequency_second) ** 2)
             pairs = [(first, second, float(value), BROADCAST_SIGMA)]
             if ephemeris.system == SYSTEM_GPS:
-                pairs.append(("C1C", "C1W", 0.0, _COARSE_CODE_SIGMA))
+                pairs.append(("C1C", "C1W", 0.0, COARSE_CODE_SIGMA))
             reference = ephemeris.time_of_ephemeris
             biases += [
                 CodeBias(

@@ -169,7 +169,7 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
         If there are fewer than 50 pairs of satellites above the highest limit of elevation.
     """
     altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
-    is_ground = bool(np.median(altitude) < LOWEST_ORBIT)
+    is_ground = len(altitude) > 0 and bool(np.median(altitude) < LOWEST_ORBIT)
     interval, block = _GROUND_INTERVALS if is_ground else _ORBIT_INTERVALS
     duration = float(np.ptp(samples.time)) if len(samples.time) else 0.0
     interval = min(interval, max(_SHORTEST_INTERVAL, duration / _FEWEST_INTERVALS))

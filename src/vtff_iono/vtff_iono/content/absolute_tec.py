@@ -16,7 +16,8 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.orbits.ephemeris_selection import stores_by_system
+from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.bias.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
 from vtff_iono.content.slant_tec import (
@@ -84,29 +85,11 @@ class AbsoluteTec:
     remarks: tuple[str, ...]
 
 
-def _geometry_by_system(
-    ephemerides: Sequence[BroadcastEphemeris],
-    time: npt.NDArray[np.int64],
-    columns: Mapping[str, npt.NDArray],  # type: ignore[type-arg]
-    position_receiver_itrf: npt.ArrayLike,
-) -> SatelliteGeometry:
-    """Return the geometry of all observations; arguments as in `geometry_from_stores`."""
-    # An unhealthy satellite still broadcasts a valid orbit, and its signals pass the same
-    # ionosphere.
-    stores = {
-        system: EphemerisStore([e for e in ephemerides if e.system == system], healthy_only=False)
-        for system in np.unique(columns["system"]).tolist()
-    }
-    return geometry_from_stores(
-        stores, time, columns["system"], columns["prn"], position_receiver_itrf
-    )
-
-
 def absolute_tec(
     time: npt.NDArray[np.int64],
     columns: dict[str, npt.NDArray],  # type: ignore[type-arg]
     position_receiver_itrf: npt.ArrayLike,
-    ephemerides: Sequence[BroadcastEphemeris],
+    orbits: Mapping[int, SatelliteOrbits] | Sequence[BroadcastEphemeris],
     satellite_bias: BiasFunction = no_bias,
     pairs: Sequence[SignalPair] = DEFAULT_PAIRS,
 ) -> AbsoluteTec:
@@ -120,8 +103,8 @@ def absolute_tec(
         Columns of `vtff_gnss.observations.OBSERVATION_COLUMNS`.
     position_receiver_itrf : array_like, shape (3,) or (m, 3)
         m; NaN where unknown.
-    ephemerides : sequence of BroadcastEphemeris
-        Navigation messages.
+    orbits : mapping of int to SatelliteOrbits, or sequence of BroadcastEphemeris
+        Orbits by ``SYSTEM_*``, or navigation messages.
     satellite_bias : BiasFunction
         Satellite biases to remove. The default removes nothing, as for simulated signals without
         biases.
@@ -131,7 +114,8 @@ def absolute_tec(
         comparison with it.
     """
     position = np.asarray(position_receiver_itrf, dtype=float)
-    geometry = _geometry_by_system(ephemerides, time, columns, position)
+    stores = orbits if isinstance(orbits, Mapping) else stores_by_system(orbits)
+    geometry = geometry_from_stores(stores, time, columns["system"], columns["prn"], position)
     processor = SlantTecProcessor(satellite_bias, pairs=pairs)
     rows = processor.update(time, columns, geometry.elevation)
     levels = ArcLevels(rows)

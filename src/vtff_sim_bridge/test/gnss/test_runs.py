@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import socket
 import tty
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 
 from vtff_sim_bridge.simgen.emulator_state import ScenarioMachine
 from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
-from vtff_sim_bridge.simgen.simgen_emulator import main
+from vtff_sim_bridge.simgen.simgen_emulator import _gnss_emulation, _parser, main
 
 LOG = b"LOG RANGEB ONTIME 0.05\r\n"
 
@@ -87,6 +88,58 @@ def test_real_time_gives_the_bytes_of_lockstep(tmp_path, manual_clock):
     wanted = bytes(inside.content["chief"])
     received = content[content.index(b"\xaa\x44\x12") :]
     assert len(received) > 0.9 * len(wanted) and wanted.startswith(received)
+
+
+@pytest.mark.parametrize("clock", ["lockstep", "realtime"])
+def test_a_client_that_does_not_read_holds_time_back_in_lockstep_only(
+    tmp_path, manual_clock, clock
+):
+    """As a driver behind a link that is cut: a receiver goes on and loses what is not taken."""
+    motions = support.orbit_motions([support.CHIEF_GCRF, support.DEPUTY_GCRF], 20)
+    machine = ScenarioMachine(support.VEHICLES, clock_mode=clock, monotonic=manual_clock)
+    emulation = GnssEmulation(machine, support.configuration(), tmp_path)
+    descriptor = opened(tmp_path / "chief", emulation)
+    started(machine, motions)
+    for second in range(1, 21):
+        for vehicle, state in zip(support.VEHICLES, motions[second], strict=True):
+            machine.command_motion(vehicle, second * 10**9, state)
+        manual_clock.sleep(1.0)
+        machine.poll()
+    assert emulation.ports["chief"].is_congested
+    assert emulation.is_congested == (clock == "lockstep")
+    os.close(descriptor)
+    emulation.close()
+
+
+def test_receivers_listen_on_the_named_ports_of_the_address(tmp_path):
+    """On 127.0.0.2 only: the address of a host is not that of the machine's other interfaces."""
+    file = support.REPOSITORY / "config" / "gnss" / "noise_free.yaml"
+    options = _parser().parse_args(
+        ["--host", "127.0.0.2", "--gnss", str(file), "--receiver-ports", "deputy=0", "chief=0"]
+    )
+    emulation = _gnss_emulation(ScenarioMachine(support.VEHICLES), options)
+    try:
+        for port in emulation.ports.values():
+            assert port.tcp_port
+            socket.create_connection(("127.0.0.2", port.tcp_port), timeout=10.0).close()
+            with pytest.raises(ConnectionRefusedError):
+                socket.create_connection(("127.0.0.1", port.tcp_port), timeout=10.0)
+    finally:
+        emulation.close()
+
+
+@pytest.mark.parametrize("ports", [["chief=1"], ["chief=1", "deputy=2", "mars=3"]])
+def test_ports_for_other_receivers_are_refused(caplog, ports):
+    file = support.REPOSITORY / "config" / "gnss" / "noise_free.yaml"
+    assert main(["--port", "0", "--gnss", str(file), "--receiver-ports", *ports]) == 1
+    assert "--receiver-ports: one for each of chief, deputy" in caplog.text
+
+
+@pytest.mark.parametrize("text", ["chief", "=7", "chief=x", "chief=70000"])
+def test_ports_without_a_name_or_number_are_refused(capsys, text):
+    with pytest.raises(SystemExit):
+        main(["--receiver-ports", text])
+    assert "--receiver-ports" in capsys.readouterr().err
 
 
 def test_receiver_on_an_unknown_vehicle_is_refused(tmp_path):

@@ -33,6 +33,10 @@ class SimGenLink:
     reconnect_timeout
         Lockstep: wall time, s, to wait for a lost connection before that is an error. Real time:
         None; a step without a connection is skipped and the next step connects again.
+    patience_while_running
+        Longest wait for a reply and for an attempt to connect while the run lasts, s; None for
+        that of the client. In real time it is a part of a step, so that a link that is cut makes
+        no step late.
 
     Attributes
     ----------
@@ -45,10 +49,13 @@ class SimGenLink:
         client: SimRemoteClient,
         spacecraft: Sequence[str],
         reconnect_timeout: float | None,
+        patience_while_running: float | None = None,
     ) -> None:
         self._client = client
         self._vehicles = {name: f"v{number}_m1" for number, name in enumerate(spacecraft, start=1)}
         self._reconnect_timeout = reconnect_timeout
+        self._patience = client.timeout
+        self._patience_while_running = patience_while_running
         self._awaited_replies = 0
         self._started = False
         self.problem = ""
@@ -87,6 +94,8 @@ class SimGenLink:
         self._client.prepare_run(scenario, epoch, duration, initial)
         self._client.run()
         self._started = True
+        if self._patience_while_running is not None:
+            self._client.timeout = min(self._patience, self._patience_while_running)
 
     def time_into_run(self) -> float:
         """Ask SimGEN for the seconds since the start of the run.
@@ -146,6 +155,7 @@ class SimGenLink:
         SimRemoteError
             If SimGEN does not end the run.
         """
+        self._client.timeout = self._patience
         try:
             try:
                 self.receive()

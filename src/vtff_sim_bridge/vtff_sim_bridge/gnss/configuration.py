@@ -134,7 +134,7 @@ class NoiseModel:
         Early to late.
     is_coloured : bool
         Whether code and phase noise are correlated as first-order loops of these bandwidths leave
-        them, exp(-4 B |t|); else they are white.
+        them, ``exp(-4 B |t|)``; else they are white.
     stated_sigma_factor : float
         What the receiver states over the true sigma of code, phase and Doppler.
     """

@@ -26,7 +26,7 @@ _BLOCK_KNOTS = 64
 class GaussMarkovField:
     """Processes of unit variance at the 20 epochs of every second, one for each address.
 
-    The autocorrelation is exp(-|t| / correlation_time) from the start of the run on.
+    The autocorrelation is ``exp(-|t| / correlation_time)`` from the start of the run on.
 
     Parameters
     ----------

@@ -142,6 +142,11 @@ class ScenarioMachine:
         self._runs_when_armed = False
 
     @property
+    def is_lockstep(self) -> bool:
+        """Whether the motion commands drive the time into the run, not the wall clock."""
+        return self._clock_mode == "lockstep"
+
+    @property
     def time_nanoseconds(self) -> int:
         """Time into the run, ns: 0 before it, the last value after it."""
         return self._time

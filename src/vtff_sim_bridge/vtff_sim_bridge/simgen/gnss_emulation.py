@@ -170,8 +170,8 @@ class GnssEmulation:
     """Receivers of a `ScenarioMachine` with their ports; an observer of its time.
 
     The bytes of a time are handed to the ports before the reply to the motion command that
-    brought it. What a client does not take waits; while too much of it waits the server carries
-    out no further command (see `is_congested`), so that in lockstep nothing is lost.
+    brought it. What a client does not take waits; in lockstep the server carries out no further
+    command while too much of it waits (see `is_congested`), so that nothing is lost.
 
     Parameters
     ----------
@@ -182,6 +182,8 @@ class GnssEmulation:
         Folder, made if absent, in which each pseudo-terminal gets a symlink named as its receiver.
     truth_path : path-like or None
         Where the truth of the last run is written.
+    tcp_host : str
+        Address on which receivers with a TCP port listen.
 
     Attributes
     ----------
@@ -202,6 +204,8 @@ class GnssEmulation:
         configuration: GnssConfiguration,
         link_directory: str | Path | None,
         truth_path: str | Path | None = None,
+        *,
+        tcp_host: str = "127.0.0.1",
     ) -> None:
         for receiver in configuration.receivers:
             if receiver.vehicle not in machine.motions:
@@ -215,6 +219,7 @@ class GnssEmulation:
         self._configuration = configuration
         self._links = None if link_directory is None else Path(link_directory)
         self._truth_path = truth_path
+        self._tcp_host = tcp_host
         self._truth = TruthFile()
         self._set: ReceiverSet | None = None
         self._emulated: dict[str, ReceiverFirmware] = {}
@@ -227,8 +232,11 @@ class GnssEmulation:
 
     @property
     def is_congested(self) -> bool:
-        """Whether a client is so slow that scenario time should wait for it."""
-        return any(port.is_congested for port in self.ports.values())
+        """Whether a client is so slow that scenario time should wait for it.
+
+        In lockstep only: the wall clock waits for nobody, and a receiver loses what is not taken.
+        """
+        return self._machine.is_lockstep and any(port.is_congested for port in self.ports.values())
 
     def fileno(self) -> int:
         """Return a descriptor that is readable when `process` has something to do."""
@@ -267,7 +275,7 @@ class GnssEmulation:
             limits_baud=receiver.limits_baud,
         )
         link = None if self._links is None else self._links / receiver.name
-        port = ReceiverPort(emulated, link, tcp_port=receiver.tcp_port)
+        port = ReceiverPort(emulated, link, tcp_host=self._tcp_host, tcp_port=receiver.tcp_port)
         self._emulated[receiver.name] = emulated
         self.ports[receiver.name] = port
         self._epoll.register(port.fileno(), select.EPOLLIN)

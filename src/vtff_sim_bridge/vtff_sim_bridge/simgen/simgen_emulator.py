@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import logging
 import os
 import signal
@@ -17,6 +18,7 @@ from vtff_sim_bridge.simgen.simremote_server import SimRemoteServer
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 
 if TYPE_CHECKING:
+    from vtff_sim_bridge.gnss.configuration import GnssConfiguration
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
 LOGGER = logging.getLogger("simgen_emulator")
@@ -109,12 +111,27 @@ def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> Gn
             )
         vehicles = dict(zip(options.spacecraft, options.vehicles, strict=True))
         configuration = assign_vehicles(configuration, vehicles)
+    if options.receiver_ports is not None:
+        configuration = _with_ports(configuration, dict(options.receiver_ports))
     return GnssEmulation(
         machine,
         configuration,
         options.port_link_directory,
         options.gnss_truth,
+        tcp_host=options.host,
     )
+
+
+def _with_ports(configuration: GnssConfiguration, ports: dict[str, int]) -> GnssConfiguration:
+    """Return a configuration whose receivers listen on these TCP ports."""
+    names = [receiver.name for receiver in configuration.receivers]
+    if set(ports) != set(names):
+        raise ValueError(f"--receiver-ports: one for each of {', '.join(names)} is needed")
+    receivers = tuple(
+        dataclasses.replace(receiver, tcp_port=ports[receiver.name])
+        for receiver in configuration.receivers
+    )
+    return dataclasses.replace(configuration, receivers=receivers)
 
 
 def describe_failure(error: Exception) -> str:
@@ -142,6 +159,14 @@ def _port_number(text: str) -> int:
     if not text.isdecimal() or int(text) > 65535:
         raise argparse.ArgumentTypeError(f"0 to 65535 expected, got {text!r}")
     return int(text)
+
+
+def _named_port(text: str) -> tuple[str, int]:
+    """Return name and port of ``NAME=PORT``; the error is what argparse shows."""
+    name, separator, number = text.partition("=")
+    if not name or not separator:
+        raise argparse.ArgumentTypeError(f"NAME=PORT expected, got {text!r}")
+    return name, _port_number(number)
 
 
 def _seed(text: str) -> int:
@@ -206,6 +231,13 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="DIRECTORY",
         help="where each receiver gets a symlink to its pseudo-terminal",
+    )
+    parser.add_argument(
+        "--receiver-ports",
+        type=_named_port,
+        nargs="+",
+        metavar="NAME=PORT",
+        help="TCP port of each receiver of the file, on the address of --host",
     )
     parser.add_argument(
         "--gnss-truth", type=Path, metavar="FILE", help="write what the receivers were given"

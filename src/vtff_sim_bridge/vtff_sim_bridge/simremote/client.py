@@ -78,6 +78,8 @@ class SimRemoteClient:
 
     Attributes
     ----------
+    timeout : float
+        As given; it may be changed at any time.
     counters : ClientCounters
     """
 
@@ -95,7 +97,7 @@ class SimRemoteClient:
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         self._address = (host, port)
-        self._timeout = timeout
+        self.timeout = timeout
         self._arm_timeout = arm_timeout
         self._delay_initial = reconnect_delay_initial
         self._delay_maximum = reconnect_delay_maximum
@@ -162,7 +164,7 @@ class SimRemoteClient:
         if self._monotonic() < self._next_attempt:
             return False
         try:
-            connection = socket.create_connection(self._address, timeout=self._timeout)
+            connection = socket.create_connection(self._address, timeout=self.timeout)
         except OSError as error:
             LOGGER.debug("no connection to %s:%d: %s", *self._address, error)
             self._next_attempt = self._monotonic() + self._delay
@@ -255,7 +257,7 @@ class SimRemoteClient:
         """
         if count > len(self._unanswered):
             raise ValueError(f"{count} replies asked for, {len(self._unanswered)} outstanding")
-        wait = self._timeout if timeout is None else timeout
+        wait = self.timeout if timeout is None else timeout
         deadline = self._monotonic() + wait
         replies: list[Reply] = []
         failures: list[str] = []
@@ -392,7 +394,7 @@ class SimRemoteClient:
             raise SimRemoteConnectionError(f"{_short(lines[0])}: not connected to {host}:{port}")
         ending = self._line_ending
         try:
-            self._socket.settimeout(self._timeout)
+            self._socket.settimeout(self.timeout)
             self._socket.sendall((ending.join(lines) + ending).encode("ascii"))
         except OSError as error:
             self._lose()

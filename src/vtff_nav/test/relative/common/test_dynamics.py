@@ -184,6 +184,26 @@ def test_error_of_thrust_is_noise():
     np.testing.assert_allclose(noisy - free, white_acceleration_noise(0.0005, 1.0), atol=1e-12)
 
 
+@pytest.mark.parametrize("error", range(4))
+def test_effect_of_scale_and_misalignment_of_the_thrust_is_the_derivative(error):
+    acceleration = np.array([0.4, -0.9, 0.3])
+    small = 1e-3
+    wrong = acceleration * (1.0 + small)
+    if error:
+        wrong = acceleration + small * np.cross(np.eye(3)[error - 1], acceleration)
+    predicted, disturbed = (
+        motion().predict(
+            START, 6.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), [ThrustInterval(START + 1.0, 1.0, a)]
+        )
+        for a in (acceleration, wrong)
+    )
+    derivative = (disturbed.relative - predicted.relative)[:6] / small
+    assert np.linalg.norm(derivative[:3]) > 1.0
+    coupling = predicted.thrust_coupling[:6, error]
+    np.testing.assert_allclose(coupling[:3], derivative[:3], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(coupling[3:], derivative[3:], rtol=0, atol=1e-3)
+
+
 @pytest.mark.parametrize("thrust_sigma", [0.0, 0.01])
 def test_covariance_of_many_epochs_stays_positive(thrust_sigma):
     """An hour of epochs with thrust: the noise never makes a variance negative."""

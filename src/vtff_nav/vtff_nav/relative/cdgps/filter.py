@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 from scipy.special import gammaincc
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
@@ -25,6 +26,7 @@ from vtff_nav.relative.cdgps.model import (
     measurement_innovation,
     phase_plasma,
 )
+from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
@@ -69,7 +71,10 @@ _NEGLIGIBLE_SLOW_SIGMA = 5e-5
 _WHITE_PHASE_POWER = 2e-6
 _LARGEST_DOUBT = 25.0
 _GLOBAL_FAILURES = 2
+# With one more where nothing but the satellites tells of the motion, so that they check each other.
 _FEWEST_FIXED_SATELLITES = 4
+# After phases have contradicted each other, nothing is fixed at so many epochs.
+_EPOCHS_OF_DOUBT = 30
 # In scatter the errors of a single phase are far from normal. An ambiguity is then fixed only after
 # so many epochs, and when the sigma of their mean is below this, cycles.
 _FEWEST_EPOCHS_IN_SCATTER = 3
@@ -142,6 +147,7 @@ class RelativeFilter:
         self.state = GaussianState(labels, mean, covariance)
         self.arcs = ArcBook()
         self.scatter = PhaseScatter()
+        self.jumps = PhaseJumpDetector(is_static=configuration.dynamics == "static")
         prior = NoisePrior(
             configuration.slow_phase_sigma,
             configuration.slow_code_sigma,
@@ -156,6 +162,7 @@ class RelativeFilter:
         self.attempt = FixAttempt((), 0.0, 0.0, "")
         self._code_reference: tuple[int, int, int] | None = None
         self._global_failures = 0
+        self._epochs_without_fix = 0
         self._epochs = 0
         if configuration.has_plasma:
             for layer, sigma in enumerate(configuration.layer_sigmas):
@@ -263,6 +270,10 @@ class RelativeFilter:
                 state.remove([("phase_error", key)])
             else:
                 excluded[key] = reason
+        kept = self._search_jumps(interval, measured, sky, excluded, degraded)
+        if len(kept) < len(measured):
+            received, stated = received.select(kept), stated.select(kept)
+            measured, sky = measured.select(kept), sky.select(kept)
         if laser is not None and ("laser_latency",) not in state:
             state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
         clock = SPEED_OF_LIGHT * self.clock
@@ -273,6 +284,8 @@ class RelativeFilter:
         is_phase_fault = measured.phase_variance > variance_before
         missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
         before = float(np.trace(state.covariance[:3, :3]))
+        position = state.mean[:3].copy()
+        changes = self._phase_changes(measured, sky)
         change = state.update(innovation)
         self._learn_thrust_noise(change[:3], before - float(np.trace(state.covariance[:3, :3])))
         for key, variance in missing_variances.items():
@@ -286,9 +299,53 @@ class RelativeFilter:
             self._learn_noise(time, interval, received, sky, clock, innovation)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
-        if not update.has_failed:
+        self._epochs_without_fix = max(self._epochs_without_fix - 1, 0)
+        if not update.has_failed and self._epochs_without_fix == 0:
             update.fixed = self._fix(time, measured, sky, innovation)
+        is_used = innovation.is_used[len(measured) : 2 * len(measured)]
+        self.jumps.record(changes, changes.direction @ (state.mean[:3] - position), is_used)
         return update
+
+    def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
+        excess = np.array([self.scatter.variance(key) for key in measured.keys])
+        return PhaseChanges(
+            keys=tuple(measured.keys),
+            residual=measured.phase - sky.predicted,
+            variance=measured.phase_variance + excess,
+            direction=sky.direction,
+            clock_rate=sky.clock_rate,
+            clock=self.clock,
+        )
+
+    def _search_jumps(
+        self,
+        interval: float,
+        measured: SingleDifferences,
+        sky: Sky,
+        excluded: dict[SignalKey, str],
+        degraded: list[str],
+    ) -> npt.NDArray[np.intp]:
+        """Put out satellites whose phases have jumped; return the rows that are used.
+
+        Where it cannot be told which phases have jumped, all integers end: they would be kept
+        with a position that may be wrong.
+        """
+        self.jumps.forget(excluded)
+        found = self.jumps.search(self._phase_changes(measured, sky), interval)
+        is_orbital = self.configuration.dynamics == "orbital"
+        if found.is_unexplained and not is_orbital:
+            degraded.append("phases have jumped, and it cannot be told which")
+            self._epochs_without_fix = _EPOCHS_OF_DOUBT
+            for key in measured.keys:
+                excluded[key] = "phases contradict each other"
+                self._end_arc(key)
+        out = self.jumps.excluded(key.satellite for key in measured.keys)
+        for key in measured.keys:
+            if key.satellite in out:
+                excluded[key] = "phases of the satellite have jumped"
+                self._end_arc(key)
+        kept = [row for row, key in enumerate(measured.keys) if key.satellite not in out]
+        return np.array(kept or range(len(measured)), dtype=np.intp)
 
     def _start_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
         """Add arcs and states for signals without an arc."""
@@ -598,7 +655,10 @@ class RelativeFilter:
         satellites = len(np.unique(measured.satellite[code_used | phase_used]))
         used = [key for key, is_used in zip(measured.keys, phase_used, strict=True) if is_used]
         with_integer = [key for key in used if self.arcs[key].integer is not None]
-        if len({key.satellite for key in with_integer}) >= _FEWEST_FIXED_SATELLITES:
+        # Most integers are lost and refused: those that are left cannot be trusted either.
+        has_collapsed = 2 * len(with_integer) < len(used) and bool(self.attempt.reason)
+        fewest = _FEWEST_FIXED_SATELLITES + (self.configuration.dynamics == "kinematic")
+        if len({key.satellite for key in with_integer}) >= fewest and not has_collapsed:
             return SOLUTION_FIXED, satellites, len(with_integer)
         return (SOLUTION_FLOAT if used else SOLUTION_CODE), satellites, len(with_integer)
 

@@ -70,6 +70,10 @@ class Sky:
     azimuth: FloatArray
     antenna_offset: FloatArray
 
+    def select(self, rows: npt.NDArray[np.intp]) -> Sky:
+        """Return the sky of some of the single differences."""
+        return Sky(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
 
 def make_sky(
     measured: SingleDifferences,

@@ -32,6 +32,8 @@ __all__ = [
 _POINT_ITERATIONS = 12
 # The first iterations only bring the position near the Earth: elevations mean nothing yet.
 _ITERATIONS_WITHOUT_ELEVATION = 6
+# From a position nearby one iteration finds the clock and the elevations.
+_ITERATIONS_WITH_WIDE_MASK = 1
 _FIRST_RADIUS = 6.9e6
 _POINT_TOLERANCE = 1e-3
 _LARGEST_POINT_CONDITION = 1e10
@@ -173,8 +175,9 @@ def solve_single_point(
     time: GpsTime,
     elevation_mask: float,
     has_troposphere: bool,
+    nearby_itrf: FloatArray | None = None,
 ) -> SinglePoint | None:
-    """Solve position and one clock for each system by least squares, without a first guess.
+    """Solve position and one clock for each system by least squares.
 
     Parameters
     ----------
@@ -186,6 +189,8 @@ def solve_single_point(
         Satellites below are not used, rad.
     has_troposphere : bool
         Whether `troposphere_delay` is part of the model.
+    nearby_itrf : ndarray, shape (3,), optional
+        A position within some 1000 km, m, from which fewer iterations are needed.
 
     Returns
     -------
@@ -197,9 +202,13 @@ def solve_single_point(
     if len(measured) < fewest_satellites:
         return None
     rows = np.searchsorted(satellite_numbers(table), measured.satellite)
-    # Satellites in view are on the side of the Earth where the receiver is.
-    sum_of_satellites = table.states(time).position_itrf[rows].sum(axis=0)
-    position = _FIRST_RADIUS * sum_of_satellites / np.linalg.norm(sum_of_satellites)
+    if nearby_itrf is None:
+        # Satellites in view are on the side of the Earth where the receiver is.
+        sum_of_satellites = table.states(time).position_itrf[rows].sum(axis=0)
+        position = _FIRST_RADIUS * sum_of_satellites / np.linalg.norm(sum_of_satellites)
+        without_elevation = _ITERATIONS_WITHOUT_ELEVATION
+    else:
+        position, without_elevation = nearby_itrf, _ITERATIONS_WITH_WIDE_MASK
     is_of_system = (measured.system[:, None] == systems[None, :]).astype(float)
     clocks, is_used = np.zeros(len(systems)), np.ones(len(measured), dtype=bool)
     for iteration in range(_POINT_ITERATIONS):
@@ -212,7 +221,7 @@ def solve_single_point(
         direction = geometry.direction[0, rows]
         design = np.hstack((-direction, is_of_system)) / measured.code_sigma[:, None]
         predicted = geometry.range[0, rows] - geometry.clock[0, rows] + is_of_system @ clocks
-        if iteration >= _ITERATIONS_WITHOUT_ELEVATION:
+        if iteration >= without_elevation:
             is_used = elevation > elevation_mask
             if np.count_nonzero(is_used) < fewest_satellites:
                 return None
@@ -226,7 +235,7 @@ def solve_single_point(
         position = position + change[:3]
         clocks = clocks + change[3:]
         is_converged = float(np.abs(change).max()) < _POINT_TOLERANCE
-        if is_converged and iteration > _ITERATIONS_WITHOUT_ELEVATION:
+        if is_converged and iteration > without_elevation:
             break
     else:
         return None

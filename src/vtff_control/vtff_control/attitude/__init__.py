@@ -1,0 +1,1 @@
+"""Attitude control with torquers and a pitch wheel: detumbling, compass mode, pointing, pulses."""

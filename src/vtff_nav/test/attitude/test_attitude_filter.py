@@ -1,0 +1,172 @@
+"""The multiplicative filter: its linear model, convergence, honesty, options."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from attitude_support import DIPOLE as TRUE_DIPOLE
+from attitude_support import TRACK, MeasuredFlight
+
+from vtff_dynamics.attitude.quaternion import (
+    conjugate,
+    from_rotation_vector,
+    multiply,
+    rotation_vector,
+)
+from vtff_nav.attitude.attitude_filter import AttitudeFilter
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.filter_bank import AttitudeFilterBank
+from vtff_nav.attitude.kernels import BIAS, DIPOLE, FIELD, INERTIA, RATE, STATES, predict_attitude
+
+
+def predicted(change, covariance):
+    """Predict over a period from a state with an error; pulses, wheel and field error act."""
+    inertia = np.diag([0.055, 0.058, 0.056])
+    quaternion = from_rotation_vector(np.array([0.3, -0.8, 0.5]))
+    quaternion = multiply(quaternion, from_rotation_vector(change[:3]))
+    mean = np.concatenate(
+        ([0.01, -0.02, 0.005], [0.1, 0.05, -0.2], np.zeros(3), np.zeros(3), np.zeros(3))
+    )
+    mean += change[3:]
+    state = TRACK.state_gcrf(0)
+    noise = np.zeros(8)
+    noise[5] = 1e12
+    predict_attitude(
+        quaternion, mean, covariance, 5.0, 20, TRACK.field_gcrf(0), TRACK.field_gcrf(1),
+        state[:3], 1e-3, 1.1e-3, np.array([0.0, 1.0, 0.0]), inertia,
+        np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), noise,
+    )  # fmt: skip
+    return quaternion, mean[:3]
+
+
+def test_linear_model_is_the_derivative_of_the_motion():
+    """Each column of the transition against a central difference of the prediction."""
+    scale = np.concatenate(([1e-4] * 3, [1e-5] * 3, [1e-4] * 3, [1e-9] * 3, [1e-4] * 3, [1e-8] * 3))
+    centre, _ = predicted(np.zeros(STATES), np.zeros((STATES, STATES)))
+    for column in [*range(BIAS), *range(INERTIA, STATES)]:
+        change = np.zeros(STATES)
+        change[column] = scale[column]
+        ends = []
+        for sign in (1.0, -1.0):
+            quaternion, rate = predicted(sign * change, np.zeros((STATES, STATES)))
+            turned = rotation_vector(multiply(conjugate(centre), quaternion))
+            ends.append(np.concatenate((turned, rate)))
+        numeric = (ends[0] - ends[1]) / (2.0 * scale[column])
+        covariance = np.zeros((STATES, STATES))
+        covariance[column, column] = 1.0
+        predicted(np.zeros(STATES), covariance)
+        # With a single variance the predicted covariance is the square of the column.
+        sign = np.sign(numeric[np.argmax(np.abs(numeric))])
+        biggest = int(np.argmax(np.abs(numeric)))
+        analytic = sign * covariance[:6, biggest] / math.sqrt(covariance[biggest, biggest])
+        np.testing.assert_allclose(analytic, numeric, atol=2e-3 * np.abs(numeric).max())
+    assert BIAS - DIPOLE == FIELD - INERTIA == RATE == 3
+
+
+def test_from_37_degrees_the_attitude_and_the_dipole_are_found():
+    flight = MeasuredFlight(2)
+    axis = flight.generator.standard_normal(3)
+    off = from_rotation_vector(math.radians(37.0) * axis / np.linalg.norm(axis))
+    running = AttitudeFilter(
+        BodyModel(), AttitudeFilterConfiguration(), multiply(flight.state.quaternion_gcrf, off)
+    )
+    errors = []
+    for _ in range(300):
+        period, sample = flight.fly()
+        running.predict(period)
+        assert running.update(sample, period.field_end_gcrf)
+        errors.append(np.degrees(np.linalg.norm(flight.errors(running.estimate)[:3])))
+    assert max(errors[90:]) < 5.0
+    assert max(errors[-60:]) < 0.6
+    assert np.abs(flight.errors(running.estimate)[6:]).max() < 1e-3
+    assert running.estimate.dipole_sigma.max() < 1e-3
+
+
+def test_bank_finds_the_attitude_from_nothing_and_comes_down_to_one():
+    flight = MeasuredFlight(5)
+    first = flight.sample()
+    bank = AttitudeFilterBank(
+        BodyModel(), AttitudeFilterConfiguration(), first, TRACK.field_gcrf(0)
+    )
+    assert bank.members == 24
+    for _ in range(240):
+        period, sample = flight.fly()
+        bank.predict(period)
+        bank.update(sample, period.field_end_gcrf)
+    assert bank.members == 1
+    errors = flight.errors(bank.estimate)
+    assert np.degrees(np.linalg.norm(errors[:3])) < 1.0
+    nees = errors @ np.linalg.solve(bank.estimate.covariance[:9, :9], errors) / 9.0
+    assert nees < 3.0
+
+
+def test_pulses_of_the_torquers_are_known_to_the_filter():
+    """The same flight, with pulses that the filter is not told of, is not explained."""
+    flight = MeasuredFlight(6)
+    settings = AttitudeFilterConfiguration(
+        initial_rotation_sigma_deg=1.0,
+        initial_rate_sigma=1e-4,
+        estimates_dipole=False,
+        initial_dipole=TRUE_DIPOLE,
+    )
+    state = flight.state
+    filters = [
+        AttitudeFilter(BodyModel(), settings, state.quaternion_gcrf, state.rate_body)
+        for _ in range(2)
+    ]
+    mean = np.zeros(2)
+    for number in range(60):
+        period, sample = flight.fly((1.5, -3.0 * (number % 2), 2.0))
+        blind = type(period)(**{**vars(period), "pulses": np.zeros(3)})
+        for index, told in enumerate((period, blind)):
+            filters[index].predict(told)
+            filters[index].update(sample, period.field_end_gcrf)
+            mean[index] += filters[index].normalised_innovation_squared / 180.0
+    assert mean[0] < 1.5
+    assert mean[1] > 3.0 * mean[0]
+
+
+def test_bias_is_estimated_where_asked_and_its_place_stays_zero_where_not():
+    bias = np.array([0.4e-6, -0.3e-6, 0.2e-6])
+    flight = MeasuredFlight(7)
+    state = flight.state
+    settings = AttitudeFilterConfiguration(
+        initial_rotation_sigma_deg=5.0, initial_rate_sigma=1e-3, bias_sigma=0.5e-6
+    )
+    asked = AttitudeFilter(BodyModel(), settings, state.quaternion_gcrf, state.rate_body)
+    plain = AttitudeFilter(
+        BodyModel(), AttitudeFilterConfiguration(), state.quaternion_gcrf, state.rate_body
+    )
+    for _ in range(400):
+        period, sample = flight.fly()
+        for running in (asked, plain):
+            running.predict(period)
+            running.update(sample + bias, period.field_end_gcrf)
+    estimate = asked.estimate
+    sigma = np.sqrt(np.diag(estimate.covariance)[BIAS:INERTIA])
+    assert (np.abs(estimate.magnetometer_bias - bias) < 4.0 * sigma).all()
+    assert sigma.max() < 0.1e-6
+    assert not plain.estimate.magnetometer_bias.any()
+    assert not plain.estimate.covariance[BIAS:, :].any()
+
+
+def test_outliers_are_gated_and_bad_numbers_refused():
+    flight = MeasuredFlight(8)
+    settings = AttitudeFilterConfiguration(
+        gate=30.0, initial_rotation_sigma_deg=0.5, initial_rate_sigma=1e-4
+    )
+    running = AttitudeFilter(
+        BodyModel(), settings, flight.state.quaternion_gcrf, flight.state.rate_body
+    )
+    period, sample = flight.fly()
+    running.predict(period)
+    before = running.estimate
+    assert not running.update(sample + 5e-6, period.field_end_gcrf)
+    np.testing.assert_array_equal(running.estimate.covariance, before.covariance)
+    assert running.update(sample, period.field_end_gcrf)
+    with pytest.raises(ValueError, match="torque_noise: expected 0 or more"):
+        AttitudeFilterConfiguration(torque_noise=-1.0)
+    with pytest.raises(ValueError, match="inertia: no body has these"):
+        BodyModel(inertia=(0.1, 0.1, 0.3))

@@ -1,0 +1,90 @@
+"""Determination of the attitude through faults of the sensor, and its new start."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from attitude_support import MeasuredFlight
+
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.determination import AttitudeDetermination, DeterminationConfiguration
+from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
+
+
+@pytest.fixture(scope="module")
+def converged():
+    """A flight of twenty minutes and its determination."""
+    flight = MeasuredFlight(3)
+    determination = AttitudeDetermination(BodyModel(), AttitudeFilterConfiguration())
+    for number in range(240):
+        status = determination.process(*flight.fly())
+        assert number > 0 or not status.valid
+    assert status.valid and status.used and not status.reason
+    return flight, determination
+
+
+def test_faulty_samples_are_named_and_bridged(converged):
+    flight, determination = converged
+    period, sample = flight.fly()
+    assert determination.process(period, None).reason == "magnetometer silent"
+    period, sample = flight.fly()
+    status = determination.process(period, np.array([60e-6, 1e-6, 1e-6]))
+    assert status.reason == "magnetometer saturated" and not status.used and status.valid
+    for _ in range(4):
+        status = determination.process(flight.fly()[0], sample)
+    assert status.reason == "magnetometer stuck: 4 equal samples"
+    period, sample = flight.fly()
+    assert "uT where the field has" in determination.process(period, 0.5 * sample).reason
+    period, sample = flight.fly()
+    assert "finite" in determination.process(period, [np.nan, 0.0, 0.0]).reason
+    for _ in range(20):
+        status = determination.process(*flight.fly())
+    assert status.valid and status.used and not status.reason and status.restarts == 0
+    assert np.degrees(np.linalg.norm(flight.errors(determination.estimate)[:3])) < 1.0
+
+
+def test_a_filter_that_does_not_explain_the_samples_starts_anew():
+    flight, other = MeasuredFlight(3), MeasuredFlight(5)
+    determination = AttitudeDetermination(
+        BodyModel(), AttitudeFilterConfiguration(), DeterminationConfiguration(window=30)
+    )
+    for _ in range(160):
+        other.fly()
+        status = determination.process(*flight.fly())
+    assert status.valid
+    # From here on the samples are those of another attitude, rate and history.
+    statuses = [determination.process(*other.fly()) for _ in range(240)]
+    reasons = [status.reason for status in statuses]
+    assert "starts anew: the filter did not explain the samples" in reasons
+    assert statuses[-1].restarts >= 1 and statuses[-1].valid
+    assert np.degrees(np.linalg.norm(other.errors(determination.estimate)[:3])) < 2.0
+
+
+def test_a_tumbling_spacecraft_is_not_started_on():
+    flight = MeasuredFlight(4)
+    determination = AttitudeDetermination(BodyModel(), AttitudeFilterConfiguration())
+    status = determination.process(*flight.fly(), rate_across=0.2)
+    assert status.reason == "tumbling: 0.200 rad/s across the field" and not status.valid
+    assert determination.estimate is None
+
+
+def test_wheel_observer_smooths_the_tachometer_and_names_a_wheel_that_does_not_follow():
+    wheel = WheelObserver(WheelObserverConfiguration(), 0.0)
+    generator = np.random.default_rng(1)
+    worst = 0.0
+    for number in range(200):
+        wheel.predict(-10.0 * number, 5.0)
+        wheel.update(-10.0 * number + 2.0 + generator.uniform(-5.0, 5.0))
+        worst = max(worst, abs(wheel.speed_rpm + 10.0 * number - 2.0)) if number > 60 else 0.0
+    assert worst < 3.0 and wheel.follows
+    held = wheel.speed_rpm
+    for _ in range(4):
+        wheel.predict(held - 500.0, 5.0)
+        wheel.update(held)
+    assert not wheel.follows and wheel.speed_rpm == pytest.approx(held, abs=1.0)
+    wheel.predict(held - 100.0, 5.0)
+    wheel.update(held - 100.0)
+    assert wheel.follows
+    # 1 mN m for 5 s gives 2500 rpm: a command beyond it is not believed.
+    wheel.predict(held - 10000.0, 5.0)
+    assert wheel.speed_rpm == pytest.approx(held - 100.0 - 2500.0, abs=1.0)

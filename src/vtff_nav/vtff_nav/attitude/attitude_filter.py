@@ -1,0 +1,243 @@
+"""Attitude, rate and dipole from a magnetometer alone: a multiplicative filter.
+
+The field turns along the orbit, so one vector observes the attitude in time, and the torque of the
+dipole on the field makes the dipole observable through the rate. Bias of the magnetometer, inertia
+and the error of the field model can be estimated besides; none of them is by default, and then the
+filter has the nine states of rotation, rate and dipole.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.attitude.quaternion import (
+    check_quaternion,
+    conjugate,
+    multiply,
+    rotation_matrix,
+    rotation_vector,
+)
+from vtff_dynamics.checks import check_vector
+from vtff_dynamics.vectors import FloatArray
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.kernels import (
+    BIAS,
+    DIPOLE,
+    FIELD,
+    INERTIA,
+    RATE,
+    ROTATION,
+    STATES,
+    predict_attitude,
+    update_by_field,
+)
+
+__all__ = ["AttitudeEstimate", "AttitudeFilter", "FilterPeriod"]
+
+_TWIN = 1e-9
+"""Difference (rad, rad/s, A m2) that is rounding; parts that are not estimated have no sigma."""
+
+
+@dataclass(frozen=True)
+class FilterPeriod:
+    """What is known of a period of the ADCS.
+
+    Attributes
+    ----------
+    duration
+        s.
+    field_start_gcrf, field_end_gcrf
+        Field of the model at its start and end, T, shape (3,).
+    position_gcrf
+        Position in its middle, m, shape (3,).
+    wheel_start, wheel_end
+        Momentum of the wheel, N m s.
+    pulses
+        On-times of the torquers from its start, s, with the sign of the moment, shape (3,).
+    """
+
+    duration: float
+    field_start_gcrf: FloatArray
+    field_end_gcrf: FloatArray
+    position_gcrf: FloatArray
+    wheel_start: float
+    wheel_end: float
+    pulses: FloatArray
+
+
+@dataclass(frozen=True)
+class AttitudeEstimate:
+    """What the filter knows.
+
+    Attributes
+    ----------
+    quaternion_gcrf
+        Body to GCRF, x, y, z, w, shape (4,).
+    rate_body
+        rad/s, shape (3,).
+    dipole
+        Residual moment, A m2, shape (3,).
+    magnetometer_bias
+        T, shape (3,); zero if not estimated.
+    inertia_correction
+        Share of each principal moment, shape (3,); zero if not estimated.
+    field_error_gcrf
+        True less model field, T, shape (3,); zero if not estimated.
+    covariance
+        Of rotation (rad, body axes), rate, dipole, bias, inertia corrections and field error, shape
+        (18, 18); zero where not estimated.
+    """
+
+    quaternion_gcrf: FloatArray
+    rate_body: FloatArray
+    dipole: FloatArray
+    magnetometer_bias: FloatArray
+    inertia_correction: FloatArray
+    field_error_gcrf: FloatArray
+    covariance: FloatArray
+
+    @property
+    def rotation_gcrf_from_body(self) -> FloatArray:
+        """Rotation matrix with ``vector_gcrf = R @ vector_body``, shape (3, 3)."""
+        matrix: FloatArray = rotation_matrix(self.quaternion_gcrf)
+        return matrix
+
+    @property
+    def rotation_sigma(self) -> float:
+        """Root of the largest variance of the attitude about any axis, rad."""
+        return math.sqrt(max(0.0, float(np.linalg.eigvalsh(self.covariance[:3, :3])[-1])))
+
+    @property
+    def dipole_sigma(self) -> FloatArray:
+        """Sigma of each axis of the dipole, A m2, shape (3,)."""
+        sigma: FloatArray = np.sqrt(np.diag(self.covariance)[DIPOLE : DIPOLE + 3])
+        return sigma
+
+
+class AttitudeFilter:
+    """The filter; `start`, then `predict` and `update` in turn.
+
+    Parameters
+    ----------
+    body : BodyModel
+    configuration : AttitudeFilterConfiguration
+    quaternion_gcrf : array_like, shape (4,)
+        First attitude.
+    rate_body : array_like, shape (3,)
+        First rate, rad/s.
+    rotation_covariance : array_like, shape (3, 3), optional
+        Of the first attitude, rad2, body axes; by default the configuration's sigma on each axis.
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        configuration: AttitudeFilterConfiguration,
+        quaternion_gcrf: npt.ArrayLike,
+        rate_body: npt.ArrayLike = (0.0, 0.0, 0.0),
+        rotation_covariance: npt.ArrayLike | None = None,
+    ) -> None:
+        self._body = body
+        self._configuration = configuration
+        self._inertia = body.inertia_matrix
+        self._wheel_axis = np.asarray(body.wheel_axis, dtype=float)
+        self._coupling = np.ascontiguousarray(body.torquer_coupling, dtype=float)
+        self._noise = configuration.noise()
+        self._quaternion = check_quaternion("quaternion_gcrf", quaternion_gcrf)
+        self._mean = np.zeros(15)
+        self._mean[:3] = check_vector("rate_body", rate_body, 3, "rad/s")
+        self._mean[3:6] = np.asarray(configuration.initial_dipole, dtype=float)
+        sigma = np.zeros(STATES)
+        sigma[ROTATION:RATE] = math.radians(configuration.initial_rotation_sigma_deg)
+        sigma[RATE:DIPOLE] = configuration.initial_rate_sigma
+        if configuration.estimates_dipole:
+            sigma[DIPOLE:BIAS] = configuration.initial_dipole_sigma
+        sigma[BIAS:INERTIA] = configuration.bias_sigma
+        sigma[INERTIA:FIELD] = configuration.inertia_sigma
+        sigma[FIELD:] = configuration.field_sigma
+        self._covariance = np.diag(sigma**2)
+        if rotation_covariance is not None:
+            self._covariance[:3, :3] = np.asarray(rotation_covariance, dtype=float)
+        self._innovation = np.zeros(3)
+        self.normalised_innovation_squared = math.nan
+        self.log_likelihood = 0.0
+
+    def predict(self, period: FilterPeriod) -> None:
+        """Predict to the end of a period."""
+        rate = math.sqrt(float(self._mean[:3] @ self._mean[:3]))
+        longest = min(self._configuration.longest_step, 0.3 / max(rate, 1e-9))
+        predict_attitude(
+            self._quaternion,
+            self._mean,
+            self._covariance,
+            period.duration,
+            max(1, min(200, math.ceil(period.duration / longest - 1e-9))),
+            period.field_start_gcrf,
+            period.field_end_gcrf,
+            period.position_gcrf,
+            period.wheel_start,
+            period.wheel_end,
+            self._wheel_axis,
+            self._inertia,
+            period.pulses,
+            self._body.torquer_moment,
+            self._coupling,
+            self._noise,
+        )
+
+    def update(self, measured_body: FloatArray, field_gcrf: FloatArray) -> bool:
+        """Update by a sample of the magnetometer, T, and the field of the model there, T.
+
+        Returns
+        -------
+        bool
+            False if the sample was outside the gate and not used.
+        """
+        square, likelihood = update_by_field(
+            self._quaternion,
+            self._mean,
+            self._covariance,
+            measured_body,
+            field_gcrf,
+            self._configuration.magnetometer_sigma,
+            self._configuration.gate,
+            self._innovation,
+        )
+        self.normalised_innovation_squared = float(square)
+        used = bool(square <= self._configuration.gate)
+        if used:
+            self.log_likelihood += float(likelihood)
+        return used
+
+    @property
+    def quaternion_gcrf(self) -> FloatArray:
+        """Body to GCRF, shape (4,)."""
+        return np.array(self._quaternion)
+
+    def is_twin_of(self, other: AttitudeFilter) -> bool:
+        """Return whether another filter is within the sigma of every error.
+
+        Both say then the same of attitude, rate and dipole.
+        """
+        small = rotation_vector(multiply(conjugate(other._quaternion), self._quaternion))
+        difference = np.concatenate((small, self._mean[:6] - other._mean[:6]))
+        sigma = np.sqrt(np.maximum(np.diag(other._covariance)[:BIAS], 1e-30))
+        return bool((np.abs(difference) <= sigma + _TWIN).all())
+
+    @property
+    def estimate(self) -> AttitudeEstimate:
+        """What the filter knows now; copies."""
+        mean = self._mean.copy()
+        return AttitudeEstimate(
+            self._quaternion.copy(),
+            mean[:3],
+            mean[3:6],
+            mean[6:9],
+            mean[9:12],
+            mean[12:],
+            self._covariance.copy(),
+        )

@@ -1,0 +1,208 @@
+"""Attitude determination of one spacecraft: start, filter, watch over the samples, new start.
+
+What a node, a log and the closed loop use. It starts a bank of filters with the first sample, names
+samples that cannot be true (missing, saturated, stuck), predicts without them, and starts anew when
+the filter no longer explains what is measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray, norm
+from vtff_nav.attitude.attitude_filter import AttitudeEstimate, FilterPeriod
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.filter_bank import AttitudeFilterBank
+
+__all__ = ["AttitudeDetermination", "DeterminationConfiguration", "DeterminationStatus"]
+
+
+@dataclass(frozen=True)
+class DeterminationConfiguration:
+    """Limits of the watch over samples and filter.
+
+    Parameters
+    ----------
+    largest_field : float
+        Range of the magnetometer on each axis, T: a sample there is saturated.
+    field_tolerance : float
+        Share of the model's strength by which a sample's may differ.
+    stuck_samples : int
+        Equal samples in a row that make the sensor stuck.
+    window : int
+        Samples over which the innovations are judged.
+    largest_innovation : float
+        Mean of the normalised innovation squared of the window, for each of its three numbers,
+        above which the filter starts anew.
+    members : int
+        Turns about the field that a start tries.
+    converged_deg : float
+        Largest sigma of the attitude of a solution that may steer, deg.
+    starting_rate : float
+        Rate across the field up to which a start is tried, rad/s.
+    """
+
+    largest_field: float = 60e-6
+    field_tolerance: float = 0.2
+    stuck_samples: int = 3
+    window: int = 60
+    largest_innovation: float = 3.0
+    members: int = 24
+    converged_deg: float = 5.0
+    starting_rate: float = 0.03
+
+
+@dataclass(frozen=True)
+class DeterminationStatus:
+    """What became of a sample.
+
+    Attributes
+    ----------
+    valid
+        True if the attitude may steer.
+    used
+        True if the sample was used.
+    members
+        Filters that are left.
+    restarts
+        New starts since the beginning.
+    normalised_innovation_squared
+        Of this sample, for each of its three numbers; nan without one.
+    reason
+        Why not valid, or why the sample was not used, one line; else empty.
+    """
+
+    valid: bool
+    used: bool
+    members: int
+    restarts: int
+    normalised_innovation_squared: float
+    reason: str = ""
+
+
+class AttitudeDetermination:
+    """Attitude, rate and dipole from samples of a magnetometer, whatever they are.
+
+    Parameters
+    ----------
+    body : BodyModel
+    filter_configuration : AttitudeFilterConfiguration
+    configuration : DeterminationConfiguration, optional
+    """
+
+    def __init__(
+        self,
+        body: BodyModel,
+        filter_configuration: AttitudeFilterConfiguration,
+        configuration: DeterminationConfiguration | None = None,
+    ) -> None:
+        self._body = body
+        self._filter_configuration = filter_configuration
+        self._configuration = configuration or DeterminationConfiguration()
+        self._bank: AttitudeFilterBank | None = None
+        self._innovations: deque[float] = deque(maxlen=self._configuration.window)
+        self._last = np.full(3, math.nan)
+        self._equal = 0
+        self._restarts = 0
+
+    @property
+    def estimate(self) -> AttitudeEstimate | None:
+        """What is known; None before the first sample."""
+        return None if self._bank is None else self._bank.estimate
+
+    def process(
+        self,
+        period: FilterPeriod,
+        measured_body: npt.ArrayLike | None,
+        rate_across: float = 0.0,
+    ) -> DeterminationStatus:
+        """Take a period and the sample at its end.
+
+        Parameters
+        ----------
+        period : FilterPeriod
+        measured_body : array_like, shape (3,), or None
+            Sample of the magnetometer, T; None if there is none.
+        rate_across : float
+            Rate of the body across the field, rad/s, where two samples show it: a spacecraft that
+            tumbles is not started on.
+        """
+        field = period.field_end_gcrf
+        reason = self._fault_of(measured_body, field)
+        if self._bank is not None:
+            self._bank.predict(period)
+        if reason:
+            self._innovations.clear()
+            return self._status(False, math.nan, reason)
+        sample = np.asarray(measured_body, dtype=float)
+        if self._bank is None:
+            if rate_across > self._configuration.starting_rate:
+                return self._status(
+                    False, math.nan, f"tumbling: {rate_across:.3f} rad/s across the field"
+                )
+            self._start(sample, field)
+            return self._status(True, math.nan)
+        used = self._bank.update(sample, field)
+        innovation = self._bank.best.normalised_innovation_squared / 3.0
+        # One wild sample is an outlier and no reason for a new start.
+        self._innovations.append(min(innovation, 100.0))
+        limit = self._configuration.largest_innovation
+        full = len(self._innovations) == self._configuration.window
+        if full and sum(self._innovations) / len(self._innovations) > limit:
+            self._restarts += 1
+            self._bank = None
+            self._innovations.clear()
+            return self._status(
+                False, innovation, "starts anew: the filter did not explain the samples"
+            )
+        return self._status(used, innovation, "" if used else "sample outside the gate")
+
+    def _start(self, sample: FloatArray, field: FloatArray) -> None:
+        self._innovations.clear()
+        self._bank = AttitudeFilterBank(
+            self._body,
+            self._filter_configuration,
+            sample,
+            field,
+            members=self._configuration.members,
+        )
+
+    def _fault_of(self, measured_body: npt.ArrayLike | None, field: FloatArray) -> str:
+        """Return what is wrong with a sample, one line; empty if nothing is."""
+        settings = self._configuration
+        if measured_body is None:
+            return "magnetometer silent"
+        sample = np.asarray(measured_body, dtype=float)
+        if sample.shape != (3,) or not np.isfinite(sample).all():
+            return "magnetometer sample is not three finite numbers"
+        self._equal = self._equal + 1 if np.array_equal(sample, self._last) else 1
+        self._last = sample
+        if self._equal >= settings.stuck_samples:
+            return f"magnetometer stuck: {self._equal} equal samples"
+        if np.abs(sample).max() >= settings.largest_field * (1.0 - 1e-9):
+            return "magnetometer saturated"
+        strength, expected = norm(sample), norm(field)
+        if abs(strength - expected) > settings.field_tolerance * expected:
+            return (
+                f"magnetometer shows {1e6 * strength:.1f} uT where the field has "
+                f"{1e6 * expected:.1f} uT"
+            )
+        return ""
+
+    def _status(self, used: bool, innovation: float, reason: str = "") -> DeterminationStatus:
+        if self._bank is None:
+            return DeterminationStatus(
+                False, used, 0, self._restarts, innovation, reason or "no sample yet"
+            )
+        sigma = math.degrees(self._bank.estimate.rotation_sigma)
+        valid = self._bank.members == 1 and sigma <= self._configuration.converged_deg
+        if not valid and not reason:
+            reason = f"attitude not yet known: {self._bank.members} starts left, {sigma:.1f} deg"
+        return DeterminationStatus(
+            valid, used, self._bank.members, self._restarts, innovation, reason
+        )

@@ -1,0 +1,497 @@
+"""Compiled steps of the attitude filters: prediction over a period and update by the field.
+
+Error state, 18 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
+magnetometer bias (T), inertia corrections (share of each diagonal moment), error of the field model
+(T, GCRF). What is not estimated has zero variance and zero process noise: its rows and columns stay
+zero and cost little. The true attitude is the estimate times the small rotation, in body axes.
+
+References
+----------
+Markley and Crassidis (2014), Fundamentals of Spacecraft Attitude Determination and Control, 6.2.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vtff_dynamics.attitude.quaternion import from_rotation_vector, multiply, rotation_matrix
+from vtff_dynamics.attitude.rigid_body import rotation_rate
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import GM_EARTH
+
+__all__ = [
+    "BIAS",
+    "DIPOLE",
+    "FIELD",
+    "INERTIA",
+    "RATE",
+    "ROTATION",
+    "STATES",
+    "mean_rod_moment",
+    "predict_attitude",
+    "predict_rate_and_dipole",
+    "update_by_field",
+]
+
+ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD = 0, 3, 6, 9, 12, 15
+"""First number of each part of the error state."""
+
+STATES = 18
+"""Size of the error state."""
+
+
+@compiled
+def _cross_matrix(vector):  # type: ignore[no-untyped-def]
+    matrix = np.zeros((3, 3))
+    matrix[0, 1] = -vector[2]
+    matrix[0, 2] = vector[1]
+    matrix[1, 0] = vector[2]
+    matrix[1, 2] = -vector[0]
+    matrix[2, 0] = -vector[1]
+    matrix[2, 1] = vector[0]
+    return matrix
+
+
+@compiled
+def _product(left, right):  # type: ignore[no-untyped-def]
+    """Multiply matrices that are too small for a library call."""
+    result = np.zeros((left.shape[0], right.shape[1]))
+    for i in range(left.shape[0]):
+        for k in range(left.shape[1]):
+            value = left[i, k]
+            if value != 0.0:
+                for j in range(right.shape[1]):
+                    result[i, j] += value * right[k, j]
+    return result
+
+
+@compiled
+def mean_rod_moment(pulses, start, end, rod_moment):  # type: ignore[no-untyped-def]
+    """Return the mean moment of the rods between two times of a period, A m2, shape (3,)."""
+    moment = np.zeros(3)
+    for axis in range(3):
+        on_time = abs(pulses[axis])
+        share = min(max(on_time - start, 0.0), end - start) / (end - start)
+        moment[axis] = math.copysign(share * rod_moment, pulses[axis]) if share > 0.0 else 0.0
+    return moment
+
+
+@compiled
+def predict_attitude(  # type: ignore[no-untyped-def]
+    quaternion,
+    mean,
+    covariance,
+    period,
+    steps,
+    field_start,
+    field_end,
+    position_gcrf,
+    wheel_start,
+    wheel_end,
+    wheel_axis,
+    inertia,
+    pulses,
+    rod_moment,
+    coupling,
+    noise,
+):
+    """Predict attitude, state and covariance over a period, in place.
+
+    Parameters
+    ----------
+    quaternion : (4,)
+    mean : (15,)
+        Rate, dipole, bias, inertia corrections, field error.
+    covariance : (18, 18)
+    steps : int
+        Steps of the integration.
+    field_start, field_end : (3,)
+        Field of the model in GCRF, T.
+    position_gcrf : (3,)
+        In the middle of the period, m.
+    wheel_start, wheel_end : float
+        Momentum of the wheel, N m s; it changes uniformly.
+    pulses : (3,)
+        On-times of the rods from the start of the period, s, signed.
+    noise : (8,)
+        Torque (N m sqrt(s)), dipole walk (A m2/sqrt(s)), bias walk (T/sqrt(s)), inertia walk
+        (1/sqrt(s)), field sigma (T), field time constant (s), wheel momentum sigma of a period
+        (N m s), sigma of the moment of a rod (share).
+    """
+    identity = np.eye(3)
+    body = inertia.copy()
+    for axis in range(3):
+        body[axis, axis] *= 1.0 + mean[9 + axis]
+    inverse = np.linalg.inv(body)
+    step = period / steps
+    wheel_torque = (wheel_end - wheel_start) / period
+    nothing = np.zeros(3)
+    state = np.empty(8)
+    state[:4] = quaternion
+    state[4:7] = mean[:3]
+    state[7] = wheel_start
+    rates = np.empty((4, 8))
+    growth = np.zeros((6, STATES))
+    for i in range(6):
+        growth[i, i] = 1.0
+    matrix = np.zeros((6, STATES))
+    rod_variance = np.zeros(3)
+    for number in range(steps):
+        time = number * step
+        rods = mean_rod_moment(pulses, time, time + step, rod_moment)
+        moment = mean[3:6].copy()
+        for i in range(3):
+            rod_variance[i] += (rods[i] * noise[7]) ** 2 / steps
+            for j in range(3):
+                moment[i] += coupling[i, j] * rods[j]
+        field = np.empty((3, 3))
+        for half in range(3):
+            share = (time + 0.5 * half * step) / period
+            for i in range(3):
+                field[half, i] = (
+                    (1.0 - share) * field_start[i] + share * field_end[i] + mean[12 + i]
+                )
+        before = state.copy()
+        rotation_rate(
+            state,
+            body,
+            inverse,
+            wheel_axis,
+            wheel_torque,
+            field[0],
+            position_gcrf,
+            moment,
+            nothing,
+            nothing,
+            nothing,
+            rates[0],
+        )
+        rotation_rate(
+            state + 0.5 * step * rates[0],
+            body,
+            inverse,
+            wheel_axis,
+            wheel_torque,
+            field[1],
+            position_gcrf,
+            moment,
+            nothing,
+            nothing,
+            nothing,
+            rates[1],
+        )
+        rotation_rate(
+            state + 0.5 * step * rates[1],
+            body,
+            inverse,
+            wheel_axis,
+            wheel_torque,
+            field[1],
+            position_gcrf,
+            moment,
+            nothing,
+            nothing,
+            nothing,
+            rates[2],
+        )
+        rotation_rate(
+            state + step * rates[2],
+            body,
+            inverse,
+            wheel_axis,
+            wheel_torque,
+            field[2],
+            position_gcrf,
+            moment,
+            nothing,
+            nothing,
+            nothing,
+            rates[3],
+        )
+        for i in range(8):
+            state[i] += (
+                step / 6.0 * (rates[0, i] + 2.0 * rates[1, i] + 2.0 * rates[2, i] + rates[3, i])
+            )
+        length = math.sqrt(np.sum(state[:4] * state[:4]))
+        for i in range(4):
+            state[i] /= length
+        # Linear model at the middle of the step.
+        middle = 0.5 * (before + state)
+        length = math.sqrt(np.sum(middle[:4] * middle[:4]))
+        to_gcrf = rotation_matrix(middle[:4] / length)
+        rate = middle[4:7].copy()
+        acceleration = (state[4:7] - before[4:7]) / step
+        field_body = np.zeros(3)
+        down = np.zeros(3)
+        square = 0.0
+        for i in range(3):
+            square += position_gcrf[i] ** 2
+            for j in range(3):
+                field_body[i] += to_gcrf[j, i] * field[1, j]
+                down[i] += to_gcrf[j, i] * position_gcrf[j]
+        gradient = 3.0 * GM_EARTH / (square * square * math.sqrt(square))
+        momentum = np.zeros(3)
+        heavy = np.zeros(3)
+        for i in range(3):
+            momentum[i] = middle[7] * wheel_axis[i]
+            for j in range(3):
+                momentum[i] += body[i, j] * rate[j]
+                heavy[i] += body[i, j] * down[j]
+        cross_rate = _cross_matrix(rate)
+        cross_field = _cross_matrix(field_body)
+        cross_moment = _cross_matrix(moment)
+        cross_down = _cross_matrix(down)
+        turned = _product(cross_moment, cross_field) + gradient * (
+            _product(_product(cross_down, body), cross_down)
+            - _product(_cross_matrix(heavy), cross_down)
+        )
+        by_rotation = _product(inverse, turned)
+        by_rate = _product(inverse, _cross_matrix(momentum) - _product(cross_rate, body))
+        by_dipole = -_product(inverse, cross_field)
+        by_field = _product(inverse, _product(cross_moment, to_gcrf.T.copy()))
+        by_inertia = np.empty((3, 3))
+        for i in range(3):
+            change = np.zeros(3)
+            change[i] = inertia[i, i]
+            torque = np.zeros((3, 1))
+            gyroscopic = _product(cross_rate, (change * rate[i]).reshape(3, 1))
+            gravity = _product(cross_down, (change * down[i]).reshape(3, 1))
+            for j in range(3):
+                torque[j, 0] = (
+                    -change[j] * acceleration[i] - gyroscopic[j, 0] + gradient * gravity[j, 0]
+                )
+            column = _product(inverse, torque)
+            for j in range(3):
+                by_inertia[j, i] = column[j, 0]
+        for i in range(3):
+            for j in range(3):
+                matrix[i, ROTATION + j] = -cross_rate[i, j]
+                matrix[i, RATE + j] = identity[i, j]
+                matrix[3 + i, ROTATION + j] = by_rotation[i, j]
+                matrix[3 + i, RATE + j] = by_rate[i, j]
+                matrix[3 + i, DIPOLE + j] = by_dipole[i, j]
+                matrix[3 + i, INERTIA + j] = by_inertia[i, j]
+                matrix[3 + i, FIELD + j] = by_field[i, j]
+        dynamics = matrix[:, :6].copy()
+        slope = _product(dynamics, growth)
+        slope[:, 6:] += matrix[:, 6:]
+        trial = growth + 0.5 * step * slope
+        slope = _product(dynamics, trial)
+        slope[:, 6:] += matrix[:, 6:]
+        growth += step * slope
+    for i in range(4):
+        quaternion[i] = state[i]
+    for i in range(3):
+        mean[i] = state[4 + i]
+    decay = math.exp(-period / noise[5])
+    keep = np.ones(STATES)
+    for i in range(3):
+        keep[FIELD + i] = decay
+        mean[12 + i] *= decay
+    upper = _product(growth, covariance)
+    corner = _product(upper, growth.T.copy())
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] = 0.5 * (corner[i, j] + corner[j, i])
+    for i in range(6):
+        for j in range(6, STATES):
+            covariance[i, j] = upper[i, j] * keep[j]
+            covariance[j, i] = covariance[i, j]
+    for i in range(6, STATES):
+        for j in range(6, STATES):
+            covariance[i, j] *= keep[i] * keep[j]
+    # Torque noise, and what wheel and rods give besides what is known of them.
+    spread = np.zeros((3, 3))
+    for i in range(3):
+        spread[i, i] = noise[0] ** 2 * period
+        for j in range(3):
+            spread[i, j] += wheel_axis[i] * wheel_axis[j] * noise[6] ** 2
+    for axis in range(3):
+        if rod_variance[axis] > 0.0:
+            unit = np.zeros(3)
+            for i in range(3):
+                unit[i] = coupling[i, axis]
+            arm = np.zeros(3)
+            arm[0] = unit[1] * field_body[2] - unit[2] * field_body[1]
+            arm[1] = unit[2] * field_body[0] - unit[0] * field_body[2]
+            arm[2] = unit[0] * field_body[1] - unit[1] * field_body[0]
+            for i in range(3):
+                for j in range(3):
+                    spread[i, j] += arm[i] * arm[j] * rod_variance[axis] * period * period
+    speeds = _product(_product(inverse, spread), inverse)
+    for i in range(3):
+        for j in range(3):
+            covariance[RATE + i, RATE + j] += speeds[i, j]
+            covariance[RATE + i, j] += 0.5 * period * speeds[i, j]
+            covariance[i, RATE + j] += 0.5 * period * speeds[i, j]
+            covariance[i, j] += period * period / 3.0 * speeds[i, j]
+        covariance[DIPOLE + i, DIPOLE + i] += noise[1] ** 2 * period
+        covariance[BIAS + i, BIAS + i] += noise[2] ** 2 * period
+        covariance[INERTIA + i, INERTIA + i] += noise[3] ** 2 * period
+        covariance[FIELD + i, FIELD + i] += noise[4] ** 2 * (1.0 - decay * decay)
+
+
+@compiled
+def update_by_field(  # type: ignore[no-untyped-def]
+    quaternion, mean, covariance, measured_body, field_gcrf, sigma, gate, innovation
+):
+    """Update by a magnetometer sample, in place.
+
+    Returns the normalised innovation squared and the logarithm of the likelihood. A sample whose
+    normalised innovation squared exceeds `gate` changes nothing.
+    """
+    to_gcrf = rotation_matrix(quaternion)
+    field_body = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            field_body[i] += to_gcrf[j, i] * (field_gcrf[j] + mean[12 + j])
+    partial = np.zeros((3, STATES))
+    cross_field = _cross_matrix(field_body)
+    for i in range(3):
+        innovation[i] = measured_body[i] - field_body[i] - mean[6 + i]
+        partial[i, BIAS + i] = 1.0
+        for j in range(3):
+            partial[i, ROTATION + j] = cross_field[i, j]
+            partial[i, FIELD + j] = to_gcrf[j, i]
+    # Second order: a rotation a along the field and p across it moves the field by (p a + p^2) / 2
+    # of its strength besides what the linear model says.
+    strength = 0.0
+    along = 0.0
+    total = 0.0
+    for i in range(3):
+        strength += field_body[i] ** 2
+        total += covariance[i, i]
+        for j in range(3):
+            along += field_body[i] * covariance[i, j] * field_body[j]
+    along /= strength
+    across = max(0.5 * (total - along), 0.0)
+    variance = sigma * sigma + 0.25 * strength * (along * across + 4.0 * across * across)
+    projected = _product(partial, covariance)
+    scatter = _product(projected, partial.T.copy())
+    for i in range(3):
+        scatter[i, i] += variance
+    # Scaled, because the inverse of numbers of 1e-15 is safe only in relation to each other.
+    inverse = np.linalg.inv(scatter / sigma**2) / sigma**2
+    square = 0.0
+    for i in range(3):
+        for j in range(3):
+            square += innovation[i] * inverse[i, j] * innovation[j]
+    likelihood = -0.5 * (square + math.log(np.linalg.det(scatter / sigma**2)))
+    if square > gate:
+        return square, likelihood
+    gain = _product(projected.T.copy(), inverse)
+    kept = np.eye(STATES) - _product(gain, partial)
+    joseph = _product(_product(kept, covariance), kept.T.copy())
+    for i in range(STATES):
+        for j in range(i + 1):
+            value = 0.5 * (joseph[i, j] + joseph[j, i])
+            for k in range(3):
+                value += gain[i, k] * variance * gain[j, k]
+            covariance[i, j] = value
+            covariance[j, i] = value
+    change = np.zeros(STATES)
+    for i in range(STATES):
+        for k in range(3):
+            change[i] += gain[i, k] * innovation[k]
+    turned = multiply(quaternion, from_rotation_vector(change[:3]))
+    length = math.sqrt(np.sum(turned * turned))
+    for i in range(4):
+        quaternion[i] = turned[i] / length
+    for i in range(15):
+        mean[i] += change[3 + i]
+    # The small rotation starts anew in the axes of the turned body.
+    reset = np.eye(STATES)
+    reset[:3, :3] -= 0.5 * _cross_matrix(change[:3])
+    covariance[:, :] = _product(_product(reset, covariance), reset.T.copy())
+    return square, likelihood
+
+
+@compiled
+def predict_rate_and_dipole(  # type: ignore[no-untyped-def]
+    mean,
+    covariance,
+    period,
+    steps,
+    field_start,
+    field_end,
+    wheel_start,
+    wheel_end,
+    wheel_axis,
+    inertia,
+    inverse,
+    pulses,
+    rod_moment,
+    coupling,
+    noise,
+):
+    """Predict rate and dipole (6,) of the paper's estimator over a period, in place.
+
+    The fields are those measured, in body axes (the paper's Psi); the transition is the product of
+    I + (df/dx) dt over the steps (equation 12). `noise` has torque (N m sqrt(s)), dipole walk
+    (A m2/sqrt(s)) and the sigma of the magnetometer (T).
+    """
+    step = period / steps
+    transition = np.eye(6)
+    wheel_torque = (wheel_end - wheel_start) / period
+    field = np.empty(3)
+    for number in range(steps):
+        share = (number + 0.5) / steps
+        for i in range(3):
+            field[i] = (1.0 - share) * field_start[i] + share * field_end[i]
+        wheel = (1.0 - share) * wheel_start + share * wheel_end
+        rods = mean_rod_moment(pulses, number * step, (number + 1) * step, rod_moment)
+        moment = mean[3:6].copy()
+        for i in range(3):
+            for j in range(3):
+                moment[i] += coupling[i, j] * rods[j]
+        cross_field = _cross_matrix(field)
+        rate = mean[:3].copy()
+        for half in range(2):
+            torque = np.zeros((3, 1))
+            momentum = np.empty(3)
+            for i in range(3):
+                momentum[i] = wheel * wheel_axis[i]
+                for j in range(3):
+                    momentum[i] += inertia[i, j] * rate[j]
+            for i in range(3):
+                torque[i, 0] = -wheel_torque * wheel_axis[i]
+                for j in range(3):
+                    torque[i, 0] -= cross_field[i, j] * moment[j]
+            torque[0, 0] -= rate[1] * momentum[2] - rate[2] * momentum[1]
+            torque[1, 0] -= rate[2] * momentum[0] - rate[0] * momentum[2]
+            torque[2, 0] -= rate[0] * momentum[1] - rate[1] * momentum[0]
+            change = _product(inverse, torque)
+            if half == 0:
+                for i in range(3):
+                    rate[i] = mean[i] + 0.5 * step * change[i, 0]
+            else:
+                for i in range(3):
+                    mean[i] += step * change[i, 0]
+        by_rate = _product(
+            inverse, _cross_matrix(momentum) - _product(_cross_matrix(rate), inertia)
+        )
+        by_dipole = -_product(inverse, cross_field)
+        one = np.eye(6)
+        for i in range(3):
+            for j in range(3):
+                one[i, j] += step * by_rate[i, j]
+                one[i, 3 + j] += step * by_dipole[i, j]
+        transition = _product(one, transition)
+    predicted = _product(_product(transition, covariance), transition.T.copy())
+    # The magnetometer's noise acts through the moment, the same over the period.
+    noisy = _product(_cross_matrix(moment), _cross_matrix(moment))
+    spread = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            spread[i, j] = -noisy[i, j] * (noise[2] * period) ** 2
+        spread[i, i] += noise[0] ** 2 * period
+    speeds = _product(_product(inverse, spread), inverse)
+    for i in range(6):
+        for j in range(6):
+            covariance[i, j] = 0.5 * (predicted[i, j] + predicted[j, i])
+    for i in range(3):
+        for j in range(3):
+            covariance[i, j] += speeds[i, j]
+        covariance[3 + i, 3 + i] += noise[1] ** 2 * period

@@ -1,0 +1,224 @@
+"""Jumps of the phases of a satellite that no receiver tells, from the changes between epochs."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.special import gammaincc
+
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.signals import SignalKey
+
+__all__ = ["JumpSearch", "PhaseChanges", "PhaseJumpDetector"]
+
+# Changes are inconsistent below the first probability, and consistent again without the satellites
+# at fault above the second. Satellites without which they are above the third are suspect.
+_DETECTION_PROBABILITY = 1e-7
+_EXPLANATION_PROBABILITY = 1e-4
+_ALTERNATIVE_PROBABILITY = 1e-6
+_MOST_SATELLITES_AT_FAULT = 2
+# What changes besides noise: multipath, and plasma and troposphere between the receivers, m, m/s.
+_CHANGE_SIGMA, _CHANGE_RATE_SIGMA = 0.003, 0.001
+# Error of the predicted displacement where the receivers may move, and where they do not, m.
+_MOTION_SIGMA, _REST_SIGMA = 10.0, 0.003
+_CLOCK_SIGMA = 1e5
+# Error of the time of reception while the clocks run on, s.
+_TIME_SIGMA = 1e-6
+# A satellite that has jumped stays out for so many epochs: some jump again and again.
+_EPOCHS_OUT = 300
+# Over more seconds plasma and troposphere change too much to tell.
+_LONGEST_INTERVAL = 60.0
+
+
+@dataclass(frozen=True, eq=False)
+class PhaseChanges:
+    """Phases of an epoch against their prediction; n signals.
+
+    Parameters
+    ----------
+    keys : tuple of SignalKey
+    residual : ndarray, shape (n,)
+        Single difference of the phase less predicted range and ambiguity, m; its ambiguity is
+        that of the arc, whatever it is.
+    variance : ndarray, shape (n,)
+        m2.
+    direction : ndarray, shape (n, 3)
+        Unit vectors to the satellites.
+    clock_rate : ndarray, shape (n,)
+        Derivative of the single difference by the clock of the deputy, near 1.
+    clock : float
+        Clock of the deputy less that of the chief, s.
+    """
+
+    keys: tuple[SignalKey, ...]
+    residual: FloatArray
+    variance: FloatArray
+    direction: FloatArray
+    clock_rate: FloatArray
+    clock: float
+
+
+@dataclass(frozen=True)
+class JumpSearch:
+    """Result of a search for jumps.
+
+    Parameters
+    ----------
+    satellites : frozenset of tuple of int
+        System and number of the satellites whose phases have jumped, or may have.
+    is_unexplained : bool
+        Whether phases have jumped, and not of one or two satellites only.
+    """
+
+    satellites: frozenset[tuple[int, int]] = frozenset()
+    is_unexplained: bool = False
+
+
+class PhaseJumpDetector:
+    """Compares the phases of consecutive epochs.
+
+    Between two epochs the single-differenced phases change by the motion, by the clocks, and by
+    noise; biases and ambiguities cancel. Motion and clocks are estimated from all satellites. If
+    the residuals are too large, the one or two satellites without which they are not are at fault.
+    An arc in which the loss of lock was told has no change.
+
+    Parameters
+    ----------
+    is_static : bool
+        Whether the receivers are known to be at rest.
+    """
+
+    def __init__(self, is_static: bool) -> None:
+        sigma = _REST_SIGMA if is_static else _MOTION_SIGMA
+        self._motion_sigma = sigma
+        self._last_clock = 0.0
+        self._last: dict[SignalKey, tuple[float, float]] = {}
+        self._epochs_out: dict[tuple[int, int], int] = {}
+
+    def excluded(self, satellites: Iterable[tuple[int, int]]) -> set[tuple[int, int]]:
+        """Return which of some satellites stay out, and count an epoch for each."""
+        out = set()
+        for satellite in set(satellites):
+            left = self._epochs_out.get(satellite, 0)
+            if left > 0:
+                self._epochs_out[satellite] = left - 1
+                out.add(satellite)
+        return out
+
+    def search(self, changes: PhaseChanges, interval: float) -> JumpSearch:
+        """Search for jumps since the last recorded epoch, `interval` s ago."""
+        rows = [row for row, key in enumerate(changes.keys) if key in self._last]
+        if not rows or interval > _LONGEST_INTERVAL:
+            return JumpSearch()
+        last = np.array([self._last[changes.keys[row]] for row in rows])
+        change = changes.residual[rows] - last[:, 0]
+        # The clock may have jumped by any number of metres, which a square would not forgive.
+        change = change - np.median(change)
+        variance = changes.variance[rows] + last[:, 1]
+        variance = variance + _CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2
+        satellites = [changes.keys[row].satellite for row in rows]
+        rate = SPEED_OF_LIGHT * (changes.clock_rate[rows] - 1.0)
+        design = np.column_stack((-changes.direction[rows], np.ones(len(rows)), rate))
+        # Where a clock has jumped, the time of reception is in doubt by as much.
+        jump = max(abs(changes.clock - self._last_clock), _TIME_SIGMA)
+        sigmas = np.array([self._motion_sigma] * 3 + [_CLOCK_SIGMA, jump])
+        result = self._find(_SatelliteSums(satellites, design, change, variance, sigmas))
+        for satellite in result.satellites:
+            self._epochs_out[satellite] = _EPOCHS_OUT
+        return result
+
+    def record(
+        self, changes: PhaseChanges, correction: FloatArray, used: npt.NDArray[np.bool_]
+    ) -> None:
+        """Keep the residuals of an epoch after its update.
+
+        Parameters
+        ----------
+        changes : PhaseChanges
+            Residuals before the update.
+        correction : ndarray, shape (n,)
+            What the update of the position adds to them, m.
+        used : ndarray of bool, shape (n,)
+            Signals that were used in the update.
+        """
+        residual, variance = changes.residual + correction, changes.variance
+        self._last_clock = changes.clock
+        self._last = {
+            changes.keys[row]: (float(residual[row]), float(variance[row]))
+            for row in np.flatnonzero(used).tolist()
+        }
+
+    def forget(self, keys: Iterable[SignalKey]) -> None:
+        """Forget signals whose arc has ended."""
+        for key in keys:
+            self._last.pop(key, None)
+
+    def _find(self, sums: _SatelliteSums) -> JumpSearch:
+        if sums.probability(()) > _DETECTION_PROBABILITY:
+            return JumpSearch()
+        for count in range(1, _MOST_SATELLITES_AT_FAULT + 1):
+            probabilities = {
+                chosen: sums.probability(chosen)
+                for chosen in itertools.combinations(range(len(sums.names)), count)
+            }
+            if max(probabilities.values(), default=0.0) < _EXPLANATION_PROBABILITY:
+                continue
+            # Where others explain the changes too, all of them are out.
+            suspects = {
+                index
+                for chosen, probability in probabilities.items()
+                if probability > _ALTERNATIVE_PROBABILITY
+                for index in chosen
+            }
+            return JumpSearch(frozenset(sums.names[index] for index in suspects))
+        return JumpSearch(is_unexplained=True)
+
+
+class _SatelliteSums:
+    """Normal equations of the changes, one share for each satellite.
+
+    `design` has the columns motion (3), clock and time of reception; `sigmas` are a priori.
+    """
+
+    def __init__(
+        self,
+        satellites: list[tuple[int, int]],
+        design: FloatArray,
+        change: FloatArray,
+        variance: FloatArray,
+        sigmas: FloatArray,
+    ) -> None:
+        self.names = sorted(set(satellites))
+        index = np.array([self.names.index(satellite) for satellite in satellites])
+        weighted = design / variance[:, None]
+        count, unknowns = len(self.names), design.shape[1]
+        self._prior = np.diag(1.0 / sigmas**2)
+        # Unknowns that the satellites have to tell; the others are known well enough.
+        self._unknowns = 1 + 3 * int(sigmas[0] > 1.0) + int(sigmas[4] > _TIME_SIGMA)
+        self._normal = np.zeros((count, unknowns, unknowns))
+        self._right, self._square = np.zeros((count, unknowns)), np.zeros(count)
+        self._signals = np.bincount(index, minlength=count)
+        np.add.at(self._normal, index, design[:, :, None] * weighted[:, None, :])
+        np.add.at(self._right, index, weighted * change[:, None])
+        np.add.at(self._square, index, change**2 / variance)
+        self._total = self._normal.sum(axis=0), self._right.sum(axis=0), float(self._square.sum())
+
+    def probability(self, left_out: tuple[int, ...]) -> float:
+        """Return the probability of residuals as large without some satellites; 1 if undecidable.
+
+        The answer is 0 where too few satellites are left to tell: they explain nothing.
+        """
+        out = list(left_out)
+        if len(self.names) - len(out) <= self._unknowns:
+            return 0.0 if out else 1.0
+        normal = self._total[0] - self._normal[out].sum(axis=0) + self._prior
+        right = self._total[1] - self._right[out].sum(axis=0)
+        square = self._total[2] - float(self._square[out].sum())
+        squared_norm = square - float(right @ np.linalg.solve(normal, right))
+        freedom = int(self._signals.sum() - self._signals[out].sum()) - self._unknowns
+        return float(gammaincc(0.5 * freedom, 0.5 * max(squared_norm, 0.0)))

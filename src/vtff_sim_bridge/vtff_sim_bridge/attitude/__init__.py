@@ -1,0 +1,1 @@
+"""The emulated ADCS module: magnetometer, torquer pulses, wheel, the attitude that they turn."""
