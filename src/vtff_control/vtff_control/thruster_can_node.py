@@ -32,6 +32,7 @@ from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 BLOCKING_WAIT = 0.1  # in a callback; a report that takes longer is waited for between callbacks
 WATCH_INTERVAL = 0.25  # between looks at the open command, the watchdog and heartbeats
 SILENT_AFTER = 3.0  # without a frame of the thruster
+SILENCE_LOG_INTERVAL = 10.0  # from one line on a silence to the next: a bus may come and go
 SILENT_TIMEOUT = 0.2  # for the report of a thruster that did not answer the command before
 
 
@@ -122,6 +123,8 @@ class ThrusterCanNode(VtffNode):
         self._open: OpenCommand | None = None
         self._isolated = isolated_axes(0)
         self._silent = False
+        self._silence_logged = False
+        self._silence_logged_at = -math.inf
         self._tripped = False
         self._order = StampOrder()
         # After its step a command could only act in place of a newer one.
@@ -192,7 +195,9 @@ class ThrusterCanNode(VtffNode):
             self._end_without_report(command)
 
     def _end_with_report(self, command: OpenCommand, report: ThrustReport) -> None:
-        self._silent = False
+        if self._silent:
+            self._silent = False
+            self._log_end_of_silence()
         self._counts["saturated"] += report.saturated or command.thrust.saturated
         refusal = "the thruster refused a command" if report.fault else ""
         self._reason = command.thrust.reason or refusal
@@ -200,9 +205,26 @@ class ThrusterCanNode(VtffNode):
 
     def _end_without_report(self, command: OpenCommand) -> None:
         self._link.give_up()
-        self._silent = True
+        if not self._silent:
+            self._silent = True
+            self._log_silence()
         self._reason = "no report from the thruster"
         self._end(command, np.zeros(3))
+
+    def _log_silence(self) -> None:
+        now = time.monotonic()
+        self._silence_logged = now >= self._silence_logged_at + SILENCE_LOG_INTERVAL
+        if self._silence_logged:
+            self._silence_logged_at = now
+            bus = f"{self.parameters.interface} {self.parameters.channel}"
+            self.get_logger().warning(f"{bus}: no report from the thruster: zero thrust till then")
+
+    def _log_end_of_silence(self) -> None:
+        if self._silence_logged:
+            timeouts = self._link.counters.timeouts
+            self.get_logger().warning(
+                f"the thruster reports again; {timeouts} commands of this run had no report"
+            )
 
     def _end(self, command: OpenCommand, acceleration_rtn: FloatArray) -> None:
         """Publish the thrust of a command and acknowledge its step."""

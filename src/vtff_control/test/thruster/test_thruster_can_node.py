@@ -175,7 +175,9 @@ def test_command_that_is_not_finite_means_no_thrust(
     assert bench.diagnosis("thrust")[1] == "zero thrust: thrust command: not finite"
 
 
-def test_lockstep_without_a_thruster_ends_each_step_with_no_thrust(make_bench: BenchMaker) -> None:
+def test_lockstep_without_a_thruster_ends_each_step_with_no_thrust(
+    make_bench: BenchMaker, request: pytest.FixtureRequest, capfd: pytest.CaptureFixture[str]
+) -> None:
     bench = make_bench(lockstep=True, start_timeout=0.3)
     for second in range(3):
         bench.command(second, 1.0, 1.0, 1.0)
@@ -188,6 +190,18 @@ def test_lockstep_without_a_thruster_ends_each_step_with_no_thrust(make_bench: B
     level, text, values = bench.diagnosis("CAN link")
     assert level == diagnostics.WARN and text == "nothing heard from the thruster yet"
     assert values["timeouts"] == "3"
+    # One line where the silence begins, one where it ends.
+    request.getfixturevalue("thruster")
+    for second in range(3, 20):
+        bench.command(second, 1.0, 0.0, 0.0)
+        bench.spin_until(lambda: len(bench.done) == len(bench.applied) == second + 1)  # noqa: B023
+        if bench.thrust()[-1][1] == [1.0, 0.0, 0.0]:
+            break
+    lines = [line.partition("]: ")[2] for line in capfd.readouterr().err.splitlines()]
+    silences = [line for line in lines if "report" in line]
+    assert len(silences) == 2
+    assert silences[0].endswith("no report from the thruster: zero thrust till then")
+    assert silences[1].startswith("the thruster reports again; ")
 
 
 def test_lockstep_waits_for_a_thruster_that_starts_late(
