@@ -208,7 +208,8 @@ class CanThruster:
 
     def _isolate(self, values: dict[str, int]) -> None:
         """Shut off axes, and open the others."""
-        isolated = tuple(bool(values[f"Isolated{axis}"]) for axis in "RTN")
+        radial, in_track, cross_track = (bool(values[f"Isolated{axis}"]) for axis in "RTN")
+        isolated = (radial, in_track, cross_track)
         if isolated != self._isolated:
             names = [axis for axis, is_it in zip("RTN", isolated, strict=True) if is_it]
             LOGGER.warning("isolated axes: %s", ", ".join(names) or "none")
