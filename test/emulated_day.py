@@ -78,8 +78,12 @@ def write_day(
     seed: int = 20100722,
     version: str = "2.20",
     first_time_format: str = "13.7f",
+    hours: float = 3.0,
 ) -> EmulatedDay:
-    """Write the files of a day, or of its first epochs, into a folder."""
+    """Write the files of a day, or of its first epochs, into a folder.
+
+    The orbits of a shorter recording last `hours` at least.
+    """
     generator = np.random.default_rng(seed)
     store = EphemerisStore(nominal_gps_constellation(START - 7200.0, START + 93600.0))
     table = store.table(START)
@@ -111,7 +115,7 @@ def write_day(
         position_itrf=states[:, :3],
     )
     day.observations.write_text("".join(text), encoding="ascii")
-    span = max(time[-1], 12 * SP3_STEP) if epochs < EPOCHS else 86400.0
+    span = max(time[-1], 3600.0 * hours) if epochs < EPOCHS else 86400.0
     count = math.ceil(span / SP3_STEP) + 1
     day.orbits.write_text(_gps_sp3(store, count), encoding="ascii")
     day.own_orbit.write_text(_own_sp3(span), encoding="ascii")

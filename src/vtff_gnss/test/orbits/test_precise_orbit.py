@@ -71,8 +71,10 @@ def test_a_satellite_without_position_is_left_out_around_the_gap(day):
     assert not track.is_known[6, column] and track.is_known[:, column - 1].all()
 
 
-def test_the_error_of_interpolation_is_stated(day):
+def test_the_error_of_interpolation_is_stated(day, tmp_path):
     (remark,) = open_navigation([day.orbits]).remarks
+    assert "too short to tell" in remark
+    (remark,) = open_navigation([write_day(tmp_path, epochs=3, hours=10).orbits]).remarks
     assert "every 900 s" in remark and "orbits interpolated to" in remark and "clocks to" in remark
 
 
@@ -122,7 +124,7 @@ def test_orbits_of_another_day_are_named(day):
     later = np.array([(START + 10 * 86400.0 + k).nanoseconds for k in range(3)])
     with pytest.raises(
         ObservationFileError,
-        match="valid from 2010-07-22 00:00 to 2010-07-22 03:00, the observations of some are of "
-        "2010-08-01 00:00",
+        match=r"gps15935\.sp3: valid from 2010-07-22 00:00 to 2010-07-22 03:00, the observations "
+        "of some are of 2010-08-01 00:00",
     ):
         navigation.require_coverage(later, "some")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import pathlib
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -35,16 +36,19 @@ class NavigationFiles:
         Of all SP3 files.
     remarks : tuple of str
         Files that could not be used, and what SP3 files hold, one sentence each.
+    names : tuple of str
+        The files that are used.
     """
 
     ephemerides: tuple[BroadcastEphemeris, ...] = ()
     precise_orbits: PreciseOrbits | None = None
     remarks: tuple[str, ...] = ()
+    names: tuple[str, ...] = ()
 
     def with_ephemerides(self, ephemerides: Iterable[BroadcastEphemeris]) -> NavigationFiles:
         """Return these orbits with further ephemerides, which come first."""
         joined = tuple(dict.fromkeys((*ephemerides, *self.ephemerides)))
-        return NavigationFiles(joined, self.precise_orbits, self.remarks)
+        return dataclasses.replace(self, ephemerides=joined)
 
     @property
     def is_empty(self) -> bool:
@@ -85,8 +89,9 @@ class NavigationFiles:
         if any(start <= last and first <= end for start, end in spans):
             return
         start, end = min(span[0] for span in spans), max(span[1] for span in spans)
+        origin = ", ".join(self.names) or "the ephemerides of the log"
         raise ObservationFileError(
-            f"the orbits given are valid from {_minute(start)} to {_minute(end)}, the observations "
+            f"{origin}: valid from {_minute(start)} to {_minute(end)}, the observations "
             f"of {name} are of {_minute(first)} to {_minute(last)} GPS time"
         )
 
@@ -119,6 +124,7 @@ def open_navigation(
     ephemerides: list[BroadcastEphemeris] = []
     precise: list[Sp3File] = []
     failures: list[str] = []
+    names: list[str] = []
     for path in paths:
         if progress is not None:
             progress(path.name)
@@ -128,6 +134,7 @@ def open_navigation(
                 ephemerides += open_ephemerides(path)
             else:
                 precise.append(sp3)
+            names.append(path.name)
         except ObservationFileError as error:
             failures.append(str(error))
     orbits = None
@@ -141,7 +148,8 @@ def open_navigation(
     remarks = [f"not used: {failure}" for failure in failures]
     if orbits is not None:
         remarks.append(orbits.describe())
-    return NavigationFiles(tuple(dict.fromkeys(ephemerides)), orbits, tuple(remarks))
+    unique = tuple(dict.fromkeys(ephemerides))
+    return NavigationFiles(unique, orbits, tuple(remarks), tuple(names))
 
 
 def _open_sp3(path: pathlib.Path) -> Sp3File | None:

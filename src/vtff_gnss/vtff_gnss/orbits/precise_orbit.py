@@ -238,10 +238,13 @@ class PreciseOrbits:
             if np.isfinite(self.clock_error)
             else "without clocks"
         )
-        return (
-            f"{self.name}: {self.start} to {self.end}, every {self._track.step:g} s, "
-            f"orbits interpolated to {1e3 * self.orbit_error:.1g} mm, {clock}"
+        orbit = (
+            f"orbits interpolated to {1e3 * self.orbit_error:.1g} mm"
+            if np.isfinite(self.orbit_error)
+            else "too short to tell how well orbits are interpolated"
         )
+        span = f"{self.start} to {self.end}, every {self._track.step:g} s"
+        return f"{self.name}: {span}, {orbit}, {clock}"
 
     def table(self, time: GpsTime) -> PreciseTable:
         """Return the satellites whose orbit is known at a time; none outside of the files."""
