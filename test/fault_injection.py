@@ -155,7 +155,8 @@ class Outcome:
     """Outcome of a run: the lines that the user sees, and the files and processes left.
 
     ``wall_time`` is from the fault to the end of the command in s, ``lost`` the steps of 1 s that
-    were flown and are not in the bag, ``left`` the processes that outlived the run.
+    were flown and are not in the bag, ``left`` the processes that outlived the run,
+    ``output_after_fault`` the later part of ``output``.
     """
 
     exit_code: int
@@ -165,6 +166,7 @@ class Outcome:
     lost: int
     closed: bool
     left: list[int]
+    output_after_fault: str
 
     @property
     def reason(self) -> str:
@@ -177,6 +179,14 @@ class Outcome:
         """The first error that a process reported, without name and time of the logger."""
         lines = [line for line in self.output.splitlines() if "[ERROR]" in line]
         return lines[0].partition("[ERROR]")[2].partition("]: ")[2] if lines else ""
+
+    @property
+    def remark(self) -> str:
+        """How a run that nothing ended went on: completes, or flies until it is interrupted."""
+        flies = "the run completes" if self.exit_code == 0 else "the run goes on"
+        lines = [line for line in self.output_after_fault.splitlines() if "[WARN]" in line]
+        warning = lines[0].partition("[WARN]")[2].partition("]: ")[2] if lines else ""
+        return "; ".join(filter(None, (warning, flies)))
 
 
 class SmallDisk:
@@ -267,6 +277,7 @@ class Flight:
             start_new_session=True,
         )
         self._fault_at = time.monotonic()
+        self._output_before_fault = 0
         FLIGHTS.append(self)
 
     def stop(self) -> None:
@@ -313,6 +324,13 @@ class Flight:
             assert time.monotonic() < deadline, f"nothing is recorded: {self.output()}"
             time.sleep(0.05)
 
+    def wait_for_output(self, text: str, timeout: float = 120.0) -> None:
+        """Wait until the command has printed a text."""
+        deadline = time.monotonic() + timeout
+        while text not in self.output():
+            assert self._process.poll() is None and time.monotonic() < deadline, self.output()
+            time.sleep(0.05)
+
     def _recorded_bytes(self) -> int:
         with contextlib.suppress(OSError):
             return sum(path.stat().st_size for path in (self.run / "bag").glob("*.mcap"))
@@ -321,6 +339,7 @@ class Flight:
     @contextlib.contextmanager
     def fault(self) -> Iterator[Flight]:
         """Note when the fault begins."""
+        self._output_before_fault = len(self.output())
         self._fault_at = time.monotonic()
         yield self
 
@@ -350,8 +369,16 @@ class Flight:
                 self._kill(started)
         left = [n for n in started if _is_alive(n) and str(self._own_run) in _command_line(n)]
         steps, lost, closed = self._recorded()
+        output = self.output()
         return Outcome(
-            self._process.returncode, self.output(), wall_time, steps, lost, closed, left
+            exit_code=self._process.returncode,
+            output=output,
+            wall_time=wall_time,
+            steps=steps,
+            lost=lost,
+            closed=closed,
+            left=left,
+            output_after_fault=output[self._output_before_fault :],
         )
 
     def _recorded(self) -> tuple[int, int, bool]:

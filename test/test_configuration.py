@@ -23,8 +23,8 @@ CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
 SYSTEM_FILES = sorted((CONFIG / "system").glob("*.yaml"))
 PARAMETER_FILES = sorted((CONFIG / "params").glob("*.yaml"))
 
-#: What a system file may take from the scenario; ``spacecraft`` for the targets of deputies.
-SCENARIO_ENTRIES = ("step", "spacecraft")
+#: What a system file may take from the scenario, beside the targets of deputies.
+SCENARIO_ENTRIES = ("step", "hard_radius")
 #: Parameters of the models that estimators and controllers have of the world.
 MODEL_PARAMETERS = frozenset(
     ("gravity", "gravity_degree", "gravity_order", "integrator", "longest_step")
@@ -82,13 +82,12 @@ def test_a_system_file_sets_no_model_of_the_world(path):
 
 
 @pytest.mark.parametrize("path", SYSTEM_FILES, ids=lambda path: path.stem)
-def test_a_system_file_takes_only_step_and_target_from_the_scenario(path):
+def test_a_system_file_takes_only_step_target_and_hard_radius_from_the_scenario(path):
     for node in nodes_of(path):
         for name, value in node.get("parameters", {}).items():
             if isinstance(value, str) and value.startswith("${scenario."):
                 entry = value.removeprefix("${scenario.").rstrip("}").split(".")
                 assert entry[0] in SCENARIO_ENTRIES, f"{node['executable']}: {name}"
-                assert entry[0] == "step" or "target" in entry, f"{node['executable']}: {name}"
             if isinstance(value, str) and value.startswith(("${deputy.", "${spacecraft.")):
                 assert value.split(".")[1] == "target", f"{node['executable']}: {name}"
 

@@ -15,6 +15,7 @@ setup(
     package_data={package_name: ["py.typed", "report/report.css", "studies/*.j2", "view/web/**"]},
     install_requires=[
         "numpy>=1.26,<3",
+        "brahe>=1.8,<1.9",
         "scipy>=1.11,<2",
         "matplotlib>=3.8,<4",
         "PyYAML>=6,<7",

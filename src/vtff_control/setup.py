@@ -29,6 +29,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",
             "thruster_model = vtff_control.thruster_model_node:main",

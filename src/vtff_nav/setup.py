@@ -30,6 +30,7 @@ setup(
     entry_points={
         "console_scripts": [
             "receiver_driver = vtff_nav.receiver_driver_node:main",
+            "reference_orbit = vtff_nav.reference_orbit_node:main",
             "relative_ekf = vtff_nav.relative_ekf_node:main",
         ],
         "vtff.estimators": [

@@ -15,11 +15,13 @@ from geometry_msgs.msg import AccelStamped
 
 from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
 from vtff_control.thruster.can_thruster import ThrusterLink, open_bus
+from vtff_control.thruster.isolation import isolated_axes, isolated_text
 from vtff_control.thruster.late_commands import LateCommands
 from vtff_control.thruster.thruster import AppliedThrust, Thruster
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_msgs.msg import ThrusterIsolation
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
@@ -119,6 +121,7 @@ class ThrusterCanNode(VtffNode):
         self._counts["watchdog trips"] = 0
         self._reason = ""
         self._open: OpenCommand | None = None
+        self._isolated = isolated_axes(0)
         self._silent = False
         self._silence_logged = False
         self._silence_logged_at = -math.inf
@@ -131,7 +134,20 @@ class ThrusterCanNode(VtffNode):
         self._last_command_at = 0.0
         self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
         self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
+        # Of formation_safety; without one nothing is ever isolated.
+        self.subscribe(
+            ThrusterIsolation,
+            "propulsion/isolation",
+            self._on_isolation,
+            latched=True,
+            required=False,
+        )
         self.create_timer(WATCH_INTERVAL, self._watch, clock=self.steady_clock)
+
+    def _on_isolation(self, message: ThrusterIsolation) -> None:
+        """Pass an isolation command on to the bus."""
+        self._isolated = isolated_axes(message.axes)
+        self._link.isolate(self._isolated)
 
     def _on_command(self, message: AccelStamped) -> None:
         started = time.perf_counter()
@@ -280,6 +296,8 @@ class ThrusterCanNode(VtffNode):
             text = "no command yet"
         elif self._reason:
             level, text = diagnostics.WARN, f"zero thrust: {self._reason}"
+        elif self._isolated.any():
+            level, text = diagnostics.WARN, f"axes isolated: {isolated_text(self._isolated)}"
         elif self._tripped:
             limit = self.parameters.watchdog_timeout
             level, text = diagnostics.WARN, f"zero thrust: no command for more than {limit:g} s"

@@ -7,8 +7,10 @@ from dataclasses import dataclass
 
 from geometry_msgs.msg import AccelStamped
 
+from vtff_control.thruster.isolation import isolated_axes, isolated_text
 from vtff_control.thruster.late_commands import LateCommands
 from vtff_control.thruster.thruster import Thruster
+from vtff_msgs.msg import ThrusterIsolation
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
@@ -30,6 +32,19 @@ class ThrusterModelParameters:
         1, "whole steps between a command's stamp and its start", minimum=0, maximum=100
     )
     step: float = parameter(1.0, "length of a step", unit="s", minimum=0.001)
+    stuck_acceleration: list[float] = parameter(
+        [0.0, 0.0, 0.0],
+        "a fault: what R, T, N give whatever is commanded; an axis of 0 is healthy",
+        unit="m/s^2",
+    )
+    stuck_after: float = parameter(
+        0.0, "when that fault begins, after the first thrust", unit="s", minimum=0.0
+    )
+
+    def __post_init__(self) -> None:
+        """Check the length of the vector."""
+        if len(self.stuck_acceleration) != 3:
+            raise ValueError("parameter 'stuck_acceleration' needs three numbers (R, T, N)")
 
 
 class ThrusterModelNode(VtffNode):
@@ -47,7 +62,12 @@ class ThrusterModelNode(VtffNode):
         super().__init__("thruster", **node_arguments)
         given: ThrusterModelParameters = self.parameters
         self._thruster = Thruster(
-            given.acceleration_cap, given.quantum, given.delay_steps, given.step
+            given.acceleration_cap,
+            given.quantum,
+            given.delay_steps,
+            given.step,
+            given.stuck_acceleration,
+            given.stuck_after,
         )
         self._applied = AccelStamped()
         self._commands = 0
@@ -59,6 +79,17 @@ class ThrusterModelNode(VtffNode):
         self._reason = ""
         self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
         self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
+        # Of formation_safety; without one nothing is ever isolated.
+        self.subscribe(
+            ThrusterIsolation,
+            "propulsion/isolation",
+            self._on_isolation,
+            latched=True,
+            required=False,
+        )
+
+    def _on_isolation(self, message: ThrusterIsolation) -> None:
+        self._thruster.isolated = isolated_axes(message.axes)
 
     def _on_command(self, message: AccelStamped) -> None:
         started = time.perf_counter()
@@ -84,6 +115,8 @@ class ThrusterModelNode(VtffNode):
         """Report commands, saturation and refusals."""
         refused = self._order.refused_since_last_look()
         out_of_order = "commands came out of order" if refused else ""
+        if self._thruster.isolated.any():
+            out_of_order = f"axes isolated: {isolated_text(self._thruster.isolated)}"
         return [
             diagnostics.status(
                 f"{self.get_name()}: thrust",

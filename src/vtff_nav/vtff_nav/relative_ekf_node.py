@@ -351,9 +351,9 @@ class RelativeEkfNode(VtffNode):
     """Relative navigation of one deputy.
 
     Stands in the namespace of its deputy. Subscribes to gnss/epoch and gnss/ephemeris of chief
-    (/<chief>/gnss/...) and deputy, propulsion/thrust_applied, /clock, and laser_range if asked for.
-    Publishes once an epoch relative_state (RelativeState, m and m/s in the chief's RTN frame),
-    ambiguities (AmbiguityStatus) and differential_tec (SlantTec, TECU).
+    (/<chief>/gnss/...) and deputy, propulsion/thrust_applied of both, /clock, and laser_range if
+    asked for. Publishes once an epoch relative_state (RelativeState, m and m/s in the chief's RTN
+    frame), ambiguities (AmbiguityStatus) and differential_tec (SlantTec, TECU).
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
     started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
     unusable is named, its solution is SOLUTION_NONE and the node ends.
@@ -383,7 +383,7 @@ class RelativeEkfNode(VtffNode):
         self._solution: RelativeSolution | None = None
         self._epochs = {name: 0 for name in SOLUTION_NAMES.values()}
         self._compute_time = 0.0
-        self._thrust_order = StampOrder()
+        self._thrust_orders = {name: StampOrder() for name in self._namespaces}
         self._refused_thrust = 0
         self._inputs_since: float | None = None
         self._state_publisher = self.publisher(RelativeState, "relative_state")
@@ -410,12 +410,13 @@ class RelativeEkfNode(VtffNode):
             self.subscribe(
                 GnssEphemeris, f"{namespace}gnss/ephemeris", self._on_ephemeris, latched=True
             )
-        self.subscribe(
-            AccelStamped,
-            "propulsion/thrust_applied",
-            self._on_thrust,
-            required=False,  # a deputy may coast
-        )
+        for craft, namespace in self._namespaces.items():
+            self.subscribe(
+                AccelStamped,
+                f"{namespace}propulsion/thrust_applied",
+                functools.partial(self._on_thrust, craft),
+                required=False,  # a spacecraft may coast
+            )
         if given.use_laser:
             self.subscribe(LaserRange, "laser_range", self._on_laser)
         if self._source_of_node and self.lockstep:
@@ -427,21 +428,30 @@ class RelativeEkfNode(VtffNode):
     def _on_ephemeris(self, message: GnssEphemeris) -> None:
         self._tell(self._estimator.add_ephemeris, ephemeris_from_message(message))
 
-    def _on_thrust(self, message: AccelStamped) -> None:
+    def _on_thrust(self, craft: str, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)
-        if not self._thrust_order.accepts(stamp):
+        if not self._thrust_orders[craft].accepts(stamp):
             return
         linear = message.accel.linear
         acceleration = (linear.x, linear.y, linear.z)
         if not all(map(math.isfinite, acceleration)):
             self._refused_thrust += 1
             self.get_logger().warning(
-                f"thrust_applied of {self.parameters.deputy} is not finite: ignored",
+                f"thrust_applied of {craft} is not finite: ignored",
                 throttle_duration_sec=5.0,
             )
             return
         start = GpsTime.from_unix_nanoseconds(stamp)
-        self._tell(self._estimator.add_thrust, start, self.parameters.thrust_duration, acceleration)
+        if craft == self.parameters.deputy:
+            add_thrust = self._estimator.add_thrust
+        elif hasattr(self._estimator, "add_chief_thrust"):
+            add_thrust = self._estimator.add_chief_thrust
+        else:
+            if any(acceleration):
+                name = self.parameters.estimator
+                self.fail(f"estimator '{name}' cannot take thrust of the chief")
+            return
+        self._tell(add_thrust, start, self.parameters.thrust_duration, acceleration)
 
     def _tell(self, method: Callable[..., None], *arguments: object) -> None:
         """Call a method of the estimator; where that fails, answer the last epoch and end."""

@@ -150,7 +150,7 @@ def documented_keys():
     for key in keys:
         for name, pattern in choices.items():
             key = key.replace(name, pattern)
-        patterns.append(re.sub("<(craft|name|topic)>", "[a-z0-9_]+", key))
+        patterns.append(re.sub("<(craft|deputy|name|topic)>", "[a-z0-9_]+", key))
     return patterns
 
 

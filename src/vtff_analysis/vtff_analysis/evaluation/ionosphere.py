@@ -20,7 +20,6 @@ from vtff_analysis.evaluation.scintillation import (
 from vtff_analysis.recordings.history import RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.matching import match_rows
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_gnss.signals import satellite_number
 
 __all__ = ["summarise_ionosphere"]
@@ -51,7 +50,7 @@ def summarise_ionosphere(
     true: Summary = {}
     if history.density is not None:
         add_edges(measured, true, history, truth)
-        add_density(measured, history.density, truth)
+        add_density(measured, history, truth)
         single = single_satellite_error(history, truth)
         if single is not None:
             measured["density_error_single_satellite_per_cm3"] = single
@@ -60,7 +59,7 @@ def summarise_ionosphere(
     if lag is not None:
         measured["lag_s"] = lag
         if truth is not None:
-            true["lag_s"] = true_lag(truth, scintillating_minutes(history))
+            true["lag_s"] = true_lag(truth, history, scintillating_minutes(history))
     return {
         **{f"ionosphere_{name}": value for name, value in measured.items()},
         **{f"ionosphere_true_{name}": value for name, value in true.items() if name in measured},
@@ -69,7 +68,7 @@ def summarise_ionosphere(
 
 def _add_contents(measured: Summary, history: RunHistory, truth: IonosphereTruth | None) -> None:
     """Add the errors of the absolute contents of rays against those that the receivers saw."""
-    for craft in (CHIEF, DEPUTY):
+    for role, craft in (("chief", history.chief), ("deputy", history.deputy)):
         columns = history.slant_tec.get(f"/{craft}/iono/slant_tec")
         rays = None if truth is None else truth.satellites.get(craft)
         if columns is None or rays is None:
@@ -82,4 +81,4 @@ def _add_contents(measured: Summary, history: RunHistory, truth: IonosphereTruth
         if len(rows_measured):
             error = columns.values["stec_tecu"][good][rows_measured] - rays.stec_tecu[rows_true]
             rms = float(np.sqrt(np.nanmean(error**2)))
-            measured[f"{craft}_slant_tec_error_rms_tecu"] = rms
+            measured[f"{role}_slant_tec_error_rms_tecu"] = rms

@@ -9,7 +9,6 @@ import numpy.typing as npt
 
 from vtff_analysis.recordings.history import DensityHistory, RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
@@ -28,7 +27,7 @@ _PER_CUBIC_CENTIMETRE = 1e-6
 
 
 def add_density(
-    measured: dict[str, Any], density: DensityHistory, truth: IonosphereTruth | None
+    measured: dict[str, Any], history: RunHistory, truth: IonosphereTruth | None
 ) -> None:
     """Add the errors against the density averaged over the separation of the spacecraft.
 
@@ -39,14 +38,15 @@ def add_density(
     ----------
     measured
         Numbers by name; extended.
-    density
-        Measured density.
+    history
+        The run; nothing is added where it has no density.
     truth
         True ionosphere; nothing is added without it.
     """
-    if truth is None:
+    density = history.density
+    if truth is None or density is None:
         return
-    true = truth.mean_density(CHIEF, DEPUTY, density.time)
+    true = truth.mean_density(history.chief, history.deputy, density.time)
     has_truth = np.isfinite(true)
     rising = has_truth & (np.arange(len(true)) > np.argmin(density.altitude))
     if not rising.any():
@@ -96,5 +96,6 @@ def single_satellite_error(history: RunHistory, truth: IonosphereTruth | None) -
     if not len(satellites):
         return None
     rows = compared & (satellite == satellites[np.argmax(counts)])
-    error = columns.values["density"][rows] - truth.mean_density(CHIEF, DEPUTY, columns.time[rows])
+    true = truth.mean_density(history.chief, history.deputy, columns.time[rows])
+    error = columns.values["density"][rows] - true
     return float(np.nanmean(np.abs(error))) * _PER_CUBIC_CENTIMETRE

@@ -16,7 +16,6 @@ from vtff_analysis.recordings.history import (
     interpolate,
 )
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 
@@ -54,13 +53,16 @@ def add_edges(
     region_altitudes = None if truth is None else truth.region_altitudes
     if region_altitudes is not None:
         # There is one region: further edges are false and would spoil the pairs.
-        passes = {name: _longest_stays(edges_of_pass) for name, edges_of_pass in passes.items()}
-    for craft in (CHIEF, DEPUTY):
+        passes = {
+            name: _longest_stays(edges_of_pass, (history.chief, history.deputy))
+            for name, edges_of_pass in passes.items()
+        }
+    for role, craft in (("chief", history.chief), ("deputy", history.deputy)):
         for name, edge in _bottom_and_top(passes["rising"], craft).items():
-            key = f"{craft}_{name}"
+            key = f"{role}_{name}"
             measured[f"{key}_time_s"] = (edge.time - history.start_time) / NANOSECONDS_PER_SECOND
             measured[f"{key}_altitude_m"] = edge.altitude
-            if craft == CHIEF:
+            if role == "chief":
                 measured[f"vtec_{name}_tecu"] = _plateau_content(history, edge)
             if truth is not None and region_altitudes is not None:
                 altitude = region_altitudes[0 if name == "bottom" else 1]
@@ -71,7 +73,7 @@ def add_edges(
                     seconds = (times[0] - history.start_time) / NANOSECONDS_PER_SECOND
                     true[f"{key}_time_s"] = seconds
     for name, edges_of_pass in passes.items():
-        pairs = _pair_edges(edges_of_pass, float(np.median(np.abs(density.separation))))
+        pairs = _pair_edges(history, edges_of_pass, float(np.median(np.abs(density.separation))))
         if not pairs:
             continue
         middles = [(chief.time + deputy.time) // 2 for chief, deputy in pairs]
@@ -80,14 +82,14 @@ def add_edges(
         separations = [delay * speed for delay, speed in zip(delays, speeds, strict=True)]
         measured[f"separation_{name}_m"] = float(np.mean(separations))
         if truth is not None:
-            separation = truth.separation_at(CHIEF, DEPUTY, middles)
+            separation = truth.separation_at(history.chief, history.deputy, middles)
             true[f"separation_{name}_m"] = float(np.mean(separation))
 
 
-def _longest_stays(edges: Sequence[Boundary]) -> list[Boundary]:
+def _longest_stays(edges: Sequence[Boundary], crafts: Sequence[str]) -> list[Boundary]:
     """Return the two edges between which each spacecraft was inside for longest."""
     chosen: list[Boundary] = []
-    for craft in (CHIEF, DEPUTY):
+    for craft in crafts:
         own_edges = sorted((e for e in edges if e.spacecraft == craft), key=lambda e: e.time)
         stays = [
             (entry, leaving)
@@ -110,14 +112,16 @@ def _bottom_and_top(edges: Sequence[Boundary], craft: str) -> dict[str, Boundary
     return named if len(named) == len(own_edges) else {}
 
 
-def _pair_edges(edges: Sequence[Boundary], separation: float) -> list[tuple[Boundary, Boundary]]:
+def _pair_edges(
+    history: RunHistory, edges: Sequence[Boundary], separation: float
+) -> list[tuple[Boundary, Boundary]]:
     """Return the edges that chief and deputy have both found, in the order of the chief's times.
 
     Edges of one structure are nearer in altitude than half the separation (m) of the spacecraft.
     """
     pairs = []
-    deputy_edges = [edge for edge in edges if edge.spacecraft == DEPUTY]
-    for edge in sorted((e for e in edges if e.spacecraft == CHIEF), key=lambda e: e.time):
+    deputy_edges = [edge for edge in edges if edge.spacecraft == history.deputy]
+    for edge in sorted((e for e in edges if e.spacecraft == history.chief), key=lambda e: e.time):
         same_kind = [other for other in deputy_edges if other.entry == edge.entry]
         nearest = min(
             same_kind, key=lambda other: abs(other.altitude - edge.altitude), default=None
@@ -135,7 +139,7 @@ def _vertical_speed(density: DensityHistory, time: TimeArray) -> FloatArray:
 
 def _plateau_content(history: RunHistory, edge: Boundary) -> float | None:
     """Return the median vertical content of high satellites just inside an edge, TECU."""
-    columns = history.slant_tec.get(f"/{CHIEF}/iono/slant_tec")
+    columns = history.slant_tec.get(f"/{history.chief}/iono/slant_tec")
     if columns is None:
         return None
     sign = 1.0 if edge.entry else -1.0

@@ -31,6 +31,8 @@ class NavigationError:
         One sigma as navigation states it, shape (n, 3); zero where it states none.
     is_settled
         Whether navigation has had a solution for `NAVIGATION_START_DURATION`, shape (n,).
+    position_covariance_rtn
+        m2, shape (n, 3, 3); zero where navigation states none.
     """
 
     time: FloatArray
@@ -39,6 +41,7 @@ class NavigationError:
     position_sigma_rtn: FloatArray
     velocity_sigma_rtn: FloatArray
     is_settled: npt.NDArray[np.bool_]
+    position_covariance_rtn: FloatArray
 
     def fraction_within_three_sigma(self) -> FloatArray | None:
         """Return the fraction of positions within 3 sigma, shape (3,); None without sigma."""
@@ -67,4 +70,9 @@ def navigation_error(history: DeputyHistory) -> NavigationError | None:
         position_sigma_rtn=no_sigma if quality is None else quality.position_sigma_rtn[in_estimate],
         velocity_sigma_rtn=no_sigma if quality is None else quality.velocity_sigma_rtn[in_estimate],
         is_settled=since_first_solution >= NAVIGATION_START_DURATION,
+        position_covariance_rtn=(
+            np.zeros((in_truth.size, 3, 3))
+            if quality is None
+            else quality.position_covariance_rtn[in_estimate]
+        ),
     )

@@ -9,7 +9,6 @@ import numpy as np
 
 from vtff_analysis.recordings.history import RunHistory, SatelliteColumns, TimeArray, interpolate
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, SatelliteTruth
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import satellite_number
@@ -36,7 +35,7 @@ Summary = dict[str, Any]
 
 def scintillating_minutes(history: RunHistory) -> TimeArray:
     """Return the ends of the minutes in which the chief saw scintillation, ns since 1970."""
-    columns = _indices_of_l1(history, CHIEF)
+    columns = _indices_of_l1(history, history.chief)
     if columns is None:
         return np.empty(0, dtype=np.int64)
     return np.unique(columns.time[columns.values["s4_corrected"] > WEAK_SCINTILLATION])
@@ -56,31 +55,33 @@ def add_scintillation(
     truth
         True ionosphere; None where it is not recorded.
     """
-    for craft in (CHIEF, DEPUTY):
+    for role, craft in (("chief", history.chief), ("deputy", history.deputy)):
         columns = _indices_of_l1(history, craft)
         if columns is None:
             continue
         detected = columns.values["s4_corrected"] > WEAK_SCINTILLATION
-        measured[f"{craft}_scintillating_minutes"] = int(np.count_nonzero(detected))
+        measured[f"{role}_scintillating_minutes"] = int(np.count_nonzero(detected))
         rays = None if truth is None else truth.satellites.get(craft)
         if rays is None or not len(columns.time):
             continue
         score = score_minutes(detected, _crossing_seconds(columns, rays))
-        true[f"{craft}_scintillating_minutes"] = score.crossing_count
+        true[f"{role}_scintillating_minutes"] = score.crossing_count
         if score.crossing_count:
-            measured[f"{craft}_scintillation_detected_percent"] = 100.0 * score.detection_rate
+            measured[f"{role}_scintillation_detected_percent"] = 100.0 * score.detection_rate
         if score.other_count:
-            measured[f"{craft}_scintillation_false_percent"] = 100.0 * score.false_alarm_rate
+            measured[f"{role}_scintillation_false_percent"] = 100.0 * score.false_alarm_rate
     _add_events(measured, true, history, truth)
 
 
-def true_lag(truth: IonosphereTruth, ends: TimeArray) -> float | None:
+def true_lag(truth: IonosphereTruth, history: RunHistory, ends: TimeArray) -> float | None:
     """Return how much later the deputy is where the chief was, over the rotating Earth, s.
 
     Parameters
     ----------
     truth
         True orbits.
+    history
+        The run, for the names of chief and deputy.
     ends
         Ends of the minutes of scintillation; the lag is that of the middle minute.
 
@@ -92,9 +93,11 @@ def true_lag(truth: IonosphereTruth, ends: TimeArray) -> float | None:
     if not len(ends):
         return None
     middle = int(ends[len(ends) // 2])
-    ahead = _direction(*truth.place_at(CHIEF, middle + _LAG_STEP))
-    behind = _direction(*truth.place_at(CHIEF, middle - _LAG_STEP))
-    chief, deputy = (_direction(*truth.place_at(craft, middle)) for craft in (CHIEF, DEPUTY))
+    ahead = _direction(*truth.place_at(history.chief, middle + _LAG_STEP))
+    behind = _direction(*truth.place_at(history.chief, middle - _LAG_STEP))
+    chief, deputy = (
+        _direction(*truth.place_at(craft, middle)) for craft in (history.chief, history.deputy)
+    )
     rate = np.linalg.norm(ahead - behind) / 10.0
     return float(np.linalg.norm(chief - deputy) / rate)
 
@@ -139,13 +142,13 @@ def _add_events(
             interpolate(middle, density.time, density.latitude_deg)
         )
         measured[f"{name}_event_longitude_deg"] = (longitude + 180.0) % 360.0 - 180.0
-    rays = None if truth is None else truth.satellites.get(CHIEF)
+    rays = None if truth is None else truth.satellites.get(history.chief)
     if truth is None or rays is None:
         return
     strong = rays.time[rays.s4 > WEAK_SCINTILLATION]
     if len(strong):
         for name, time in (("first", strong[0]), ("last", strong[-1])):
-            latitude, longitude = truth.place_at(CHIEF, int(time))
+            latitude, longitude = truth.place_at(history.chief, int(time))
             true[f"{name}_event_latitude_deg"] = latitude
             true[f"{name}_event_longitude_deg"] = longitude
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.evaluation.deputy_pairs import normalised_error, summarise_pairs
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.gnss_summary import summarise_receiver
 from vtff_analysis.evaluation.navigation import navigation_error
@@ -64,6 +65,7 @@ def summarise_run(
         numbers.update(_summarise_control(history.deputies[name], settings.controller(name)))
         numbers.update(_summarise_navigation(history.deputies[name]))
         summary.update({prefix + key: value for key, value in numbers.items()})
+    summary.update(summarise_pairs({name: history.deputies[name] for name in flights}))
     for receiver in history.receivers.values():
         prefix = f"{key_part(receiver.name)}_"
         numbers = summarise_receiver(receiver)
@@ -251,6 +253,8 @@ def _summarise_navigation(history: DeputyHistory) -> Summary:
     if settled.any():
         summary["navigation_error_settled_3d_rms_m"] = _rms_3d(position[settled])
         summary["navigation_error_settled_3d_rms_m_per_s"] = _rms_3d(velocity[settled])
+        covariance = error.position_covariance_rtn[settled]
+        summary["navigation_error_settled_nees"] = normalised_error(position[settled], covariance)
     return summary
 
 

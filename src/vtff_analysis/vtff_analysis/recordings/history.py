@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -88,6 +89,8 @@ class NavigationHistory:
         Ratio of the ambiguity test, shape (n,); 0 where not tested.
     innovation_rms
         RMS of the innovations in units of their predicted sigmas, shape (n,).
+    position_covariance_rtn
+        m2, shape (n, 3, 3); zero where none was given.
     """
 
     time: TimeArray
@@ -98,6 +101,7 @@ class NavigationHistory:
     ambiguities_fixed: npt.NDArray[np.uint16]
     ratio: FloatArray
     innovation_rms: FloatArray
+    position_covariance_rtn: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -314,6 +318,21 @@ class SimulatorReport:
 
 
 @dataclass(frozen=True, eq=False)
+class PairIonosphere:
+    """What a bag holds of the ionosphere between the chief and one deputy.
+
+    Attributes
+    ----------
+    density, satellite_density, boundaries
+        As in `RunHistory`.
+    """
+
+    density: DensityHistory | None = None
+    satellite_density: SatelliteColumns | None = None
+    boundaries: tuple[Boundary, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
 class RunHistory:
     """Everything that reports and comparisons use of a recorded run.
 
@@ -329,13 +348,17 @@ class RunHistory:
         Last report of the simulator; None where no simulator took part.
     slant_tec, scintillation
         Values of each topic, by its name.
+    chief, deputy
+        Names of the chief, and of the deputy whose pair the next three are of.
     density
         Density from all satellites; None where none was measured.
     satellite_density
         Density from each satellite by itself; its values are ``altitude`` (m), ``density`` and
         ``density_sigma``.
     boundaries
-        Crossed edges in the order of time.
+        Edges that chief or deputy have crossed, in the order of time.
+    pairs
+        The ionosphere of the chief with each deputy that has any, by the deputy's name.
     health
         Reports on /diagnostics in the order of their names.
     compute_time
@@ -352,9 +375,33 @@ class RunHistory:
     simulator: SimulatorReport | None = None
     slant_tec: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
     scintillation: dict[str, SatelliteColumns] = dataclasses.field(default_factory=dict)
+    chief: str = CHIEF
+    deputy: str = DEPUTY
     density: DensityHistory | None = None
     satellite_density: SatelliteColumns | None = None
     boundaries: tuple[Boundary, ...] = ()
+    pairs: dict[str, PairIonosphere] = dataclasses.field(default_factory=dict)
     health: tuple[HealthItem, ...] = ()
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
+
+    def of_pair(self, deputy: str) -> RunHistory:
+        """Return the history with the ionosphere of the chief and one deputy.
+
+        Parameters
+        ----------
+        deputy
+            Name of a deputy; one without an entry in `pairs` has no ionosphere.
+        """
+        pair = self.pairs.get(deputy, PairIonosphere())
+        return dataclasses.replace(
+            self,
+            deputy=deputy,
+            density=pair.density,
+            satellite_density=pair.satellite_density,
+            boundaries=pair.boundaries,
+        )
+
+    def pair_histories(self) -> list[RunHistory]:
+        """Return `of_pair` of each deputy with an ionosphere; else this history alone."""
+        return [self.of_pair(deputy) for deputy in self.pairs] or [self]

@@ -20,7 +20,7 @@ from vtff_analysis.recordings.history import (
     SimulatorReport,
 )
 from vtff_analysis.recordings.recording_details import DetailCollector
-from vtff_analysis.recordings.topics import STATUS_TOPIC, relative_state_topic
+from vtff_analysis.recordings.topics import CHIEF, DEPUTY, STATUS_TOPIC, relative_state_topic
 from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader, RawMessage
@@ -48,7 +48,8 @@ _POSITION, _VELOCITY = slice(0, 3), slice(3, 6)
 _POSITION_SIGMA, _VELOCITY_SIGMA = slice(6, 9), slice(9, 12)
 _QUALITY = ("solution", "satellites_used", "ambiguities_fixed", "ratio", "innovation_rms")
 _STATE_WIDTH = 6
-_ESTIMATE_WIDTH = 12 + len(_QUALITY)
+_POSITION_COVARIANCE = slice(12, 21)
+_ESTIMATE_WIDTH = 21 + len(_QUALITY)
 
 Handler = Callable[[Any], None]
 
@@ -90,7 +91,8 @@ def read_run(bag: pathlib.Path) -> RunHistory:
             _decode(decoders, raw, collector.notes)
     if last_status is not None:
         _decode(decoders, last_status, collector.notes)
-    return RunHistory(
+    pairs = details.pairs()
+    history = RunHistory(
         start_time=reader.start_time,
         end_time=reader.end_time,
         message_counts={topic.name: topic.message_count for topic in reader.topics.values()},
@@ -99,13 +101,14 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         simulator=collector.simulator,
         slant_tec=details.slant_tec(),
         scintillation=details.scintillation(),
-        density=details.density(),
-        satellite_density=details.satellite_density(),
-        boundaries=tuple(details.boundaries),
+        chief=collector.chief,
+        pairs=pairs,
         health=details.health(),
         compute_time=details.compute_time(),
         notes=tuple([*reader.notes, *collector.notes]),
     )
+    # A run with one deputy is seen as its pair; reports go through `RunHistory.pairs`.
+    return history.of_pair(next(iter([*pairs, *history.deputies]), DEPUTY))
 
 
 def _make_decoder(message_type: Any, handler: Handler) -> Callable[[RawMessage], None]:
@@ -209,6 +212,7 @@ def _navigation_history(times: Any, values: Any) -> NavigationHistory:
         ambiguities_fixed=ambiguities.astype(np.uint16),
         ratio=ratio,
         innovation_rms=innovation,
+        position_covariance_rtn=values[:, _POSITION_COVARIANCE].reshape(-1, 3, 3),
     )
 
 
@@ -217,6 +221,7 @@ class _Collector:
 
     def __init__(self) -> None:
         self.notes: list[str] = []
+        self.chief = CHIEF
         self.simulator: SimulatorReport | None = None
         self._relative: dict[str, dict[str, _Rows]] = {}
         self._thrust: dict[str, dict[str, _Rows]] = {}
@@ -249,6 +254,7 @@ class _Collector:
     def _add_relative_state(self, name: str, what: str, message: Any) -> None:
         if message.child_frame_id != name:
             raise ValueError(f"it names '{message.child_frame_id}', not the deputy '{name}'")
+        self.chief = message.header.frame_id.rpartition("/")[0] or self.chief
         row = np.concatenate((message.position, message.velocity))
         unusable = what == "estimate" and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(row).all():
@@ -257,7 +263,9 @@ class _Collector:
         if what == "estimate":
             variance = np.asarray(message.covariance)[::7]  # the diagonal of a 6 by 6 matrix
             sigma = np.sqrt(np.where(variance > 0.0, variance, 0.0))
-            row = np.concatenate((row, sigma, [getattr(message, name) for name in _QUALITY]))
+            position = np.asarray(message.covariance).reshape(6, 6)[:3, :3].ravel()
+            quality = [getattr(message, name) for name in _QUALITY]
+            row = np.concatenate((row, sigma, position, quality))
         width = _ESTIMATE_WIDTH if what == "estimate" else _STATE_WIDTH
         deputy.setdefault(what, _Rows(width)).add(to_nanoseconds(message.header.stamp), row)
 

@@ -13,8 +13,10 @@ from vtff_analysis.recordings.history import (
     Boundary,
     DensityHistory,
     HealthItem,
+    PairIonosphere,
     SatelliteColumns,
 )
+from vtff_analysis.recordings.topics import DEPUTY
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import IrregularityBoundary
@@ -98,6 +100,75 @@ class _Columns:
         )
 
 
+class _Pair:
+    """Collects the ionosphere between the chief and one deputy."""
+
+    def __init__(self) -> None:
+        self._boundaries: list[Boundary] = []
+        self._density: list[tuple[float, ...]] = []
+        self._density_time: list[int] = []
+        self._satellite_density = _Columns(_SATELLITE_DENSITY_COLUMNS)
+
+    def add_density(self, message: Any) -> None:
+        self._satellite_density.add(message)
+        # The last row combines all satellites.
+        if len(message.density) and math.isfinite(message.density[-1]):
+            self._density_time.append(to_nanoseconds(message.header.stamp))
+            self._density.append(
+                (
+                    message.altitude,
+                    message.vertical_separation,
+                    message.density[-1],
+                    message.density_sigma[-1],
+                    *message.position,
+                )
+            )
+
+    def add_boundary(self, message: Any) -> None:
+        self._boundaries.append(
+            Boundary(
+                time=to_nanoseconds(message.header.stamp),
+                kind=_KINDS.get(message.kind, str(message.kind)),
+                source=_SOURCES.get(message.source, str(message.source)),
+                entry=bool(message.entry),
+                spacecraft=message.spacecraft,
+                system=message.system,
+                prn=message.prn,
+                latitude_deg=message.latitude_deg,
+                longitude_deg=message.longitude_deg,
+                altitude=message.altitude,
+            )
+        )
+
+    def ionosphere(self) -> PairIonosphere:
+        return PairIonosphere(
+            self._density_history(), self._satellite_columns(), tuple(self._boundaries)
+        )
+
+    def _density_history(self) -> DensityHistory | None:
+        if not self._density:
+            return None
+        altitude, separation, density, sigma, *position = np.array(self._density).T
+        geodetic = np.degrees(geodetic_from_itrf(np.stack(position, axis=-1))[:, :2])
+        return DensityHistory(
+            time=np.array(self._density_time, dtype=np.int64),
+            altitude=altitude,
+            separation=separation,
+            latitude_deg=geodetic[:, 0],
+            longitude_deg=geodetic[:, 1],
+            density=density,
+            sigma=sigma,
+        )
+
+    def _satellite_columns(self) -> SatelliteColumns | None:
+        columns = self._satellite_density.columns()
+        kept = (columns.prn > 0) & np.isfinite(columns.values["density"])
+        if not kept.any():
+            return None
+        values = {name: column[kept] for name, column in columns.values.items()}
+        return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
+
+
 class _Health:
     """Collects the reports of one name on /diagnostics."""
 
@@ -127,10 +198,7 @@ class DetailCollector:
     """Sorts the messages of ionosphere, health and timing while the bag is read."""
 
     def __init__(self) -> None:
-        self.boundaries: list[Boundary] = []
-        self._density: list[tuple[float, ...]] = []
-        self._density_time: list[int] = []
-        self._satellite_density = _Columns(_SATELLITE_DENSITY_COLUMNS)
+        self._pairs: dict[str, _Pair] = {}
         self._slant_tec: dict[str, _Columns] = {}
         self._scintillation: dict[str, _Columns] = {}
         self._health: dict[str, _Health] = {}
@@ -147,9 +215,9 @@ class DetailCollector:
         if _SCINTILLATION.search(topic):
             return self._scintillation.setdefault(topic, _Columns(_SCINTILLATION_COLUMNS)).add
         if _DENSITY.search(topic):
-            return self._add_density
+            return lambda message: self._pair(message).add_density(message)
         if _BOUNDARY.search(topic):
-            return self._add_boundary
+            return lambda message: self._pair(message).add_boundary(message)
         return None
 
     def slant_tec(self) -> dict[str, SatelliteColumns]:
@@ -160,30 +228,9 @@ class DetailCollector:
         """Return scintillation indices by topic, of topics that have any."""
         return _join_topics(self._scintillation)
 
-    def density(self) -> DensityHistory | None:
-        """Return the density of all satellites combined, None where there is none."""
-        if not self._density:
-            return None
-        altitude, separation, density, sigma, *position = np.array(self._density).T
-        geodetic = np.degrees(geodetic_from_itrf(np.stack(position, axis=-1))[:, :2])
-        return DensityHistory(
-            time=np.array(self._density_time, dtype=np.int64),
-            altitude=altitude,
-            separation=separation,
-            latitude_deg=geodetic[:, 0],
-            longitude_deg=geodetic[:, 1],
-            density=density,
-            sigma=sigma,
-        )
-
-    def satellite_density(self) -> SatelliteColumns | None:
-        """Return the density of each satellite by itself, None where there is none."""
-        columns = self._satellite_density.columns()
-        kept = (columns.prn > 0) & np.isfinite(columns.values["density"])
-        if not kept.any():
-            return None
-        values = {name: column[kept] for name, column in columns.values.items()}
-        return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
+    def pairs(self) -> dict[str, PairIonosphere]:
+        """Return the ionosphere of the chief with each deputy, by the deputy's name."""
+        return {name: pair.ionosphere() for name, pair in sorted(self._pairs.items())}
 
     def health(self) -> tuple[HealthItem, ...]:
         """Return the reports on /diagnostics in the order of their names."""
@@ -214,36 +261,9 @@ class DetailCollector:
             name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
             self._health.setdefault(name, _Health()).add(time, status)
 
-    def _add_density(self, message: Any) -> None:
-        self._satellite_density.add(message)
-        # The last row combines all satellites.
-        if len(message.density) and math.isfinite(message.density[-1]):
-            self._density_time.append(to_nanoseconds(message.header.stamp))
-            self._density.append(
-                (
-                    message.altitude,
-                    message.vertical_separation,
-                    message.density[-1],
-                    message.density_sigma[-1],
-                    *message.position,
-                )
-            )
-
-    def _add_boundary(self, message: Any) -> None:
-        self.boundaries.append(
-            Boundary(
-                time=to_nanoseconds(message.header.stamp),
-                kind=_KINDS.get(message.kind, str(message.kind)),
-                source=_SOURCES.get(message.source, str(message.source)),
-                entry=bool(message.entry),
-                spacecraft=message.spacecraft,
-                system=message.system,
-                prn=message.prn,
-                latitude_deg=message.latitude_deg,
-                longitude_deg=message.longitude_deg,
-                altitude=message.altitude,
-            )
-        )
+    def _pair(self, message: Any) -> _Pair:
+        # Another program may leave the name out.
+        return self._pairs.setdefault(message.child_frame_id or DEPUTY, _Pair())
 
 
 def _join_topics(collected: dict[str, _Columns]) -> dict[str, SatelliteColumns]:

@@ -27,6 +27,7 @@ from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.ionosphere_table import (
     IONOSPHERE_HEADS,
     IONOSPHERE_REMARK,
+    ionosphere_prefixes,
     ionosphere_rows,
 )
 from vtff_analysis.report.tables import (
@@ -223,16 +224,20 @@ def _render_ionosphere(
     summary: Mapping[str, Any], history: RunHistory, pictures: Sequence[Picture]
 ) -> str:
     """Return paper, measured and true numbers, the receiver's own values, plots and edges."""
-    rows = ionosphere_rows(summary)
-    table = _render_table(IONOSPHERE_HEADS, rows) if rows else ""
-    remark = f"<p class='small'>{_escape(IONOSPHERE_REMARK)}</p>" if rows else ""
+    table = ""
+    for deputy, prefix in ionosphere_prefixes(list(history.pairs)):
+        rows = ionosphere_rows(summary, prefix)
+        if rows:
+            table += f"<h3>Ionosphere{_escape(deputy)}</h3>" if deputy else ""
+            table += _render_table(IONOSPHERE_HEADS, rows)
+    remark = f"<p class='small'>{_escape(IONOSPHERE_REMARK)}</p>" if table else ""
     comparisons = _render_comparisons(compare_with_receiver(history))
     return (
         table
         + remark
         + comparisons
         + _render_figures(pictures, "ionosphere")
-        + _render_boundaries(history)
+        + "".join(_render_boundaries(pair) for pair in history.pair_histories())
     )
 
 
@@ -268,7 +273,8 @@ def _render_boundaries(history: RunHistory) -> str:
         for edge in history.boundaries
     ]
     heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude", "altitude"]
-    return f"<h3>Edges of irregularities</h3>{_render_table(heads, rows)}"
+    pair = f": {_escape(history.deputy)}" if len(history.pairs) > 1 else ""
+    return f"<h3>Edges of irregularities{pair}</h3>{_render_table(heads, rows)}"
 
 
 def _render_health(items: Sequence[HealthItem], start: int) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -11,9 +11,16 @@ from rich.markup import escape
 from rich.table import Table
 
 from vtff_analysis.paper_reference import paper_columns
+from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.tables import number_text
 
-__all__ = ["IONOSPHERE_HEADS", "IONOSPHERE_REMARK", "ionosphere_rows", "print_ionosphere"]
+__all__ = [
+    "IONOSPHERE_HEADS",
+    "IONOSPHERE_REMARK",
+    "ionosphere_prefixes",
+    "ionosphere_rows",
+    "print_ionosphere",
+]
 
 IONOSPHERE_HEADS = ("", "paper", "measured", "true")
 
@@ -60,13 +67,17 @@ IONOSPHERE_REMARK = (
 """Explanation of the numbers, for the line under the table."""
 
 
-def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str]]:
+def ionosphere_rows(
+    summary: Mapping[str, Any], prefix: str = ""
+) -> list[tuple[str, str, str, str]]:
     """Return the texts of the table: label, paper, measured, true.
 
     Parameters
     ----------
     summary
         Summary of the run, keys of docs/summary.md.
+    prefix
+        What stands before the keys of one deputy of several.
 
     Returns
     -------
@@ -77,9 +88,11 @@ def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str
     printed = {key: value for column in columns for key, value in column.values.items()}
     rows = []
     for label, name, decimals in _ROWS:
-        key = f"ionosphere_{name}"
+        key = f"{prefix}ionosphere_{name}"
         if key in summary:
-            values = (printed.get(key), summary[key], summary.get(f"ionosphere_true_{name}"))
+            printed_value = printed.get(f"ionosphere_{name}")
+            true_value = summary.get(f"{prefix}ionosphere_true_{name}")
+            values = (printed_value, summary[key], true_value)
             paper, measured, true = (
                 "" if value is None else number_text(value, decimals) for value in values
             )
@@ -87,9 +100,22 @@ def ionosphere_rows(summary: Mapping[str, Any]) -> list[tuple[str, str, str, str
     return rows
 
 
-def print_ionosphere(console: Console, summary: Mapping[str, Any], run_name: str) -> None:
-    """Print the table unless it is empty."""
-    rows = ionosphere_rows(summary)
+def print_ionosphere(
+    console: Console, summary: Mapping[str, Any], run_name: str, deputies: Sequence[str]
+) -> None:
+    """Print a table for each deputy with an ionosphere, unless it is empty."""
+    for deputy, prefix in ionosphere_prefixes(deputies):
+        _print_rows(console, ionosphere_rows(summary, prefix), f"{run_name}{deputy}")
+
+
+def ionosphere_prefixes(deputies: Sequence[str]) -> list[tuple[str, str]]:
+    """Return for each deputy what a title says of it, and the prefix of its keys."""
+    if len(deputies) < 2:
+        return [("", "")]
+    return [(f": {name}", f"{key_part(name)}_") for name in deputies]
+
+
+def _print_rows(console: Console, rows: Sequence[tuple[str, str, str, str]], run_name: str) -> None:
     if not rows:
         return
     table = Table(

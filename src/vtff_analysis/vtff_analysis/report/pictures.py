@@ -105,7 +105,11 @@ def draw_pictures(
             )
             pictures.append(Picture(sky, caption, "gnss"))
     labelled = f"{run_name}{scenario_label(scenario)}"
-    pictures += _draw_density(history, truth, folder, labelled, scenario)
+    pairs = history.pair_histories()
+    for pair in pairs:
+        prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
+        pictures += _draw_density(pair, truth, folder, prefix, labelled)
+    pictures += _draw_scintillation_maps(pairs[0], truth, folder, labelled, scenario)
     pictures += _draw_ionosphere(history, folder, labelled)
     comparisons = compare_with_receiver(history)
     if comparisons:
@@ -150,19 +154,19 @@ def _draw_density(
     history: RunHistory,
     truth: IonosphereTruth | None,
     folder: pathlib.Path,
+    prefix: str,
     run_name: str,
-    scenario: str,
 ) -> list[Picture]:
-    """Draw figures 8 to 11 of the paper from a run with two spacecraft."""
+    """Draw figures 8, 9 and 11 of the paper of the chief and one deputy."""
+    with_name = f" with {history.deputy}" if prefix else ""
     density = history.density
     if density is None:
         return []
     pictures = []
     plateau = plot_plateau(
-        history.slant_tec,
-        history.start_time,
+        history,
         truth,
-        folder / "vertical_tec.png",
+        folder / f"{prefix}vertical_tec.png",
         f"{run_name}: vertical TEC of single satellites",
     )
     if plateau is not None:
@@ -175,21 +179,36 @@ def _draw_density(
             history.satellite_density,
             density,
             truth,
-            folder / "electron_density_satellites.png",
-            f"{run_name}: electron density from one satellite",
+            folder / f"{prefix}electron_density_satellites.png",
+            f"{run_name}: electron density{with_name} from one satellite",
         )
         if single is not None:
             caption = "Density from single satellites, rising (figure 9 of the paper)."
             pictures.append(Picture(single, caption, "ionosphere"))
     path = plot_density_profile(
+        history,
         density,
-        history.boundaries,
         truth,
-        folder / "electron_density.png",
-        f"{run_name}: electron density",
+        folder / f"{prefix}electron_density.png",
+        f"{run_name}: electron density{with_name}",
     )
     caption = "Density from differential TEC of all satellites (figures 9 and 11 of the paper)."
     pictures.append(Picture(path, caption, "ionosphere"))
+    return pictures
+
+
+def _draw_scintillation_maps(
+    history: RunHistory,
+    truth: IonosphereTruth | None,
+    folder: pathlib.Path,
+    run_name: str,
+    scenario: str,
+) -> list[Picture]:
+    """Draw figure 10 of the paper of each spacecraft."""
+    density = history.density
+    if density is None:
+        return []
+    pictures = []
     for topic, columns in history.scintillation.items():
         mapped = plot_scintillation_map(
             columns,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -19,13 +18,12 @@ from vtff_analysis.plot_style import (
     save_figure,
 )
 from vtff_analysis.recordings.history import (
-    Boundary,
     DensityHistory,
+    RunHistory,
     SatelliteColumns,
     interpolate,
 )
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import satellite_name
@@ -53,8 +51,8 @@ def scenario_label(scenario: str) -> str:
 
 
 def plot_density_profile(
+    history: RunHistory,
     density: DensityHistory,
-    boundaries: Sequence[Boundary],
     truth: IonosphereTruth | None,
     path: pathlib.Path,
     title: str,
@@ -64,7 +62,9 @@ def plot_density_profile(
     lowest, highest = density.altitude.min(), density.altitude.max()
     difference = np.full(len(density.time), np.nan)
     if truth is not None:
-        difference = density.density - truth.mean_density(CHIEF, DEPUTY, density.time)
+        difference = density.density - truth.mean_density(
+            history.chief, history.deputy, density.time
+        )
     with mpl.rc_context(STYLE):
         figure = make_figure(8.0)
         axes: Any = figure.subplots(1, 2, sharey=True, width_ratios=(2, 1))
@@ -80,7 +80,7 @@ def plot_density_profile(
             height = np.linspace(lowest, highest, 4000)
             true = truth.profile.density(height)
             axes[0].plot(true, height / _KILOMETRE, "k-", lw=1.2, label="true")
-        for boundary in boundaries:
+        for boundary in history.boundaries:
             if boundary.kind == "vertical":
                 axes[0].axhline(boundary.altitude / _KILOMETRE, color=MARK_COLOUR, ls=":", lw=1.0)
         axes[0].set(xlabel="electron density (m$^{-3}$)", ylabel="altitude (km)")
@@ -136,24 +136,24 @@ def _most_frequent(columns: SatelliteColumns, chosen: Any, count: int = 2) -> li
 
 
 def plot_plateau(
-    slant_tec: dict[str, SatelliteColumns],
-    start_time: int,
+    history: RunHistory,
     truth: IonosphereTruth | None,
     path: pathlib.Path,
     title: str,
 ) -> pathlib.Path | None:
-    """Draw vertical TEC of both spacecraft from the two satellites that are high for longest.
+    """Draw vertical TEC of each spacecraft from the two satellites that are high for longest.
 
     For a run with irregularity regions the rising pass through their altitudes is drawn (figure 8).
     """
     crafts = {
         topic.split("/")[1]: columns
-        for topic, columns in sorted(slant_tec.items())
+        for topic, columns in sorted(history.slant_tec.items())
         if topic.endswith("/iono/slant_tec")
     }
     if not crafts:
         return None
-    begin, end = _pass_of_region(truth, start_time)
+    start_time = history.start_time
+    begin, end = _pass_of_region(truth, history)
     with mpl.rc_context(STYLE):
         figure = make_figure(8.0)
         first = next(iter(crafts.values()))
@@ -173,7 +173,7 @@ def plot_plateau(
                     values.values["vtec_tecu"][rows],
                     ".",
                     ms=3,
-                    color=AXIS_COLOURS[column],
+                    color=AXIS_COLOURS[column % len(AXIS_COLOURS)],
                     label="measured",
                 )
                 if truth is not None and craft in truth.time:
@@ -197,14 +197,14 @@ def plot_plateau(
         return save_figure(figure, path, title)
 
 
-def _pass_of_region(truth: IonosphereTruth | None, start_time: int) -> tuple[float, float]:
+def _pass_of_region(truth: IonosphereTruth | None, history: RunHistory) -> tuple[float, float]:
     """Return begin and end of the chief's rising pass through the regions, s into the run."""
-    if truth is None or truth.region_altitudes is None or CHIEF not in truth.time:
+    if truth is None or truth.region_altitudes is None or history.chief not in truth.time:
         return 0.0, np.inf
     times = [
-        (crossing.time - start_time) / NANOSECONDS_PER_SECOND
+        (crossing.time - history.start_time) / NANOSECONDS_PER_SECOND
         for altitude in truth.region_altitudes
-        for crossing in truth.crossings(CHIEF, altitude)
+        for crossing in truth.crossings(history.chief, altitude)
         if crossing.vertical_speed > 0.0
     ]
     if not times:

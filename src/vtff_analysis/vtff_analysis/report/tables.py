@@ -71,6 +71,7 @@ _NAVIGATION: Section = [
     ("largest, m", "navigation_error_maximum_m", 4),
     ("3-D RMS after 60 s, m", "navigation_error_settled_3d_rms_m", 5),
     ("3-D RMS after 60 s, m/s", "navigation_error_settled_3d_rms_m_per_s", 7),
+    ("NEES after 60 s", "navigation_error_settled_nees", 2),
 ]
 
 _RECEIVER: Section = [

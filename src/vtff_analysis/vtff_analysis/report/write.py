@@ -23,7 +23,7 @@ from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, read_iono
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import RunSettings, read_settings
-from vtff_analysis.recordings.topics import CHIEF, DEPUTY, key_part
+from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.html import render_report
 from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
@@ -87,7 +87,7 @@ def write_report(
             flights[name] = flight
     truth = None
     processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
-    if processed or history.density is not None:
+    if processed or any(pair.density is not None for pair in history.pairs.values()):
         truth = read_ionosphere_truth(reader, described, run_path.folder)
     summary = {
         "run_name": run_path.name,
@@ -130,14 +130,19 @@ def _summarise_truth_fed(
 def _summarise_ionosphere(
     history: RunHistory, reader: BagReader, truth: IonosphereTruth | None
 ) -> dict[str, Any]:
-    """Return the numbers of the ionosphere by their keys."""
-    lag = None
+    """Return the numbers of the ionosphere by their keys; several deputies each have their own."""
+    summary: dict[str, Any] = {}
     minutes = scintillating_minutes(history)
-    if len(minutes):
-        start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
-        fluctuation_lag = read_fluctuation_lag(reader, (CHIEF, DEPUTY), start, end)
-        lag = None if fluctuation_lag is None else fluctuation_lag.lag
-    summary = summarise_ionosphere(history, truth, lag)
+    pairs = history.pair_histories()
+    for pair in pairs:
+        lag = None
+        if len(minutes):
+            start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
+            fluctuation_lag = read_fluctuation_lag(reader, (pair.chief, pair.deputy), start, end)
+            lag = None if fluctuation_lag is None else fluctuation_lag.lag
+        prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
+        numbers = summarise_ionosphere(pair, truth, lag)
+        summary.update({prefix + key: value for key, value in numbers.items()})
     for comparison in compare_with_receiver(history):
         summary.update(comparison.summarise())
     return {key: plain_value(value) for key, value in summary.items()}
@@ -154,7 +159,7 @@ def _print_tables(
         print_formation(console, summary, deputies, run_name)
     if history.receivers:
         print_receivers(console, summary, list(history.receivers), run_name)
-    print_ionosphere(console, summary, run_name)
+    print_ionosphere(console, summary, run_name, list(history.pairs))
     if not deputies and not history.receivers:
         print_message_counts(console, history.message_counts, run_name)
 

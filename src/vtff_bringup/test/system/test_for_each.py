@@ -75,6 +75,13 @@ def test_one_process_for_each(load):
     assert load("c_bus:=can1").processes[1].arguments[1] == "can1"
 
 
+def test_a_scenario_has_a_hard_radius(load):
+    system = SYSTEM.replace("deputies: \"${deputies}\"", "radius: \"${scenario.hard_radius}\"")
+    assert load(system=system).nodes[-1].parameters["radius"] == 10.0
+    scenario = f"hard_radius: 30.0\n{SCENARIO}"
+    assert load(system=system, scenario=scenario).nodes[-1].parameters["radius"] == 30.0
+
+
 def test_overrides_of_all_and_of_one(load):
     system = load("sdre_controller.design:=paper", "c/sdre_controller.design:=delay_aware")
     designs = {n.namespace: n.parameters.get("design") for n in system.nodes}

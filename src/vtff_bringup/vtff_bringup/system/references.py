@@ -10,7 +10,7 @@ from typing import Any
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.yaml_file import read_mapping
 from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
-from vtff_sim_bridge.truth.scenario_fields import ScenarioError
+from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
 
 __all__ = ["DEPUTY", "SPACECRAFT", "References", "free_port"]
 
@@ -163,7 +163,7 @@ class References:
             scenario: dict[str, Any] = repeat_spacecraft(
                 read_mapping(path), str(path), int(self.values.get(NUMBER_OF_DEPUTIES) or 0)
             )
-            return scenario
+            return {"hard_radius": DEFAULT_HARD_RADIUS, **scenario}
         except ScenarioError as error:
             raise SystemFileError(str(error)) from error
 

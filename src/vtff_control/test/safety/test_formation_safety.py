@@ -196,3 +196,23 @@ def test_before_any_navigation_commands_pass():
     decision = monitor().step({"deputy": DeputyInput(command_rtn=np.zeros(3))})
     assert decision.pairs == []
     assert decision.decisions["deputy"].command_rtn is None
+
+
+def test_a_filter_that_has_just_started_is_not_judged_by():
+    """Its velocity has a sigma of 30 m/s: nothing would be clear, and nothing would help."""
+    blurred = np.diag([0.01**2] * 3 + [30.0**2] * 3)
+    state = relative(t=1000.0)
+    start = DeputyInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    safety = monitor()
+    step = safety.step({"deputy": start})
+    assert step.decisions["deputy"].mode == MODE_MONITOR
+    assert step.decisions["deputy"].command_rtn is None
+    assert "not good enough" in step.decisions["deputy"].reason
+    assert step.pairs == []
+    # Later such a state is worth less than the prediction from the one before.
+    (first, second) = coast(state, 2)
+    safety.step({"deputy": heard(first[0], chief=first[1])})
+    again = DeputyInput(second[0], blurred, second[1], np.zeros(3), np.array([0.0, 1e-4, 0.0]))
+    step = safety.step({"deputy": again})
+    assert step.pairs[0].violation_time == np.inf
+    assert step.decisions["deputy"].reason == ""

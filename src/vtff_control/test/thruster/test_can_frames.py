@@ -78,7 +78,9 @@ def test_checksum_equals_its_definition(identifier: int, payload: bytes) -> None
 
 
 def test_no_two_signals_overlap_and_every_frame_is_classic_can() -> None:
-    assert {frame.frame_id for frame in DATABASE.messages} == {0x110, 0x111, 0x120, 0x121, 0x130}
+    assert {frame.frame_id for frame in DATABASE.messages} == {
+        *(0x100, 0x110, 0x111, 0x120, 0x121, 0x130)
+    }
     for frame in DATABASE.messages:
         assert frame.length == 8 and not frame.is_extended_frame and not frame.is_fd
         bits = sum(signal.length for signal in frame.signals)

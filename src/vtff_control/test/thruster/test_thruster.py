@@ -100,3 +100,16 @@ def test_thrust_is_within_the_cap_and_a_multiple_of_the_quantum(
 def test_wrong_parameters_are_named(name: str, value: object) -> None:
     with pytest.raises(ValueError, match=f"^{name}: "):
         Thruster(**{name: value})  # type: ignore[arg-type]
+
+
+def test_a_stuck_axis_gives_what_it_is_stuck_at_until_it_is_isolated():
+    thruster = Thruster(1.0, stuck_acceleration=(0.0, -0.4, 0.0), stuck_after=2.0)
+    given = [thruster.command(k * 10**9, (0.1, 0.2, 0.0)).acceleration_rtn for k in range(3)]
+    np.testing.assert_array_equal(given[1], [0.1, 0.2, 0.0])
+    np.testing.assert_array_equal(given[2], [0.1, -0.4, 0.0])
+    thruster.isolated = np.array([False, True, False])
+    np.testing.assert_array_equal(
+        thruster.command(3 * 10**9, (0.1, 0.2, 0.0)).acceleration_rtn, [0.1, 0.0, 0.0]
+    )
+    with pytest.raises(ValueError, match="stuck_acceleration: three numbers"):
+        Thruster(1.0, stuck_acceleration=(1.0,))

@@ -56,6 +56,7 @@ _PASSIVE_STEPS = 3
 _MISSING_STEPS = 5
 _ABSENT_STEPS = 10
 _WEAK_STEPS = 2
+_SOON = 60.0  # s
 _REPORT_FLOOR = 0.02  # of the cap: difference of report and command that is not looked at
 _HYSTERESIS = 0.25  # of the margin; and in sigma
 
@@ -276,16 +277,17 @@ class FormationSafety:
         self._take_states(inputs)
         if self._chief is None:
             # Nothing has been navigated yet: there is nothing to judge by.
-            return SafetyStep(
-                {name: DeputyDecision(MODE_MONITOR, None, np.zeros(3, bool), "") for name in
-                 self._tracks},
-                [],
-            )  # fmt: skip
+            reason = "not judged: no navigation yet"
+            unjudged = {
+                name: DeputyDecision(MODE_MONITOR, None, np.zeros(3, dtype=bool), reason)
+                for name in self._tracks
+            }
+            return SafetyStep(unjudged, [])
         known = [name for name, track in self._tracks.items() if track.relative is not None]
         start = self._states_after(known, inputs, self._setting.delay_steps, with_command=False)
         passed = self._states_after(known, inputs, self._setting.delay_steps, with_command=True)
         motion = self._motion(known, *passed)
-        pairs = self._pairs(motion, self._setting.bounds)
+        pairs = self._pairs(motion, self._setting.bounds) if known else []
         decisions = {}
         for name, track in self._tracks.items():
             given = inputs.get(name, DeputyInput())
@@ -308,7 +310,11 @@ class FormationSafety:
         for name, track in self._tracks.items():
             given = inputs.get(name, DeputyInput())
             before = track.reported
-            if given.relative_rtn is not None and self._chief is not None:
+            is_informative = self._is_informative(given)
+            if not is_informative and track.relative is not None and previous_chief is not None:
+                self._predict(track, previous_chief, before)
+            if is_informative or self._is_better(track, given):
+                assert given.relative_rtn is not None and self._chief is not None
                 covariance = given.covariance_rtn
                 track.covariance = np.zeros((6, 6)) if covariance is None else covariance
                 track.thrust_effect = np.zeros((6, 9))
@@ -317,17 +323,40 @@ class FormationSafety:
                 if fault is not None:
                     track.isolated |= fault.axes
                     track.reason = track.reason or fault.text
-            elif track.relative is not None and previous_chief is not None:
+            else:
                 track.monitor.reset()
-                track.relative, _ = _advance(track.relative, previous_chief, before, step)
-                transition = hcw_transition_matrix(osculating_mean_motion(previous_chief), step)
-                track.covariance = transition @ track.covariance @ transition.T
-                push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
-                track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(
-                    np.eye(3), before
-                )
             track.reported = np.zeros(3) if given.reported_rtn is None else given.reported_rtn
             self._compare_report(track, given)
+
+    def _predict(self, track: _Track, chief: FloatArray, thrust: FloatArray) -> None:
+        """Carry the last state of a deputy over a step with the reported thrust."""
+        step = self._setting.step
+        assert track.relative is not None
+        track.relative, _ = _advance(track.relative, chief, thrust, step)
+        transition = hcw_transition_matrix(osculating_mean_motion(chief), step)
+        track.covariance = transition @ track.covariance @ transition.T
+        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
+        track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(np.eye(3), thrust)
+
+    def _is_informative(self, given: DeputyInput) -> bool:
+        """Return whether a state can be judged by.
+
+        A filter that has just started knows the velocity to tens of m/s: with that nothing is
+        clear, and no manoeuvre helps.
+        """
+        if given.relative_rtn is None or self._chief is None:
+            return False
+        if given.covariance_rtn is None:
+            return True
+        gap = float(np.linalg.norm(given.relative_rtn[:3])) - self._setting.hard_radius
+        return self._setting.bounds.clear_sigmas * _error_soon(given.covariance_rtn) < gap
+
+    def _is_better(self, track: _Track, given: DeputyInput) -> bool:
+        """Return whether a poor state is still better than the prediction from the last one."""
+        if given.relative_rtn is None or given.covariance_rtn is None or track.relative is None:
+            return False
+        thrust = self._setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
+        return _error_soon(given.covariance_rtn) <= _error_soon(track.covariance + thrust)
 
     def _compare_report(self, track: _Track, given: DeputyInput) -> None:
         """Look whether the thruster reports more than it was told."""
@@ -429,7 +458,8 @@ class FormationSafety:
         if track.relative is None:
             if track.reason:  # a thruster was isolated before anything was navigated
                 return DeputyDecision(MODE_HOLD, np.zeros(3), track.isolated.copy(), track.reason)
-            return DeputyDecision(MODE_MONITOR, None, track.isolated.copy(), "")
+            reason = "not judged: navigation is not good enough yet"
+            return DeputyDecision(MODE_MONITOR, None, track.isolated.copy(), reason)
         watched = ""
         if not track.reason:
             worst = min(
@@ -539,6 +569,13 @@ def _advance(
     deputy[3:] += step * acceleration
     after = predict_state(chief, step)
     return relative_state_rtn(after, deputy), after
+
+
+def _error_soon(covariance: FloatArray) -> float:
+    """Return the sigma that a position has within `_SOON`, in its worst direction, about, m."""
+    position = float(np.linalg.eigvalsh(covariance[:3, :3])[-1])
+    velocity = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    return math.sqrt(max(position, 0.0)) + _SOON * math.sqrt(max(velocity, 0.0))
 
 
 def _away(motion: FreeMotion, index: int, moment: float) -> FloatArray:

@@ -38,6 +38,7 @@ _SIGNALS = {
     "ThrusterHeartbeat": (
         "Checksum", "Sequence", "State", "RejectedFrames", "SequenceGaps", "Uptime",
     ),
+    "ThrusterIsolation": ("Checksum", "IsolatedR", "IsolatedT", "IsolatedN"),
 }  # fmt: skip
 
 
@@ -203,6 +204,18 @@ class ThrusterFrames:
             "Mode": mode,
         }
         return self._frame("ThrustCommandRT", first), self._frame("ThrustCommandN", second)
+
+    def encode_isolation(self, axes: npt.ArrayLike) -> can.Message:
+        """Return the frame that shuts off axes of the thruster, and opens the others.
+
+        Parameters
+        ----------
+        axes
+            Whether R, T and N are shut off, shape (3,).
+        """
+        radial, along_track, normal = (bool(is_isolated) for is_isolated in np.asarray(axes))
+        values = {"IsolatedR": radial, "IsolatedT": along_track, "IsolatedN": normal}
+        return self._frame("ThrusterIsolation", {key: int(value) for key, value in values.items()})
 
     def decode(self, frame: can.Message) -> ThrustReport | ThrusterHeartbeat | None:
         """Take the next frame of the bus.

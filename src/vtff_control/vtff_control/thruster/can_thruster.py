@@ -7,6 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import can
+import numpy as np
 import numpy.typing as npt
 
 from vtff_control.thruster.can_frames import (
@@ -126,6 +127,7 @@ class ThrusterLink:
         self._retry_at = -float("inf")
         self._retry_pause = FIRST_RETRY
         self._sequence = frames.sequence_modulus - 1
+        self._isolation: tuple[can.Message, ...] = ()
         self._open_command: tuple[can.Message, ...] | None = None
         self._open_time_of_week = 0
         self._resend_at = 0.0
@@ -178,7 +180,23 @@ class ThrusterLink:
         self._open_time_of_week = time_of_week_milliseconds(start)
         self._resend_at = self._clock() + RESEND_INTERVAL
         self.counters.commands += 1
-        self._send(command)
+        self._send((*self._isolation, *command))
+
+    def isolate(self, axes: npt.ArrayLike) -> None:
+        """Shut off axes of the thruster, now and again before every command.
+
+        The frame has no answer; it is sent again before each command, so that a thruster that has
+        restarted, or lost it, shuts them off too.
+
+        Parameters
+        ----------
+        axes
+            Whether R, T and N are shut off, shape (3,).
+        """
+        self._isolation = (self._frames.encode_isolation(axes),)
+        self._send(self._isolation)
+        if not np.any(axes):
+            self._isolation = ()
 
     def wait_for_report(self, timeout: float) -> ThrustReport | None:
         """Wait for the report of the open command, and send the command again when due.

@@ -55,6 +55,15 @@ class Thruster:
         Whole steps between the stamp of a command and its start.
     step
         Length of a step in s.
+    stuck_acceleration
+        A fault: what R, T and N give whatever is commanded, m/s2; an axis of 0 is healthy.
+    stuck_after
+        When that fault begins, s after the first command starts to act.
+
+    Attributes
+    ----------
+    isolated
+        Whether R, T and N are shut off, shape (3,); such an axis gives nothing, stuck or not.
 
     Raises
     ------
@@ -68,6 +77,8 @@ class Thruster:
         quantum: float = 0.0,
         delay_steps: int = 1,
         step: float = 1.0,
+        stuck_acceleration: Sequence[float] = (0.0, 0.0, 0.0),
+        stuck_after: float = 0.0,
     ) -> None:
         caps = np.asarray(acceleration_cap, dtype=float)
         if caps.shape not in ((), (3,)) or not np.all(caps > 0.0):
@@ -87,6 +98,15 @@ class Thruster:
         self.quantum = float(quantum)
         self.delay_steps = delay_steps
         self.step = float(step)
+        stuck = np.asarray(stuck_acceleration, dtype=float)
+        if stuck.shape != (3,) or not np.isfinite(stuck).all():
+            raise ValueError(
+                f"stuck_acceleration: three numbers (m/s2) expected, got {stuck_acceleration!r}"
+            )
+        self.isolated = np.zeros(3, dtype=bool)
+        self._stuck = stuck
+        self._stuck_after = round(stuck_after * 1e9)
+        self._first_start: int | None = None
         self._delay = delay_steps * round(step * 1e9)
         self._limit = self.acceleration_cap
         if self.quantum > 0.0:
@@ -116,6 +136,12 @@ class Thruster:
         if self.quantum > 0.0:
             limited = np.rint(limited / self.quantum) * self.quantum
             limited = np.clip(limited, -self._limit, self._limit)
+        if self._first_start is None:
+            self._first_start = start_stamp
+        if self._stuck.any() and start_stamp - self._first_start >= self._stuck_after:
+            limited = np.where(self._stuck != 0.0, self._stuck, limited)
+        if self.isolated.any():
+            limited = np.where(self.isolated, 0.0, limited)
         # Adding zero turns a negative zero into a positive one: equal thrust, equal bytes.
         return AppliedThrust(start_stamp, limited + 0.0, saturated, reason)
 

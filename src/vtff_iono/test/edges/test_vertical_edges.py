@@ -1,8 +1,15 @@
 """Window of the contents from which the crossing of a vertical edge is fitted."""
 
+import types
+
+import numpy as np
 import pytest
 
-from vtff_iono.edges.vertical_edges import choose_half_window
+from vtff_iono.edges import vertical_edges
+from vtff_iono.edges.edge_detectors import Edge
+from vtff_iono.edges.vertical_edges import VerticalEdgeFinder, choose_half_window
+
+EARTH_RADIUS = 6_378_137.0
 
 
 @pytest.mark.parametrize("distance", [15.0, 20.0, 35.0, 41.0])
@@ -17,3 +24,35 @@ def test_no_other_edge_lies_in_the_window(distance, sign):
 @pytest.mark.parametrize(("edge_times", "half_window"), [([100.0], 40.0), ([100.0, 104.0], 10.0)])
 def test_longest_and_shortest_window(edge_times, half_window):
     assert choose_half_window(100.0, edge_times) == half_window
+
+
+def history_of_a_flight(radial_velocity):
+    """Return a stand-in for the history of a spacecraft above the equator."""
+    return types.SimpleNamespace(
+        links=["link"],
+        epochs=lambda begin, end: np.arange(begin, end, 10**9),
+        series=lambda epochs, links: None,
+        position_at=lambda time: np.array(
+            [EARTH_RADIUS + 5e5 + radial_velocity * time / 1e9, 0, 0]
+        ),
+    )
+
+
+@pytest.mark.parametrize("radial_velocity", [-300.0, 300.0])
+@pytest.mark.parametrize("is_entry", [False, True])
+def test_side_of_the_denser_plasma_follows_from_rising_and_entry(
+    radial_velocity, is_entry, monkeypatch
+):
+    """An entry is into lower density: who rises into it leaves the denser plasma below."""
+    sides = []
+    monkeypatch.setattr(
+        vertical_edges,
+        "fit_edge_crossings",
+        lambda *_, is_dense_above, **__: sides.append(is_dense_above),
+    )
+    finder = VerticalEdgeFinder()
+    finder._histories = (history_of_a_flight(radial_velocity),) * 2
+    edge = Edge(0.0, 1.0, is_entry, 5e5, 1.0, 0.5, 1.0)
+    assert finder._fit_crossing(edge, 0) is None
+    rises = radial_velocity > 0.0
+    assert sides == [(rises and not is_entry) or (not rises and is_entry)]

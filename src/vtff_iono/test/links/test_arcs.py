@@ -165,6 +165,15 @@ def test_the_closure_of_three_frequencies():
     assert not broken[1:150].any() and not broken[151:].any()
 
 
+def test_epochs_without_links_have_no_arcs_and_change_none():
+    rows, nothing = many_links(np.zeros((20, 3)), 1.0), many_links(np.zeros((1, 0)), 1.0)
+    detector = ArcDetector()
+    assert len(detector.update(nothing).number) == 0
+    first = detector.update(rows)
+    assert len(detector.update(nothing).number) == 0
+    np.testing.assert_array_equal(first.number, ArcDetector().update(rows).number)
+
+
 def test_arcs_do_not_depend_on_how_the_data_are_cut():
     generator = np.random.default_rng(4)
     content = np.cumsum(generator.normal(0.0, 0.05, (600, 4)), axis=0)

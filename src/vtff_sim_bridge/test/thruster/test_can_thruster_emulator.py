@@ -215,3 +215,20 @@ def test_wrong_options_are_named(name: str, value: object) -> None:
 def test_wrong_dbc_file_is_named(tmp_path: pathlib.Path) -> None:
     with pytest.raises(ValueError, match="missing.dbc: "):
         CanThruster(tmp_path / "missing.dbc")
+
+
+def test_isolated_axes_give_nothing_until_they_are_opened():
+    unit = thruster()
+    assert unit.receive(FRAMES.encode_isolation([False, True, False]), 0.0) == []
+    report = command(unit, 0, acceleration=(0.3, -0.4, 0.5))
+    np.testing.assert_allclose(report.acceleration_rtn, [0.3, 0.0, 0.5], atol=1e-9)
+    # It may come between the halves of a command, and damaged it counts as a rejected frame.
+    first, second = FRAMES.encode_command(1, START, (0.3, -0.4, 0.5))
+    damaged = FRAMES.encode_isolation([True, True, True])
+    damaged.data[1] ^= 0x01
+    unit.receive(first, 1.0)
+    unit.receive(damaged, 1.0)
+    unit.receive(FRAMES.encode_isolation([False, False, False]), 1.0)
+    (report,) = read(unit.receive(second, 1.0))
+    np.testing.assert_allclose(report.acceleration_rtn, [0.3, -0.4, 0.5], atol=1e-9)
+    assert unit.rejected_frames == 1

@@ -27,7 +27,7 @@ from vtff_sim_bridge.gnss.faults import Fault
 from vtff_sim_bridge.gnss.receiver_clock import ClockModel
 from vtff_sim_bridge.gnss.signal_table import SIGNALS
 from vtff_sim_bridge.noise.random_streams import Effect, generator
-from vtff_sim_bridge.truth.scenario_fields import Section, read_yaml
+from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
 
 __all__ = [
     "BiasDriftModel",
@@ -38,6 +38,7 @@ __all__ = [
     "ReceiverConfiguration",
     "SkyDraw",
     "TrackingModel",
+    "assign_vehicles",
     "load_gnss_configuration",
 ]
 
@@ -362,7 +363,8 @@ def load_gnss_configuration(path: str | Path, seed: int | None = None) -> GnssCo
     with angles in deg),
     ``receivers`` and ``faults`` (lists of `ReceiverConfiguration` and `Fault`). Fields of
     ``receiver_defaults`` hold for each receiver that does not give them. Paths are relative to the
-    file. Fields with a default in their class may be left out. ``draw`` (`SkyDraw`) leaves
+    file. Fields with a default in their class may be left out. ``extends`` names a file in the same
+    folder, whose fields hold where this one has none. ``draw`` (`SkyDraw`) leaves
     constellation and ionosphere to the seed.
 
     Parameters
@@ -377,7 +379,7 @@ def load_gnss_configuration(path: str | Path, seed: int | None = None) -> GnssCo
         If the file cannot be used.
     """
     path = Path(path)
-    top = Section(str(path), "", read_yaml(path))
+    top = Section(str(path), "", _read_extended(path))
     defaults = top.value("receiver_defaults") if "receiver_defaults" in top else {}
     if not isinstance(defaults, dict):
         raise top.error("receiver_defaults", "a mapping of fields expected")
@@ -428,6 +430,55 @@ def load_gnss_configuration(path: str | Path, seed: int | None = None) -> GnssCo
     return draw.draw(configuration)
 
 
+def _read_extended(path: Path) -> Any:
+    """Return the fields of a file with those of the file that it extends."""
+    fields = read_yaml(path)
+    if not isinstance(fields, dict) or "extends" not in fields:
+        return fields
+    name = fields["extends"]
+    if not isinstance(name, str) or Path(name).name != name or name == path.name:
+        raise ScenarioError(f"{path}: extends: another file of the same folder expected")
+    base = read_yaml(path.parent / name)
+    if not isinstance(base, dict) or "extends" in base:
+        raise ScenarioError(f"{path}: extends: {name} has no fields, or extends a file itself")
+    return {**base, **{key: value for key, value in fields.items() if key != "extends"}}
+
+
+def assign_vehicles(
+    configuration: GnssConfiguration, vehicles: Mapping[str, str]
+) -> GnssConfiguration:
+    """Return a configuration whose receivers are on the vehicles of their spacecraft.
+
+    Parameters
+    ----------
+    configuration : GnssConfiguration
+        A receiver has the name of its spacecraft.
+    vehicles : mapping of str to str
+        SimGEN's vehicle of each spacecraft.
+
+    Raises
+    ------
+    ScenarioError
+        If there is no spacecraft of the name of a receiver, or the receiver is told to be on the
+        vehicle of another one.
+    """
+    receivers = []
+    for receiver in configuration.receivers:
+        vehicle = vehicles.get(receiver.name)
+        if vehicle is None:
+            raise ScenarioError(
+                f"receiver {receiver.name}: there is no spacecraft of that name; the scenario has "
+                f"{', '.join(vehicles)}"
+            )
+        if receiver.vehicle not in ("", vehicle):
+            raise ScenarioError(
+                f"receiver {receiver.name}: vehicle is {receiver.vehicle}, but the spacecraft of "
+                f"that name is {vehicle}"
+            )
+        receivers.append(dataclasses.replace(receiver, vehicle=vehicle))
+    return dataclasses.replace(configuration, receivers=tuple(receivers))
+
+
 def _merge(top: Section, index: int, defaults: dict[Any, Any], entry: Any) -> dict[Any, Any]:
     if not isinstance(entry, dict):
         raise top.error(f"receivers[{index}]", "a mapping of fields expected")
@@ -470,7 +521,7 @@ def _receiver(section: Section, path: Path) -> ReceiverConfiguration:
         raise section.error("name", f"must be usable as a file name, got {name!r}")
     receiver = ReceiverConfiguration(
         name=name,
-        vehicle=section.text("vehicle").lower(),
+        vehicle=section.text("vehicle").lower() if "vehicle" in section else "",
         cn0_zenith_dbhz=_numbers_by_signal(section.section("cn0_zenith_dbhz")),
         generation=typing.cast(Literal["OEM6", "OEM7"], generation),
         **groups,

@@ -100,10 +100,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 def _gnss_emulation(machine: ScenarioMachine, options: argparse.Namespace) -> GnssEmulation:
     """Return the receivers that the options ask for."""
     # Imported here, because without receivers the emulator starts without numpy.
-    from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+    from vtff_sim_bridge.gnss.configuration import assign_vehicles, load_gnss_configuration
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
     configuration = load_gnss_configuration(options.gnss, options.seed)
+    if options.spacecraft:
+        if len(options.spacecraft) != len(options.vehicles):
+            raise ValueError(
+                f"--spacecraft names {len(options.spacecraft)}, --vehicles {len(options.vehicles)}"
+            )
+        vehicles = dict(zip(options.spacecraft, options.vehicles, strict=True))
+        configuration = assign_vehicles(configuration, vehicles)
     if options.receiver_ports is not None:
         configuration = _with_ports(configuration, dict(options.receiver_ports))
     return GnssEmulation(
@@ -192,6 +199,13 @@ def _parser() -> argparse.ArgumentParser:
         default=["v1_m1", "v2_m1"],
         metavar="ID",
         help="vehicles of the scenario (v1_m1 v2_m1)",
+    )
+    parser.add_argument(
+        "--spacecraft",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help="spacecraft of each vehicle: a receiver is on that of its name",
     )
     parser.add_argument(
         "--clock", choices=CLOCK_MODES, default="lockstep", help="what drives time (%(default)s)"

@@ -108,7 +108,7 @@ class CanThruster:
             }
             self._command_messages = {
                 self._messages[name].frame_id: self._messages[name]
-                for name in ("ThrustCommandRT", "ThrustCommandN")
+                for name in ("ThrustCommandRT", "ThrustCommandN", "ThrusterIsolation")
             }
             acceleration = self._messages["ThrustReportRT"].get_signal_by_name("AccelerationR")
         except (OSError, UnicodeDecodeError, KeyError, cantools.database.Error) as error:
@@ -128,6 +128,7 @@ class CanThruster:
         self.sequence_gaps = 0
         self.watchdog_trips = 0
         self._state = STATE_READY
+        self._isolated = (False, False, False)
         self._first_half: dict[str, int] | None = None
         self._last_command: _Command | None = None
         self._last_command_at = 0.0
@@ -176,7 +177,9 @@ class CanThruster:
         if message is None or frame.is_extended_id or frame.is_error_frame:
             return []
         payload = bytes(frame.data)
-        first, self._first_half = self._first_half, None
+        first = self._first_half
+        if message.name != "ThrusterIsolation":
+            self._first_half = None
         if (
             frame.is_remote_frame
             or len(payload) != message.length
@@ -185,6 +188,9 @@ class CanThruster:
             self.rejected_frames += 1
             return []
         values: dict[str, int] = message.decode(payload, decode_choices=False, scaling=False)
+        if message.name == "ThrusterIsolation":
+            self._isolate(values)
+            return []
         if message.name == "ThrustCommandRT":
             self.rejected_frames += first is not None
             self._first_half = values
@@ -199,6 +205,15 @@ class CanThruster:
             ),
             now,
         )
+
+    def _isolate(self, values: dict[str, int]) -> None:
+        """Shut off axes, and open the others."""
+        radial, in_track, cross_track = (bool(values[f"Isolated{axis}"]) for axis in "RTN")
+        isolated = (radial, in_track, cross_track)
+        if isolated != self._isolated:
+            names = [axis for axis, is_it in zip("RTN", isolated, strict=True) if is_it]
+            LOGGER.warning("isolated axes: %s", ", ".join(names) or "none")
+        self._isolated = isolated
 
     def tick(self, now: float) -> list[can.Message]:
         """Return what is due without being asked: heartbeats, and a report of a watchdog trip.
@@ -241,7 +256,10 @@ class CanThruster:
         self._last_command = command
         fault = command.mode not in (MODE_OFF, MODE_THRUST)
         wanted = command.counts if command.mode == MODE_THRUST else _NO_THRUST
-        applied = tuple(self._achievable(count) for count in wanted)
+        applied = tuple(
+            0 if is_isolated else self._achievable(count)
+            for count, is_isolated in zip(wanted, self._isolated, strict=True)
+        )
         self._state = STATE_THRUSTING if any(applied) else STATE_READY
         if fault:
             self._state = STATE_FAULT

@@ -28,7 +28,12 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
 from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
-from vtff_sim_bridge.truth.scenario_fields import ScenarioError, Section, read_yaml
+from vtff_sim_bridge.truth.scenario_fields import (
+    DEFAULT_HARD_RADIUS,
+    ScenarioError,
+    Section,
+    read_yaml,
+)
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterErrors
 
 __all__ = [
@@ -43,9 +48,6 @@ __all__ = [
 
 INTEGRATORS = ("rk4", "euler")
 """Names accepted by the field ``integrator``."""
-
-DEFAULT_HARD_RADIUS = 10.0
-"""Distance (m) that no two spacecraft may come within, where the file gives none."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,6 +17,9 @@ import yaml
 from vtff_dynamics.vectors import FloatArray
 from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
+DEFAULT_HARD_RADIUS = 10.0
+"""Distance (m) that no two spacecraft may come within, where the file gives none."""
+
 _Value = TypeVar("_Value")
 _Group = TypeVar("_Group")
 

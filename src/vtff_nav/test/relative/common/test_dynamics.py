@@ -91,6 +91,23 @@ def test_thrust_in_the_middle_of_a_second():
     assert gained @ along == pytest.approx(0.06, rel=1e-3)
 
 
+def test_thrust_of_the_chief_moves_the_chief_and_the_difference():
+    push = np.array([0.01, 0.04, -0.02])
+    thrust = [ThrustInterval(START, 2.0, push, is_of_chief=True)]
+    chief, relative = nine(CHIEF), nine(DEPUTY_5KM - CHIEF)
+    pushed, free = (motion().predict(START, 2.0, chief, relative, t) for t in (thrust, ()))
+    to_rtn = rotation_gcrf_to_rtn(CHIEF)
+    gained = pushed.chief[3:6] - free.chief[3:6]
+    assert to_rtn @ gained == pytest.approx(2.0 * push, rel=1e-3)
+    # The deputy flies on as it was: the difference loses what the chief gains.
+    deputies = [p.chief[:6] + p.relative[:6] for p in (pushed, free)]
+    np.testing.assert_allclose(deputies[0], deputies[1], rtol=0.0, atol=1e-8)
+    # Its error is in both covariances, and none of it in the errors of the deputy's thrust.
+    assert (pushed.noise_chief - free.noise_chief)[3, 3] > 0.0
+    assert (pushed.noise_relative - free.noise_relative)[3, 3] > 0.0
+    assert not pushed.thrust_coupling.any()
+
+
 @pytest.mark.parametrize("duration", [1.0, 30.0])
 def test_transition_is_the_derivative(duration):
     """Finite differences; J2 is not in the matrix (0.3 percent of the gravity gradient)."""

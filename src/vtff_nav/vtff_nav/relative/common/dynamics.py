@@ -43,13 +43,16 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
 
+CHIEF_THRUST_SIGMA = 0.05
+"""White error of the chief's thrust on each axis, relative to its magnitude (assumed)."""
+
 THRUST_ERRORS = 4
 """Number of errors of a thrust: scale, and misalignment about three axes."""
 
 
 @dataclass(frozen=True, eq=False)
 class ThrustInterval:
-    """Thrust acceleration of the deputy over an interval.
+    """Thrust acceleration of a spacecraft over an interval.
 
     Parameters
     ----------
@@ -58,11 +61,14 @@ class ThrustInterval:
         s.
     acceleration_rtn : ndarray, shape (3,)
         m/s2, in the chief's RTN axes at `start`, held inertially.
+    is_of_chief : bool
+        Whether the chief thrusts, not the deputy.
     """
 
     start: GpsTime
     duration: float
     acceleration_rtn: FloatArray
+    is_of_chief: bool = False
 
     @property
     def end(self) -> GpsTime:
@@ -189,9 +195,10 @@ class OrbitalMotion:
             Position and velocity (GCRF) and empirical acceleration (RTN of the chief). The
             empirical acceleration of the deputy is the sum of both.
         thrust : sequence of ThrustInterval
-            Thrust of the deputy; intervals outside the time propagated have no effect.
+            Thrust of deputy and chief; intervals outside the time propagated have no effect.
         thrust_sigma : float
-            White error of the thrust on each axis, relative to its magnitude.
+            White error of the deputy's thrust on each axis, relative to its magnitude. That of the
+            chief is `CHIEF_THRUST_SIGMA`.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
         phi_chief = phi_relative = np.eye(DYNAMIC_STATES)
@@ -203,20 +210,28 @@ class OrbitalMotion:
         for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
             thrust_gcrf, by_error = np.zeros(3), np.zeros((3, THRUST_ERRORS))
+            thrust_chief_gcrf = np.zeros(3)
             for interval in thrust:
                 if interval.start <= start < interval.end:
                     # The axes of the first step of the interval are kept for all its steps.
                     axes = thrust_axes.setdefault(interval.start, to_gcrf)
+                    if interval.is_of_chief:
+                        thrust_chief_gcrf = thrust_chief_gcrf + axes @ interval.acceleration_rtn
+                        continue
                     thrust_gcrf = thrust_gcrf + axes @ interval.acceleration_rtn
                     by_error[:, 0] = thrust_gcrf
                     by_error[:, 1:] -= axes @ skew(interval.acceleration_rtn)
             phi = transition_matrix(chief[:3], to_gcrf, step, self._noise_chief.empirical_time)
             noise = empirical_noise(self._noise_chief, to_gcrf, step)
+            chief_error = CHIEF_THRUST_SIGMA * norm(thrust_chief_gcrf)
+            if chief_error > 0.0:
+                noise = noise + white_acceleration_noise(chief_error, step)
             phi_chief, noise_chief = phi @ phi_chief, phi @ noise_chief @ phi.T + noise
             middle = chief[:3] + 0.5 * relative[:3]
             phi = transition_matrix(middle, to_gcrf, step, self._noise_relative.empirical_time)
             noise = empirical_noise(noise_model, to_gcrf, step)
             thrust_error = thrust_sigma * float(np.linalg.norm(thrust_gcrf))
+            thrust_error = math.hypot(thrust_error, chief_error)
             if thrust_error > 0.0:
                 noise = noise + white_acceleration_noise(thrust_error, step)
             coupling = phi @ coupling
@@ -224,7 +239,7 @@ class OrbitalMotion:
             coupling[3:6] += step * by_error
             phi_relative = phi @ phi_relative
             noise_relative = phi @ noise_relative @ phi.T + noise
-            self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf)
+            self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf, thrust_chief_gcrf)
         return Prediction(
             chief, relative, phi_chief, phi_relative, noise_chief, noise_relative, coupling
         )
@@ -237,12 +252,15 @@ class OrbitalMotion:
         relative: FloatArray,
         to_gcrf: FloatArray,
         thrust_gcrf: FloatArray,
+        thrust_chief_gcrf: FloatArray,
     ) -> None:
         """Advance both states in place by one step."""
         empirical_chief = to_gcrf @ chief[6:9]
         empirical_deputy = empirical_chief + to_gcrf @ relative[6:9]
         deputy = chief[:6] + relative[:6]
-        chief[:6] = self._propagate(time, chief[:6], self._model, step, empirical_chief)
+        chief[:6] = self._propagate(
+            time, chief[:6], self._model, step, empirical_chief + thrust_chief_gcrf
+        )
         deputy = self._propagate(
             time, deputy, self._model_deputy, step, empirical_deputy + thrust_gcrf
         )

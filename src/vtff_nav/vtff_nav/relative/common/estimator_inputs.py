@@ -49,13 +49,35 @@ class EstimatorInputs:
         ValueError
             If the acceleration is not three finite numbers or the duration not positive.
         """
+        self._add_thrust(start, duration, acceleration_rtn, is_of_chief=False)
+
+    def add_chief_thrust(
+        self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike
+    ) -> None:
+        """Add the thrust of the chief, in the same axes as that of the deputy.
+
+        Raises
+        ------
+        ValueError
+            If the acceleration is not three finite numbers or the duration not positive.
+        """
+        self._add_thrust(start, duration, acceleration_rtn, is_of_chief=True)
+
+    def _add_thrust(
+        self,
+        start: GpsTime,
+        duration: float,
+        acceleration_rtn: npt.ArrayLike,
+        *,
+        is_of_chief: bool,
+    ) -> None:
         acceleration = np.array(acceleration_rtn, dtype=float)
         if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
             raise ValueError("acceleration_rtn: three finite numbers expected")
         if not duration > 0.0:
             raise ValueError("duration: more than 0 s expected")
         if acceleration.any():
-            self._thrust.append(ThrustInterval(start, duration, acceleration))
+            self._thrust.append(ThrustInterval(start, duration, acceleration, is_of_chief))
 
     def _ephemeris_table(self, time: GpsTime) -> SatelliteTable:
         """Return the satellites whose orbit is known at a time."""

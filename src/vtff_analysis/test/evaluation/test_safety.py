@@ -1,0 +1,57 @@
+"""What a report says about the safety monitor."""
+
+import math
+from types import SimpleNamespace
+
+from vtff_analysis.evaluation.safety import safety_sentences, summarise_safety
+from vtff_analysis.recordings.safety import SafetyCollector
+
+START = 1_458_521_983
+
+
+def message(second, mode, axes=0, reason="", separation=90.0, probability=0.0):
+    return SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=START + second, nanosec=0)),
+        hard_radius=30.0,
+        deputy=["deputy"],
+        mode=[mode],
+        isolated_axes=[axes],
+        reason=[reason],
+        first=["chief"],
+        second=["deputy"],
+        separation=[separation],
+        probability=[probability],
+    )
+
+
+def test_a_run_that_was_left_alone():
+    collector = SafetyCollector()
+    collector.add(message(0, 0))
+    collector.add(message(1, 1, reason="chief-deputy: ...", separation=20.0, probability=1e-3))
+    summary = summarise_safety(collector.history, START * 10**9)
+    assert summary["safety_taken_over_deputies"] == 0
+    assert summary["safety_watched_steps"] == 1
+    assert summary["safety_taken_over_time_s"] == math.inf
+    assert summary["safety_smallest_predicted_separation_m"] == 20.0
+    assert summary["safety_largest_probability"] == 1e-3
+    (line,) = safety_sentences(collector.history, START * 10**9)
+    assert line == "formation_safety passed on every command of deputy, watched 1 of 2 steps"
+
+
+def test_a_deputy_that_was_taken_over_and_isolated():
+    collector = SafetyCollector()
+    collector.add(message(0, 0))
+    collector.add(message(17, 2, axes=2, reason="thruster stuck on along T"))
+    collector.add(message(18, 3, axes=6, reason="thruster stuck on along T"))
+    summary = summarise_safety(collector.history, START * 10**9)
+    assert summary["safety_taken_over_time_s"] == 17.0
+    assert summary["safety_isolated_axes"] == "NT"
+    (line,) = safety_sentences(collector.history, START * 10**9)
+    assert line == (
+        "formation_safety took deputy over at 17 s: thruster stuck on along T; isolated axes: N, T"
+    )
+
+
+def test_a_run_without_a_monitor():
+    assert summarise_safety(None, 0) == {}
+    assert safety_sentences(None, 0) == []
