@@ -290,35 +290,46 @@ def test_failed_build_is_repeated(tree):
 
 def test_what_an_older_build_has_linked_is_gone_before_colcon_runs(tree):
     """Colcon copies dangling links of configuration files that were removed, and fails."""
+    (tree.root / "src/package/setup.py").write_text("")
     tree.setup()
-    for folder in ("build/package/config", "install/package/share", "install/moved_package"):
+    for folder in ("build/package/config", "install/package/share/was_a_folder", "install/moved"):
         (tree.root / folder).mkdir(parents=True)
         (tree.root / folder / "removed.yaml").symlink_to(tree.root / "config/removed.yaml")
-    (tree.root / "install/vtff_msgs").mkdir()
-    (tree.root / "src/package/package.xml").write_text("<a/>")
+    kept = tree.root / "build/package/package"
+    kept.symlink_to(tree.root / "src/package")
+    (tree.root / "config").mkdir()
+    (tree.root / "config/added.yaml").write_text("")
     assert tree.setup(COLCON_ERROR="error").returncode == 1
-    assert not list(tree.root.glob("build/package")) + list(tree.root.glob("install/*package"))
-    # Messages are compiled for long: they stay until one is removed or named otherwise.
-    assert (tree.root / "install/vtff_msgs").is_dir()
+    assert not list((tree.root / "build/package").glob("config"))
+    assert not list((tree.root / "install/package").glob("share"))
+    assert not (tree.root / "install/moved").exists()
+    # What runs meanwhile finds its modules.
+    assert kept.is_symlink()
 
 
-@pytest.mark.parametrize("name", ["msg/New.msg", "srv/New.srv", "CMakeLists.txt"])
-def test_messages_are_built_from_nothing_when_one_came_or_went(tree, name):
-    file = tree.root / "src/vtff_msgs" / name
-    file.parent.mkdir(parents=True)
+@pytest.mark.parametrize(
+    ("name", "is_built_anew"),
+    [
+        ("msg/New.msg", True),
+        ("srv/New.srv", True),
+        ("CMakeLists.txt", True),
+        ("package.xml", True),
+        ("setup.py", True),
+        ("msg/Old.msg", False),  # changed fields are for the compiler's own bookkeeping
+    ],
+)
+def test_a_package_whose_description_changed_is_built_from_nothing(tree, name, is_built_anew):
+    package = tree.root / "src/package"
+    (package / "srv").mkdir()
+    (package / "msg").mkdir()
+    (package / "msg/Old.msg").write_text("float64 value")
     tree.setup()
-    stale = tree.root / "build/vtff_msgs/stale"
+    stale = tree.root / "build/package/stale"
     stale.write_text("")
-    file.write_text("float64 value")
+    (package / name).write_text("float64 other")
     tree.setup()
     assert tree.work() == ["colcon build"]
-    assert not stale.exists()
-    if name != "CMakeLists.txt":  # a changed field is for the compiler's own bookkeeping
-        stale.write_text("")
-        file.write_text("float64 other")
-        tree.setup()
-        assert tree.work() == ["colcon build"]
-        assert stale.exists()
+    assert stale.exists() != is_built_anew
 
 
 def wait_for_pip(tree):

@@ -232,27 +232,36 @@ install_test_packages() {
 # The nodes are written in Python: C++ messages, half of the compiler's work, have no user.
 message_options="-DVTFF_MESSAGES_FOR_PYTHON_ONLY=ON -DBUILD_TESTING=OFF"
 
-# What an older build has linked may be gone or moved, and then colcon fails. Python packages are
-# linked again in seconds; messages are compiled again only if one came, went or is built otherwise.
+# What an older build has linked may be gone, moved or a folder now, and then colcon fails. A package
+# whose description or messages came or went is built from nothing; the others stay usable meanwhile.
 remove_old_build() {
-  local messages
-  messages=$({
-    find src/vtff_msgs -name '*.msg' -o -name '*.srv' | LC_ALL=C sort
-    sha256sum src/vtff_msgs/CMakeLists.txt
-    echo "$message_options"
-  } 2>/dev/null) || true
-  if [ "$(cat build/vtff_msgs/.vtff_messages 2>/dev/null)" != "$messages" ]; then
-    rm -rf build install
-    mkdir -p build/vtff_msgs
-    echo "$messages" >build/vtff_msgs/.vtff_messages
-  fi
-  mkdir -p install
-  find build install -mindepth 1 -maxdepth 1 ! -name vtff_msgs -exec rm -rf {} +
+  local folder name description
+  for folder in build/*/ install/*/; do
+    name=${folder%/}
+    [ -f "src/${name##*/}/package.xml" ] || rm -rf "$name"
+  done
+  for folder in src/*/; do
+    name=${folder#src/} name=${name%/}
+    description=$({
+      sha256sum "src/$name"/{package.xml,setup.py,setup.cfg,CMakeLists.txt}
+      find "src/$name" -name '*.msg' -o -name '*.srv' | LC_ALL=C sort
+      echo "$message_options"
+    } 2>/dev/null) || true
+    if [ "$(cat "build/$name/.vtff_package" 2>/dev/null)" != "$description" ]; then
+      rm -rf "build/$name" "install/$name"
+      mkdir -p "build/$name"
+      echo "$description" >"build/$name/.vtff_package"
+    elif [ -f "src/$name/setup.py" ]; then
+      # -delete goes from the inside to the outside.
+      find "build/$name" "install/$name" \( -xtype l -o -type d -empty \) -delete 2>/dev/null || true
+    fi
+  done
 }
 
 build_workspace() {
   check_disk "$workspace_kib"
-  remove_old_build # with the mark of a finished one
+  rm -f install/.vtff_workspace # an interrupted build is none
+  remove_old_build
   step "building the workspace (half a minute)" env \
     AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" PATH="$venv/bin:$PATH" \
     "$venv/bin/colcon" build --symlink-install --event-handlers console_cohesion+ \

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import itertools
 import pathlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_analysis.baseline.usage import describe_usage
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY, truth_topic
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
@@ -22,8 +23,9 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.files.navigation_files import open_navigation
 from vtff_gnss.files.observation_files import open_observations
 from vtff_gnss.observation_table import ObservationTable
-from vtff_gnss.orbits.precise_orbit import PreciseOrbits
+from vtff_gnss.orbits.precise_orbit import InterpolationError, PreciseOrbits
 from vtff_gnss.signals import carrier_number_of_signal, signal_number
+from vtff_nav.relative.common.measurements import DEFAULT_BANDS
 
 if TYPE_CHECKING:
     from vtff_bag.file.reader import BagReader
@@ -94,6 +96,8 @@ class BaselineSources:
         True baseline in a bag of a simulation.
     precise_orbits : PreciseOrbits or None
         Orbits of SP3 files, used in place of the ephemerides.
+    usage : tuple of str
+        What is used of each satellite system, and what not and why.
     """
 
     rover_name: str
@@ -107,6 +111,7 @@ class BaselineSources:
     thrust: tuple[Thrust, ...] = ()
     truth: TrueBaseline | None = None
     precise_orbits: PreciseOrbits | None = None
+    usage: tuple[str, ...] = ()
 
     @property
     def is_in_orbit(self) -> bool | None:
@@ -197,7 +202,7 @@ def from_files(
     rover: pathlib.Path,
     base: pathlib.Path,
     navigation: Sequence[pathlib.Path] = (),
-    systems: str | None = None,
+    bands: Mapping[int, tuple[int, ...]] = DEFAULT_BANDS,
     partial: bool = False,
     progress: Progress | None = None,
 ) -> BaselineSources:
@@ -210,8 +215,8 @@ def from_files(
     navigation : sequence of pathlib.Path
         RINEX navigation files, NovAtel logs or SP3 files; ephemerides in the observation files are
         used too.
-    systems : str, optional
-        Letters of the satellite systems that are used.
+    bands : mapping of int to tuple of int
+        RINEX frequency digits that are used of each system.
     partial : bool
         Whether a damaged RINEX file is used up to the damage.
     progress : callable, optional
@@ -230,33 +235,41 @@ def from_files(
     for path in (rover, base):
         if progress is not None:
             progress(path.name)
-        files.append(open_observations(path, systems=systems, partial=partial))
+        files.append(open_observations(path, partial=partial))
     given = open_navigation(navigation, progress)
     given = given.with_ephemerides(e for file in files for e in file.ephemerides)
     if given.is_empty:
         raise BaselineError(
             f"no ephemerides: {rover.name} and {base.name} hold none, name a navigation file"
         )
-    letters = SYSTEM_LETTERS if systems is None else systems
-    wanted = [SYSTEM_LETTERS.index(letter) for letter in letters]
-    if not given.by_system(wanted):
-        raise BaselineError(f"no ephemerides of the systems {systems} in the files given")
+    letters = "".join(SYSTEM_LETTERS[system] for system in sorted(bands))
+    if not given.by_system(bands):
+        raise BaselineError(f"no ephemerides of the systems {letters} in the files given")
     for file in files:
         given.require_coverage(file.table.time_nanoseconds, file.path.name)
-    tables = _without_unshared_signals(files[0].table, files[1].table)
+    try:
+        precise = given.precise_orbits and given.precise_orbits.with_clocks()
+    except InterpolationError as error:
+        raise BaselineError(str(error)) from None
+    whole = _without_unshared_signals(files[0].table, files[1].table)
+    tables = [table.select(systems=letters) for table in whole]
+    for file, table in zip(files, tables, strict=True):
+        if not len(table.columns["prn"]):
+            raise BaselineError(f"{file.path}: no observations of systems {letters}")
     return BaselineSources(
         rover_name=f"{rover.name}, {files[0].format_name}",
         base_name=f"{base.name}, {files[1].format_name}",
         rover=tables[0],
         base=tables[1],
-        ephemerides=tuple(e for e in given.ephemerides if e.system in wanted),
+        ephemerides=tuple(e for e in given.ephemerides if e.system in bands),
         position_base_itrf=files[1].approximate_position,
         is_position_stated=files[1].format_name.startswith("RINEX"),
         remarks=(
             *(f"{f.path.name}: {remark}" for f in files for remark in f.remarks),
             *given.remarks,
         ),
-        precise_orbits=given.precise_orbits,
+        precise_orbits=precise,
+        usage=describe_usage(*whole, given, bands),
     )
 
 

@@ -38,7 +38,7 @@ def baseline(
         Optional[list[pathlib.Path]],  # noqa: UP045
         typer.Argument(
             metavar="[NAV]...",
-            help="RINEX navigation files; not needed if the logs hold ephemerides.",
+            help="RINEX navigation or SP3 files; not needed if the logs hold ephemerides.",
         ),
     ] = None,
     dynamics: Annotated[
@@ -120,8 +120,8 @@ def baseline(
     """Compute the position of one receiver relative to another from recorded observations.
 
     Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed; the
-    format is found by content. Only epochs with equal time tags are used. The filter is that of
-    the loop, in the order of time.
+    format is found by content; orbits also from SP3 files. Epochs whose time tags differ by less
+    than 20 ms belong together. The filter is that of the loop, in the order of time.
 
     Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
     the base, or radial, in-track, cross-track) and writes CSV, JSON and a plot.
@@ -187,19 +187,20 @@ def _read_sources(
     bar: Progress,
 ) -> BaselineSources:
     from vtff_analysis.baseline.sources import BaselineError, from_bag, from_files
-    from vtff_gnss.constants import SYSTEM_LETTERS
 
     task = bar.add_task("reading", total=None)
     is_bag = rover.is_dir() or rover.suffix == ".mcap"
     if is_bag and base is not None:
-        raise BaselineError(f"{rover} is a bag, which holds both receivers: leave {base} out")
+        raise BaselineError(
+            f"{rover} is a bag, which holds both receivers (--rover-name, --base-name): leave "
+            f"{base} out"
+        )
     if is_bag:
         return from_bag(rover, *names)
     if base is None:
         raise BaselineError(f"{rover} is no bag: name the observations of the base too")
-    letters = "".join(SYSTEM_LETTERS[system] for system in sorted(bands))
     return from_files(
-        rover, base, navigation, letters, partial,
+        rover, base, navigation, bands, partial,
         lambda name: bar.update(task, description=f"reading {name}"),
     )  # fmt: skip
 
@@ -254,7 +255,7 @@ def _compute(
     title = f"{sources.rover_name} relative to {sources.base_name}"
     write_plot(run, errors, folder / "baseline.png", title)
     console.print(title, markup=False, style="bold", soft_wrap=True)
-    for line in _summary_lines(run, summary):
+    for line in (*sources.usage, *_summary_lines(run, summary)):
         console.print(f"  {line}", markup=False, soft_wrap=True)
     console.print(_make_table(options, run, summary))
     for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:

@@ -208,6 +208,41 @@ def formation_designs(
             console.print(f"wrote {path}")
 
 
+@app.command("snap1")
+def snap1(
+    hours: Annotated[
+        float, typer.Option(help="Length of the three-axis flights in h; the paper's: 28.", min=4.0)
+    ] = 28.0,
+    seed: Annotated[int, typer.Option(help="Seed of every random stream.", min=0)] = 1,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for table and figures; default: studies/snap1_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Fly the attitude of SNAP-1 (paper 003): tables 2 and 5, figures 2 to 9, paper | measured.
+
+    Truth, emulated ADCS module, estimator and controller in one loop without ROS. Written are
+    snap1.csv and one picture for each figure. What the paper does not give is assumed, and said.
+    """
+    from vtff_analysis.attitude.snap1 import ASSUMPTIONS
+    from vtff_analysis.attitude.snap1_output import run_snap1
+
+    console = Console(highlight=False)
+    try:
+        folder = output_folder(out, "snap1", parent="studies")
+        rows = run_snap1(folder, hours, seed, lambda line: console.print(line, markup=False))
+    except RunFolderError as error:
+        stop(console, error, EXIT_USAGE)
+    except OSError as error:
+        stop(console, error, EXIT_FAILURE)
+    table = Table("", "", "paper", "measured")
+    for row in rows:
+        table.add_row(row.subject, row.quantity, row.paper, row.measured)
+    console.print(table)
+    console.print("assumed: " + "; ".join(ASSUMPTIONS), markup=False)
+    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+
+
 def _fly_offsets(
     console: Console, flights: pathlib.Path, offsets: Sequence[float], seed: int
 ) -> CampaignResult:

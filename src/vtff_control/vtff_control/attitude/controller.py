@@ -97,6 +97,10 @@ class AttitudeControlConfiguration:
         Periods for which a condition must hold before the mode changes.
     dipole_sigma : float
         Largest sigma of the dipole with which the wheel is started, A m2.
+    lost_periods : int
+        Periods without attitude after which `acquire` and `point` are given up for `detumble`.
+    wheel_band_rpm : float
+        Largest difference of the wheel from its pointing speed that pitch control may command, rpm.
     pointing_cone, lost_cone : float
         Angle of the momentum from the orbit normal below which pitch is captured, and attitude
         error beyond which pointing is given up, rad.
@@ -130,6 +134,8 @@ class AttitudeControlConfiguration:
     detumbled_rate: float = 0.02
     settled_periods: int = 60
     dipole_sigma: float = 5e-3
+    lost_periods: int = 240
+    wheel_band_rpm: float = 1200.0
     pointing_cone: float = math.radians(15.0)
     lost_cone: float = math.radians(60.0)
 
@@ -250,6 +256,7 @@ class AttitudeController:
         self._requested = requested
         self._mode: ControlMode = first
         self._settled = 0
+        self._lost = 0
         self.pitch_reference = configuration.pitch_reference
 
     @property
@@ -328,7 +335,12 @@ class AttitudeController:
             return self._advance_when(known, "acquire", "attitude or dipole not yet known")
         if mode in ("acquire", "point"):
             if errors is None:
+                self._lost += 1
+                if self._lost >= settings.lost_periods:
+                    self._mode, self._settled, self._lost = "detumble", 0, 0
+                    return "attitude lost: detumbling"
                 return "attitude not known: wheel held, torquers off"
+            self._lost = 0
             tilt = self._momentum_tilt(knowledge, errors)
             if mode == "acquire" and wanted == "point":
                 slow = norm(errors.rate_body) < 4.0 * errors.orbit_rate
@@ -392,6 +404,9 @@ class AttitudeController:
                 settings.wheel_largest_torque,
             )
             speed = (momentum + torque * period) / settings.wheel_inertia / _RATE_OF_RPM
+            lowest = settings.pointing_wheel_rpm - settings.wheel_band_rpm
+            highest = settings.pointing_wheel_rpm + settings.wheel_band_rpm
+            speed = min(max(speed, lowest), highest)
             gains = settings.momentum
         else:
             speed = self._ramp(

@@ -128,3 +128,20 @@ def test_orbits_of_another_day_are_named(day):
         "of some are of 2010-08-01 00:00",
     ):
         navigation.require_coverage(later, "some")
+
+
+def test_a_satellite_without_a_clock_is_left_out_where_clocks_are_needed(day, tmp_path):
+    lines = day.orbits.read_text().splitlines()
+    path = tmp_path / "clocks.sp3"
+    path.write_text(
+        "\n".join(
+            line[:46] + " 999999.999999" if line.startswith("PG05") else line for line in lines
+        )
+    )
+    orbits = open_navigation([path]).precise_orbits
+    whole, clocks = orbits.table(START), orbits.with_clocks().table(START)
+    assert set(whole.prn.tolist()) - set(clocks.prn.tolist()) == {5}
+    assert np.isfinite(clocks.states(START).clock_offset).all()
+    with pytest.raises(InterpolationError, match="no satellite clocks"):
+        path.write_text(day.own_orbit.read_text().replace("L01", "G01"))
+        open_navigation([path]).precise_orbits.with_clocks()

@@ -65,6 +65,14 @@ class NavigationFiles:
             orbits.update(dict.fromkeys(self.precise_orbits.systems, self.precise_orbits))
         return {system: orbits[system] for system in systems if system in orbits}
 
+    def satellites(self, system: int) -> set[int]:
+        """Return the numbers of the satellites of a system that have an orbit at some time."""
+        numbers = {e.prn for e in self.ephemerides if e.system == system}
+        precise = self.precise_orbits
+        if precise is not None:
+            numbers |= set(precise.prn[precise.system == system].tolist())
+        return numbers
+
     def require_coverage(self, time_nanoseconds: npt.NDArray[np.int64], name: str) -> None:
         """Raise an error unless some orbit is valid at some time of observations.
 

@@ -190,6 +190,8 @@ class PreciseOrbits:
     ----------
     files : sequence of Sp3File
         In any order; of an epoch that is in two files the later file counts.
+    needs_clocks : bool
+        Whether a satellite is left out while its clock is not known.
 
     Attributes
     ----------
@@ -202,7 +204,8 @@ class PreciseOrbits:
         If the files do not make one even table of 11 epochs.
     """
 
-    def __init__(self, files: Sequence[Sp3File]) -> None:
+    def __init__(self, files: Sequence[Sp3File], needs_clocks: bool = False) -> None:
+        self._files = tuple(files)
         self.name = ", ".join(file.name for file in files)
         names = sorted({n for file in files for n in file.satellites if n[0] in SYSTEM_LETTERS})
         if not names:
@@ -224,12 +227,28 @@ class PreciseOrbits:
         # A satellite is known between two epochs if the polynomials of both are.
         is_known = self._track.is_known
         self._known = is_known[:-1] & is_known[1:]
+        if needs_clocks:
+            has_clock = np.isfinite(even)
+            self._known &= has_clock[:-1] & has_clock[1:]
         changes = np.flatnonzero((self._known[1:] != self._known[:-1]).any(axis=1)) + 1
         self._changes = [self.start + float(index) * self._track.step for index in changes]
 
     def __len__(self) -> int:
         """Return the number of satellites."""
         return len(self.prn)
+
+    def with_clocks(self) -> PreciseOrbits:
+        """Return the orbits of the satellites while their clocks are known.
+
+        Raises
+        ------
+        InterpolationError
+            If no clock is known.
+        """
+        orbits = PreciseOrbits(self._files, needs_clocks=True)
+        if not orbits._known.any():
+            raise InterpolationError(f"{self.name}: no satellite clocks in it")
+        return orbits
 
     def describe(self) -> str:
         """Return span, step and errors of interpolation in one line."""

@@ -116,7 +116,7 @@ class AttitudeFilterConfiguration:
     inertia_sigma: float = 0.0
     field_sigma: float = 0.0
     field_time_constant: float = 600.0
-    wheel_sigma: float = 2e-8
+    wheel_sigma: float = 1e-7
     torquer_sigma: float = 0.0
     gate: float = math.inf
     longest_step: float = 1.0

@@ -42,7 +42,8 @@ class DeterminationConfiguration:
     members : int
         Turns about the field that a start tries.
     converged_deg : float
-        Largest sigma of the attitude of a solution that may steer, deg.
+        Largest sigma of the attitude of a solution that may steer, and largest angle between the
+        filters that are left, deg.
     starting_rate : float
         Rate across the field up to which a start is tried, rad/s.
     """
@@ -182,10 +183,10 @@ class AttitudeDetermination:
             return "magnetometer sample is not three finite numbers"
         self._equal = self._equal + 1 if np.array_equal(sample, self._last) else 1
         self._last = sample
-        if self._equal >= settings.stuck_samples:
-            return f"magnetometer stuck: {self._equal} equal samples"
         if np.abs(sample).max() >= settings.largest_field * (1.0 - 1e-9):
             return "magnetometer saturated"
+        if self._equal >= settings.stuck_samples:
+            return f"magnetometer stuck: {self._equal} equal samples"
         strength, expected = norm(sample), norm(field)
         if abs(strength - expected) > settings.field_tolerance * expected:
             return (
@@ -200,7 +201,8 @@ class AttitudeDetermination:
                 False, used, 0, self._restarts, innovation, reason or "no sample yet"
             )
         sigma = math.degrees(self._bank.estimate.rotation_sigma)
-        valid = self._bank.members == 1 and sigma <= self._configuration.converged_deg
+        limit = self._configuration.converged_deg
+        valid = sigma <= limit and math.degrees(self._bank.spread) <= limit
         if not valid and not reason:
             reason = f"attitude not yet known: {self._bank.members} starts left, {sigma:.1f} deg"
         return DeterminationStatus(

@@ -36,7 +36,7 @@ class DipoleEstimatorConfiguration:
     magnetometer_sigma : float
         T.
     torque_noise : float
-        N m sqrt(s).
+        N m sqrt(s). The paper's model has no gravity gradient: 1e-8 N m for a quarter of an orbit.
     dipole_walk : float
         A m2/sqrt(s).
     initial_rate_sigma, initial_dipole_sigma : float
@@ -47,7 +47,7 @@ class DipoleEstimatorConfiguration:
 
     rate_sigma: float = 5e-4
     magnetometer_sigma: float = 60e-9
-    torque_noise: float = 1e-8
+    torque_noise: float = 3e-7
     dipole_walk: float = 0.0
     initial_rate_sigma: float = 0.02
     initial_dipole_sigma: float = 0.2

@@ -11,7 +11,13 @@ import math
 
 import numpy as np
 
-from vtff_dynamics.attitude.quaternion import from_rotation_matrix, from_rotation_vector, multiply
+from vtff_dynamics.attitude.quaternion import (
+    conjugate,
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    rotation_vector,
+)
 from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_nav.attitude.attitude_filter import AttitudeEstimate, AttitudeFilter, FilterPeriod
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
@@ -83,6 +89,15 @@ class AttitudeFilterBank:
     def estimate(self) -> AttitudeEstimate:
         """What the best filter knows."""
         return self.best.estimate
+
+    @property
+    def spread(self) -> float:
+        """Largest angle between the best member and another, rad; 0 when one is left."""
+        inverse = conjugate(self.best.quaternion_gcrf)
+        return max(
+            norm(rotation_vector(multiply(inverse, member.quaternion_gcrf)))
+            for member in self._filters
+        )
 
     def predict(self, period: FilterPeriod) -> None:
         """Predict all members to the end of a period."""

@@ -33,7 +33,7 @@ class WheelObserverConfiguration:
 
     inertia: float = 0.01 / (5000.0 * _RATE_OF_RPM)
     largest_torque: float = 1e-3
-    correction: float = 0.05
+    correction: float = 0.01
     largest_difference_rpm: float = 30.0
 
 
@@ -44,6 +44,7 @@ class WheelObserver:
         self._configuration = configuration
         self._speed_rpm = speed_rpm
         self._follows = True
+        self._expected_rpm = speed_rpm
 
     @property
     def speed_rpm(self) -> float:
@@ -62,19 +63,24 @@ class WheelObserver:
 
     def predict(self, command_rpm: float, period: float) -> float:
         """Return the momentum at the end of a period, N m s, for a commanded speed."""
+        settings = self._configuration
+        most = settings.largest_torque * period / settings.inertia / _RATE_OF_RPM
+        change = min(max(command_rpm - self._speed_rpm, -most), most)
+        self._expected_rpm = self._speed_rpm + change
         if self._follows:
-            settings = self._configuration
-            most = settings.largest_torque * period / settings.inertia / _RATE_OF_RPM
-            change = min(max(command_rpm - self._speed_rpm, -most), most)
-            self._speed_rpm += change
+            self._speed_rpm = self._expected_rpm
         return self.momentum
 
     def update(self, measured_rpm: float) -> None:
         """Take the tachometer at the end of a period."""
-        difference = measured_rpm - self._speed_rpm
-        if abs(difference) > self._configuration.largest_difference_rpm:
-            # A wheel that stood still and moves again follows; one that did not move does not.
-            self._follows = not self._follows
-            self._speed_rpm = measured_rpm
-        else:
+        difference = measured_rpm - self._expected_rpm
+        largest = self._configuration.largest_difference_rpm
+        if abs(difference) > largest:
+            self._follows = False
+        elif not self._follows and abs(difference) < 0.5 * largest:
+            self._follows = True
+            self._speed_rpm = self._expected_rpm
+        if self._follows:
             self._speed_rpm += self._configuration.correction * difference
+        else:
+            self._speed_rpm = measured_rpm

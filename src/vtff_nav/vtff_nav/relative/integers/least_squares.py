@@ -15,6 +15,7 @@ modified LAMBDA method for integer least-squares estimation", J. Geodesy 79, 552
 from __future__ import annotations
 
 import enum
+import itertools
 import time
 from dataclasses import dataclass
 
@@ -233,8 +234,7 @@ def search_decorrelated(
     norms = np.zeros(candidates)
     nodes = kernels.search(center, factor, variances, vectors, norms, node_limit)
     if nodes < 0:
-        reason = f"not finished after {node_limit} nodes, success rate {success_rate:.3g}"
-        return _unsolved(n, IntegerStatus.SEARCH_LIMIT, reason, success_rate, node_limit)
+        return _unsolved_in_time(n, success_rate, node_limit)
     return IntegerSolution(
         candidates=vectors.astype(np.int64),
         squared_norms=norms,
@@ -275,9 +275,30 @@ def search(
     Teunissen (1995), Chang, Yang and Zhou (2005): see the module.
     """
     ambiguities = np.asarray(float_ambiguities, dtype=float)
-    n = len(np.asarray(covariance))
+    matrix = np.ascontiguousarray(covariance, dtype=float)
+    n = len(matrix)
     if ambiguities.shape != (n,):
         raise ValueError(f"float_ambiguities: shape ({n},) expected, got {ambiguities.shape}")
+    if n > 0 and matrix.shape == (n, n) and candidates >= 1:
+        integers, norms = np.empty((candidates, n), dtype=np.int64), np.zeros(candidates)
+        code, nodes, success_rate = kernels.solve(
+            np.ascontiguousarray(ambiguities), matrix, _LARGEST_AMBIGUITY, integers, norms,
+            node_limit,
+        )  # fmt: skip
+        if code == kernels.KERNEL_OK and nodes < 0:
+            return _unsolved_in_time(n, success_rate, node_limit)
+        if code == kernels.KERNEL_OK:
+            order = _order_of_ties(norms, integers)
+            return IntegerSolution(
+                candidates=integers if order is None else integers[order],
+                squared_norms=norms,
+                ratio=_ratio(norms),
+                success_rate=success_rate,
+                status=IntegerStatus.OK,
+                reason="",
+                nodes=nodes,
+            )
+    # One by one, so that what is wrong is told.
     if not np.isfinite(ambiguities).all():
         index = int(np.argmin(np.isfinite(ambiguities)))
         reason = f"float_ambiguities[{index}] is {ambiguities[index]}"
@@ -289,29 +310,13 @@ def search(
     decorrelation = decorrelate(covariance)
     if decorrelation.status is not IntegerStatus.OK:
         return _unsolved(n, decorrelation.status, decorrelation.reason)
-    # Integer parts are taken off first, so that combining the fractions loses no digits.
-    nearest = np.rint(ambiguities)
-    center = decorrelation.transformation.T @ (ambiguities - nearest)
-    solution = search_decorrelated(
-        center,
+    # Without ambiguities there is nothing to search.
+    return search_decorrelated(
+        ambiguities,
         decorrelation.lower,
         decorrelation.conditional_variances,
         candidates,
         node_limit,
-    )
-    if solution.status is not IntegerStatus.OK:
-        return solution
-    fractions = solution.candidates @ decorrelation.inverse_transposed.T
-    integers = fractions + nearest.astype(np.int64)
-    order = _order_of_ties(solution.squared_norms, integers)
-    return IntegerSolution(
-        candidates=integers[order],
-        squared_norms=solution.squared_norms,
-        ratio=solution.ratio,
-        success_rate=solution.success_rate,
-        status=IntegerStatus.OK,
-        reason="",
-        nodes=solution.nodes,
     )
 
 
@@ -332,8 +337,14 @@ def _ratio(squared_norms: FloatArray) -> float:
     return second / best if best > 0.0 else float("inf")
 
 
-def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[int]:
-    """Return the order by norm, and by the integers where norms differ by rounding only."""
+def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[int] | None:
+    """Return the order by norm, and by the integers where norms differ by rounding only.
+
+    None if no norms are so near, which is usual.
+    """
+    norms = squared_norms.tolist()
+    if all(b - a > _TIE * b for a, b in itertools.pairwise(norms)):
+        return None
     order = list(range(len(integers)))
     first = 0
     for last in range(1, len(order) + 1):
@@ -349,6 +360,11 @@ def _order_of_ties(squared_norms: FloatArray, integers: IntegerArray) -> list[in
 def _failed(n: int, status: IntegerStatus, reason: str) -> Decorrelation:
     zeros = np.zeros((n, n), dtype=np.int64)
     return Decorrelation(status, reason, zeros, zeros, np.full((n, n), np.nan), np.full(n, np.nan))
+
+
+def _unsolved_in_time(n: int, success_rate: float, node_limit: int) -> IntegerSolution:
+    reason = f"not finished after {node_limit} nodes, success rate {success_rate:.3g}"
+    return _unsolved(n, IntegerStatus.SEARCH_LIMIT, reason, success_rate, node_limit)
 
 
 def _unsolved(

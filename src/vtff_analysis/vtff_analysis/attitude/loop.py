@@ -1,0 +1,334 @@
+"""Closed loop of one spacecraft's attitude without ROS: truth, module, estimator, controller.
+
+One call of `step` is one period of the ADCS. The parts are those of the graph: the emulated module
+gives samples, `AttitudeDetermination` the attitude, `AttitudeController` the next command.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vtff_control.attitude.controller import (
+    AttitudeCommand,
+    AttitudeControlConfiguration,
+    AttitudeController,
+    AttitudeKnowledge,
+    ControlMode,
+)
+from vtff_control.attitude.detumble import field_motion
+from vtff_control.attitude.pointing import pointing_errors
+from vtff_dynamics.attitude.orbit_track import OrbitTrack
+from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
+from vtff_dynamics.attitude.rigid_body import AttitudeState
+from vtff_dynamics.attitude.spacecraft import AttitudePropagator, SpacecraftBody, TorqueWindow
+from vtff_dynamics.vectors import FloatArray
+from vtff_nav.attitude.attitude_filter import AttitudeEstimate, FilterPeriod
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.determination import (
+    AttitudeDetermination,
+    DeterminationConfiguration,
+    DeterminationStatus,
+)
+from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
+from vtff_sim_bridge.attitude.adcs_module import (
+    AdcsCommand,
+    AdcsModule,
+    AdcsModuleModel,
+    AdcsReport,
+)
+from vtff_sim_bridge.attitude.magnetometer import Magnetometer, MagnetometerModel
+
+__all__ = ["AttitudeHistory", "AttitudeLoop", "LoopConfiguration", "LoopStep"]
+
+
+@dataclass(frozen=True)
+class LoopConfiguration:
+    """All that a loop is made of: what is true, and what is believed.
+
+    Attributes
+    ----------
+    body, magnetometer, module
+        The truth.
+    believed_body, filter, determination, control
+        What estimator and controller count with.
+    """
+
+    body: SpacecraftBody = field(default_factory=SpacecraftBody)
+    magnetometer: MagnetometerModel = field(default_factory=MagnetometerModel)
+    module: AdcsModuleModel = field(default_factory=AdcsModuleModel)
+    believed_body: BodyModel = field(default_factory=BodyModel)
+    filter: AttitudeFilterConfiguration = field(default_factory=AttitudeFilterConfiguration)
+    determination: DeterminationConfiguration = field(default_factory=DeterminationConfiguration)
+    control: AttitudeControlConfiguration = field(default_factory=AttitudeControlConfiguration)
+
+
+@dataclass(frozen=True)
+class LoopStep:
+    """One period of a loop, at its end.
+
+    Attributes
+    ----------
+    truth
+        True attitude.
+    report
+        What the module said.
+    status
+        What became of the sample.
+    estimate
+        What the estimator knows; None before its first sample, or without an estimator.
+    command
+        Command for the next period.
+    """
+
+    truth: AttitudeState
+    report: AdcsReport
+    status: DeterminationStatus
+    estimate: AttitudeEstimate | None
+    command: AttitudeCommand
+
+
+class AttitudeLoop:
+    """The loop.
+
+    Parameters
+    ----------
+    track : OrbitTrack
+        The orbit; the field in it is the true one, with its error.
+    configuration : LoopConfiguration
+    start : AttitudeState
+    seed : int
+        Of the noise of magnetometer and tachometer.
+    requested, first : str
+        Modes of the controller.
+    estimates : bool
+        Without, there is no estimator: modes that need no attitude only.
+    """
+
+    def __init__(
+        self,
+        track: OrbitTrack,
+        configuration: LoopConfiguration,
+        start: AttitudeState,
+        seed: int = 1,
+        requested: ControlMode = "point",
+        first: ControlMode = "detumble",
+        estimates: bool = True,
+    ) -> None:
+        self.track = track
+        self.configuration = configuration
+        self.spacecraft = AttitudePropagator(configuration.body, start)
+        self.magnetometer = Magnetometer(configuration.magnetometer, (seed, 1))
+        self.module = AdcsModule(
+            configuration.module, self.spacecraft, self.magnetometer, (seed, 2)
+        )
+        self.determination = AttitudeDetermination(
+            configuration.believed_body, configuration.filter, configuration.determination
+        )
+        self.controller = AttitudeController(configuration.control, requested, first)
+        speed = configuration.body.wheel_speed_rpm(start.wheel_momentum)
+        self.wheel = WheelObserver(
+            WheelObserverConfiguration(configuration.believed_body.wheel_inertia), speed
+        )
+        self._estimates = estimates
+        self._command = AttitudeCommand((0, 0, 0), speed, first)
+        self.number = 0
+
+    @property
+    def time(self) -> float:
+        """Time since the start, s."""
+        return self.number * self.track.period
+
+    def step(self, windows: Sequence[TorqueWindow] = ()) -> LoopStep:
+        """Fly one period; `windows` are torques of thrusters in it."""
+        number, period = self.number, self.track.period
+        command = AdcsCommand(self._command.pulse_steps, self._command.wheel_speed_rpm)
+        report = self.module.run_period(self.track.interval(number), command, windows)
+        wheel_start = self.wheel.momentum
+        wheel_end = self.wheel.predict(command.wheel_speed_rpm, period)
+        sample = report.field_body[-1] if len(report.field_body) else None
+        status = DeterminationStatus(False, False, 0, 0, math.nan, "no estimator")
+        if self._estimates:
+            state = self.track.state_gcrf(number)
+            status = self.determination.process(
+                FilterPeriod(
+                    period,
+                    self.track.field_gcrf(number),
+                    self.track.field_gcrf(number + 1),
+                    state[:3] + 0.5 * period * state[3:],
+                    wheel_start,
+                    wheel_end,
+                    self.configuration.module.pulse_step
+                    * np.array(report.pulse_steps, dtype=float),
+                ),
+                sample,
+                self._rate_across(report),
+            )
+        self.wheel.update(report.wheel_speed_rpm)
+        estimate = self.determination.estimate
+        self._command = self.controller.command(self._knowledge(report, status, estimate))
+        self.number = number + 1
+        return LoopStep(self.spacecraft.state, report, status, estimate, self._command)
+
+    def _rate_across(self, report: AdcsReport) -> float:
+        """Return the rate across the field that the samples of a period show, rad/s."""
+        samples = report.field_body
+        if len(samples) < 2:
+            return 0.0
+        times = self.configuration.module.sample_times
+        return field_motion(samples[0], samples[-1], times[0] - times[-1]).rate_across
+
+    def _knowledge(
+        self,
+        report: AdcsReport,
+        status: DeterminationStatus,
+        estimate: AttitudeEstimate | None,
+    ) -> AttitudeKnowledge:
+        times = self.configuration.module.sample_times
+        return AttitudeKnowledge(
+            samples_body=report.field_body,
+            sample_interval=times[0] - times[-1],
+            wheel_speed_rpm=self.wheel.speed_rpm,
+            wheel_follows=self.wheel.follows,
+            attitude_is_valid=status.valid and estimate is not None,
+            quaternion_gcrf=(
+                np.array([0.0, 0.0, 0.0, 1.0]) if estimate is None else estimate.quaternion_gcrf
+            ),
+            rate_body=np.zeros(3) if estimate is None else estimate.rate_body,
+            dipole=np.zeros(3) if estimate is None else estimate.dipole,
+            dipole_sigma=math.inf if estimate is None else float(estimate.dipole_sigma.max()),
+            state_gcrf=self.track.state_gcrf(self.number + 1),
+            field_is_valid=not status.reason.startswith("magnetometer"),
+        )
+
+    def fly(self, periods: int) -> AttitudeHistory:
+        """Fly a number of periods and return their history."""
+        history = AttitudeHistory.empty(periods, self.track.period)
+        for row in range(periods):
+            history.set_row(row, self, self.step())
+        return history
+
+
+@dataclass(frozen=True)
+class AttitudeHistory:
+    """Columns of a flight, one row for each period, at its end.
+
+    Attributes
+    ----------
+    time
+        s since the start of the loop.
+    angles_deg, estimated_angles_deg
+        True and estimated roll, pitch and yaw; nan without an estimate.
+    rate_body
+        True rate, rad/s.
+    field_body
+        Last sample of the magnetometer, T; nan without one.
+    wheel_speed_rpm
+        True speed.
+    rotation_error
+        True against estimated attitude as a rotation vector in body axes, rad.
+    rate_error, dipole_error
+        True less estimated, rad/s and A m2.
+    covariance
+        Of rotation, rate and dipole, shape (rows, 9, 9).
+    pulse_steps
+        Pulses given.
+    mode
+        Mode of the controller, an index of `vtff_control.attitude.controller.MODES`.
+    valid
+        True where the attitude may steer.
+    restarts
+        New starts of the estimator.
+    """
+
+    time: FloatArray
+    angles_deg: FloatArray
+    estimated_angles_deg: FloatArray
+    rate_body: FloatArray
+    field_body: FloatArray
+    wheel_speed_rpm: FloatArray
+    rotation_error: FloatArray
+    rate_error: FloatArray
+    dipole_error: FloatArray
+    covariance: FloatArray
+    pulse_steps: FloatArray
+    mode: FloatArray
+    valid: FloatArray
+    restarts: FloatArray
+
+    @staticmethod
+    def empty(periods: int, period: float) -> AttitudeHistory:
+        """Return a history of nan; the first row is at the end of the first period."""
+
+        def columns(*shape: int) -> FloatArray:
+            return np.full((periods, *shape), math.nan)
+
+        return AttitudeHistory(
+            period * np.arange(1.0, periods + 1.0),
+            columns(3),
+            columns(3),
+            columns(3),
+            columns(3),
+            columns(),
+            columns(3),
+            columns(3),
+            columns(3),
+            columns(9, 9),
+            columns(3),
+            columns(),
+            columns(),
+            columns(),
+        )
+
+    def set_row(self, row: int, loop: AttitudeLoop, step: LoopStep) -> None:
+        """Fill a row with a step of a loop."""
+        from vtff_control.attitude.controller import MODES
+
+        truth, orbit = step.truth, loop.track.state_gcrf(loop.number)
+        self.time[row] = loop.time
+        self.angles_deg[row] = np.degrees(
+            pointing_errors(truth.rotation_gcrf_from_body, truth.rate_body, orbit).angles
+        )
+        self.rate_body[row] = truth.rate_body
+        if len(step.report.field_body):
+            self.field_body[row] = step.report.field_body[-1]
+        self.wheel_speed_rpm[row] = loop.spacecraft.body.wheel_speed_rpm(truth.wheel_momentum)
+        self.pulse_steps[row] = step.report.pulse_steps
+        self.mode[row] = MODES.index(step.command.mode)
+        self.valid[row] = step.status.valid
+        self.restarts[row] = step.status.restarts
+        estimate = step.estimate
+        if estimate is None:
+            return
+        self.estimated_angles_deg[row] = np.degrees(
+            pointing_errors(estimate.rotation_gcrf_from_body, estimate.rate_body, orbit).angles
+        )
+        self.rotation_error[row] = rotation_vector(
+            multiply(conjugate(estimate.quaternion_gcrf), truth.quaternion_gcrf)
+        )
+        self.rate_error[row] = truth.rate_body - estimate.rate_body
+        self.dipole_error[row] = loop.spacecraft.dipole - estimate.dipole
+        self.covariance[row] = estimate.covariance[:9, :9]
+
+    @property
+    def attitude_error_deg(self) -> FloatArray:
+        """Angle of the error of the attitude, deg, one for each row."""
+        angle: FloatArray = np.degrees(np.linalg.norm(self.rotation_error, axis=1))
+        return angle
+
+    def normalised_error_squared(self, first: int, count: int) -> FloatArray:
+        """Return the NEES of a part of the error state, over its size, one for each row.
+
+        Parameters
+        ----------
+        first, count : int
+            0, 3 for the attitude; 3, 3 for the rate; 6, 3 for the dipole; 0, 9 for all.
+        """
+        errors = np.concatenate((self.rotation_error, self.rate_error, self.dipole_error), axis=1)
+        part = slice(first, first + count)
+        solved = np.linalg.solve(self.covariance[:, part, part], errors[:, part, None])[..., 0]
+        nees: FloatArray = np.einsum("ij,ij->i", errors[:, part], solved) / count
+        return nees

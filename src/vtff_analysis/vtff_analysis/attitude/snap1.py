@@ -1,0 +1,444 @@
+"""Flights of the SNAP-1 study (Steyn and Hashida 2001): what the paper flew, in the closed loop.
+
+Each function flies one case and returns its numbers and history; `vtff study snap1` shows them
+beside the paper's. What the paper does not give is assumed here and said in `ASSUMPTIONS`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
+from vtff_control.attitude.compensation import (
+    PAPER_COMPENSATION_FINAL,
+    PAPER_COMPENSATION_FIRST,
+)
+from vtff_control.attitude.controller import AttitudeControlConfiguration, ControlMode
+from vtff_control.attitude.pointing import MomentumGains
+from vtff_dynamics.attitude.magnetic_field import DrawnFieldError
+from vtff_dynamics.attitude.orbit_axes import (
+    orbit_rate,
+    quaternion_from_roll_pitch_yaw,
+    rotation_gcrf_to_orbit,
+)
+from vtff_dynamics.attitude.orbit_track import OrbitTrack
+from vtff_dynamics.attitude.quaternion import from_rotation_matrix, from_rotation_vector, multiply
+from vtff_dynamics.attitude.rigid_body import AttitudeState
+from vtff_dynamics.attitude.spacecraft import SpacecraftBody, TorqueWindow
+from vtff_dynamics.orbit.elements import ClassicalElements
+from vtff_dynamics.time.timescales import parse_epoch
+from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_nav.attitude.attitude_filter import FilterPeriod
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.dipole_estimator import DipoleEstimator
+
+__all__ = [
+    "ASSUMPTIONS",
+    "DIPOLE_COMPASS",
+    "DIPOLE_FINAL",
+    "ORBITAL_PERIOD",
+    "AxisStatistics",
+    "CompassResult",
+    "DetumbleResult",
+    "DipoleResult",
+    "KickResult",
+    "ThreeAxisResult",
+    "fly_autonomous",
+    "fly_compass",
+    "fly_detumble",
+    "fly_dipole_estimation",
+    "fly_kick",
+    "fly_three_axis",
+    "snap1_track",
+]
+
+DIPOLE_COMPASS = np.array([0.033, 0.063, -0.187])
+"""Dipole of equation 3, A m2."""
+
+DIPOLE_FINAL = np.array([0.034, 0.036, -0.12])
+"""Dipole of equation 14, A m2."""
+
+ORBITAL_PERIOD = 5931.0
+"""Of the 704 km orbit, s."""
+
+_EPOCH = parse_epoch("2001-02-08T00:00:00 UTC")
+_ORBIT = ClassicalElements(7.082e6, 1e-3, math.radians(98.1), 1.0, 0.5, 0.0)
+
+ASSUMPTIONS = (
+    "principal moments 0.055, 0.058, 0.056 kg m2 (paper: one number, 0.058)",
+    "wheel 1.91e-5 kg m2 (0.01 N m s at 5000 rpm), motor 1 mN m",
+    "node and argument of latitude at the epoch, phase of the Earth's rotation",
+    "gains of the torquers; nutation damping 0.03 1/s, wheel momentum 0.003 1/s",
+    "no cross coupling of the rods: the paper names it and gives no numbers",
+    "drag, sunlight and the on-board estimator's own errors of 2000-2001",
+)
+"""What the paper does not give."""
+
+
+def snap1_track(field_sigma: float = 0.0, seed: int = 1) -> OrbitTrack:
+    """Return the orbit of SNAP-1 on 2001-02-08, with a drawn error of the field, T on each axis."""
+    error = DrawnFieldError(field_sigma, seed) if field_sigma > 0.0 else None
+    return OrbitTrack(_EPOCH, _ORBIT.to_state(), field_error=error)
+
+
+def _compass_start(
+    track: OrbitTrack, body: SpacecraftBody, tilt: float, wheel_rpm: float, seed: int
+) -> AttitudeState:
+    """Return an attitude with the dipole at an angle to the field, turning with the field."""
+    generator = np.random.default_rng((seed, 7))
+    field, later = track.true_field_gcrf(0), track.true_field_gcrf(1)
+    moment = np.asarray(body.dipole, dtype=float)
+
+    def axes(first: FloatArray, helper: FloatArray) -> FloatArray:
+        first = first / norm(first)
+        second = cross(first, helper)
+        second /= norm(second)
+        return np.array([first, second, cross(first, second)])
+
+    if wheel_rpm == 0.0:
+        matrix = axes(field, generator.standard_normal(3)).T @ axes(moment, np.eye(3)[1])
+    else:
+        # The spin axis is along the orbit normal; the rest of the dipole follows the field.
+        spin = rotation_gcrf_to_orbit(track.state_gcrf(0))[1]
+        matrix = axes(spin, field).T @ axes(np.eye(3)[1], moment)
+    quaternion = from_rotation_matrix(np.ascontiguousarray(matrix))
+    about = cross(moment, generator.standard_normal(3))
+    quaternion = multiply(quaternion, from_rotation_vector(tilt * about / norm(about)))
+    turn = cross(field, later) / float(field @ field) / track.period
+    return AttitudeState(quaternion, matrix.T @ turn, body.wheel_momentum(wheel_rpm))
+
+
+@dataclass(frozen=True)
+class CompassResult:
+    """Compass mode: table 2 and figure 2.
+
+    Attributes
+    ----------
+    mean_field_ut
+        Mean of the measured field, uT, body axes, shape (3,).
+    direction_error_deg
+        Angle between it and the dipole: the error of the paper's averaging method.
+    oscillations_per_orbit
+        From the strongest line of the field across the dipole.
+    history
+        The flight.
+    """
+
+    mean_field_ut: FloatArray
+    direction_error_deg: float
+    oscillations_per_orbit: float
+    history: AttitudeHistory
+
+
+def fly_compass(wheel_rpm: float = 0.0, hours: float = 24.0, seed: int = 1) -> CompassResult:
+    """Fly compass mode without control from a swing of 20 deg, as between two passes."""
+    track = snap1_track()
+    body = SpacecraftBody(dipole=DIPOLE_COMPASS)
+    start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
+    loop = AttitudeLoop(
+        track,
+        LoopConfiguration(body=body, control=AttitudeControlConfiguration()),
+        start,
+        seed,
+        requested="off",
+        first="off",
+        estimates=False,
+    )
+    history = loop.fly(round(hours * 3600.0 / track.period))
+    mean = history.field_body.mean(axis=0)
+    direction = DIPOLE_COMPASS / norm(DIPOLE_COMPASS)
+    error = math.degrees(math.acos(float(mean @ direction) / norm(mean)))
+    across = history.field_body - np.outer(history.field_body @ direction, direction)
+    power = (np.abs(np.fft.rfft(across * np.hanning(len(across))[:, None], axis=0)) ** 2).sum(
+        axis=1
+    )
+    frequency = np.fft.rfftfreq(len(across), track.period) * ORBITAL_PERIOD
+    # Below four in an orbit lies the field itself, which turns twice.
+    fast = frequency > 4.0
+    # The swing is a band (its frequency goes with the root of the field): its centre.
+    centre = float((frequency[fast] * power[fast]).sum() / power[fast].sum())
+    return CompassResult(1e6 * mean, error, centre, history)
+
+
+@dataclass(frozen=True)
+class DipoleResult:
+    """The paper's estimator, figure 5.
+
+    Attributes
+    ----------
+    time
+        s.
+    dipole
+        Estimate, A m2, one row for each sample.
+    sigma
+        Its sigma, the same shape.
+    true_dipole
+        A m2.
+    """
+
+    time: FloatArray
+    dipole: FloatArray
+    sigma: FloatArray
+    true_dipole: FloatArray
+
+
+def fly_dipole_estimation(
+    wheel_rpm: float = -2700.0, samples: int = 1708, rate_sigma: float = 5e-4, seed: int = 1
+) -> DipoleResult:
+    """Estimate the dipole from measured fields and noisy rates in compass mode."""
+    track = snap1_track()
+    body = SpacecraftBody(dipole=DIPOLE_FINAL)
+    start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
+    loop = AttitudeLoop(
+        track, LoopConfiguration(body=body), start, seed, requested="off", first="off",
+        estimates=False,
+    )  # fmt: skip
+    generator = np.random.default_rng((seed, 5))
+    estimator = DipoleEstimator(BodyModel())
+    dipole, sigma = np.empty((samples, 3)), np.empty((samples, 3))
+    last = loop.step().report.field_body[-1]
+    momentum = body.wheel_momentum(wheel_rpm)
+    for row in range(samples):
+        step = loop.step()
+        field = step.report.field_body[-1]
+        nothing = np.zeros(3)
+        estimator.predict(
+            FilterPeriod(track.period, nothing, nothing, nothing, momentum, momentum, nothing),
+            last,
+            field,
+        )
+        last = field
+        estimator.update(step.truth.rate_body + rate_sigma * generator.standard_normal(3))
+        dipole[row] = estimator.dipole
+        sigma[row] = np.sqrt(np.diag(estimator.covariance)[3:])
+    time = track.period * np.arange(1.0, samples + 1.0)
+    return DipoleResult(time, dipole, sigma, DIPOLE_FINAL)
+
+
+@dataclass(frozen=True)
+class AxisStatistics:
+    """Mean and sigma of roll, pitch and yaw, deg, each of shape (3,)."""
+
+    mean_deg: FloatArray
+    sigma_deg: FloatArray
+
+
+@dataclass(frozen=True)
+class ThreeAxisResult:
+    """Three-axis pointing: table 5, figures 3, 4, 6 and 7.
+
+    Attributes
+    ----------
+    statistics
+        After the first two orbits, in the first of which the attitude is found.
+    wheel_variation_rpm
+        Lowest and highest speed against -2700 rpm, after the first two orbits.
+    history
+        The flight.
+    """
+
+    statistics: AxisStatistics
+    wheel_variation_rpm: tuple[float, float]
+    history: AttitudeHistory
+
+
+def three_axis_result(
+    history: AttitudeHistory, skip: float = 2.0 * ORBITAL_PERIOD
+) -> ThreeAxisResult:
+    """Return the numbers of a flight after `skip` seconds."""
+    late = history.time > skip
+    angles = history.angles_deg[late]
+    wheel = history.wheel_speed_rpm[late] + 2700.0
+    return ThreeAxisResult(
+        AxisStatistics(angles.mean(axis=0), angles.std(axis=0)),
+        (float(wheel.min()), float(wheel.max())),
+        history,
+    )
+
+
+def fly_three_axis(
+    compensation: Literal["none", "first", "final", "estimated"],
+    hours: float = 28.0,
+    field_sigma: float = 0.0,
+    seed: int = 1,
+) -> ThreeAxisResult:
+    """Point at nadir with the paper's compensation (6) or (14), none, or all that vtff has.
+
+    The paper's cases have the paper's control: nutation and momentum of the wheel by torquers.
+    `estimated` closes the loop on board: the estimated dipole is cancelled, also along the field,
+    and the angular momentum is brought to the orbit normal.
+    """
+    track = snap1_track(field_sigma, seed)
+    body = SpacecraftBody(dipole=DIPOLE_FINAL)
+    moments = {
+        "none": (0.0, 0.0, 0.0),
+        "first": PAPER_COMPENSATION_FIRST,
+        "final": PAPER_COMPENSATION_FINAL,
+        "estimated": (0.0, 0.0, 0.0),
+    }
+    ours = compensation == "estimated"
+    control = AttitudeControlConfiguration(
+        compensation="estimated" if ours else "fixed",
+        fixed_compensation=moments[compensation],
+        shifts_along_field=ours,
+        momentum=MomentumGains() if ours else MomentumGains(direction=0.0),
+        lost_cone=math.pi,
+    )
+    state = track.state_gcrf(0)
+    start = AttitudeState(
+        quaternion_from_roll_pitch_yaw(0.0, 0.0, 0.0, rotation_gcrf_to_orbit(state)),
+        np.array([0.0, -orbit_rate(state), 0.0]),
+        body.wheel_momentum(-2700.0),
+    )
+    loop = AttitudeLoop(
+        track,
+        LoopConfiguration(body=body, filter=_filter(field_sigma), control=control),
+        start,
+        seed,
+        first="point",
+    )
+    return three_axis_result(loop.fly(round(hours * 3600.0 / track.period)))
+
+
+def _filter(field_sigma: float) -> AttitudeFilterConfiguration:
+    return AttitudeFilterConfiguration(field_sigma=field_sigma, field_time_constant=300.0)
+
+
+@dataclass(frozen=True)
+class KickResult:
+    """Thruster firings in compass mode: figures 8 and 9.
+
+    Attributes
+    ----------
+    peak_deg
+        Largest swing after each firing.
+    formula_deg
+        Undamped pendulum with the field at the place of the firing: 2 asin(w / 2 w_d).
+    after_an_orbit_deg
+        Swing that is left one orbit after the first firing; nan without damping.
+    swing_deg
+        Angle between dipole and field, one for each row of the history.
+    history
+        The flight.
+    """
+
+    peak_deg: FloatArray
+    formula_deg: FloatArray
+    after_an_orbit_deg: float
+    swing_deg: FloatArray
+    history: AttitudeHistory
+
+
+def fly_kick(
+    torque: float = 1.9e-4,
+    strengths: tuple[float, ...] = (1.0, 0.9, 0.8, 0.7, 0.6),
+    orbits_between: int = 3,
+    damped: bool = True,
+    seed: int = 1,
+) -> KickResult:
+    """Fire for 3 s about pitch in compass mode over the equator, ascending; five times, weaker.
+
+    The dipole is along -z with the 0.2 A m2 of the paper's model. Torquers damp throughout (compass
+    mode), or until the first firing.
+    """
+    track = snap1_track()
+    body = SpacecraftBody(dipole=(0.0, 0.0, -0.2))
+    start = _compass_start(track, body, 0.0, 0.0, seed)
+    loop = AttitudeLoop(
+        track, LoopConfiguration(body=body), start, seed, requested="compass", first="compass",
+        estimates=False,
+    )  # fmt: skip
+    orbit = round(ORBITAL_PERIOD / track.period)
+    # The second ascending pass of the equator: the first orbit settles.
+    number = orbit
+    while not track.state_gcrf(number)[2] < 0.0 <= track.state_gcrf(number + 1)[2]:
+        number += 1
+    firings = [number + orbits_between * orbit * index for index in range(len(strengths))]
+    periods = firings[-1] + round(1.2 * orbit)
+    history = AttitudeHistory.empty(periods, track.period)
+    swing, formula = np.empty(periods), []
+    inertia = float(np.asarray(body.inertia)[1, 1])
+    for row in range(periods):
+        windows = []
+        if row in firings:
+            kick = strengths[firings.index(row)] * torque
+            windows = [TorqueWindow(0.0, 3.0, np.array([0.0, kick, 0.0]))]
+            strength = norm(track.true_field_gcrf(row))
+            swing_rate = math.sqrt(strength * 0.2 / inertia)
+            ratio = min(kick * 3.0 / inertia / swing_rate / 2.0, 1.0)
+            formula.append(2.0 * math.degrees(math.asin(ratio)))
+        if not damped and row == firings[0] - 1:
+            loop.controller.request("off")
+        history.set_row(row, loop, loop.step(windows))
+        field = loop.spacecraft.state.rotation_gcrf_from_body.T @ track.true_field_gcrf(row + 1)
+        swing[row] = math.degrees(math.acos(max(-1.0, min(1.0, -field[2] / norm(field)))))
+    peaks = np.array([swing[first : first + orbit // 5].max() for first in firings])
+    after = swing[firings[0] + orbit : firings[0] + orbit + orbit // 10]
+    left = float(after.max()) if damped and len(after) else math.nan
+    return KickResult(peaks, np.array(formula), left, swing, history)
+
+
+@dataclass(frozen=True)
+class DetumbleResult:
+    """Detumbling from 5 rpm.
+
+    Attributes
+    ----------
+    settled_after
+        Time from which the rates about x and z stay below 0.01 rad/s, s; inf if never.
+    final_rate
+        Mean rate of the last orbit, rad/s, shape (3,).
+    history
+        The flight.
+    """
+
+    settled_after: float
+    final_rate: FloatArray
+    history: AttitudeHistory
+
+
+def fly_detumble(
+    mode: ControlMode = "thomson",
+    dipole: tuple[float, float, float] = (0.0, 0.0, 0.0),
+    hours: float = 24.0,
+    seed: int = 1,
+) -> DetumbleResult:
+    """Detumble from 5 rpm about a drawn axis; the dipole of the paper makes it a compass needle."""
+    track = snap1_track()
+    generator = np.random.default_rng((seed, 9))
+    quaternion, axis = generator.standard_normal(4), generator.standard_normal(3)
+    start = AttitudeState(
+        quaternion / np.linalg.norm(quaternion), 5.0 * 2.0 * math.pi / 60.0 * axis / norm(axis)
+    )
+    loop = AttitudeLoop(
+        track, LoopConfiguration(body=SpacecraftBody(dipole=dipole)), start, seed,
+        requested=mode, first=mode, estimates=False,
+    )  # fmt: skip
+    history = loop.fly(round(hours * 3600.0 / track.period))
+    fast = np.nonzero(np.abs(history.rate_body[:, [0, 2]]).max(axis=1) > 0.01)[0]
+    settled = 0.0 if not len(fast) else track.period * (fast[-1] + 1.0)
+    if len(fast) and fast[-1] == len(history.time) - 1:
+        settled = math.inf
+    orbit = round(ORBITAL_PERIOD / track.period)
+    return DetumbleResult(settled, history.rate_body[-orbit:].mean(axis=0), history)
+
+
+def fly_autonomous(hours: float = 12.0, field_sigma: float = 0.0, seed: int = 1) -> ThreeAxisResult:
+    """Fly from a launch tumble of 5 rpm to pointing without a hand; the last four orbits count."""
+    track = snap1_track(field_sigma, seed)
+    generator = np.random.default_rng((seed, 9))
+    quaternion, axis = generator.standard_normal(4), generator.standard_normal(3)
+    start = AttitudeState(
+        quaternion / np.linalg.norm(quaternion), 5.0 * 2.0 * math.pi / 60.0 * axis / norm(axis)
+    )
+    configuration = LoopConfiguration(
+        body=SpacecraftBody(dipole=DIPOLE_FINAL), filter=_filter(field_sigma)
+    )
+    loop = AttitudeLoop(track, configuration, start, seed)
+    return three_axis_result(
+        loop.fly(round(hours * 3600.0 / track.period)), hours * 3600.0 - 4.0 * ORBITAL_PERIOD
+    )

@@ -1,0 +1,267 @@
+"""Tables and figures of the SNAP-1 study: the paper's numbers beside the measured ones."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vtff_analysis.attitude.loop import AttitudeHistory
+from vtff_analysis.attitude.snap1 import (
+    CompassResult,
+    DipoleResult,
+    KickResult,
+    ThreeAxisResult,
+    fly_compass,
+    fly_dipole_estimation,
+    fly_kick,
+    fly_three_axis,
+)
+from vtff_analysis.plot_style import AXIS_COLOURS, make_figure, save_figure
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["ComparisonRow", "run_snap1"]
+
+_COLUMNS = ("subject", "quantity", "paper", "measured")
+
+
+@dataclass(frozen=True)
+class ComparisonRow:
+    """One number of the paper and what was measured, as text with units."""
+
+    subject: str
+    quantity: str
+    paper: str
+    measured: str
+
+
+def run_snap1(
+    folder: Path, hours: float = 28.0, seed: int = 1, say: Callable[[str], None] = print
+) -> list[ComparisonRow]:
+    """Fly the cases of the paper, write figures 2 to 9 and the table, and return its rows.
+
+    Parameters
+    ----------
+    folder : Path
+        Existing folder for snap1.csv and the figures.
+    hours : float
+        Length of the three-axis flights; the paper's are 28 h. Compass mode is flown for at most a
+        day.
+    seed : int
+        Of noise and of what is drawn.
+    say : callable
+        Takes a line on what is flown.
+    """
+    rows: list[ComparisonRow] = []
+    say("compass mode without and with the wheel")
+    for speed, paper in ((0.0, "5.2, 10.1, -29.9 uT"), (-1000.0, "(equation 4 rests on it)")):
+        compass = fly_compass(speed, min(hours, 24.0), seed)
+        rows += _compass_rows(compass, speed, paper)
+        if speed == 0.0:
+            _write_lines(
+                folder / "figure_2.png",
+                "Figure 2: measured field in compass mode",
+                compass.history,
+                [("field (uT)", 1e6 * compass.history.field_body, "xyz")],
+                last=3.0,
+            )
+    say("dipole estimator, figure 5")
+    dipole = fly_dipole_estimation(seed=seed)
+    rows += _dipole_rows(dipole)
+    _write_dipole(dipole, folder / "figure_5.png")
+    flights: dict[str, ThreeAxisResult] = {}
+    for name, paper_name, figures in (
+        ("first", "compensation (6)", (3, 4)),
+        ("final", "compensation (14)", (6, 7)),
+        ("none", "no compensation", None),
+        ("estimated", "estimated on board", None),
+    ):
+        say(f"three axes, {paper_name}")
+        flights[name] = fly_three_axis(name, hours, seed=seed)  # type: ignore[arg-type]
+        rows += _three_axis_rows(flights[name], paper_name)
+        if figures is not None:
+            _write_three_axis(flights[name], paper_name, figures, folder)
+    say("thruster firings, figures 8 and 9")
+    kick = fly_kick(seed=seed)
+    free = fly_kick(damped=False, strengths=(1.0,), seed=seed)
+    rows += _kick_rows(kick, free)
+    _write_lines(
+        folder / "figure_8.png",
+        "Figure 8: measured field with five firings in compass mode",
+        kick.history,
+        [("field (uT)", 1e6 * kick.history.field_body, "xyz")],
+    )
+    _write_lines(
+        folder / "figure_9.png",
+        "Figure 9: swing of the dipole against the field",
+        kick.history,
+        [("swing (deg)", kick.swing_deg[:, None], ("dipole to field",))],
+    )
+    _write_table(rows, folder / "snap1.csv")
+    return rows
+
+
+def _numbers(values: Sequence[float] | FloatArray, unit: str, digits: int = 2) -> str:
+    return ", ".join(f"{value:.{digits}f}" for value in values) + f" {unit}"
+
+
+def _compass_rows(result: CompassResult, speed: float, paper: str) -> list[ComparisonRow]:
+    subject = f"compass mode, wheel {speed:.0f} rpm"
+    return [
+        ComparisonRow(
+            subject, "mean field (table 2)", paper, _numbers(result.mean_field_ut, "uT", 1)
+        ),
+        ComparisonRow(
+            subject,
+            "direction of the mean field against the dipole",
+            "taken as equal",
+            f"{result.direction_error_deg:.1f} deg",
+        ),
+        ComparisonRow(
+            subject,
+            "oscillations in an orbit",
+            "10" if speed == 0.0 else "-",
+            f"{result.oscillations_per_orbit:.1f}",
+        ),
+    ]
+
+
+def _dipole_rows(result: DipoleResult) -> list[ComparisonRow]:
+    error = 1e3 * (result.dipole[-1] - result.true_dipole)
+    return [
+        ComparisonRow(
+            "dipole estimator (figure 5), wheel -2700 rpm",
+            "error after the last sample",
+            "not known",
+            _numbers(error, "mA m2"),
+        ),
+        ComparisonRow(
+            "dipole estimator (figure 5), wheel -2700 rpm",
+            "its sigma; y is the axis of the wheel",
+            "not given",
+            _numbers(1e3 * result.sigma[-1], "mA m2"),
+        ),
+    ]
+
+
+_TABLE_5 = {
+    "compensation (6)": ("1.6, -0.7, 1.6 deg", "11.4, 2.0, 6.6 deg", "+-300 rpm"),
+    "compensation (14)": ("1.5, -0.2, 1.6 deg", "2.9, 0.3, 2.6 deg", "+-100 rpm"),
+}
+
+
+def _three_axis_rows(result: ThreeAxisResult, name: str) -> list[ComparisonRow]:
+    mean, sigma, wheel = _TABLE_5.get(name, ("-", "-", "-"))
+    low, high = result.wheel_variation_rpm
+    subject = f"three axes, {name}"
+    statistics = result.statistics
+    return [
+        ComparisonRow(
+            subject, "mean roll, pitch, yaw (table 5)", mean, _numbers(statistics.mean_deg, "deg")
+        ),
+        ComparisonRow(
+            subject,
+            "1 sigma roll, pitch, yaw (table 5)",
+            sigma,
+            _numbers(statistics.sigma_deg, "deg"),
+        ),
+        ComparisonRow(subject, "wheel around -2700 rpm", wheel, f"{low:+.0f} to {high:+.0f} rpm"),
+    ]
+
+
+def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
+    subject = "firing of 3 s, 0.19 mN m, compass mode"
+    return [
+        ComparisonRow(subject, "peak without damping", "55 deg", _numbers(free.peak_deg, "deg", 1)),
+        ComparisonRow(
+            subject,
+            "pendulum with the field at the place of the firing",
+            "-",
+            _numbers(free.formula_deg, "deg", 1),
+        ),
+        ComparisonRow(
+            subject, "peaks with damping, five firings", "-", _numbers(damped.peak_deg, "deg", 1)
+        ),
+        ComparisonRow(
+            subject,
+            "left an orbit after the first firing",
+            "damped within one orbit",
+            f"{damped.after_an_orbit_deg:.1f} deg",
+        ),
+    ]
+
+
+def _write_table(rows: Sequence[ComparisonRow], path: Path) -> None:
+    with open(path, "w", encoding="utf-8", newline="") as stream:
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow(_COLUMNS)
+        for row in rows:
+            writer.writerow([row.subject, row.quantity, row.paper, row.measured])
+
+
+def _write_lines(
+    path: Path,
+    title: str,
+    history: AttitudeHistory,
+    panels: Sequence[tuple[str, FloatArray, Sequence[str]]],
+    last: float | None = None,
+) -> None:
+    """Draw columns over hours, one panel each; `last` keeps the last so many hours."""
+    figure = make_figure(1.5 + 3.2 * len(panels))
+    late = history.time >= (0.0 if last is None else history.time[-1] - 3600.0 * last)
+    for number, (label, values, names) in enumerate(panels):
+        axes = figure.add_subplot(len(panels), 1, number + 1)
+        for column, name in enumerate(names):
+            axes.plot(
+                history.time[late] / 3600.0,
+                values[late, column],
+                color=AXIS_COLOURS[column],
+                linewidth=1.0,
+                label=name,
+            )
+        axes.set_ylabel(label)
+        if len(names) > 1:
+            axes.legend(loc="upper right", ncols=len(names))
+    axes.set_xlabel("time (h)")
+    save_figure(figure, path, title)
+
+
+def _write_three_axis(
+    result: ThreeAxisResult, name: str, figures: tuple[int, int], folder: Path
+) -> None:
+    history = result.history
+    _write_lines(
+        folder / f"figure_{figures[0]}.png",
+        f"Figure {figures[0]}: attitude with {name}",
+        history,
+        [("angle (deg)", history.angles_deg, ("roll", "pitch", "yaw"))],
+    )
+    _write_lines(
+        folder / f"figure_{figures[1]}.png",
+        f"Figure {figures[1]}: wheel with {name}",
+        history,
+        [("speed (rpm)", history.wheel_speed_rpm[:, None], ("wheel",))],
+    )
+
+
+def _write_dipole(result: DipoleResult, path: Path) -> None:
+    figure = make_figure(4.7)
+    axes = figure.add_subplot()
+    for column, name in enumerate("xyz"):
+        colour = AXIS_COLOURS[column]
+        estimate, sigma = result.dipole[:, column], result.sigma[:, column]
+        axes.plot(result.time / 60.0, estimate, color=colour, label=name)
+        axes.fill_between(
+            result.time / 60.0, estimate - sigma, estimate + sigma, color=colour, alpha=0.2
+        )
+        axes.axhline(result.true_dipole[column], color=colour, linestyle=":")
+    axes.set_ylim(
+        float(result.true_dipole.min()) - 0.05, float(np.abs(result.true_dipole).max()) + 0.05
+    )
+    axes.set_xlabel("time (min)")
+    axes.set_ylabel("dipole (A m²)")
+    axes.legend(loc="upper right", ncols=3)
+    save_figure(figure, path, "Figure 5: dipole estimated in compass mode (dotted: true)")
