@@ -303,6 +303,9 @@ class AttitudeController:
             wheel = self._ramp(knowledge.wheel_speed_rpm, wheel, 4.0 * settings.wheel_ramp_rpm)
         elif self._mode in ("acquire", "point") and errors is not None and motion is not None:
             moment, wheel = self._steer(knowledge, errors, motion)
+        elif self._mode in ("acquire", "point") and settings.compensation == "fixed":
+            # A given compensation needs no attitude, and less dipole is less drift meanwhile.
+            moment = np.asarray(settings.fixed_compensation, dtype=float)
         return AttitudeCommand(
             settings.limits.pulse_steps(moment, longest), wheel, self._mode, reason
         )
@@ -339,7 +342,7 @@ class AttitudeController:
                 if self._lost >= settings.lost_periods:
                     self._mode, self._settled, self._lost = "detumble", 0, 0
                     return "attitude lost: detumbling"
-                return "attitude not known: wheel held, torquers off"
+                return "attitude not known: wheel held, no steering"
             self._lost = 0
             tilt = self._momentum_tilt(knowledge, errors)
             if mode == "acquire" and wanted == "point":
