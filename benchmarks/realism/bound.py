@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,12 +13,12 @@ from vtff_analysis.studies.navigation_bound import PhaseNoise, PhaseSky, motion_
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz, satellite_number
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths
+from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.cdgps.output import relative_rtn
 from vtff_nav.relative.common.dynamics import (
     MotionNoise,
@@ -27,72 +28,90 @@ from vtff_nav.relative.common.dynamics import (
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
 
 from .recording import Recording
-from .worlds import FIRST_SECOND
+from .worlds import FIRST_SECOND, RangeErrors
 
 __all__ = ["bound_rms"]
 
 # Forces are known, and so is the reported thrust; what is left is far below that of real orbits.
 _MOTION = MotionNoise(empirical_sigma=1e-8)
 _DISTANCE = 2.2e7  # m, of satellites
-_BROADCAST_TIME = 21600.0  # s
-_CODE_SIGMA = 0.3  # m, of a code; integers of the chief's phases are not known
+_CONSTANT = 1e12  # s: correlation time of what does not change in a flight
+
+
+@dataclass(frozen=True, eq=False)
+class _Epoch:
+    """Phases of both receivers, and those of the chief, with the transition to their epoch."""
+
+    sky: PhaseSky
+    sky_of_chief: PhaseSky
+    transition: FloatArray
+    process_noise: FloatArray
 
 
 def bound_rms(
     recording: Recording,
     noise: PhaseNoise,
     interval: int,
-    broadcast_sigma: float = 0.0,
+    ranges: RangeErrors | None = None,
+    gradient_tecu_per_deg: float = 0.0,
 ) -> float:
     """Return the RMS of the smallest 3-D sigma of position from `FIRST_SECOND` on, m.
 
-    The integers, the forces and the noise of the phases are known; the density of the layers of
-    plasma is not, with the sigmas that `relative_ekf` takes.
+    The integers of the differences, the forces, and all sigmas are known; the density of the layers
+    of plasma is not, with the sigmas that `relative_ekf` takes. Errors of the chief's orbit turn
+    its RTN frame. They come from its ionosphere-free codes and phases, which have the mean noise of
+    both receivers (the integers make the deputy's ranges as good as further ones of the chief).
+    Broadcast errors also act in the difference of ranges.
 
-    Errors of broadcast orbits (each axis) and clocks, of a sigma in m, act twice: in the difference
-    of ranges, and in the orbit of the chief, which turns its RTN frame.
+    Parameters
+    ----------
+    recording : Recording
+    noise : PhaseNoise
+        Of the phases of a receiver.
+    interval : int
+        Between the epochs that are used, s.
+    ranges : RangeErrors
+        What the chief's ranges have besides.
+    gradient_tecu_per_deg : float
+        Sigma of unknown horizontal gradients of the plasma.
     """
+    ranges = ranges or RangeErrors()
     plasma = CdgpsConfiguration()
-    # One sigma for all layers: the paths are scaled by it.
-    scale = np.array(plasma.layer_sigmas) / DENSITY_UNIT
     used = recording[::interval]
-    epochs = list(_epochs(used, recording, interval, plasma.plasma_layers, scale))
+    epochs = list(_epochs(used, recording, interval, plasma, noise, ranges, gradient_tecu_per_deg))
     options = (float(interval), _MOTION.empirical_sigma, 1.0, plasma.electron_density_time)
-    if broadcast_sigma == 0.0:
-        relative = motion_covariances(epochs, noise, *options)
-        variances = np.trace(relative[:, :3, :3], axis1=1, axis2=2)
-    else:
-        separation = used[0].state_deputy_gcrf[:3] - used[0].state_chief_gcrf[:3]
+    if ranges.broadcast_sigma > 0.0:
         # The error of a satellite across the ray turns it; both receivers have half the variance.
-        turn = broadcast_sigma / _DISTANCE * float(np.linalg.norm(separation))
-        slow = PhaseNoise(noise.white_sigma, turn / math.sqrt(2.0), _BROADCAST_TIME)
-        by_satellite = [(_by_satellite(sky), phi, added) for sky, phi, added in epochs]
-        relative = motion_covariances(by_satellite, slow, *options)
-        ranges = PhaseNoise(_CODE_SIGMA / math.sqrt(2.0), broadcast_sigma, _BROADCAST_TIME)
-        chief = motion_covariances(
-            [(_without_plasma(sky), phi, added) for sky, phi, added in by_satellite],
-            ranges,
-            *options,
+        distance = norm(used[0].state_deputy_gcrf[:3] - used[0].state_chief_gcrf[:3])
+        turn = ranges.broadcast_sigma / _DISTANCE * distance
+        slow = PhaseNoise(noise.white_sigma, turn / math.sqrt(2.0), ranges.broadcast_time)
+        skies = [_by_satellite(epoch.sky) for epoch in epochs]
+    else:
+        slow, skies = noise, [epoch.sky for epoch in epochs]
+    steps = [(epoch.transition, epoch.process_noise) for epoch in epochs]
+    relative = motion_covariances(
+        ((sky, *step) for sky, step in zip(skies, steps, strict=True)), slow, *options
+    )
+    # Orbit error along the ray and clock error, and the biases of the codes.
+    range_sigma = math.hypot(ranges.broadcast_sigma, ranges.signal_bias_sigma / math.sqrt(2.0))
+    time = ranges.broadcast_time if ranges.broadcast_sigma > 0.0 else _CONSTANT
+    chief = motion_covariances(
+        ((epoch.sky_of_chief, *step) for epoch, step in zip(epochs, steps, strict=True)),
+        PhaseNoise(noise.white_sigma, range_sigma, time),
+        *options,
+    )
+    variances = [
+        np.trace(
+            relative_rtn(
+                second.state_chief_gcrf,
+                second.state_deputy_gcrf - second.state_chief_gcrf,
+                covariance_chief,
+                covariance,
+            )[1][:3, :3]
         )
-        variances = np.array(
-            [
-                np.trace(
-                    relative_rtn(
-                        second.state_chief_gcrf,
-                        second.state_deputy_gcrf - second.state_chief_gcrf,
-                        covariance_chief,
-                        covariance,
-                    )[1][:3, :3]
-                )
-                for second, covariance_chief, covariance in zip(used, chief, relative, strict=True)
-            ]
-        )
+        for second, covariance_chief, covariance in zip(used, chief, relative, strict=True)
+    ]
     return float(np.sqrt(np.mean(variances[FIRST_SECOND // interval :])))
-
-
-def _without_plasma(sky: PhaseSky) -> PhaseSky:
-    """Return a sky without further parameters, which free combinations of carriers do not have."""
-    return dataclasses.replace(sky, nuisance=np.zeros((len(sky.signals), 0)))
 
 
 def _by_satellite(sky: PhaseSky) -> PhaseSky:
@@ -101,14 +120,47 @@ def _by_satellite(sky: PhaseSky) -> PhaseSky:
     return dataclasses.replace(sky, signals=satellites)
 
 
+def _sky_of_chief(
+    keys: list[SignalKey], directions: FloatArray, phase_sigma: float, code_sigma: float
+) -> PhaseSky:
+    """Return the ionosphere-free codes and phases of the satellites with two carriers and more.
+
+    The phases have free ambiguities. Errors of a satellite are the same in both.
+    """
+    rows: dict[tuple[int, int], list[int]] = {}
+    for row, key in enumerate(keys):
+        rows.setdefault(key.satellite, []).append(row)
+    rows = {satellite: members for satellite, members in rows.items() if len(members) > 1}
+    # The sigma of the best combination without ionosphere, for carriers that are equally good.
+    factors = []
+    for members in rows.values():
+        carriers = np.array([carrier_frequency_hz(keys[r].system, keys[r].band) for r in members])
+        delay = (carriers[0] / carriers) ** 2
+        spread = float(np.sum((delay - delay.mean()) ** 2))
+        factors.append(math.sqrt(1.0 / len(members) + delay.mean() ** 2 / spread))
+    satellites, first = list(rows), [members[0] for members in rows.values()]
+    return PhaseSky(
+        satellites * 2,
+        ["code"] * len(satellites) + [("phase", satellite) for satellite in satellites],
+        np.tile(directions[first], (2, 1)),
+        np.zeros((2 * len(satellites), 0)),
+        # Both receivers' ranges count: `motion_covariances` doubles the variances.
+        0.5 * np.outer((code_sigma, phase_sigma), factors).ravel(),
+    )
+
+
 def _epochs(
     used: Recording,
     recording: Recording,
     interval: int,
-    layers: tuple[float, ...],
-    scale: FloatArray,
-) -> Iterator[tuple[PhaseSky, FloatArray, FloatArray]]:
+    plasma: CdgpsConfiguration,
+    noise: PhaseNoise,
+    ranges: RangeErrors,
+    gradient: float,
+) -> Iterator[_Epoch]:
     """Yield the sky of each epoch, and the transition to it."""
+    # One sigma for all layers: the paths are scaled by it.
+    scale = np.array(plasma.layer_sigmas) / DENSITY_UNIT
     ephemerides = [ephemeris for second in recording for ephemeris in second.ephemerides]
     store = EphemerisStore(dict.fromkeys(ephemerides))
     for second in used:
@@ -127,21 +179,26 @@ def _epochs(
         system, prn, band = np.array(keys, dtype=np.int64).reshape(-1, 4)[:, :3].T
         columns = seen.columns(satellite_number(system, prn))
         heights = geodetic_from_itrf(states_itrf[:, :3])[:, 2]
-        paths = plasma_paths(
+        paths = scale * plasma_paths(
             float(np.linalg.norm(chief_gcrf[:3])),
             float(heights[1] - heights[0]),
             seen.elevation[:, columns],
-            layers,
+            plasma.plasma_layers,
         )
+        if gradient > 0.0:
+            shells = shell_paths(
+                np.array([chief_gcrf[:3], second.state_deputy_gcrf[:3]]),
+                seen.direction[:, columns],
+                plasma.plasma_shell_heights[:1],
+            )
+            sigmas = np.array([plasma.plasma_shell_sigma_tecu, gradient, gradient])
+            paths = np.hstack((paths, shells * sigmas))
         frequency = carrier_frequency_hz(system, band)
         delay = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / frequency**2
-        sky = PhaseSky(
-            keys,
-            [key.group for key in keys],
-            seen.direction[1, columns],
-            -delay[:, None] * paths * scale,
-        )
+        directions = seen.direction[1, columns]
+        sky = PhaseSky(keys, [key.group for key in keys], directions, -delay[:, None] * paths)
+        sky_of_chief = _sky_of_chief(keys, directions, noise.white_sigma, ranges.code_sigma)
         to_gcrf = rotation_gcrf_to_rtn(chief_gcrf).T
         step = float(interval)
         transition = transition_matrix(chief_gcrf[:3], to_gcrf, step, _MOTION.empirical_time)
-        yield sky, transition, empirical_noise(_MOTION, to_gcrf, step)
+        yield _Epoch(sky, sky_of_chief, transition, empirical_noise(_MOTION, to_gcrf, step))

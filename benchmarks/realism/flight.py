@@ -401,6 +401,7 @@ def fly(
             recording,
             world.phase_noise,
             world.interval,
-            world.broadcast_sigma,
+            world.ranges,
+            world.gradient_tecu_per_deg,
         ),
     )

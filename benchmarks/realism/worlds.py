@@ -30,7 +30,7 @@ from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario, state_ahead_on_orbit
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel
 
-__all__ = ["FIRST_SECOND", "KEEPING_SECOND", "WORLDS", "Must", "World"]
+__all__ = ["FIRST_SECOND", "KEEPING_SECOND", "WORLDS", "Must", "RangeErrors", "World"]
 
 CONFIG = pathlib.Path(__file__).resolve().parents[2] / "config"
 KEEPING_SECOND = 600
@@ -90,6 +90,28 @@ class Must:
 
 
 @dataclass(frozen=True)
+class RangeErrors:
+    """Errors of the chief's ranges in a covariance bound.
+
+    Parameters
+    ----------
+    code_sigma : float
+        White noise of a code, m.
+    signal_bias_sigma : float
+        Ionosphere-free bias of the codes of a satellite, m.
+    broadcast_sigma : float
+        Broadcast orbits (each axis) and clocks, m.
+    broadcast_time : float
+        Their correlation time, s.
+    """
+
+    code_sigma: float = 0.3
+    signal_bias_sigma: float = 0.25
+    broadcast_sigma: float = 0.0
+    broadcast_time: float = 21600.0
+
+
+@dataclass(frozen=True)
 class World:
     """What is flown: files in config/, changes to what they hold, and what the flights must show.
 
@@ -120,8 +142,8 @@ class World:
         in the RMS, and NEES within is printed apart.
     phase_noise : PhaseNoise or None
         Noise for which the covariance bound is computed.
-    broadcast_sigma : float
-        Sigma of broadcast orbits (each axis) and clocks in that bound, m.
+    ranges : RangeErrors
+        Errors of the chief's ranges in that bound.
     must : Must
     """
 
@@ -138,7 +160,7 @@ class World:
     change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: setting
     outages: tuple[tuple[float, float], ...] = ()
     phase_noise: PhaseNoise | None = None
-    broadcast_sigma: float = 0.0
+    ranges: RangeErrors = RangeErrors()
     must: Must = field(default_factory=Must)
 
     def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
@@ -380,34 +402,51 @@ WORLDS: dict[str, World] = {
     "ideal_geometries": World(
         phase_noise=PhaseNoise(0.001), must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0)
     ),
-    "ideal_5km": World(distance=5e3, must=Must(0.8)),
+    "ideal_5km": World(distance=5e3, phase_noise=PhaseNoise(0.001), must=Must(0.8)),
     "thrust_1.05": World(
-        distance=None, motion="scenario", change_scenario=thrust_errors(1.05), must=Must(0.7)
+        distance=None,
+        motion="scenario",
+        change_scenario=thrust_errors(1.05),
+        phase_noise=PhaseNoise(0.001),
+        must=Must(0.7),
     ),
     "thrust_0.95": World(
-        distance=None, motion="scenario", change_scenario=thrust_errors(0.95), must=Must(0.7)
+        distance=None,
+        motion="scenario",
+        change_scenario=thrust_errors(0.95),
+        phase_noise=PhaseNoise(0.001),
+        must=Must(0.7),
     ),
-    "forces": World("realistic", change_scenario=exact_thrust, must=Must(0.45)),
-    "forces_5km": World("realistic", distance=5e3, change_scenario=exact_thrust, must=Must(0.8)),
+    "forces": World(
+        "realistic", change_scenario=exact_thrust, phase_noise=PhaseNoise(0.001), must=Must(0.45)
+    ),
+    "forces_5km": World(
+        "realistic",
+        distance=5e3,
+        change_scenario=exact_thrust,
+        phase_noise=PhaseNoise(0.001),
+        must=Must(0.8),
+    ),
     "forces_225km": World(
         "realistic",
         distance=225e3,
         motion="free",
         interval=10,
         change_scenario=exact_thrust,
+        phase_noise=PhaseNoise(0.001),
         must=Must(3.0),
     ),
     "broadcast": World(
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
-        broadcast_sigma=1.5,
+        ranges=RangeErrors(broadcast_sigma=1.5),
         must=Must(0.45),
     ),
     "broadcast_5km": World(
         distance=5e3,
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
-        broadcast_sigma=1.5,
+        ranges=RangeErrors(broadcast_sigma=1.5),
         must=Must(0.8),
     ),
     "multipath_1mm": World(
@@ -459,10 +498,16 @@ WORLDS: dict[str, World] = {
         change_gnss=antennas(0.006, None), must=Must(nees=(0.0, 3.0), degraded_percent=None)
     ),
     "gradient_0.5_5km": World(
-        distance=5e3, gradient_tecu_per_deg=0.5, must=Must(1.0, fixed_percent=100.0)
+        distance=5e3,
+        gradient_tecu_per_deg=0.5,
+        phase_noise=PhaseNoise(0.001),
+        must=Must(1.0, fixed_percent=100.0),
     ),
     "gradient_2_5km": World(
-        distance=5e3, gradient_tecu_per_deg=2.0, must=Must(2.0, fixed_percent=100.0)
+        distance=5e3,
+        gradient_tecu_per_deg=2.0,
+        phase_noise=PhaseNoise(0.001),
+        must=Must(2.0, fixed_percent=100.0),
     ),
     "realistic": World(
         "realistic",

@@ -1,5 +1,7 @@
 """The covariance bound of relative navigation against results in closed form."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,10 @@ def test_epochs_without_phases_grow_by_the_process_noise():
     epochs = [(sky(), STILL, wandering), *[(empty, STILL, wandering)] * 4]
     sigmas = position_sigmas(epochs, PhaseNoise(0.001))
     np.testing.assert_allclose(sigmas**2 - sigmas[0] ** 2, 3e-4 * np.arange(5), rtol=1e-6)
+
+
+def test_measurements_with_other_noise_have_their_own_sigmas():
+    epoch = dataclasses.replace(sky(groups=1), white_sigmas=np.full(9, 0.3))
+    (sigma,) = position_sigmas([(epoch, STILL, NO_NOISE)], PhaseNoise(0.001))
+    # Two receivers have the double variance; the prior of 10 m leaves 1e-3.
+    assert sigma == pytest.approx(np.sqrt(2.0) * dilution(epoch) * 0.3, rel=1e-2)

@@ -13,6 +13,7 @@ from vtff_analysis.evaluation.deputy_pairs import normalised_error, summarise_pa
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.gnss_summary import summarise_receiver
 from vtff_analysis.evaluation.navigation import navigation_error
+from vtff_analysis.evaluation.safety import summarise_safety
 from vtff_analysis.recordings.history import AXES, DeputyHistory, HealthItem, RunHistory
 from vtff_analysis.recordings.settings import ControllerSettings, RunSettings
 from vtff_analysis.recordings.topics import key_part
@@ -71,6 +72,7 @@ def summarise_run(
         numbers = summarise_receiver(receiver)
         summary.update({prefix + key: value for key, value in numbers.items()})
     summary.update(_summarise_receiver_logs(history.health))
+    summary.update(summarise_safety(history.safety, history.start_time))
     summary["message_count"] = sum(history.message_counts.values())
     for topic, count in sorted(history.message_counts.items()):
         summary[f"message_count_{key_part(topic)}"] = count

@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from vtff_analysis.recordings.safety import SafetyHistory
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -361,6 +362,8 @@ class RunHistory:
         The ionosphere of the chief with each deputy that has any, by the deputy's name.
     health
         Reports on /diagnostics in the order of their names.
+    safety
+        What the safety monitor has said; None in a run without one.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
     notes
@@ -382,6 +385,7 @@ class RunHistory:
     boundaries: tuple[Boundary, ...] = ()
     pairs: dict[str, PairIonosphere] = dataclasses.field(default_factory=dict)
     health: tuple[HealthItem, ...] = ()
+    safety: SafetyHistory | None = None
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

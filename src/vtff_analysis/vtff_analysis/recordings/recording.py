@@ -20,6 +20,7 @@ from vtff_analysis.recordings.history import (
     SimulatorReport,
 )
 from vtff_analysis.recordings.recording_details import DetailCollector
+from vtff_analysis.recordings.safety import SAFETY_TOPIC, SafetyCollector
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY, STATUS_TOPIC, relative_state_topic
 from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
@@ -74,9 +75,12 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     reader = BagReader(bag)
     collector = _Collector()
     details = DetailCollector()
+    safety = SafetyCollector()
     decoders: dict[str, Callable[[RawMessage], None]] = {}
     for topic in reader.topics.values():
         handler = collector.handler(topic.name) or details.handler(topic.name)
+        if topic.name == SAFETY_TOPIC:
+            handler = safety.add
         if handler is None:
             continue
         try:
@@ -104,6 +108,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         chief=collector.chief,
         pairs=pairs,
         health=details.health(),
+        safety=safety.history,
         compute_time=details.compute_time(),
         notes=tuple([*reader.notes, *collector.notes]),
     )

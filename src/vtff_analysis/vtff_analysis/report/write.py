@@ -16,6 +16,7 @@ from vtff_analysis.evaluation.fluctuations import read_fluctuation_lag
 from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER, formation_flight
 from vtff_analysis.evaluation.ionosphere import summarise_ionosphere
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
+from vtff_analysis.evaluation.safety import safety_sentences
 from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
 from vtff_analysis.evaluation.summary import plain_value, summarise_run
 from vtff_analysis.recordings.history import RunHistory
@@ -102,7 +103,8 @@ def write_report(
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
     pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth)
-    notes = (*history.notes, *settings.notes)
+    safety = safety_sentences(history.safety, history.start_time)
+    notes = (*history.notes, *settings.notes, *safety)
     page = render_report(summary, history, described, list(flights), pictures, notes)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
     _print_tables(console, summary, history, list(flights), run_path.name)

@@ -57,12 +57,16 @@ class PhaseSky:
         Unit vectors to the satellites in the axes of the state.
     nuisance : ndarray, shape (m, k)
         Derivatives by k further parameters, as the densities of layers of plasma, m.
+    white_sigmas : ndarray, shape (m,), optional
+        White noise of each phase at one receiver, m, in place of `PhaseNoise.white_sigma`; codes
+        are phases with more noise.
     """
 
     signals: Sequence[Hashable]
     groups: Sequence[Hashable]
     directions: FloatArray
     nuisance: FloatArray
+    white_sigmas: FloatArray | None = None
 
 
 def motion_covariances(
@@ -183,6 +187,7 @@ class _Recursion:
             design[rows, slow] = 1.0
         cross = self.covariance @ design.T
         innovation = design @ cross
-        innovation.flat[:: count + 1] += 2.0 * self._noise.white_sigma**2
+        white = self._noise.white_sigma if sky.white_sigmas is None else sky.white_sigmas
+        innovation.flat[:: count + 1] += 2.0 * np.square(white)
         self.covariance = self.covariance - cross @ np.linalg.solve(innovation, cross.T)
         self.covariance = 0.5 * (self.covariance + self.covariance.T)

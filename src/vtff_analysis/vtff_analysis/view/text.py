@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from vtff_analysis.recordings.topics import CHIEF
 from vtff_analysis.view.scene import Scene, Series
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 
@@ -60,9 +61,10 @@ def scene_text(scene: Scene, rows: int = 25) -> str:
 
 def scene_row(scene: Scene, time: float) -> list[str]:
     """Return the texts of `COLUMNS` at a time in s; '-' where there is no sample."""
+    deputies = {series.labels["deputy"] for series in scene.of_kind("relative")}
     crafts = sorted(
         {series.labels["craft"] for series in scene.of_kind("orbit")},
-        key=lambda craft: (craft != "chief", craft),
+        key=lambda craft: (craft in deputies, craft != CHIEF, craft),
     )
     texts = [f"{time:.1f}"]
     texts += _position_texts(scene, crafts[0], time) if crafts else ["-"] * 3

@@ -11,10 +11,10 @@ export const LINES = ["#0072b2", "#d55e00", "#007a5a", "#cc79a7", "#56b4e9", "#8
 
 export const CN0_RANGE = [30, 50]; // dB-Hz
 
-export function craftColour(name, index) {
-  if (name === "chief") return CHIEF;
-  if (name === "deputy") return DEPUTY;
-  return OTHERS[index % OTHERS.length];
+// Colour of a spacecraft by its place among all, the chief being the first.
+export function craftColour(index) {
+  if (index <= 0) return CHIEF;
+  return index === 1 ? DEPUTY : OTHERS[(index - 2) % OTHERS.length];
 }
 
 // Cividis at equal steps (Nunez, Anderton and Renslow 2018), without its dark end, which would

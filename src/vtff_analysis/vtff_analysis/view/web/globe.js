@@ -77,7 +77,7 @@ class Globe {
 
   addCraft(craft, index) {
     const { Cesium } = this;
-    const colour = Cesium.Color.fromCssColorString(craftColour(craft, index));
+    const colour = Cesium.Color.fromCssColorString(craftColour(index));
     const orbitMaterial = index === 0
       ? Cesium.Material.fromType("Color", { color: colour.withAlpha(0.95) })
       : Cesium.Material.fromType("PolylineDash", { color: colour, dashLength: 18 });

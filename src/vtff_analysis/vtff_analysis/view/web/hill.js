@@ -13,16 +13,17 @@ export class HillPanel {
     this.canvas = canvas;
     this.scene = scene;
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", "Deputy relative to the chief, in-track, radial and cross-track");
+    canvas.setAttribute("aria-label", "Deputies relative to the chief, in-track, radial and cross-track");
     this.update();
   }
 
   update() {
     const { scene } = this;
     const deputies = [...new Set(scene.ofKind("relative").map((series) => series.deputy))];
+    const crafts = scene.spacecraft();
     this.tracks = deputies.map((deputy, index) => ({
       deputy,
-      colour: craftColour(deputy, index),
+      colour: craftColour(crafts.includes(deputy) ? crafts.indexOf(deputy) : index + 1),
       series: scene.get("relative", deputy, "truth") ?? scene.get("relative", deputy, "estimate"),
       estimate: scene.get("relative", deputy, "estimate"),
       target: scene.get("relative", deputy, "target"),

@@ -121,7 +121,7 @@ function drawLegend(state) {
   const legend = element("legend");
   const rows = state.scene.spacecraft().map((craft, index) => {
     const dash = index ? "dashed" : "solid";
-    return row(`${craft}: orbit, ground track`, swatch(craftColour(craft, index), dash));
+    return row(`${craft}: orbit, ground track`, swatch(craftColour(index), dash));
   });
   rows.push(row(`C/N0 ${CN0_RANGE[0]} to ${CN0_RANGE[1]} dB-Hz`, scale()));
   if (state.globe?.tecRange) {

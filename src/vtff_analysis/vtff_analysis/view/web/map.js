@@ -80,7 +80,7 @@ export class GroundMap {
 
   drawCraft(context, craft, index, time, toX, toY) {
     const orbit = this.scene.orbit(craft);
-    const colour = craftColour(craft, index);
+    const colour = craftColour(index);
     context.strokeStyle = colour;
     context.lineWidth = 2;
     context.setLineDash(index ? [6, 4] : []);

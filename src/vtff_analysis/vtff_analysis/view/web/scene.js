@@ -96,7 +96,9 @@ export class Scene {
   // Spacecraft with an orbit, the chief first: truth where it is known, else the receiver's.
   spacecraft() {
     const names = [...new Set(this.ofKind("orbit").map((series) => series.craft))];
-    return names.sort((a, b) => (b === "chief") - (a === "chief") || a.localeCompare(b));
+    const deputies = new Set(this.ofKind("relative").map((series) => series.deputy));
+    const rank = (name) => (deputies.has(name) ? 2 : name === "chief" ? 0 : 1);
+    return names.sort((a, b) => rank(a) - rank(b) || a.localeCompare(b));
   }
 
   orbit(craft) {

@@ -8,13 +8,14 @@ from cdgps_test_support import START, configuration, simulate
 
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
+from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter, mean_codes
 from vtff_nav.relative.common.measurements import (
     SignalReader,
     compute_geometry,
     satellite_mask,
     satellite_numbers,
 )
+from vtff_nav.relative.common.orbit_single_point import Combinations
 
 SECONDS = 12
 LAST_SEEN = 2
@@ -25,8 +26,8 @@ def scenario():
     return simulate(SECONDS)
 
 
-def filter_by_second(scenario, change=None):
-    """Yield the filter after each second; `change(signals)` is used after second `LAST_SEEN`."""
+def filter_by_second(scenario, change=None, first=LAST_SEEN + 1):
+    """Yield the filter after each second; `change(signals)` is used from second `first` on."""
     parameters = configuration()
     orbit = AbsoluteFilter(parameters)
     reader = SignalReader(parameters.measurement_noise, parameters.bands)
@@ -36,14 +37,14 @@ def filter_by_second(scenario, change=None):
         table = store.table(time)
         epoch, state = scenario.chief[time], scenario.chief_gcrf[second]
         signals = reader.read(epoch, satellite_mask(satellite_numbers(table)))
-        if second > LAST_SEEN and change is not None:
+        if second >= first and change is not None:
             signals = change(signals)
         if second == 0:
             assert orbit.start(time, epoch.time, signals, table)
         else:
             # The motion is known, so that only the observations are judged.
             mean = np.concatenate((state, np.zeros(3)))
-            orbit.predict(mean, np.eye(9), np.zeros((9, 9)))
+            orbit.predict(mean, np.eye(9), np.zeros((9, 9)), 1.0)
         states = np.tile(state_gcrf_to_itrf(time, state), (2, 1))
         offsets = np.full(2, epoch.time - time - orbit.clock)
         seen = compute_geometry(table, time, offsets, states, rotation_gcrf_to_itrf(time))
@@ -91,3 +92,71 @@ def test_an_ambiguity_is_forgotten_after_5_s_without_its_satellite(scenario):
     label = min(undisturbed[0])
     present = [label in labels for labels in ambiguities_by_second(scenario, absent=label[1])]
     assert present == [second <= LAST_SEEN + 5 for second in range(SECONDS)]
+
+
+def range_errors(scenario, sigma):
+    """Return the filter after satellites with range errors of a sigma (m), and the errors."""
+    generator = np.random.default_rng(5)
+    errors: dict[int, float] = {}
+
+    def shift(signals):
+        satellites = signals.satellite.tolist()
+        for satellite in satellites:
+            errors.setdefault(satellite, sigma * generator.standard_normal())
+        error = np.array([errors[satellite] for satellite in satellites])
+        return dataclasses.replace(
+            signals,
+            pseudorange=signals.pseudorange + error,
+            carrier_range=signals.carrier_range + error,
+        )
+
+    *_, orbit = filter_by_second(scenario, shift, first=0)
+    return orbit, np.array(list(errors.values()))
+
+
+def test_the_sigma_of_range_errors_is_that_of_the_satellites(scenario):
+    orbit, errors = range_errors(scenario, 3.0)
+    assert orbit.broadcast_sigma == pytest.approx(float(np.std(errors)), rel=0.4)
+    orbit, _ = range_errors(scenario, 0.0)
+    assert orbit.broadcast_sigma < 0.7
+
+
+def test_range_errors_do_not_average_out(scenario):
+    """The stated sigma of the position stays that of the range errors, not of their mean."""
+    orbit, _ = range_errors(scenario, 3.0)
+    sigma = np.sqrt(np.trace(orbit.covariance[:3, :3]))
+    assert sigma > 0.5 * orbit.broadcast_sigma
+
+
+def test_codes_of_the_deputy_are_further_codes_of_the_chief():
+    """The mean of both has half the variance, and neither the deputy's clock nor its place."""
+    generator = np.random.default_rng(2)
+    satellites, count = np.arange(40, 50), 10
+    ranges = generator.uniform(2.0e7, 2.4e7, (2, count))
+    noise = generator.normal(0.0, 0.9, (2, count))
+
+    def combinations(receiver, clock):
+        code = ranges[receiver] + clock + noise[receiver]
+        columns = {name: np.zeros(count) for name in Combinations.__dataclass_fields__}
+        columns |= {"satellite": satellites, "code": code, "code_sigma": np.full(count, 0.9)}
+        return Combinations(**columns | {"second_band": np.full(count, 2)})
+
+    seen = Sky(ranges, np.zeros((2, count)))
+    chief = combinations(0, 100.0)
+    mean = mean_codes(chief, combinations(1, -3e5), seen)
+    np.testing.assert_allclose(mean.code_sigma, 0.9 / np.sqrt(2.0))
+    error = mean.code - ranges[0]
+    expected = noise.mean(axis=0)
+    # But for a clock that all satellites share.
+    np.testing.assert_allclose(error - error.mean(), expected - expected.mean(), atol=1e-6)
+
+
+class Sky:
+    """Ranges and clocks of satellites in the order of the measurements."""
+
+    def __init__(self, ranges, clocks):
+        self.range, self.clock = ranges, clocks
+
+    def columns(self, satellite):
+        """Return the columns of satellites."""
+        return satellite - 40

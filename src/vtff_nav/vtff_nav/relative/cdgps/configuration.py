@@ -40,9 +40,10 @@ class CdgpsConfiguration:
     longest_step : float
         Longest step of integration, s; with ``euler`` the step of the simulation.
     noise_chief, noise_relative : MotionNoise
-        Process noise of the chief's motion and of the relative motion. The noise of the chief must
-        cover the forces that the model leaves out: 5e-6 m/s2 for harmonics to degree 8, 3e-5 m/s2
-        for J2 alone (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at
+        Process noise of the chief's motion and of the relative motion, which is then adapted to
+        the estimates. The noise of the chief must cover the forces that the model leaves out or has
+        in excess: harmonics of the degrees 9 to 30 are some 2e-5 m/s2 in low orbit and change in
+        100 to 600 s (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at
         1 km).
     thrust_relative_sigma : float
         White error of the thrust on each axis, relative to its magnitude.
@@ -56,10 +57,16 @@ class CdgpsConfiguration:
     elevation_mask_deg : float
         Satellites lower above the horizontal plane are not used.
     ephemeris_sigma : float
-        Error of broadcast orbit and clock in a range, m; used for the chief's orbit only.
+        Error of broadcast orbit and clock in a range, m, as satellites state it (URA); where ranges
+        show much smaller errors, these are believed.
+    ephemeris_time : float
+        Correlation time of that error, s.
     ephemeris_phase_sigma : float
-        Change of that error over minutes, m. With it the chief's orbit does not follow its phases
-        to the millimetre.
+        White error of the phases of the chief's orbit, m. With it the chief's orbit does not follow
+        its phases to the millimetre.
+    code_bias_sigma : float
+        Ionosphere-free biases of the codes of satellites that no message tells, m: the part of the
+        range errors that does not change.
     estimate_plasma : bool or None
         Estimate the plasma between and above the two altitudes; None: in orbit only.
     electron_density_sigma, electron_density_time : float
@@ -113,7 +120,7 @@ class CdgpsConfiguration:
     force_model_deputy: ForceModel | None = None
     integrator: str = "rk4"
     longest_step: float = 5.0
-    noise_chief: MotionNoise = MotionNoise(empirical_sigma=5e-6)
+    noise_chief: MotionNoise = MotionNoise(empirical_sigma=2e-5, empirical_time=200.0)
     noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8, gradient_sigma=6e-11)
     thrust_relative_sigma: float = 0.01
     thrust_scale_sigma: float = 0.05
@@ -121,7 +128,9 @@ class CdgpsConfiguration:
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
     elevation_mask_deg: float = 5.0
-    ephemeris_sigma: float = 0.5
+    ephemeris_sigma: float = 2.0
+    ephemeris_time: float = 21600.0
+    code_bias_sigma: float = 0.3
     ephemeris_phase_sigma: float = 0.005
     estimate_plasma: bool | None = None
     electron_density_sigma: float = 1e12

@@ -62,6 +62,8 @@ __all__ = ["CdgpsEstimator"]
 # The same codes give the first state and its first update: the first state counts for little.
 _START_INFLATION = 25.0
 _START_VELOCITY_SIGMA = 30.0
+# The codes of the deputy help the chief from this sigma of the difference on, m.
+_LOCATED_SIGMA = 0.1
 
 # The clocks with which the times of reception are computed are replaced if they are off by more, s.
 # Smaller errors are corrected well enough by the derivative of the range.
@@ -222,18 +224,22 @@ class CdgpsEstimator(EstimatorInputs):
         """Propagate both filters by an interval (s) that begins at `time`."""
         absolute = self._absolute
         relative = np.zeros(DYNAMIC_STATES)
-        thrust_sigma = self.configuration.thrust_relative_sigma
+        thrust_sigma, relative_factor = self.configuration.thrust_relative_sigma, 1.0
         if self._relative is not None:
             relative = self._relative.state.mean[:DYNAMIC_STATES]
             thrust_sigma = self._relative.thrust_sigma
+            relative_factor = self._relative.acceleration.factor
         end = time + interval
         thrust = [t for t in self._thrust if t.start < end and t.end > time]
         self._thrust = [t for t in self._thrust if t.end > end]
         before = absolute.mean[:3].copy()
+        factors = (absolute.acceleration.factor, relative_factor)
         predicted = self._motion.predict(
-            time, interval, absolute.mean, relative, thrust, thrust_sigma
+            time, interval, absolute.mean, relative, thrust, thrust_sigma, factors
         )
-        absolute.predict(predicted.chief, predicted.transition_chief, predicted.noise_chief)
+        absolute.predict(
+            predicted.chief, predicted.transition_chief, predicted.noise_chief, interval
+        )
         if self._relative is not None:
             motion_deg = self._motion_over_ground_deg(before, absolute.mean[:3], interval)
             self._relative.predict(predicted, interval, motion_deg)
@@ -271,7 +277,8 @@ class CdgpsEstimator(EstimatorInputs):
             signals = self._refer_to_antennas(signals, seen, rotations)
         if seen is not None and signals[0] is not None:
             before = self._absolute.mean[:3].copy()
-            self._absolute.update(time, signals[0], table, seen)
+            helping = signals[1] if self._is_deputy_located() else None
+            self._absolute.update(time, signals[0], table, seen, helping)
             if self._absolute.state is None:
                 self._forget_relative()
                 return RelativeSolution.none(
@@ -292,6 +299,11 @@ class CdgpsEstimator(EstimatorInputs):
         chief = self._absolute.mean[:3]
         positions = np.array([chief, chief + self._relative.state.mean[:3]])
         sky = make_sky(measured, seen, states[:, :3], positions, self.configuration, rotations)
+        self._relative.expect_satellite_offsets(
+            self._absolute.broadcast_sigma,
+            {key.satellite for key in measured.keys},
+            float(np.mean(seen.range)),
+        )
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
         if update.has_failed:
@@ -299,6 +311,13 @@ class CdgpsEstimator(EstimatorInputs):
             reason = "innovations too large: starting anew"
             return RelativeSolution.none(time, (reason,), self._age(time))
         return self._solution(time, update, degraded, laser)
+
+    def _is_deputy_located(self) -> bool:
+        """Return whether the deputy's orbit is known, but for that of the chief."""
+        if self._relative is None or self.configuration.dynamics != "orbital":
+            return False
+        variances = np.diagonal(self._relative.state.covariance)[:3]
+        return float(variances.sum()) < _LOCATED_SIGMA**2
 
     def _antenna_states_itrf(self, time: GpsTime) -> tuple[FloatArray, FloatArray | None]:
         """Return states of both antennas (2, 6), and rotations from body to navigation axes.

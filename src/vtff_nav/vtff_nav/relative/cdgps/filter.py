@@ -37,6 +37,7 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_FLOAT,
     LaserMeasurement,
 )
+from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 from vtff_nav.relative.noise.components import SlowError
 from vtff_nav.relative.noise.monitor import EpochResiduals, NoiseMonitor, NoisePrior
 
@@ -64,6 +65,9 @@ _VELOCITY_NOISE = 5e-4
 # factor. The number of quiet gradients that are counted with those of the shells, and their step.
 _SIGMA_STEP = 1.25
 _QUIET_GRADIENTS, _GRADIENT_STEP = 4, 1.1
+# Errors of satellites' positions become states where they change a single difference by more than
+# this, m.
+_SMALLEST_RAY_ERROR = 1e-4
 # A slow error that is not there, m.
 _NEGLIGIBLE_SLOW_SIGMA = 5e-5
 # Power at low frequencies of phases without slow errors, m2 s; and the largest factor by which
@@ -155,8 +159,10 @@ class RelativeFilter:
         )
         self.noise = NoiseMonitor(prior, configuration.slow_error_memory)
         self._slow_phase = self.noise.phase.slow
+        self._satellite_offset = SlowError(0.0, configuration.ephemeris_time)
         self._gradient_sigma = configuration.plasma_gradient_sigma_tecu_per_deg
         self.thrust_sigma = configuration.thrust_relative_sigma
+        self.acceleration = AccelerationMonitor(configuration.noise_relative)
         self._velocity_change = 0.0
         self.clock = clock
         self.attempt = FixAttempt((), 0.0, 0.0, "")
@@ -225,6 +231,8 @@ class RelativeFilter:
         configuration = self.configuration
         if label[0] == "phase_error":
             return self._slow_phase
+        if label[0] == "satellite_offset":
+            return self._satellite_offset
         # The content of a shell follows the gradient, and has no mean to return to.
         if label[0] in PLASMA_KINDS and label[-1] != "content":
             return SlowError(self._plasma_sigma(label), configuration.electron_density_time)
@@ -297,6 +305,9 @@ class RelativeFilter:
         self._epochs += 1
         if self._epochs < _EPOCHS_OF_LEARNING or self._epochs % _LEARNING_CYCLE < 2:
             self._learn_noise(time, interval, received, sky, clock, innovation)
+        if self.configuration.dynamics == "orbital":
+            distance = norm(state.mean[:3])
+            self.acceleration.learn(state.mean, state.covariance, distance, interval)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         self._epochs_without_fix = max(self._epochs_without_fix - 1, 0)
@@ -305,6 +316,35 @@ class RelativeFilter:
         is_used = innovation.is_used[len(measured) : 2 * len(measured)]
         self.jumps.record(changes, changes.direction @ (state.mean[:3] - position), is_used)
         return update
+
+    def expect_satellite_offsets(
+        self, sigma: float, satellites: set[tuple[int, int]], distance: float
+    ) -> None:
+        """Have errors of the positions of satellites across their rays in the state.
+
+        Parameters
+        ----------
+        sigma : float
+            m.
+        satellites : set of (int, int)
+            In view.
+        distance : float
+            Of the satellites, m.
+        """
+        state, last = self.state, self._satellite_offset
+        labels = [label for label in state.labels if label[0] == "satellite_offset"]
+        state.remove([label for label in labels if label[1] not in satellites])
+        if sigma * norm(state.mean[:3]) < _SMALLEST_RAY_ERROR * distance:
+            state.remove(labels)
+            return
+        if last.sigma != sigma:
+            self._satellite_offset = SlowError(sigma, last.correlation_time)
+            present = [label for label in labels if label in state]
+            if present:
+                state.reweigh(present, last.sigma**2, sigma**2)
+        for satellite in satellites:
+            if ("satellite_offset", satellite) not in state:
+                state.add(("satellite_offset", satellite), 0.0, sigma**2)
 
     def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
         excess = np.array([self.scatter.variance(key) for key in measured.keys])

@@ -60,6 +60,8 @@ class Sky:
         Direction of the satellites at the chief, rad.
     antenna_offset : ndarray, shape (n, k)
         Derivatives by the errors of lever arms, see `AntennaPair.offset_columns`; k may be 0.
+    ray_turn : ndarray
+        Derivative by the error of the satellite's position across its ray, towards the deputy.
     """
 
     predicted: FloatArray
@@ -69,6 +71,7 @@ class Sky:
     elevation: FloatArray
     azimuth: FloatArray
     antenna_offset: FloatArray
+    ray_turn: FloatArray
 
     def select(self, rows: npt.NDArray[np.intp]) -> Sky:
         """Return the sky of some of the single differences."""
@@ -107,9 +110,13 @@ def make_sky(
     if antennas is not None and rotations_body is not None:
         directions = geometry.direction[1, columns]
         antenna_offset = antennas.offset_columns(directions, rotations_body)
+    direction = geometry.direction[1, columns]
+    baseline = positions[1] - positions[0]
+    along = direction @ baseline
+    across = np.sqrt(np.maximum(baseline @ baseline - along**2, 0.0))
     return Sky(
         predicted=predicted,
-        direction=geometry.direction[1, columns],
+        direction=direction,
         clock_rate=1.0 - geometry.range_rate[1, columns] / SPEED_OF_LIGHT,
         plasma=np.hstack(
             (
@@ -127,6 +134,7 @@ def make_sky(
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
+        ray_turn=across / geometry.range[1, columns],
     )
 
 
@@ -261,6 +269,7 @@ def measurement_innovation(
     columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
     design[rows + count, columns] = 1.0
+    _add_ray_turn(design, predicted, state, measured, sky)
     slow_errors = np.zeros(count)
     for row, key in enumerate(measured.keys):
         if ("phase_error", key) in state:
@@ -322,6 +331,23 @@ def _add_antenna_offset(
     for rows in (slice(0, count), slice(count, 2 * count)):
         design[rows, columns] = sky.antenna_offset
         predicted[rows] += sky.antenna_offset @ state.mean[columns]
+
+
+def _add_ray_turn(
+    design: FloatArray,
+    predicted: FloatArray,
+    state: GaussianState,
+    measured: SingleDifferences,
+    sky: Sky,
+) -> None:
+    """Add the errors of satellites across their rays, which turn these."""
+    count = len(measured)
+    for row, key in enumerate(measured.keys):
+        label = ("satellite_offset", key.satellite)
+        if label in state:
+            column, turn = state.index(label), sky.ray_turn[row]
+            design[[row, count + row], column] = turn
+            predicted[[row, count + row]] += turn * state.mean[column]
 
 
 def _bias_columns(

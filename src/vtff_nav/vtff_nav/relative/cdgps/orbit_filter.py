@@ -3,11 +3,16 @@
 There is no ionosphere model. With two frequencies the ionosphere-free combinations of code and
 phase are used, with one frequency GRAPHIC, the mean of code and phase (Yunck 1993), in which the
 ionospheric delay cancels. The ambiguities of the phases are real numbers.
+
+Each satellite has a range error: that of its broadcast orbit and clock, and the bias of its codes.
+It is a state of code and phase alike, so that neither averages it out (Montenbruck and Ramos-Bosch
+2008, GPS Solutions 12:187, have it in the ambiguities). Its sigma is estimated.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,8 +34,9 @@ from vtff_nav.relative.common.orbit_single_point import (
     solve_single_point,
     troposphere_delay,
 )
+from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
-__all__ = ["AbsoluteFilter"]
+__all__ = ["AbsoluteFilter", "mean_codes"]
 
 _LONGEST_ARC_GAP = 5.0
 _UNKNOWN_AMBIGUITY_SIGMA = 30.0
@@ -38,6 +44,13 @@ _UNKNOWN_AMBIGUITY_SIGMA = 30.0
 _SINGLE_FREQUENCY_DELAY_SIGMA = 5.0
 _RESTART_EPOCHS = 5
 _DETECTION_PASSES = 5
+# The sigma of range errors follows its estimate in steps of this factor; not below the last, m.
+_SIGMA_STEP, _SMALLEST_RANGE_SIGMA = 1.1, 0.05
+_SIGMA_ITERATIONS = 3
+# Range errors in view, and their degrees of freedom, that tell of their sigma; the number of those
+# that the stated sigma stands for; and the share of it below which they are no broadcast errors.
+_FEWEST_RANGE_ERRORS, _FEWEST_RANGE_FREEDOM = 6, 2.0
+_STATED_FREEDOM, _QUIET_SHARE = 10.0, 0.4
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
@@ -63,6 +76,17 @@ class AbsoluteFilter:
         self._last_point: SinglePoint | None = None
         self._last_seen: dict[tuple[str, int, int], GpsTime] = {}
         self._failures = 0
+        self._range_sigma = self._configuration.ephemeris_sigma
+        self.acceleration = AccelerationMonitor(self._configuration.noise_chief)
+
+    @property
+    def broadcast_sigma(self) -> float:
+        """Sigma of the errors of broadcast orbits and clocks in a range, m, as estimated.
+
+        It is what range errors exceed the biases of codes by, which no message tells either.
+        """
+        bias = self._configuration.code_bias_sigma
+        return math.sqrt(max(self._range_sigma**2 - bias**2, 0.0))
 
     @property
     def mean(self) -> FloatArray:
@@ -159,13 +183,28 @@ class AbsoluteFilter:
             return np.zeros(3)
         return point.position_itrf - state_itrf[:3]
 
-    def predict(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
-        """Propagate the state to the next epoch; see `GaussianState.predict_leading`."""
-        assert self.state is not None
-        self.state.predict_leading(mean, transition, noise)
+    def predict(
+        self, mean: FloatArray, transition: FloatArray, noise: FloatArray, interval: float
+    ) -> None:
+        """Propagate the state by an interval, s; see `GaussianState.predict_leading`."""
+        state = self.state
+        assert state is not None
+        if self._is_orbital:
+            self.acceleration.learn(state.mean, state.covariance, 0.0, interval)
+        state.predict_leading(mean, transition, noise)
+        # Only broadcast errors change: Gauss-Markov processes, far shorter than their time.
+        drift = 2.0 * self.broadcast_sigma**2 / self._configuration.ephemeris_time * interval
+        if drift > 0.0:
+            for label in self._range_errors:
+                state.add_noise(label, drift)
 
     def update(
-        self, time: GpsTime, signals: SignalTable, table: SatelliteTable, seen: Geometry
+        self,
+        time: GpsTime,
+        signals: SignalTable,
+        table: SatelliteTable,
+        seen: Geometry,
+        signals_deputy: SignalTable | None = None,
     ) -> None:
         """Update the state with the observations of an epoch.
 
@@ -175,11 +214,16 @@ class AbsoluteFilter:
         signals : SignalTable
         table : SatelliteTable
         seen : Geometry
-            Geometry for the present state and `clock`.
+            Geometry for the present states and clocks.
+        signals_deputy : SignalTable, optional
+            Given where the position of the deputy relative to the chief is known far better than
+            codes tell: its codes are then further ones of the chief.
         """
         state = self.state
         assert state is not None
         measured = form_combinations(signals, table)
+        if signals_deputy is not None:
+            measured = mean_codes(measured, form_combinations(signals_deputy, table), seen)
         rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
         measured, rows = measured.select(is_high), rows[is_high]
@@ -226,8 +270,42 @@ class AbsoluteFilter:
         state.update(innovation)
         nuisance = innovation.nuisance_gain @ innovation.values
         self.clock += float(nuisance[0]) / SPEED_OF_LIGHT
+        self._learn_range_sigma()
         if self._failures >= _RESTART_EPOCHS:
             self.reset()
+
+    @property
+    def _range_errors(self) -> list[tuple[str, int]]:
+        """Labels of the range errors in the state."""
+        assert self.state is not None
+        return [label for label in self.state.labels if label[0] == "range_error"]
+
+    def _learn_range_sigma(self) -> None:
+        """Adapt the a priori sigma of range errors to their estimates (MacKay 1992).
+
+        A few satellites tell little of a sigma, so that the stated one counts with them, unless the
+        errors are so small that they are no broadcast errors.
+        """
+        state, labels = self.state, self._range_errors
+        assert state is not None
+        stated = self._configuration.ephemeris_sigma
+        if len(labels) < _FEWEST_RANGE_ERRORS:
+            return
+        columns = [state.index(label) for label in labels]
+        for _ in range(_SIGMA_ITERATIONS):
+            last = self._range_sigma**2
+            freedom = float(np.sum(1.0 - np.diagonal(state.covariance)[columns] / last))
+            if freedom < _FEWEST_RANGE_FREEDOM:
+                return
+            square = float(np.sum(state.mean[columns] ** 2))
+            if square > freedom * (_QUIET_SHARE * stated) ** 2:
+                square += _STATED_FREEDOM * stated**2
+                freedom += _STATED_FREEDOM
+            sigma = max(math.sqrt(square / freedom), _SMALLEST_RANGE_SIGMA)
+            if 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
+                return
+            state.reweigh(labels, last, sigma**2)
+            self._range_sigma = sigma
 
     def _ambiguities(
         self, time: GpsTime, measured: Combinations, predicted: FloatArray
@@ -247,6 +325,8 @@ class AbsoluteFilter:
         ):
             label = ("ambiguity", satellite, band)
             labels.append(label)
+            if band and ("range_error", satellite) not in state:
+                state.add(("range_error", satellite), 0.0, self._range_sigma**2)
             last = self._last_seen.get(label)
             if is_lost and last is not None and last < time:
                 state.remove([label])
@@ -264,6 +344,9 @@ class AbsoluteFilter:
             state.remove(old)
             for label in old:
                 del self._last_seen[label]
+            # The range error of a satellite lasts as long as its ambiguities.
+            present = {satellite for _, satellite, _ in self._last_seen}
+            state.remove([label for label in self._range_errors if label[1] not in present])
         return labels
 
     def _innovation(
@@ -282,6 +365,7 @@ class AbsoluteFilter:
         assert state is not None
         count = len(measured)
         code_rows = np.flatnonzero(measured.second_band > 0)
+        code_satellites = measured.satellite[code_rows].tolist()
         order = np.concatenate((code_rows, np.arange(count)))
         size = len(order)
         design = np.zeros((size, len(state)))
@@ -296,10 +380,14 @@ class AbsoluteFilter:
                 measured.phase - predicted - state.mean[columns],
             )
         )
+        errors = [state.index(("range_error", satellite)) for satellite in code_satellites]
+        for rows_of_kind in (np.arange(len(code_rows)), len(code_rows) + code_rows):
+            design[rows_of_kind, errors] = 1.0
+            values[rows_of_kind] -= state.mean[errors]
         configuration = self._configuration
         variances = np.concatenate(
             (
-                measured.code_sigma[code_rows] ** 2 + configuration.ephemeris_sigma**2,
+                measured.code_sigma[code_rows] ** 2,
                 measured.phase_sigma**2 + configuration.ephemeris_phase_sigma**2,
             )
         )
@@ -307,3 +395,30 @@ class AbsoluteFilter:
         nuisance = (measured.system[order, None] == systems[None, :]).astype(float)
         nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
         return state.innovation(design, values, variances, nuisance), order.tolist()
+
+
+def mean_codes(chief: Combinations, deputy: Combinations, seen: Geometry) -> Combinations:
+    """Return the measurements of the chief with the mean codes of both receivers.
+
+    What the codes of the deputy are off by, less the mean over all satellites (its clock), is that
+    of further codes of the chief. Satellites that have not two carriers at both stay as they are.
+    """
+    _, of_chief, of_deputy = np.intersect1d(
+        chief.satellite, deputy.satellite, assume_unique=True, return_indices=True
+    )
+    is_dual = (chief.second_band[of_chief] > 0) & (
+        chief.second_band[of_chief] == deputy.second_band[of_deputy]
+    )
+    of_chief, of_deputy = of_chief[is_dual], of_deputy[is_dual]
+    if not len(of_chief):
+        return chief
+    columns = seen.columns(chief.satellite[of_chief])
+    predicted = (seen.range - seen.clock)[:, columns]
+    difference = deputy.code[of_deputy] - predicted[1] - chief.code[of_chief] + predicted[0]
+    difference -= float(np.median(difference))
+    variance, variance_deputy = chief.code_sigma[of_chief] ** 2, deputy.code_sigma[of_deputy] ** 2
+    weight = variance / (variance + variance_deputy)
+    code, code_sigma = chief.code.copy(), chief.code_sigma.copy()
+    code[of_chief] += weight * difference
+    code_sigma[of_chief] *= np.sqrt(1.0 - weight)
+    return replace(chief, code=code, code_sigma=code_sigma)

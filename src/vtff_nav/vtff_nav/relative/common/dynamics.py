@@ -103,6 +103,16 @@ class MotionNoise:
         sigma = math.hypot(self.empirical_sigma, self.gradient_sigma * distance)
         return replace(self, empirical_sigma=sigma)
 
+    def scaled(self, factor: float) -> MotionNoise:
+        """Return the noise with empirical accelerations that are larger by a factor."""
+        if factor == 1.0:
+            return self
+        return replace(
+            self,
+            empirical_sigma=factor * self.empirical_sigma,
+            gradient_sigma=factor * self.gradient_sigma,
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Prediction:
@@ -182,6 +192,7 @@ class OrbitalMotion:
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
         thrust_sigma: float = 0.0,
+        noise_factors: tuple[float, float] = (1.0, 1.0),
     ) -> Prediction:
         """Propagate both states by `duration` seconds.
 
@@ -199,13 +210,17 @@ class OrbitalMotion:
         thrust_sigma : float
             White error of the deputy's thrust on each axis, relative to its magnitude. That of the
             chief is `CHIEF_THRUST_SIGMA`.
+        noise_factors : tuple of 2 float
+            Factors of the sigmas of empirical accelerations, of the chief and of the difference.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
         phi_chief = phi_relative = np.eye(DYNAMIC_STATES)
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
         coupling = np.zeros((DYNAMIC_STATES, THRUST_ERRORS))
-        noise_model = self._noise_relative.at_distance(norm(relative[:3]))
+        model_chief = self._noise_chief.scaled(noise_factors[0])
+        model_relative = self._noise_relative.at_distance(norm(relative[:3]))
+        model_relative = model_relative.scaled(noise_factors[1])
         thrust_axes: dict[GpsTime, FloatArray] = {}
         for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
@@ -222,14 +237,14 @@ class OrbitalMotion:
                     by_error[:, 0] = thrust_gcrf
                     by_error[:, 1:] -= axes @ skew(interval.acceleration_rtn)
             phi = transition_matrix(chief[:3], to_gcrf, step, self._noise_chief.empirical_time)
-            noise = empirical_noise(self._noise_chief, to_gcrf, step)
+            noise = empirical_noise(model_chief, to_gcrf, step)
             chief_error = CHIEF_THRUST_SIGMA * norm(thrust_chief_gcrf)
             if chief_error > 0.0:
                 noise = noise + white_acceleration_noise(chief_error, step)
             phi_chief, noise_chief = phi @ phi_chief, phi @ noise_chief @ phi.T + noise
             middle = chief[:3] + 0.5 * relative[:3]
             phi = transition_matrix(middle, to_gcrf, step, self._noise_relative.empirical_time)
-            noise = empirical_noise(noise_model, to_gcrf, step)
+            noise = empirical_noise(model_relative, to_gcrf, step)
             thrust_error = thrust_sigma * float(np.linalg.norm(thrust_gcrf))
             thrust_error = math.hypot(thrust_error, chief_error)
             if thrust_error > 0.0:
@@ -321,8 +336,9 @@ class TerrestrialMotion:
         relative: FloatArray,
         thrust: Sequence[ThrustInterval] = (),
         thrust_sigma: float = 0.0,
+        noise_factors: tuple[float, float] = (1.0, 1.0),
     ) -> Prediction:
-        """Propagate by `duration` seconds; see `OrbitalMotion.predict`. Thrust has no effect."""
+        """Propagate by `duration` seconds; see `OrbitalMotion.predict`, without its forces."""
         states, transitions, noises = [], [], []
         for state, (is_moving, noise) in zip((chief, relative), self._models, strict=True):
             phi = np.eye(DYNAMIC_STATES)
