@@ -126,7 +126,8 @@ def complete(parts, bag_of):
 
 def assert_complete(folder):
     """The bag holds exactly what the nodes of all hosts published."""
-    assert len(list((folder / "nodes").glob("*.json"))) == 7
+    counted = {path.stem for path in (folder / "nodes").glob("*.json")}
+    assert counted == {path.stem for path in (folder / "parameters").glob("*.yaml")}
     recorded = {name: topic.message_count for name, topic in BagReader(folder).topics.items()}
     assert recorded["/clock"] > 1
     assert check_counts(folder, recorded) == []
