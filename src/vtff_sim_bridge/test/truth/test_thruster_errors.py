@@ -88,6 +88,21 @@ def test_truth_flies_the_errors_of_the_scenario_and_the_motion_for_simgen_has_th
     np.testing.assert_array_equal(exact.state_gcrf("chief"), scaled.state_gcrf("chief"))
 
 
+def test_noise_of_the_flown_thrust_is_another_one_in_each_step() -> None:
+    plain = read_scenario(fields(), "plain").formation_truth()
+    noisy = read_scenario(fields(thruster_errors={"noise": 0.2}), "noisy").formation_truth()
+    velocities = []
+    for _ in range(4):
+        for truth in (plain, noisy):
+            truth.advance({"deputy": [0.0, 1.0, 0.0]})
+        velocities.append((noisy.state_gcrf("deputy") - plain.state_gcrf("deputy"))[3:])
+    errors = np.diff([np.zeros(3), *velocities], axis=0)  # m/s in a step, as m/s2
+    distances = [
+        np.linalg.norm(one - other) for one, other in zip(errors, errors[1:], strict=False)
+    ]
+    assert min(distances) > 0.02
+
+
 def test_forces_of_the_deputy_replace_those_of_the_scenario() -> None:
     drag = {"drag": "harris_priester", "mass": 10.0, "drag_area": 1.0, "drag_coefficient": 2.2}
     content = fields(force_model={"drag_coefficient": 3.3})

@@ -151,7 +151,10 @@ class RelativeFilter:
         self.state = GaussianState(labels, mean, covariance)
         self.arcs = ArcBook()
         self.scatter = PhaseScatter()
-        self.jumps = PhaseJumpDetector(is_static=configuration.dynamics == "static")
+        self.jumps = PhaseJumpDetector(
+            is_static=configuration.dynamics == "static",
+            is_orbital=configuration.dynamics == "orbital",
+        )
         prior = NoisePrior(
             configuration.slow_phase_sigma,
             configuration.slow_code_sigma,

@@ -29,8 +29,9 @@ _MOTION_SIGMA, _REST_SIGMA = 10.0, 0.003
 _CLOCK_SIGMA = 1e5
 # Error of the time of reception while the clocks run on, s.
 _TIME_SIGMA = 1e-6
-# A satellite that has jumped stays out for so many epochs: some jump again and again.
-_EPOCHS_OUT = 300
+# A satellite that has jumped stays out for so many epochs: some jump again and again. In orbit the
+# prediction tells its next integers, and the one epoch is enough.
+_EPOCHS_OUT, _EPOCHS_OUT_IN_ORBIT = 300, 1
 # Over more seconds plasma and troposphere change too much to tell.
 _LONGEST_INTERVAL = 60.0
 
@@ -91,9 +92,12 @@ class PhaseJumpDetector:
     ----------
     is_static : bool
         Whether the receivers are known to be at rest.
+    is_orbital : bool
+        Whether their motion is predicted by the dynamics of an orbit.
     """
 
-    def __init__(self, is_static: bool) -> None:
+    def __init__(self, is_static: bool, is_orbital: bool = False) -> None:
+        self._epochs_of_absence = _EPOCHS_OUT_IN_ORBIT if is_orbital else _EPOCHS_OUT
         sigma = _REST_SIGMA if is_static else _MOTION_SIGMA
         self._motion_sigma = sigma
         self._last_clock = 0.0
@@ -129,7 +133,7 @@ class PhaseJumpDetector:
         sigmas = np.array([self._motion_sigma] * 3 + [_CLOCK_SIGMA, jump])
         result = self._find(_SatelliteSums(satellites, design, change, variance, sigmas))
         for satellite in result.satellites:
-            self._epochs_out[satellite] = _EPOCHS_OUT
+            self._epochs_out[satellite] = self._epochs_of_absence
         return result
 
     def record(

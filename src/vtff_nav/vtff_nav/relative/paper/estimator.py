@@ -182,8 +182,13 @@ class PaperEstimator(EstimatorInputs):
         relative = np.zeros(DYNAMIC_STATES)
         if self._filter is not None:
             relative[:6] = state_itrf_to_gcrf(begin, self._filter.x[list(MOTION)])
-        prediction = self._motion.predict(begin, duration, chief, relative, self._thrust)
-        self._chief.predict(prediction.chief, prediction.transition_chief, prediction.noise_chief)
+        factors = (self._chief.acceleration.factor, 1.0)
+        prediction = self._motion.predict(
+            begin, duration, chief, relative, self._thrust, noise_factors=factors
+        )
+        self._chief.predict(
+            prediction.chief, prediction.transition_chief, prediction.noise_chief, duration
+        )
         if self._filter is None:
             return
         mean = self._filter.x.copy()
