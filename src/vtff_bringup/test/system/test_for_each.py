@@ -76,7 +76,7 @@ def test_one_process_for_each(load):
 
 
 def test_a_scenario_has_a_hard_radius(load):
-    system = SYSTEM.replace("deputies: \"${deputies}\"", "radius: \"${scenario.hard_radius}\"")
+    system = SYSTEM.replace('deputies: "${deputies}"', 'radius: "${scenario.hard_radius}"')
     assert load(system=system).nodes[-1].parameters["radius"] == 10.0
     scenario = f"hard_radius: 30.0\n{SCENARIO}"
     assert load(system=system, scenario=scenario).nodes[-1].parameters["radius"] == 30.0
