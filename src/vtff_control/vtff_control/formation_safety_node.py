@@ -304,7 +304,8 @@ class FormationSafetyNode(VtffNode):
         covariance = np.array(state.covariance).reshape(6, 6)
         if not all(np.isfinite(values).all() for values in (relative, chief, covariance)):
             return DeputyInput(reported_rtn=reported, command_rtn=command_rtn)
-        return DeputyInput(relative, covariance, chief, reported, command_rtn)
+        is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
+        return DeputyInput(relative, covariance, chief, reported, command_rtn, is_predicted)
 
     def _isolate(self, name: str, decision: DeputyDecision, stamp: int) -> None:
         """Send the isolation command of a deputy where it changes."""

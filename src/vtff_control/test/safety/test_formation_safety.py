@@ -17,7 +17,11 @@ from vtff_control.safety.formation_safety import (
     FormationSafety,
     SafetySetting,
 )
-from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn
+from vtff_dynamics.frames.rtn import (
+    deputy_state_gcrf,
+    relative_state_rtn,
+    rotation_gcrf_to_rtn,
+)
 from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.relative.designs import helix
 from vtff_dynamics.relative.relative_elements import relative_state_of_elements
@@ -216,3 +220,52 @@ def test_a_filter_that_has_just_started_is_not_judged_by():
     step = safety.step({"deputy": again})
     assert step.pairs[0].violation_time == np.inf
     assert step.decisions["deputy"].reason == ""
+
+
+@pytest.mark.parametrize("is_stuck", [False, True])
+def test_a_link_that_is_cut_does_not_accuse_the_thruster(is_stuck):
+    """Ten seconds without reports and measurements; the thruster ends its thrust after two.
+
+    A thruster that goes on pushing is named when navigation is back.
+    """
+    safety = monitor()
+    states = np.array([CHIEF, deputy_state_gcrf(CHIEF, relative(t=5000.0))])
+    push = np.array([0.0, 1.0, 0.0])
+    believed = relative(t=5000.0)
+    for second in range(40):
+        is_cut = 15 <= second < 25
+        flown = push if 1 <= second < 17 or (is_stuck and second >= 17) else np.zeros(3)
+        command = push if second < 14 else np.zeros(3)
+        if is_cut:  # navigation believes that nothing pushes
+            believed = relative_state_rtn(*free_flight(believed_states, [0.0, 1.0])[-1])
+        else:
+            believed = relative_state_rtn(*states)
+        believed_states = np.array([states[0], deputy_state_gcrf(states[0], believed)])
+        reported = None if is_cut else (flown if second < 15 else np.zeros(3))
+        given = DeputyInput(believed, COVARIANCE, states[0], reported, command, is_predicted=is_cut)
+        decision = safety.step({"deputy": given}).decisions["deputy"]
+        if decision.isolated.any():
+            break
+        acceleration = rotation_gcrf_to_rtn(states[0]).T @ flown
+        states = free_flight(states, [0.0, 1.0])[-1]
+        states[1] += np.concatenate((0.5 * acceleration, acceleration))
+    if is_stuck:
+        assert 25 <= second <= 28
+        assert decision.isolated.tolist() == [False, True, False]
+        assert "stuck on along T" in decision.reason
+    else:
+        assert second == 39
+        assert not decision.reason
+
+
+def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
+    safety, reported = monitor(), monitor()
+    state = relative(t=2000.0)
+    command = np.array([0.0, 0.5, 0.0])
+    for step in range(8):
+        heard_once = heard(state, command, (0.0, 0.5, 0.0) if step else (0.0, 0.0, 0.0))
+        is_silent = step >= 3
+        silent = DeputyInput(state, COVARIANCE, CHIEF, None, command, is_predicted=True)
+        first = safety.step({"deputy": silent if is_silent else heard_once}).pairs[0]
+        second = reported.step({"deputy": heard_once}).pairs[0]
+    assert first.sigmas < 0.5 * second.sigmas

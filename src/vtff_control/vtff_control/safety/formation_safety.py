@@ -57,6 +57,9 @@ _MISSING_STEPS = 5
 _ABSENT_STEPS = 10
 _WEAK_STEPS = 2
 _SOON = 60.0  # s
+_THRUSTER_WATCH = (
+    3.0  # s: thrusters end theirs 2 s after the last command (docs/can.md), and a step
+)
 _REPORT_FLOOR = 0.02  # of the cap: difference of report and command that is not looked at
 _HYSTERESIS = 0.25  # of the margin; and in sigma
 
@@ -160,6 +163,8 @@ class DeputyInput:
         without a report.
     command_rtn
         Command that waits for the thruster, m/s2, shape (3,); None if none has come.
+    is_predicted
+        Whether navigation had no measurement for the state.
     """
 
     relative_rtn: FloatArray | None = None
@@ -167,6 +172,7 @@ class DeputyInput:
     state_chief_gcrf: FloatArray | None = None
     reported_rtn: FloatArray | None = None
     command_rtn: FloatArray | None = None
+    is_predicted: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -207,7 +213,12 @@ class _Track:
     relative: FloatArray | None = None
     covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     thrust_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 9)))
+    # Without a report: the middle of what the thruster may give, and how far that is from its ends.
     reported: FloatArray = field(default_factory=lambda: np.zeros(3))
+    unreported: FloatArray = field(default_factory=lambda: np.zeros(3))
+    unreported_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    last_report: FloatArray = field(default_factory=lambda: np.zeros(3))
+    steps_without_report: int = 0
     expected: list[FloatArray] = field(default_factory=list)
     reason: str = ""
     isolated: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(
@@ -264,6 +275,7 @@ class FormationSafety:
             track.isolated = np.zeros(3, dtype=bool)
             track.passive_steps = track.missing_steps = 0
             track.expected.clear()
+            track.steps_without_report = 0
             track.monitor.reset()
 
     def step(self, inputs: Mapping[str, DeputyInput]) -> SafetyStep:
@@ -318,15 +330,22 @@ class FormationSafety:
                 covariance = given.covariance_rtn
                 track.covariance = np.zeros((6, 6)) if covariance is None else covariance
                 track.thrust_effect = np.zeros((6, 9))
+                self._follow_unreported(track, given.is_predicted)
                 track.relative = given.relative_rtn
-                fault = track.monitor.update(self._chief, track.relative, track.covariance, before)
+                fault = track.monitor.update(
+                    self._chief,
+                    track.relative,
+                    track.covariance,
+                    before,
+                    track.unreported,
+                    given.is_predicted,
+                )
                 if fault is not None:
                     track.isolated |= fault.axes
                     track.reason = track.reason or fault.text
             else:
                 track.monitor.reset()
-            track.reported = np.zeros(3) if given.reported_rtn is None else given.reported_rtn
-            self._compare_report(track, given)
+            self._take_report(track, given)
 
     def _predict(self, track: _Track, chief: FloatArray, thrust: FloatArray) -> None:
         """Carry the last state of a deputy over a step with the reported thrust."""
@@ -337,6 +356,20 @@ class FormationSafety:
         track.covariance = transition @ track.covariance @ transition.T
         push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
         track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(np.eye(3), thrust)
+        self._follow_unreported(track, True)
+
+    def _follow_unreported(self, track: _Track, is_predicted: bool) -> None:
+        """Let the effect of thrust that nobody reported grow until a measurement contains it."""
+        if not is_predicted:
+            track.unreported_effect = np.zeros((6, 6))
+            return
+        step = self._setting.step
+        assert self._chief is not None
+        transition = hcw_transition_matrix(osculating_mean_motion(self._chief), step)
+        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3))) @ np.diag(track.unreported)
+        track.unreported_effect = (
+            transition @ track.unreported_effect @ transition.T + push @ push.T
+        )
 
     def _is_informative(self, given: DeputyInput) -> bool:
         """Return whether a state can be judged by.
@@ -356,19 +389,40 @@ class FormationSafety:
         if given.relative_rtn is None or given.covariance_rtn is None or track.relative is None:
             return False
         thrust = self._setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
-        return _error_soon(given.covariance_rtn) <= _error_soon(track.covariance + thrust)
+        predicted = track.covariance + thrust + track.unreported_effect
+        return _error_soon(given.covariance_rtn) <= _error_soon(predicted)
 
-    def _compare_report(self, track: _Track, given: DeputyInput) -> None:
-        """Look whether the thruster reports more than it was told."""
-        if not track.expected or len(track.expected) < self._setting.delay_steps:
-            return
-        expected = track.expected.pop(0)
-        if given.reported_rtn is None:
-            return
+    def _take_report(self, track: _Track, given: DeputyInput) -> None:
+        """Take the report of a step; without one, what the thruster may give in it.
+
+        The command may have reached the thruster or not, and a thruster that hears none goes on
+        with what it gave last until its watch ends that.
+        """
         cap = self._setting.acceleration_cap
-        told = np.clip(expected, -cap, cap)
+        told = None
+        if len(track.expected) >= max(self._setting.delay_steps, 1):
+            told = np.clip(track.expected.pop(0), -cap, cap)
+        if given.reported_rtn is not None:
+            track.reported = track.last_report = given.reported_rtn
+            track.unreported = np.zeros(3)
+            track.steps_without_report = 0
+            if told is not None:
+                self._compare_report(track, given.reported_rtn, told)
+            return
+        track.steps_without_report += 1
+        possible = [np.zeros(3)]
+        if told is not None:
+            possible.append(told)
+        if track.steps_without_report * self._setting.step <= _THRUSTER_WATCH:
+            possible.append(track.last_report)
+        low, high = np.min(possible, axis=0), np.max(possible, axis=0)
+        track.reported, track.unreported = 0.5 * (low + high), 0.5 * (high - low)
+
+    def _compare_report(self, track: _Track, reported_rtn: FloatArray, told: FloatArray) -> None:
+        """Look whether the thruster reports more than it was told."""
+        cap = self._setting.acceleration_cap
         # In the direction of the command, up to its size; against it, nothing.
-        along = np.where(told >= 0.0, given.reported_rtn, -given.reported_rtn)
+        along = np.where(told >= 0.0, reported_rtn, -reported_rtn)
         floor = _REPORT_FLOOR * cap
         over = (along > 1.1 * np.abs(told) + floor) | (along < -floor)
         under = along < 0.5 * np.abs(told) - floor
@@ -424,7 +478,7 @@ class FormationSafety:
         for name in known:
             track = self._tracks[name]
             thrust = setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
-            covariances.append(track.covariance + thrust + floor)
+            covariances.append(track.covariance + thrust + track.unreported_effect + floor)
         return predict_free_motion(
             (self._names[0], *known), chief, states, covariances, setting.orbits
         )

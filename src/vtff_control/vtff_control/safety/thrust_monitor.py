@@ -4,6 +4,9 @@ From each navigated state of the last twenty seconds the motion is continued wit
 the thruster has reported. Where the change of the velocity that navigation has found since differs
 by more than its own covariance and the tolerance of a healthy thruster explain, the thruster is
 stuck on (it pushes without saying so) or stuck off (it says so and does not push).
+
+A step without a report has a thrust between bounds; what lies within them is no fault. A state
+that navigation has predicted, without measurements, tells nothing and is not looked at.
 """
 
 from __future__ import annotations
@@ -65,11 +68,13 @@ class ThrustMonitor:
 
     def reset(self) -> None:
         """Forget the past: a state is missing."""
-        # Navigated states that are continued with the reported thrust, the youngest first.
+        # Navigated states that are continued with the reported thrust, the youngest first. The
+        # variance of a predicted one is infinite: its place keeps the count of the seconds.
         self._states_gcrf = np.empty((0, 2, 6))
         self._variance = np.empty((0, 3))
         self._reported = np.empty((0, 3))
         self._pushed = np.empty(0)
+        self._unreported = np.empty((0, 3))
         self._doubts[:] = 0
 
     def update(
@@ -78,6 +83,8 @@ class ThrustMonitor:
         relative_rtn: FloatArray,
         covariance_rtn: FloatArray,
         reported_rtn: FloatArray,
+        unreported_rtn: FloatArray | None = None,
+        is_predicted: bool = False,
     ) -> ThrustFault | None:
         """Take a navigated state and the thrust of the step that ends with it.
 
@@ -87,12 +94,19 @@ class ThrustMonitor:
             State of now: m and m/s, shapes (6,), (6,) and (6, 6).
         reported_rtn
             Acceleration that the thruster reported for the step before, m/s2, shape (3,).
+        unreported_rtn
+            How much more or less the thruster may have given without a fault, m/s2, shape (3,);
+            None for nothing.
+        is_predicted
+            Whether the state rests on no measurement of this step.
         """
         fault = None
         trip = np.zeros(3, dtype=bool)
         doubted = np.zeros(3, dtype=bool)
         variance = np.maximum(np.diag(covariance_rtn)[3:], 0.0)
-        self._continue(reported_rtn)
+        if is_predicted:
+            variance = np.full(3, np.inf)
+        self._continue(reported_rtn, np.zeros(3) if unreported_rtn is None else unreported_rtn)
         for age in _WINDOWS:
             if age > len(self._pushed):
                 break
@@ -100,6 +114,7 @@ class ThrustMonitor:
             residual = relative_rtn[3:] - relative_state_rtn(*self._states_gcrf[anchor])[3:]
             sigma = np.sqrt(variance + self._variance[anchor])
             threshold = self._floor + _SIGMAS * sigma + _TOLERANCE * self._pushed[anchor]
+            threshold = threshold + self._unreported[anchor]
             over = np.abs(residual) > threshold
             trip |= (np.abs(residual) > _CERTAIN * threshold) | (over & (self._doubts > 0))
             doubted |= over
@@ -113,9 +128,10 @@ class ThrustMonitor:
         self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
         self._reported = np.concatenate((np.zeros((1, 3)), self._reported[:oldest]))
         self._pushed = np.concatenate((np.zeros(1), self._pushed[:oldest]))
+        self._unreported = np.concatenate((np.zeros((1, 3)), self._unreported[:oldest]))
         return fault
 
-    def _continue(self, reported_rtn: FloatArray) -> None:
+    def _continue(self, reported_rtn: FloatArray, unreported_rtn: FloatArray) -> None:
         """Carry the states of before over a step with the reported thrust."""
         if not len(self._pushed):
             return
@@ -127,7 +143,9 @@ class ThrustMonitor:
         flown[:, 1, 3:] += self._step * acceleration
         self._states_gcrf = flown
         self._reported = self._reported + self._step * reported_rtn
-        self._pushed = self._pushed + self._step * float(np.linalg.norm(reported_rtn))
+        size = float(np.linalg.norm(np.abs(reported_rtn) + unreported_rtn))
+        self._pushed = self._pushed + self._step * size
+        self._unreported = self._unreported + self._step * unreported_rtn
 
 
 def _describe(
