@@ -1,6 +1,7 @@
 """Decisions of the safety monitor."""
 
 import ast
+import dataclasses
 import pathlib
 
 import numpy as np
@@ -259,13 +260,12 @@ def test_a_link_that_is_cut_does_not_accuse_the_thruster(is_stuck):
 
 
 def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
-    safety, reported = monitor(), monitor()
-    state = relative(t=2000.0)
-    command = np.array([0.0, 0.5, 0.0])
+    silent, reported = monitor(), monitor()
+    push = np.array([0.0, 0.5, 0.0])
     for step in range(8):
-        heard_once = heard(state, command, (0.0, 0.5, 0.0) if step else (0.0, 0.0, 0.0))
-        is_silent = step >= 3
-        silent = DeputyInput(state, COVARIANCE, CHIEF, None, command, is_predicted=True)
-        first = safety.step({"deputy": silent if is_silent else heard_once}).pairs[0]
-        second = reported.step({"deputy": heard_once}).pairs[0]
-    assert first.sigmas < 0.5 * second.sigmas
+        report = push if step else np.zeros(3)
+        given = DeputyInput(relative(t=2000.0), COVARIANCE, CHIEF, report, push, step >= 3)
+        without = dataclasses.replace(given, reported_rtn=report if step < 3 else None)
+        unsure = silent.step({"deputy": without}).pairs[0]
+        sure = reported.step({"deputy": given}).pairs[0]
+    assert unsure.sigmas < 0.5 * sure.sigmas

@@ -57,9 +57,7 @@ _MISSING_STEPS = 5
 _ABSENT_STEPS = 10
 _WEAK_STEPS = 2
 _SOON = 60.0  # s
-_THRUSTER_WATCH = (
-    3.0  # s: thrusters end theirs 2 s after the last command (docs/can.md), and a step
-)
+_THRUSTER_WATCH = 3.0  # s: a thruster ends its thrust 2 s after the last command; and a step
 _REPORT_FLOOR = 0.02  # of the cap: difference of report and command that is not looked at
 _HYSTERESIS = 0.25  # of the margin; and in sigma
 
@@ -366,10 +364,9 @@ class FormationSafety:
         step = self._setting.step
         assert self._chief is not None
         transition = hcw_transition_matrix(osculating_mean_motion(self._chief), step)
-        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3))) @ np.diag(track.unreported)
-        track.unreported_effect = (
-            transition @ track.unreported_effect @ transition.T + push @ push.T
-        )
+        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3))) * track.unreported
+        before = transition @ track.unreported_effect @ transition.T
+        track.unreported_effect = before + push @ push.T
 
     def _is_informative(self, given: DeputyInput) -> bool:
         """Return whether a state can be judged by.
