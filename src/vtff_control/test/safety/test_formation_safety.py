@@ -260,12 +260,13 @@ def test_a_link_that_is_cut_does_not_accuse_the_thruster(is_stuck):
 
 
 def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
-    silent, reported = monitor(), monitor()
+    silent, off = monitor(), monitor()
     push = np.array([0.0, 0.5, 0.0])
     for step in range(8):
         report = push if step else np.zeros(3)
         given = DeputyInput(relative(t=2000.0), COVARIANCE, CHIEF, report, push, step >= 3)
-        without = dataclasses.replace(given, reported_rtn=report if step < 3 else None)
-        unsure = silent.step({"deputy": without}).pairs[0]
-        sure = reported.step({"deputy": given}).pairs[0]
+        unknown = dataclasses.replace(given, reported_rtn=report if step < 3 else None)
+        known = dataclasses.replace(given, reported_rtn=report if step < 3 else np.zeros(3))
+        unsure = silent.step({"deputy": unknown}).pairs[0]
+        sure = off.step({"deputy": known}).pairs[0]
     assert unsure.sigmas < 0.5 * sure.sigmas
