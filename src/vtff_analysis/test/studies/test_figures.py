@@ -25,8 +25,9 @@ NOT_FIGURES = {
     *("vtff_version", "git_commit", "git_modified", "machine_cpu_model", "machine_cpu_cores"),
     *("machine_python", "machine_platform", "control_input", "controller_design"),
     *("controller_feedforward", "acceleration_cap_m_per_s2", "receivers"),
+    *("safety_taken_over_deputies", "safety_reason", "safety_isolated_axes"),
 }
-"""Keys of a summary that say how it was made."""
+"""Keys of a summary that say how it was made, or are words."""
 
 
 def test_every_number_of_the_document_is_a_figure():
@@ -66,6 +67,9 @@ def test_the_closed_loop_has_the_figures_of_a_flight():
         ("ionosphere_true_lag_s", ["a"], False, ""),
         ("ionosphere_lags", ["a"], False, "did you mean: ionosphere_lag_s"),
         ("message_count_sim_status", ["a"], False, ""),
+        ("pair_a_b_error_settled_nees", ["a", "b"], False, ""),
+        ("pair_a_c_error_settled_nees", ["a", "b"], False, "did you mean: pair_a_b_error_settled"),
+        ("b_safety_taken_over_time_s", ["a", "b"], False, ""),
     ],
 )
 def test_a_name_that_no_run_has_is_refused(figure, deputies, library, problem):

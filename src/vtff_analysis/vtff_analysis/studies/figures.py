@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import re
 from collections.abc import Sequence
 
@@ -40,12 +41,23 @@ NAVIGATION_FIGURES = (
     "navigation_error_maximum_m",
     "navigation_error_settled_3d_rms_m",
     "navigation_error_settled_3d_rms_m_per_s",
+    "navigation_error_settled_nees",
     "truth_fed_settled_keeping_<axis>_rms_m",
     "truth_fed_settled_keeping_delta_v_m_per_s_per_h",
+    "safety_watched_steps",
+    "safety_taken_over_time_s",
 )
-"""Figures of runs with navigation, one set for each deputy."""
+"""Figures of runs with navigation or `formation_safety`, one set for each deputy."""
 
 RUN_FIGURES = (
+    "pair_<deputy>_<deputy>_minimum_separation_m",
+    "pair_<deputy>_<deputy>_error_settled_3d_rms_m",
+    "pair_<deputy>_<deputy>_error_settled_nees",
+    "receiver_logs_damaged",
+    "receiver_logs_undecoded",
+    "safety_hard_radius_m",
+    "safety_smallest_predicted_separation_m",
+    "safety_largest_probability",
     "late_commands",
     "message_count",
     "message_count_<topic>",
@@ -175,7 +187,11 @@ def figure_problem(
     patterns = [prefix + pattern for prefix in prefixes for pattern in of_deputy]
     if not library:
         for pattern in RUN_FIGURES:
-            patterns += [pattern.replace("<craft>", name) for name in spacecraft]
+            if "<deputy>" in pattern:
+                pairs = itertools.combinations(sorted(deputies), 2)
+                patterns += [pattern.replace("<deputy>_<deputy>", "_".join(pair)) for pair in pairs]
+            else:
+                patterns += [pattern.replace("<craft>", name) for name in spacecraft]
     if any(re.fullmatch(_expression(pattern), figure) for pattern in patterns):
         return ""
     names = {pattern.replace("<axis>", axis) for pattern in patterns for axis in _AXES}

@@ -13,6 +13,7 @@ import textwrap
 import pytest
 from campaign_samples import SMALL, changed, write_campaign
 
+from vtff_bringup.campaign import results
 from vtff_bringup.campaign.campaign_file import CampaignError, load_campaign
 from vtff_bringup.campaign.cases import make_cases
 from vtff_bringup.campaign.results import (
@@ -45,6 +46,22 @@ def test_a_journal_gives_back_what_was_appended(tmp_path):
         assert journal.record_of(cases[0]) == record_of(cases[0])  # the newest
         assert journal.record_of(cases[1]) is None
         assert journal.record_of(cases[2]) == record_of(cases[2])
+
+
+def test_an_interrupt_in_the_middle_of_a_record_loses_no_case(tmp_path, monkeypatch):
+    case = make_cases(campaign_of(tmp_path))[0]
+
+    def interrupt(seed, inputs):
+        monkeypatch.undo()
+        raise KeyboardInterrupt
+
+    with Journal(tmp_path) as journal:
+        monkeypatch.setattr(results, "case_identity", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            journal.append(record_of(case))
+        assert journal.record_of(case) is None  # the line is in the file
+        journal.read_again()
+        assert journal.record_of(case) == record_of(case)
 
 
 @pytest.mark.parametrize("kept", [1, 40, -1])

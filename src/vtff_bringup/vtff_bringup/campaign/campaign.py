@@ -144,6 +144,10 @@ class PreparedCampaign:
         with Journal(self.folder) as journal:
             try:
                 self._fly_missing(execution, journal, on_start, on_record)
+            except KeyboardInterrupt:
+                # It may have come between the line of a case in the file and its entry in memory.
+                journal.read_again()
+                raise
             finally:
                 records = self._records(journal)
                 if records:

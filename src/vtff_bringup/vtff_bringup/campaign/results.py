@@ -90,6 +90,16 @@ class Journal:
         self._end += len(line)
         self._records[case_identity(record["seed"], record["inputs"])] = dict(record)
 
+    def read_again(self) -> None:
+        """Take the records from the file, after an interrupt in the middle of `append`.
+
+        Raises
+        ------
+        CampaignError
+            If a line of the file is not a record.
+        """
+        self._end = self._read()
+
     def record_of(self, case: Case) -> dict[str, Any] | None:
         """Return the newest record of a case under its number; None without one."""
         record = self._records.get(case.identity)

@@ -9,8 +9,6 @@ from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.yaml_file import read_mapping
-from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
-from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
 
 __all__ = ["DEPUTY", "SPACECRAFT", "References", "free_port"]
 
@@ -158,6 +156,10 @@ class References:
         raise SystemFileError(f"{self._path}: {where}: unknown ${{{name}}}; known: {names}")
 
     def _read_scenario(self) -> dict[str, Any]:
+        # Imported here: numpy comes with it, and no command should wait for that to print its help.
+        from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
+        from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
+
         path = pathlib.Path(str(self.values["scenario"]))
         try:
             scenario: dict[str, Any] = repeat_spacecraft(
