@@ -44,15 +44,20 @@ def test_side_of_the_denser_plasma_follows_from_rising_and_entry(
     radial_velocity, is_entry, monkeypatch
 ):
     """An entry is into lower density: who rises into it leaves the denser plasma below."""
-    sides = []
-    monkeypatch.setattr(
-        vertical_edges,
-        "fit_edge_crossings",
-        lambda *_, is_dense_above, **__: sides.append(is_dense_above),
-    )
+    sides, spans = [], []
+
+    def fit(time, *_, is_dense_above, **__):
+        sides.append(is_dense_above)
+        spans.append((time[0], time[-1]))
+
+    monkeypatch.setattr(vertical_edges, "fit_edge_crossings", fit)
     finder = VerticalEdgeFinder()
     finder._histories = (history_of_a_flight(radial_velocity),) * 2
     edge = Edge(0.0, 1.0, is_entry, 5e5, 1.0, 0.5, 1.0)
     assert finder._fit_crossing(edge, 0) is None
     rises = radial_velocity > 0.0
     assert sides == [(rises and not is_entry) or (not rises and is_entry)]
+    # All epochs on both sides of the edge are fitted.
+    ((first, last),) = spans
+    assert first == pytest.approx(-last, abs=1.0)
+    assert last > vertical_edges._CROSSING_WINDOW
