@@ -136,7 +136,8 @@ class World:
     gradient_tecu_per_deg : float
         Growth of the vertical TEC along the track of the chief, for each degree over ground.
     change_setting : callable
-        Applied to the parameters of the filter.
+        Applied to the parameters of the filter. By default antennas are stated to be ideal, as in
+        config/system/reference.yaml.
     outages : tuple of (float, float)
         Times between which there are no measurements, and 30 s after: their errors do not count
         in the RMS, and NEES within is printed apart.
@@ -157,7 +158,9 @@ class World:
     change_scenario: Callable[[Scenario], Scenario] = lambda scenario: scenario
     change_gnss: Change = lambda gnss: gnss
     gradient_tecu_per_deg: float = 0.0
-    change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: setting
+    change_setting: Callable[[EstimatorSetting], EstimatorSetting] = lambda setting: (
+        dataclasses.replace(setting, antennas=None)
+    )
     outages: tuple[tuple[float, float], ...] = ()
     phase_noise: PhaseNoise | None = None
     ranges: RangeErrors = RangeErrors()
@@ -360,6 +363,11 @@ def drawn_lever_arm(sigma: float) -> Change:
     return change
 
 
+def uncalibrated_antennas(setting: EstimatorSetting) -> EstimatorSetting:
+    """Return the setting as it is: by default nobody has calibrated the antennas."""
+    return setting
+
+
 def given_antennas(
     chief: Antenna, deputy: Antenna
 ) -> Callable[[EstimatorSetting], EstimatorSetting]:
@@ -495,7 +503,9 @@ WORLDS: dict[str, World] = {
         must=Must(fixed_percent=100.0),
     ),
     "maps_not_given": World(
-        change_gnss=antennas(0.006, None), must=Must(nees=(0.0, 3.0), degraded_percent=None)
+        change_gnss=antennas(0.006, None),
+        change_setting=uncalibrated_antennas,
+        must=Must(nees=(0.0, 3.0), degraded_percent=None),
     ),
     "gradient_0.5_5km": World(
         distance=5e3,

@@ -153,6 +153,19 @@ def test_antennas_reach_the_filter(tmp_path):
     assert deputy.quaternion == (0.0, 0.0, 1.0, 0.0)
 
 
+def test_antennas_are_ideal_only_if_that_is_stated():
+    """Of antennas without a word the filter takes millimetres; zeros stand for ideal ones."""
+    silent = make_cdgps(estimator_setting(RelativeEkfParameters())).configuration.antennas
+    assert silent is not None and silent.are_central
+    assert all(0.001 <= antenna.offset_sigma <= 0.003 for antenna in silent.both)
+    stated = RelativeEkfParameters(chief_phase_map_sigma=0.0, deputy_phase_map_sigma=0.0)
+    assert make_cdgps(estimator_setting(stated)).configuration.antennas is None
+    half = RelativeEkfParameters(chief_phase_map_sigma=0.0)
+    antennas = make_cdgps(estimator_setting(half)).configuration.antennas
+    assert antennas is not None
+    assert [label[1] for label in antennas.offset_variances()] == [1, 1, 1]
+
+
 @pytest.mark.parametrize(
     ("values", "text"),
     [

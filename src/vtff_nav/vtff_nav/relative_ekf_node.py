@@ -26,7 +26,12 @@ from vtff_msgs.msg import (
     StepDone,
 )
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.common.antenna_correction import ATTITUDE_FRAMES, Antenna, AntennaPair
+from vtff_nav.relative.common.antenna_correction import (
+    ATTITUDE_FRAMES,
+    UNCALIBRATED,
+    Antenna,
+    AntennaPair,
+)
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
@@ -222,13 +227,13 @@ class RelativeEkfParameters:
         Antenna.lever_arm_sigma, "cdgps: the same of the deputy", unit="m", minimum=0.0
     )
     chief_phase_map_sigma: float = parameter(
-        Antenna.phase_map_sigma,
-        "cdgps: error of the chief's phase centres in a range",
+        UNCALIBRATED.phase_map_sigma,
+        "cdgps: error of the chief's phase centres in a range; 0 for an ideal antenna",
         unit="m",
         minimum=0.0,
     )
     deputy_phase_map_sigma: float = parameter(
-        Antenna.phase_map_sigma, "cdgps: the same of the deputy", unit="m", minimum=0.0
+        UNCALIBRATED.phase_map_sigma, "cdgps: the same of the deputy", unit="m", minimum=0.0
     )
     chief_attitude_frame: str = parameter(
         Antenna.attitude_frame,
@@ -266,7 +271,7 @@ class RelativeEkfParameters:
 
 
 def antenna_pair(given: RelativeEkfParameters) -> AntennaPair | None:
-    """Return what the parameters tell of the antennas; None if they tell nothing.
+    """Return what the parameters tell of the antennas; None for ideal ones.
 
     Raises
     ------

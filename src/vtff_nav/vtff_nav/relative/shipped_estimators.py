@@ -59,7 +59,7 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
     # Imported here: filterpy imports most of scipy, which takes a second.
     from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 
-    if setting.antennas is not None:
+    if setting.antennas is not None and not setting.antennas.are_central:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
     return PaperEstimator(PaperConfiguration(**_common(setting)))
 

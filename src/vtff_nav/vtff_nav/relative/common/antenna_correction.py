@@ -26,6 +26,7 @@ from vtff_nav.relative.common.measurements import Geometry, SignalTable
 
 __all__ = [
     "ATTITUDE_FRAMES",
+    "UNCALIBRATED",
     "Antenna",
     "AntennaPair",
     "AttitudeFrame",
@@ -132,12 +133,26 @@ def _rotation_of_quaternion(quaternion: tuple[float, float, float, float]) -> Fl
     return np.asarray((rotation + 2.0 * scalar * skew(vector)) / (scalar**2 + squared))
 
 
+UNCALIBRATED = Antenna(phase_map_sigma=0.002)
+"""An antenna of which nothing is known: patch antennas have variations of some millimetres."""
+
+
 @dataclass(frozen=True)
 class AntennaPair:
-    """Antennas of chief and deputy."""
+    """Antennas of chief and deputy; by default exact, in the centres of mass."""
 
     chief: Antenna = Antenna()
     deputy: Antenna = Antenna()
+
+    @property
+    def are_central(self) -> bool:
+        """Whether both are in the centres of mass, but for the error of their phase centres."""
+        return all(
+            antenna.phase_centre is None
+            and antenna.lever_arm_sigma == 0.0
+            and not any(antenna.lever_arm_body)
+            for antenna in self.both
+        )
 
     @property
     def both(self) -> tuple[Antenna, Antenna]:

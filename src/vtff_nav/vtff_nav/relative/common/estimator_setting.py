@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from vtff_dynamics.orbit.force_model import ForceModel
-from vtff_nav.relative.common.antenna_correction import AntennaPair
+from vtff_nav.relative.common.antenna_correction import UNCALIBRATED, AntennaPair
 from vtff_nav.relative.common.dynamics import Dynamics
 from vtff_nav.relative.common.measurements import MeasurementNoise
 
@@ -50,7 +50,8 @@ class EstimatorSetting:
     success_rate : float
         Success rate that integers must have.
     antennas : AntennaPair or None
-        Where the antennas are; None: in the centres of mass.
+        Where the antennas are; None: in the centres of mass, and ideal. By default they are in the
+        centres of mass, and nobody has calibrated them.
     """
 
     force_model: ForceModel | None = None
@@ -71,4 +72,4 @@ class EstimatorSetting:
     slow_error_time: float = 100.0
     plasma_gradient_sigma: float = 2.0
     success_rate: float = 0.999
-    antennas: AntennaPair | None = None
+    antennas: AntennaPair | None = AntennaPair(UNCALIBRATED, UNCALIBRATED)
