@@ -56,7 +56,6 @@ from vtff_node.parameters import ParameterError, parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 LOOK_INTERVAL = 0.02  # s of wall time between looks at seconds that wait for a source
-LOCKSTEP_PATIENCE = 0.2  # s for messages that the end of their step has overtaken
 
 
 @dataclass(frozen=True)
@@ -132,6 +131,13 @@ class IonosphereProcessorParameters:
     patience: float = parameter(
         0.5, "without lockstep, wall time that a second waits for messages", unit="s", minimum=0.0
     )
+    lockstep_patience: float = parameter(
+        0.2,
+        "in lockstep, wall time that a second waits for messages which the end of their step has "
+        "overtaken; more where the link to another node loses packets",
+        unit="s",
+        minimum=0.0,
+    )
 
 
 def formation_settings(parameters: IonosphereProcessorParameters) -> FormationSettings:
@@ -193,7 +199,7 @@ class IonosphereProcessorNode(VtffNode):
             sources += _navigation(deputy)
         self._join = EpochJoin(
             sources,
-            LOCKSTEP_PATIENCE if waits_for_closing else parameters.patience,
+            parameters.lockstep_patience if waits_for_closing else parameters.patience,
             waits_for_closing,
         )
         self._pending: dict[str, list[GnssObservations]] = {craft: [] for craft in self._crafts}

@@ -60,7 +60,6 @@ from vtff_node.plugins.loading import PluginError, PluginGroup, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
-LOCKSTEP_PATIENCE = 0.05  # s of wall time for messages that arrive after the end of their step
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
 ESTIMATORS = PluginGroup(
@@ -265,6 +264,13 @@ class RelativeEkfParameters:
         unit="s",
         minimum=0.0,
     )
+    lockstep_patience: float = parameter(
+        0.05,
+        "in lockstep, wall time that an epoch waits for observations which the end of their step "
+        "has overtaken; more where the link to a receiver's node loses packets",
+        unit="s",
+        minimum=0.0,
+    )
     compute_limit: float = parameter(
         10.0, "longest wall time of one call of the estimator", unit="s", minimum=0.001
     )
@@ -382,7 +388,7 @@ class RelativeEkfNode(VtffNode):
         self._sources = [given.chief, given.deputy, *([LASER] if given.use_laser else [])]
         self._source_of_node = self._sources_by_node(given.receiver_nodes)
         waits_for_closing = self.lockstep and bool(given.receiver_nodes)
-        patience = LOCKSTEP_PATIENCE if waits_for_closing else given.patience
+        patience = given.lockstep_patience if waits_for_closing else given.patience
         self._join = EpochJoin(self._sources, patience, waits_for_closing)
         self._newest = -1
         self._solution: RelativeSolution | None = None

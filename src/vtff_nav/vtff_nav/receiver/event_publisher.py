@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from rclpy.duration import Duration
 from rclpy.publisher import Publisher
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -31,11 +32,18 @@ from vtff_node.node import VtffNode
 
 __all__ = ["EventPublisher"]
 
+#: Longest wait for the subscribers to have an ephemeris, s of wall time; only in lockstep.
+ACKNOWLEDGE_LIMIT = 5.0
+
 
 class EventPublisher:
     """Publishes the events of one receiver.
 
     The publishers for the logs of a GPStation-6 are made with the first such log.
+
+    DDS keeps the order of a topic, not that of two topics: over a link that loses packets an
+    ephemeris may come after the observations that need it. In lockstep observations are therefore
+    published when all subscribers have the ephemerides before them, so that equal runs stay equal.
 
     Parameters
     ----------
@@ -73,6 +81,7 @@ class EventPublisher:
         self._raw = node.publisher(ReceiverLog, "gnss/raw") if publishes_raw else None
         self._ism_slant_tec: Publisher | None = None
         self._ism_scintillation: Publisher | None = None
+        self._unconfirmed: set[Publisher] = set()
 
     def publish(self, event: Event) -> None:
         """Publish an event; an event without a topic is ignored.
@@ -90,9 +99,11 @@ class EventPublisher:
         elif isinstance(event, BroadcastEphemeris):
             self.published["ephemerides"] += 1
             self._ephemeris.publish(ephemeris_to_message(event))
+            self._unconfirmed.add(self._ephemeris)
         elif isinstance(event, GlonassEphemeris):
             self.published["ephemerides"] += 1
             self._glonass_ephemeris.publish(glonass_ephemeris_to_message(event))
+            self._unconfirmed.add(self._glonass_ephemeris)
         elif isinstance(event, RawLog) and self._raw is not None:
             self.published["raw logs"] += 1
             self._raw.publish(raw_log_to_message(event, self._frame_id))
@@ -127,12 +138,20 @@ class EventPublisher:
         self._last_epoch = epoch
         self.published["epochs"] += 1
         message = observations_to_message(epoch, self._frame_id)
+        self._confirm_ephemerides()
         self._high_rate.publish(message)
         second, remainder = divmod(epoch.time.nanoseconds, NANOSECONDS_PER_SECOND)
         if remainder == 0:
             self._held = (second, message)
             if not self._holds_epoch:
                 self.release_epoch()
+
+    def _confirm_ephemerides(self) -> None:
+        """In lockstep, wait until the subscribers have all ephemerides that were published."""
+        if self._node.lockstep:
+            for publisher in self._unconfirmed:
+                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_LIMIT))
+        self._unconfirmed.clear()
 
     def _publish_ism_slant_tec(self, event: IsmSlantTec) -> None:
         if self._ism_slant_tec is None:
