@@ -13,7 +13,7 @@ from site_pages.write_pages import write_pages  # noqa: E402
 
 project = "vtff"
 author = "vtff developers"
-extensions = ["sphinx.ext.autodoc", "sphinx.ext.doctest", "sphinx.ext.napoleon", "myst_nb"]
+extensions = ["sphinx.ext.autodoc", "sphinx.ext.napoleon", "myst_nb"]
 exclude_patterns = ["html", "jupyter_execute", "site_pages", "**/.ipynb_checkpoints"]
 html_theme = "furo"
 html_title = "vtff"

@@ -40,9 +40,7 @@ build() { # a builder, its folder
 }
 build html docs/html || { cat "$log.warnings" && stop "the pages have faults; details: log/docs.log"; }
 echo "docs: running the examples of the docstrings ..."
-build doctest docs/html/.doctest || {
-  cat docs/html/.doctest/output.txt
-  stop "an example does not give what it says; details: log/docs.log"
-}
+mapfile -t examples < <(grep -rl --include='*.py' '>>> ' src/*/vtff_*)
+python -m doctest "${examples[@]}" || stop "an example does not give what it says (above)"
 (cd docs && python -m site_pages.check_site html) || stop "the site has faults (above)"
 echo "docs: docs/html/index.html ($((SECONDS - started)) s)"
