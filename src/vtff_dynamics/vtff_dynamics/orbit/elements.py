@@ -49,7 +49,7 @@ def mean_anomaly_from_true(true_anomaly: float, eccentricity: float) -> float:
     --------
     >>> round(mean_anomaly_from_true(1.0, 0.1), 6)
     0.838479
-    >>> round(true_anomaly_from_mean(0.838479, 0.1), 6)
+    >>> round(true_anomaly_from_mean(0.838479, 0.1), 5)
     1.0
     """
     _check_eccentricity(eccentricity)
