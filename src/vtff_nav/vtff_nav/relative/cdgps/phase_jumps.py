@@ -30,8 +30,9 @@ _CLOCK_SIGMA = 1e5
 # Error of the time of reception while the clocks run on, s.
 _TIME_SIGMA = 1e-6
 # A satellite that has jumped stays out for so many epochs: some jump again and again. In orbit the
-# prediction tells its next integers, and the one epoch is enough.
-_EPOCHS_OUT, _EPOCHS_OUT_IN_ORBIT = 300, 1
+# prediction tells its next integers as soon as the plasma above is known, which at the start, under
+# a steep gradient, takes some ten epochs.
+_EPOCHS_OUT, _EPOCHS_OUT_IN_ORBIT = 300, 30
 # Over more seconds plasma and troposphere change too much to tell.
 _LONGEST_INTERVAL = 60.0
 
