@@ -66,7 +66,7 @@ class IonosphereProcessorParameters:
     deputies: list[str] = parameter(["deputy"], "names of the other spacecraft")
     elevation_mask_deg: float = parameter(
         ELEVATION_MASK_DEG,
-        "lowest elevation of satellites for contents and density; edges of rays have no mask",
+        "lowest elevation of satellites for contents and density; edges of rays have their own",
         unit="deg",
         minimum=0.0,
         maximum=60.0,

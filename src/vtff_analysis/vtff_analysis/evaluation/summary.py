@@ -1,4 +1,9 @@
-"""Summary of a run: a flat dictionary of numbers, documented key by key in docs/summary.md."""
+"""Summary of a run: a flat dictionary of numbers, documented key by key in docs/summary.md.
+
+A further number: here, in docs/summary.md and, for campaigns, `vtff_analysis.studies.figures`.
+`vtff_analysis.report.write` adds the numbers of the ionosphere and of the flight fed with truth,
+and draws the pictures.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The controllers that vtff ships, as plug-ins of ``vtff.controllers``; see `SdreDesign`."""
+"""The controllers that vtff ships, as plug-ins of ``vtff.controllers``; see `SdreDesign`.
+
+The default weights of each design are `vtff_control.tracking.sdre.DEFAULT_WEIGHTS`.
+"""
 
 from __future__ import annotations
 
