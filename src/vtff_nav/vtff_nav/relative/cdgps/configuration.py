@@ -1,7 +1,8 @@
 """Parameters of the carrier-phase differential filter: process noise, elevation mask, bands.
 
 The process noise is of type `vtff_nav.relative.common.dynamics.MotionNoise`; the parameters of
-`relative_ekf` for it begin with ``empirical_``. The elevation mask here is that of relative navigation; `ionosphere_processor` has its own.
+`relative_ekf` for it begin with ``empirical_``. The elevation mask here is that of relative
+navigation; `ionosphere_processor` has its own.
 """
 
 from __future__ import annotations
