@@ -270,3 +270,19 @@ def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
         unsure = silent.step({"deputy": unknown}).pairs[0]
         sure = off.step({"deputy": known}).pairs[0]
     assert unsure.sigmas < 0.5 * sure.sigmas
+
+
+def test_thrust_that_nobody_reports_counts_once_in_a_step():
+    """A predicted state that is too poor to judge by, yet better than the prediction, is taken."""
+    safety = monitor()
+    push = np.array([0.0, 0.5, 0.0])
+    for _ in range(3):
+        safety.step({"deputy": heard(relative(t=2000.0), push, push)})
+    track = safety._tracks["deputy"]
+    poor = np.diag([800.0**2] * 3 + [1e-4**2] * 3)
+    track.covariance = 4.0 * poor
+    given = DeputyInput(relative(t=2000.0), poor, CHIEF, None, push, is_predicted=True)
+    safety.step({"deputy": given})
+    safety.step({"deputy": given})
+    # One step without a report: between nothing and 0.5 m/s2, that is 0.25 m/s more or less.
+    assert np.sqrt(track.unreported_effect[4, 4]) == pytest.approx(0.25, rel=1e-4)

@@ -320,6 +320,8 @@ class FormationSafety:
         for name, track in self._tracks.items():
             given = inputs.get(name, DeputyInput())
             before = track.reported
+            if previous_chief is not None:
+                self._grow_unreported(track, previous_chief)
             is_informative = self._is_informative(given)
             if not is_informative and track.relative is not None and previous_chief is not None:
                 self._predict(track, previous_chief, before)
@@ -328,7 +330,8 @@ class FormationSafety:
                 covariance = given.covariance_rtn
                 track.covariance = np.zeros((6, 6)) if covariance is None else covariance
                 track.thrust_effect = np.zeros((6, 9))
-                self._follow_unreported(track, given.is_predicted)
+                if not given.is_predicted:  # a measurement contains what the thruster gave
+                    track.unreported_effect = np.zeros((6, 6))
                 track.relative = given.relative_rtn
                 fault = track.monitor.update(
                     self._chief,
@@ -350,23 +353,24 @@ class FormationSafety:
         step = self._setting.step
         assert track.relative is not None
         track.relative, _ = _advance(track.relative, chief, thrust, step)
-        transition = hcw_transition_matrix(osculating_mean_motion(chief), step)
+        transition, push = self._step_matrices(chief)
         track.covariance = transition @ track.covariance @ transition.T
-        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
         track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(np.eye(3), thrust)
-        self._follow_unreported(track, True)
 
-    def _follow_unreported(self, track: _Track, is_predicted: bool) -> None:
-        """Let the effect of thrust that nobody reported grow until a measurement contains it."""
-        if not is_predicted:
-            track.unreported_effect = np.zeros((6, 6))
+    def _grow_unreported(self, track: _Track, chief: FloatArray) -> None:
+        """Carry the effect of thrust that nobody reported over a step."""
+        if not (track.unreported.any() or track.unreported_effect.any()):
             return
-        step = self._setting.step
-        assert self._chief is not None
-        transition = hcw_transition_matrix(osculating_mean_motion(self._chief), step)
-        push = np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3))) * track.unreported
+        transition, push = self._step_matrices(chief)
+        effect = push * track.unreported
         before = transition @ track.unreported_effect @ transition.T
-        track.unreported_effect = before + push @ push.T
+        track.unreported_effect = before + effect @ effect.T
+
+    def _step_matrices(self, chief: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the matrices (6, 6) and (6, 3) of state and acceleration over a step."""
+        step = self._setting.step
+        transition = hcw_transition_matrix(osculating_mean_motion(chief), step)
+        return transition, np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
 
     def _is_informative(self, given: DeputyInput) -> bool:
         """Return whether a state can be judged by.
