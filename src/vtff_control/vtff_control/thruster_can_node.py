@@ -134,7 +134,7 @@ class ThrusterCanNode(VtffNode):
         self._last_command_at = 0.0
         self._publisher = self.publisher(AccelStamped, "propulsion/thrust_applied")
         self.subscribe(AccelStamped, "control/thrust_command", self._on_command)
-        # Of formation_safety; without one nothing is ever isolated.
+        # formation_safety sends isolations; without that node nothing is ever isolated.
         self.subscribe(
             ThrusterIsolation,
             "propulsion/isolation",

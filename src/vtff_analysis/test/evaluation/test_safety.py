@@ -1,4 +1,4 @@
-"""What a report says about the safety monitor."""
+"""Sentences of a report about the safety monitor."""
 
 import math
 from types import SimpleNamespace

@@ -54,7 +54,7 @@ class LoopConfiguration:
     body, magnetometer, module
         The truth.
     believed_body, filter, determination, control
-        What estimator and controller count with.
+        Spacecraft and settings as estimator and controller have them.
     """
 
     body: SpacecraftBody = field(default_factory=SpacecraftBody)
@@ -75,11 +75,11 @@ class LoopStep:
     truth
         True attitude.
     report
-        What the module said.
+        Sample that the ADCS module sent.
     status
-        What became of the sample.
+        Verdict of the estimator on the sample.
     estimate
-        What the estimator knows; None before its first sample, or without an estimator.
+        State of the estimator; None before its first sample, or without an estimator.
     command
         Command for the next period.
     """
@@ -101,7 +101,7 @@ class AttitudeLoop:
     configuration : LoopConfiguration
     start : AttitudeState
     seed : int
-        Of the noise of magnetometer and tachometer.
+        Seed of the noise of magnetometer and tachometer.
     requested, first : str
         Modes of the controller.
     estimates : bool
@@ -233,7 +233,7 @@ class AttitudeHistory:
     rate_error, dipole_error
         True less estimated, rad/s and A m2.
     covariance
-        Of rotation, rate and dipole, shape (rows, 9, 9).
+        Covariance of rotation, rate and dipole, shape (rows, 9, 9).
     pulse_steps
         Pulses given.
     mode

@@ -63,7 +63,7 @@ DIPOLE_FINAL = np.array([0.034, 0.036, -0.12])
 """Dipole of equation 14, A m2."""
 
 ORBITAL_PERIOD = 5931.0
-"""Of the 704 km orbit, s."""
+"""Period of the 704 km orbit, s."""
 
 _EPOCH = parse_epoch("2001-02-08T00:00:00 UTC")
 _ORBIT = ClassicalElements(7.082e6, 1e-3, math.radians(98.1), 1.0, 0.5, 0.0)
@@ -76,7 +76,7 @@ ASSUMPTIONS = (
     "no cross coupling of the rods: the paper names it and gives no numbers",
     "drag, sunlight and the on-board estimator's own errors of 2000-2001",
 )
-"""What the paper does not give."""
+"""Values that the paper does not give and that the flights take."""
 
 
 def snap1_track(field_sigma: float = 0.0, seed: int = 1) -> OrbitTrack:

@@ -51,7 +51,7 @@ def run_snap1(
         Length of the three-axis flights; the paper's are 28 h. Compass mode is flown for at most a
         day.
     seed : int
-        Of noise and of what is drawn.
+        Seed of the noise and of everything that is drawn.
     say : callable
         Takes a line on what is flown.
     """

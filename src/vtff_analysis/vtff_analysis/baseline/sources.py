@@ -97,7 +97,7 @@ class BaselineSources:
     precise_orbits : PreciseOrbits or None
         Orbits of SP3 files, used in place of the ephemerides.
     usage : tuple of str
-        What is used of each satellite system, and what not and why.
+        Sentences on the signals that are used of each satellite system, and on those left out.
     """
 
     rover_name: str

@@ -1,4 +1,4 @@
-"""What of two recordings a baseline uses, and what not and why, by satellite system."""
+"""Satellites and signals of two recordings that a baseline uses or leaves out, and the reasons."""
 
 from __future__ import annotations
 
