@@ -29,6 +29,7 @@ __all__ = [
     "check_inertia",
     "integrate_rotation",
     "rotation_rate",
+    "rotation_step",
 ]
 
 
@@ -198,6 +199,57 @@ def rotation_rate(  # type: ignore[no-untyped-def]
 
 
 @compiled
+def rotation_step(  # type: ignore[no-untyped-def]
+    state,
+    step,
+    inertia,
+    inverse_inertia,
+    wheel_axis,
+    wheel_torque,
+    fields_gcrf,
+    positions_gcrf,
+    moment,
+    force_gcrf,
+    force_point,
+    torque,
+    rates,
+    trial,
+):
+    """Advance a state (8,) in place by one classical Runge-Kutta step of order 4.
+
+    Fields and positions (3, 3) are those at the start, the middle and the end of the step; `rates`
+    (4, 8) and `trial` (8,) are room for the stages. The quaternion is brought back to unit length.
+    """
+    for stage in range(4):
+        share = 1.0 if stage == 3 else 0.5
+        for i in range(8):
+            trial[i] = state[i]
+            if stage:
+                trial[i] += share * step * rates[stage - 1, i]
+        node = (stage + 1) // 2
+        rotation_rate(
+            trial,
+            inertia,
+            inverse_inertia,
+            wheel_axis,
+            wheel_torque,
+            fields_gcrf[node],
+            positions_gcrf[node],
+            moment,
+            force_gcrf,
+            force_point,
+            torque,
+            rates[stage],
+        )
+    for i in range(8):
+        total = rates[0, i] + 2.0 * rates[1, i] + 2.0 * rates[2, i] + rates[3, i]
+        state[i] += step / 6.0 * total
+    length = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2 + state[3] ** 2)
+    for i in range(4):
+        state[i] /= length
+
+
+@compiled
 def integrate_rotation(  # type: ignore[no-untyped-def]
     state,
     start,
@@ -221,85 +273,29 @@ def integrate_rotation(  # type: ignore[no-untyped-def]
     length after each. Moment (A m2), wheel torque and torque (N m) are constant.
     """
     step = (end - start) / steps
-    field = np.empty(3)
-    position = np.empty(3)
-    first = np.empty(8)
-    second = np.empty(8)
-    third = np.empty(8)
-    fourth = np.empty(8)
+    fields = np.empty((3, 3))
+    positions = np.empty((3, 3))
+    rates = np.empty((4, 8))
     trial = np.empty(8)
     for number in range(steps):
         time = start + number * step
-        _parabola(fields_gcrf, time / duration, field)
-        _parabola(positions_gcrf, time / duration, position)
-        rotation_rate(
+        for node in range(3):
+            fraction = (time + 0.5 * node * step) / duration
+            _parabola(fields_gcrf, fraction, fields[node])
+            _parabola(positions_gcrf, fraction, positions[node])
+        rotation_step(
             state,
+            step,
             inertia,
             inverse_inertia,
             wheel_axis,
             wheel_torque,
-            field,
-            position,
+            fields,
+            positions,
             moment,
             force_gcrf,
             force_point,
             torque,
-            first,
-        )
-        _parabola(fields_gcrf, (time + 0.5 * step) / duration, field)
-        _parabola(positions_gcrf, (time + 0.5 * step) / duration, position)
-        for i in range(8):
-            trial[i] = state[i] + 0.5 * step * first[i]
-        rotation_rate(
+            rates,
             trial,
-            inertia,
-            inverse_inertia,
-            wheel_axis,
-            wheel_torque,
-            field,
-            position,
-            moment,
-            force_gcrf,
-            force_point,
-            torque,
-            second,
         )
-        for i in range(8):
-            trial[i] = state[i] + 0.5 * step * second[i]
-        rotation_rate(
-            trial,
-            inertia,
-            inverse_inertia,
-            wheel_axis,
-            wheel_torque,
-            field,
-            position,
-            moment,
-            force_gcrf,
-            force_point,
-            torque,
-            third,
-        )
-        _parabola(fields_gcrf, (time + step) / duration, field)
-        _parabola(positions_gcrf, (time + step) / duration, position)
-        for i in range(8):
-            trial[i] = state[i] + step * third[i]
-        rotation_rate(
-            trial,
-            inertia,
-            inverse_inertia,
-            wheel_axis,
-            wheel_torque,
-            field,
-            position,
-            moment,
-            force_gcrf,
-            force_point,
-            torque,
-            fourth,
-        )
-        for i in range(8):
-            state[i] += step / 6.0 * (first[i] + 2.0 * second[i] + 2.0 * third[i] + fourth[i])
-        length = math.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2 + state[3] ** 2)
-        for i in range(4):
-            state[i] /= length

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from vtff_dynamics.attitude.quaternion import from_rotation_vector, multiply, rotation_matrix
-from vtff_dynamics.attitude.rigid_body import rotation_rate
+from vtff_dynamics.attitude.rigid_body import rotation_step
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
 
@@ -133,6 +133,10 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     state[4:7] = mean[:3]
     state[7] = wheel_start
     rates = np.empty((4, 8))
+    stage_state = np.empty(8)
+    positions = np.empty((3, 3))  # of the middle of the period, throughout
+    for node in range(3):
+        positions[node] = position_gcrf
     growth = np.zeros((6, STATES))
     for i in range(6):
         growth[i, i] = 1.0
@@ -154,69 +158,22 @@ def predict_attitude(  # type: ignore[no-untyped-def]
                     (1.0 - share) * field_start[i] + share * field_end[i] + mean[12 + i]
                 )
         before = state.copy()
-        rotation_rate(
+        rotation_step(
             state,
+            step,
             body,
             inverse,
             wheel_axis,
             wheel_torque,
-            field[0],
-            position_gcrf,
+            field,
+            positions,
             moment,
             nothing,
             nothing,
             nothing,
-            rates[0],
+            rates,
+            stage_state,
         )
-        rotation_rate(
-            state + 0.5 * step * rates[0],
-            body,
-            inverse,
-            wheel_axis,
-            wheel_torque,
-            field[1],
-            position_gcrf,
-            moment,
-            nothing,
-            nothing,
-            nothing,
-            rates[1],
-        )
-        rotation_rate(
-            state + 0.5 * step * rates[1],
-            body,
-            inverse,
-            wheel_axis,
-            wheel_torque,
-            field[1],
-            position_gcrf,
-            moment,
-            nothing,
-            nothing,
-            nothing,
-            rates[2],
-        )
-        rotation_rate(
-            state + step * rates[2],
-            body,
-            inverse,
-            wheel_axis,
-            wheel_torque,
-            field[2],
-            position_gcrf,
-            moment,
-            nothing,
-            nothing,
-            nothing,
-            rates[3],
-        )
-        for i in range(8):
-            state[i] += (
-                step / 6.0 * (rates[0, i] + 2.0 * rates[1, i] + 2.0 * rates[2, i] + rates[3, i])
-            )
-        length = math.sqrt(np.sum(state[:4] * state[:4]))
-        for i in range(4):
-            state[i] /= length
         # Linear model at the middle of the step.
         middle = 0.5 * (before + state)
         length = math.sqrt(np.sum(middle[:4] * middle[:4]))
