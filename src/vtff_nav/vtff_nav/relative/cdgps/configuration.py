@@ -2,7 +2,8 @@
 
 The process noise is of type `vtff_nav.relative.common.dynamics.MotionNoise`; the parameters of
 `relative_ekf` for it begin with ``empirical_``. The elevation mask here is that of relative
-navigation; `ionosphere_processor` has its own.
+navigation; `ionosphere_processor` has its own. Defaults that every filter of `relative_ekf` has
+stand in `vtff_nav.relative.common.estimator_setting`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_nav.relative.common.antenna_correction import AntennaPair, check_frequencies
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics, MotionNoise
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS, MeasurementNoise
 
 __all__ = ["CdgpsConfiguration"]
@@ -119,16 +121,19 @@ class CdgpsConfiguration:
     position_chief_itrf: tuple[float, float, float] | None = None
     force_model: ForceModel = field(default_factory=lambda: ForceModel(degree=30, order=30))
     force_model_deputy: ForceModel | None = None
-    integrator: str = "rk4"
-    longest_step: float = 5.0
+    integrator: str = EstimatorSetting.integrator
+    longest_step: float = EstimatorSetting.longest_step
     noise_chief: MotionNoise = MotionNoise(empirical_sigma=2e-5, empirical_time=200.0)
-    noise_relative: MotionNoise = MotionNoise(empirical_sigma=5e-8, gradient_sigma=6e-11)
-    thrust_relative_sigma: float = 0.01
-    thrust_scale_sigma: float = 0.05
-    thrust_misalignment_sigma_deg: float = 2.0
+    noise_relative: MotionNoise = MotionNoise(
+        empirical_sigma=EstimatorSetting.empirical_acceleration_sigma,
+        gradient_sigma=EstimatorSetting.empirical_gradient_sigma,
+    )
+    thrust_relative_sigma: float = EstimatorSetting.thrust_sigma
+    thrust_scale_sigma: float = EstimatorSetting.thrust_scale_sigma
+    thrust_misalignment_sigma_deg: float = EstimatorSetting.thrust_misalignment_sigma_deg
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
-    elevation_mask_deg: float = 5.0
+    elevation_mask_deg: float = EstimatorSetting.elevation_mask_deg
     ephemeris_sigma: float = 2.0
     ephemeris_time: float = 21600.0
     code_bias_sigma: float = 0.3
@@ -138,22 +143,22 @@ class CdgpsConfiguration:
     electron_density_time: float = 1200.0
     layer_content_sigma_tecu: float = 15.0
     plasma_shell_sigma_tecu: float = 0.5
-    plasma_gradient_sigma_tecu_per_deg: float = 2.0
+    plasma_gradient_sigma_tecu_per_deg: float = EstimatorSetting.plasma_gradient_sigma
     plasma_quiet_gradient_tecu_per_deg: float = 0.03
     plasma_shell_heights: tuple[float, ...] = (100e3, 300e3)
     plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
-    slow_phase_sigma: float = 0.003
-    slow_code_sigma: float = 0.3
-    slow_error_time: float = 100.0
+    slow_phase_sigma: float = EstimatorSetting.slow_phase_sigma
+    slow_code_sigma: float = EstimatorSetting.slow_code_sigma
+    slow_error_time: float = EstimatorSetting.slow_error_time
     slow_error_memory: float = 3600.0
     receiver_bias_walk: float = 1e-6
     troposphere: bool | None = None
-    success_rate: float = 0.999
+    success_rate: float = EstimatorSetting.success_rate
     failure_rate: float = 0.001
     smallest_ratio: float = 2.0
     fault_sigmas: float = 5.0
     global_probability: float = 1e-9
-    longest_prediction: float = 600.0
+    longest_prediction: float = EstimatorSetting.longest_prediction
     antennas: AntennaPair | None = None
     laser_latency_sigma: float = 0.02
 
