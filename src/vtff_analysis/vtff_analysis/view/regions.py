@@ -42,8 +42,11 @@ def irregularity_regions(described: RunDescription, start: int) -> tuple[Region,
     regions = []
     for region in load_gnss_configuration(path).regions:
         west, width = region.longitude_limits(time)
-        later, _ = region.longitude_limits(time + _STEP)
-        turn = math.remainder(later - west, 2.0 * math.pi)
+        if region.drift_east is None:
+            later, _ = region.longitude_limits(time + _STEP)
+            turn = math.remainder(later - west, 2.0 * math.pi)
+        else:
+            turn = float(region.drift_angle(_STEP))
         regions.append(
             Region(
                 name=region.name,

@@ -159,9 +159,9 @@ def test_frequencies_fade_together(hours):
 
 
 def test_edge_of_a_region_is_smooth():
-    s4 = tapered_s4(0.4, np.array([0.0, 2.5e3, 5e3, 60e3]))
+    s4 = tapered_s4(0.4, np.array([0.0, 2.5e3, 5e3, 60e3]), 5e3)
     assert s4 == pytest.approx([0.0, 0.2, 0.4, 0.4])
-    steps = np.diff(tapered_s4(0.4, np.linspace(0.0, 6e3, 1000)))
+    steps = np.diff(tapered_s4(0.4, np.linspace(0.0, 6e3, 1000), 5e3))
     assert 0.0 <= steps.min() and steps.max() < 1e-3
 
 

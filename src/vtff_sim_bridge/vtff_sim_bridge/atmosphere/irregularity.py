@@ -46,6 +46,14 @@ class IrregularityRegion:
         Amplitude scintillation index on GPS L1 of rays that cross it, 0 to 1.
     decorrelation_time : float
         Decorrelation time tau0 of the complex gain, s.
+    taper_length : float
+        Length of a ray inside from which on the full index holds, m: walls of the fluctuations.
+    correlation : float
+        Correlation of the scattered parts that two receivers meet at one point of the track.
+    drift_east : float or None
+        Speed of the plasma eastward over the Earth at its middle altitude, m/s. The local times are
+        then those at the start of the run, and sides and pattern move together. None: the sides
+        stand still relative to the Sun, and the pattern over the Earth.
     """
 
     name: str
@@ -57,6 +65,9 @@ class IrregularityRegion:
     altitude_top: float
     s4: float
     decorrelation_time: float
+    taper_length: float = 5e3
+    correlation: float = 1.0
+    drift_east: float | None = None
 
     def __post_init__(self) -> None:
         """Refuse regions that have no meaning, naming region and field."""
@@ -75,6 +86,14 @@ class IrregularityRegion:
             raise ValueError(f"{where}: s4 must be within 0 and 1, got {self.s4:g}")
         if not 0.0 < self.decorrelation_time < math.inf:
             raise ValueError(f"{where}: decorrelation_time must be positive")
+        if not 0.0 < self.taper_length < math.inf:
+            raise ValueError(f"{where}: taper_length must be positive")
+        if not 0.0 <= self.correlation <= 1.0:
+            raise ValueError(
+                f"{where}: correlation must be within 0 and 1, got {self.correlation:g}"
+            )
+        if self.drift_east is not None and not math.isfinite(self.drift_east):
+            raise ValueError(f"{where}: drift_east must be finite")
 
     def longitude_limits(self, time: GpsTime) -> tuple[float, float]:
         """Return the longitude (rad) of the western side at a time and the width (rad > 0)."""
@@ -82,6 +101,14 @@ class IrregularityRegion:
         west = (self.local_time_start_hours - greenwich_hours) * math.pi / 12.0
         width_hours = (self.local_time_end_hours - self.local_time_start_hours) % 24.0
         return west, (width_hours or 24.0) * math.pi / 12.0
+
+    def drift_angle(self, elapsed: npt.ArrayLike) -> FloatArray:
+        """Return the longitude by which the plasma has moved east since the start, rad, (...).
+
+        `elapsed` is the time since the start, s, of any shape.
+        """
+        radius = WGS84_SEMI_MAJOR_AXIS + 0.5 * (self.altitude_bottom + self.altitude_top)
+        return np.asarray(elapsed, dtype=float) * (self.drift_east or 0.0) / radius
 
     def _contains(self, position: FloatArray, west: float, width: float) -> BoolArray:
         x, y, z = position[..., 0], position[..., 1], position[..., 2]

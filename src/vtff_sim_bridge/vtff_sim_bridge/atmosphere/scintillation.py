@@ -17,7 +17,8 @@ comes out does not depend on how a run is cut into calls.
 
 All frequencies of a satellite share xi and differ by their S4, so that fades are coherent.
 Neglected: refractive phase (add it by the density profile), the widening of the decorrelation time
-with the square root of frequency (13 % from L1 to L2), changes of the pattern between spacecraft.
+with the square root of frequency (13 % from L1 to L2). A pattern that changes between two
+spacecraft is the sum of a common and an independent one (`vtff_sim_bridge.gnss.propagation`).
 
 References
 ----------
@@ -97,7 +98,7 @@ def s4_at_frequency(s4_l1: npt.ArrayLike, frequency: npt.ArrayLike) -> FloatArra
     return np.asarray(np.minimum(scaled, 1.0))
 
 
-def tapered_s4(s4: float, path_length: npt.ArrayLike, taper_length: float = 5e3) -> FloatArray:
+def tapered_s4(s4: float, path_length: npt.ArrayLike, taper_length: float) -> FloatArray:
     """Return the S4 of rays of which a length lies in the region, without a jump at its edge.
 
     Parameters

@@ -16,7 +16,12 @@ from typing import Any, Literal
 
 from vtff_gnss.antenna_pattern import ParabolicPattern
 from vtff_gnss.antex import PhaseCentre, antex_frequency, read_antex
-from vtff_sim_bridge.atmosphere.density_models import ChapmanLayer, chapman_profile
+from vtff_sim_bridge.atmosphere.density_models import (
+    ChapmanLayer,
+    Depletion,
+    chapman_profile,
+    depleted_profile,
+)
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile, read_profile
 from vtff_sim_bridge.atmosphere.horizontal_structure import (
     HorizontalGradient,
@@ -358,9 +363,9 @@ def load_gnss_configuration(path: str | Path, seed: int | None = None) -> GnssCo
 
     The file has the fields ``name``, ``seed``, ``constellation`` (`ConstellationConfiguration`),
     ``atmosphere`` (``electron_density``: null, or one of ``chapman``, a list of layers, and
-    ``table``, a CSV file; ``gradients`` and ``travelling_disturbances``: lists of
-    `HorizontalGradient` and `TravellingDisturbance`; ``regions``: a list of `IrregularityRegion`
-    with angles in deg),
+    ``table``, a CSV file, with ``scale`` and ``depletions``, a list of `Depletion`; ``gradients``
+    and ``travelling_disturbances``: lists of `HorizontalGradient` and `TravellingDisturbance`;
+    ``regions``: a list of `IrregularityRegion` with angles in deg),
     ``receivers`` and ``faults`` (lists of `ReceiverConfiguration` and `Fault`). Fields of
     ``receiver_defaults`` hold for each receiver that does not give them. Paths are relative to the
     file. Fields with a default in their class may be left out. ``extends`` names a file in the same
@@ -617,6 +622,11 @@ def _profile(section: Section, path: Path) -> ElectronDensityProfile:
         profile = section.convert("chapman", lambda: chapman_profile(layers))
     if "scale" in section:
         profile = profile.scaled(section.number("scale", 0.0))
+    if section.value("depletions") if "depletions" in section else None:
+        depletions = [
+            depletion.make_dataclass(Depletion) for depletion in section.sections("depletions")
+        ]
+        profile = depleted_profile(profile, depletions)
     section.finish()
     return profile
 
@@ -625,6 +635,9 @@ def _region(section: Section) -> IrregularityRegion:
     latitudes = (section.number("latitude_south_deg"), section.number("latitude_north_deg"))
     names = ("local_time_start_hours", "local_time_end_hours", "altitude_bottom", "altitude_top")
     numbers = {name: section.number(name) for name in (*names, "s4", "decorrelation_time")}
+    for name in ("taper_length", "correlation", "drift_east"):
+        if name in section:
+            numbers[name] = section.number(name)
     region = section.convert(
         "",
         lambda: IrregularityRegion(

@@ -72,10 +72,9 @@ class Ionosphere:
     ) -> None:
         self._integrator = None if profile is None else SlantTecIntegrator(profile)
         self._regions = tuple(regions)
-        self._fields = [
-            ScintillationField(region.decorrelation_time, (seed, Effect.SCINTILLATION, number))
-            for number, region in enumerate(regions)
-        ]
+        self._seed = seed
+        # Patterns by number of the region and of the receiver; None: of all receivers.
+        self._fields: dict[tuple[int, int | None], ScintillationField] = {}
         self._axis = AlongTrackAxis(state_itrf) if regions else None
         state = np.asarray(state_itrf, dtype=float)
         normal = np.cross(state[:3], state[3:])
@@ -109,6 +108,7 @@ class Ionosphere:
         time: GpsTime,
         elapsed: FloatArray,
         stream: npt.NDArray[np.integer],
+        receiver: int,
     ) -> list[RegionCrossing]:
         """Return the scintillation of rays in each region that they cross.
 
@@ -123,19 +123,62 @@ class Ionosphere:
             Time into the run, s: tells in which revolution the receiver is.
         stream : ndarray of int, shape (n,)
             Number of the pattern of each satellite.
+        receiver : int
+            Number of the receiver in seeds: that of the pattern that is not common to all.
         """
         crossings: list[RegionCrossing] = []
-        for region, field in zip(self._regions, self._fields, strict=True):
-            length = path_length_in_region(
-                region, time, position_itrf[:, None], line_of_sight.position_satellite_itrf
-            )
+        for number, region in enumerate(self._regions):
+            position, satellite = position_itrf, line_of_sight.position_satellite_itrf
+            of_longitude = time
+            if region.drift_east is not None:
+                # In axes that go with the plasma, the region is where it was at the start.
+                angle = region.drift_angle(elapsed)
+                position, satellite = _turn_west(position, angle), _turn_west(satellite, angle)
+                of_longitude = time - float(elapsed[-1])
+            length = path_length_in_region(region, of_longitude, position[:, None], satellite)
             if self._axis is None or not length.any():
                 continue
-            along = self._axis.coordinate(position_itrf)
+            along = self._axis.coordinate(position)
             along = along + self._period * np.round((elapsed - along) / self._period)
-            fluctuation = field.fluctuation(stream[None, :], along[:, None])
-            crossings.append(RegionCrossing(tapered_s4(region.s4, length), fluctuation))
+            fluctuation = self._fluctuation(number, receiver, stream[None, :], along[:, None])
+            s4 = tapered_s4(region.s4, length, region.taper_length)
+            crossings.append(RegionCrossing(s4, fluctuation))
         return crossings
+
+    def _fluctuation(
+        self,
+        number: int,
+        receiver: int,
+        stream: npt.NDArray[np.integer],
+        along: FloatArray,
+    ) -> npt.NDArray[np.complex128]:
+        """Return the scattered parts of a region: what all receivers meet, and what one does."""
+        common = self._field(number, None).fluctuation(stream, along)
+        correlation = self._regions[number].correlation
+        if correlation == 1.0:
+            return common
+        own = self._field(number, receiver).fluctuation(stream, along)
+        return np.asarray(math.sqrt(correlation) * common + math.sqrt(1.0 - correlation) * own)
+
+    def _field(self, number: int, receiver: int | None) -> ScintillationField:
+        """Return the pattern of a region that all receivers share, or that one has for itself."""
+        field = self._fields.get((number, receiver))
+        if field is None:
+            of_receiver = () if receiver is None else (receiver,)
+            field = self._fields[number, receiver] = ScintillationField(
+                self._regions[number].decorrelation_time,
+                (self._seed, Effect.SCINTILLATION, number, *of_receiver),
+            )
+        return field
+
+
+def _turn_west(vectors: FloatArray, angle: FloatArray) -> FloatArray:
+    """Return vectors in ITRF (k, ..., 3) turned west about the polar axis by angles (k,), rad."""
+    sine, cosine = (
+        function(angle).reshape(-1, *[1] * (vectors.ndim - 2)) for function in (np.sin, np.cos)
+    )
+    x, y, z = np.moveaxis(vectors, -1, 0)
+    return np.stack((cosine * x + sine * y, cosine * y - sine * x, z), axis=-1)
 
 
 class ScintillatedLinks:

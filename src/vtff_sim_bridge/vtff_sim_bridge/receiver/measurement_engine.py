@@ -107,6 +107,7 @@ class MeasurementEngine:
         links = all_links(signals_of(configuration))
         jumps = [(f.first_epoch, f.seconds) for f in faults if f.kind == "clock_jump"]
         self.configuration = configuration
+        self._number = number
         self._constellation = constellation
         self._ionosphere = ionosphere
         self._power_levels = power_levels
@@ -195,7 +196,9 @@ class MeasurementEngine:
         line_of_sight = sky.lines_of_sight(time, _TAGS - offset, position, velocity)
         elapsed = second + _TAGS
         stec_tecu = self._ionosphere.slant_tec_tecu(line_of_sight, position, elapsed)
-        crossings = self._ionosphere.crossings(line_of_sight, position, time, elapsed, plan.stream)
+        crossings = self._ionosphere.crossings(
+            line_of_sight, position, time, elapsed, plan.stream, self._number
+        )
         s4_l1 = np.zeros(line_of_sight.range.shape)
         for crossing in crossings:
             s4_l1 = np.maximum(s4_l1, crossing.s4_l1)
