@@ -6,7 +6,7 @@ PYTEST_ARGUMENTS ?=
 TEST_PROCESSES ?= 2
 SYSTEM ?= config/system/reference.yaml
 
-.PHONY: help setup setup_test demo test bench docs lint clean
+.PHONY: help setup setup_test demo test bench docs libraries lint clean
 
 help:  ## Show the targets
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed -E 's/^([a-z]+):[^#]*## /  make \1\t/' | expand -t 14
@@ -28,6 +28,9 @@ bench: setup  ## Run the benchmarks, one after the other (idle machine, please)
 
 docs: setup  ## Build the documentation site into docs/html and check it
 	@tools/build_docs.sh
+
+libraries: setup_test  ## Install the libraries into an empty environment without ROS and try them
+	@$(ENVIRONMENT) && python -m pytest -n 0 -m slow test/test_libraries.py
 
 lint: setup_test  ## Check format, style and types
 	@$(ENVIRONMENT) && ruff check . && ruff format --check . && python -m mypy
