@@ -23,6 +23,8 @@ KEYS = {
     "can": "python3-can",
     "cantools": "python3-cantools-pip",
     "crccheck": "python-crccheck-pip",
+    "clarabel": "python3-clarabel-pip",
+    "cvxpy": "python3-cvxpy-pip",
     "dask": "python3-dask-pip",
     "distributed": "python3-distributed-pip",
     "filterpy": "python3-filterpy-pip",
@@ -49,6 +51,8 @@ KEYS = {
 #: Keys of the official list (ros/rosdistro, rosdep/python.yaml); the others are in rosdep/.
 OFFICIAL = set(KEYS.values()) - {
     "python3-brahe-pip",
+    "python3-clarabel-pip",
+    "python3-cvxpy-pip",
     "python3-dask-pip",
     "python3-distributed-pip",
     "python3-hatanaka-pip",

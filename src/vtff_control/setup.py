@@ -19,6 +19,8 @@ setup(
         "python-can[multicast]>=4.6,<5",
         "cantools>=40,<46",
         "crccheck>=1.3,<2",
+        "cvxpy>=1.6,<2",
+        "clarabel>=0.9,<1",
         "vtff_dynamics==0.1.0",
     ],
     python_requires=">=3.10",

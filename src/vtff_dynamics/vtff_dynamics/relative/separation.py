@@ -8,9 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.relative.relative_elements import linear_map_rtn
-from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["SafetyFigures", "radial_normal_separation", "safety_figures"]
+__all__ = ["SafetyFigures", "closest_on_path", "radial_normal_separation", "safety_figures"]
 
 _SAMPLES = 720
 
@@ -86,13 +85,22 @@ def safety_figures(
         dot = abs(float(relative[2:4] @ relative[4:6])) / (eccentricity * inclination)
         angle = float(np.arccos(min(dot, 1.0)))
     radial_normal = (
-        radial_normal_separation(relative) if relative[0] == 0.0 else _smallest(position[:, [0, 2]])
+        radial_normal_separation(relative)
+        if relative[0] == 0.0
+        else closest_on_path(position[:, [0, 2]])
     )
-    return SafetyFigures(_smallest(position), radial_normal, eccentricity, inclination, angle)
+    return SafetyFigures(closest_on_path(position), radial_normal, eccentricity, inclination, angle)
 
 
-def _smallest(position: FloatArray) -> float:
-    """Return the smallest distance from the origin of a polygon through positions, m."""
+def closest_on_path(relative_positions: npt.ArrayLike) -> float:
+    """Return the smallest distance from the origin of a polygon through positions, m.
+
+    Parameters
+    ----------
+    relative_positions
+        Positions of one spacecraft relative to the other in order of time, m, shape (n, 2 or 3).
+    """
+    position = np.asarray(relative_positions, dtype=float)
     start, edge = position[:-1], np.diff(position, axis=0)
     squared = np.maximum((edge**2).sum(axis=1), 1e-30)
     fraction = np.clip(-(start * edge).sum(axis=1) / squared, 0.0, 1.0)

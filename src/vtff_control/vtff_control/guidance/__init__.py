@@ -1,0 +1,1 @@
+"""Guidance of formations: reconfiguration by convex optimisation."""
