@@ -319,10 +319,7 @@ def test_wrong_arguments_with_good_files(tmp_path, sample):
     for arguments, message in (
         (files[:2], "no ephemerides: "),
         ([*galileo, files[2], "--signals", "E1"], "no ephemerides of the systems E"),
-        (
-            [*files, "--estimator", "paper", "--dynamics", "kinematic"],
-            "for receivers in orbit only",
-        ),
+        ([*files, "--dynamics", "kinematic"], "--dynamics kinematic: the base is in orbit"),
         ([*files, "--start", "soon"], "--start: epoch 'soon GPS'"),
         ([*files, "--estimate-base", "--base-position", "1", "2", "3"], "contradict each other"),
     ):
@@ -330,6 +327,13 @@ def test_wrong_arguments_with_good_files(tmp_path, sample):
         assert result.exit_code == 2, result.output
         assert message in " ".join(result.output.split())
     assert not (tmp_path / "out").exists()
+
+
+def test_the_estimator_of_the_paper_is_for_receivers_in_orbit(sample):
+    sources = from_files(sample.rover, sample.base, [sample.navigation])
+    options = BaselineOptions(dynamics="kinematic", estimator="paper")
+    with pytest.raises(BaselineError, match="for receivers in orbit only"):
+        process_baseline(sources, options)
 
 
 def test_help_teaches():

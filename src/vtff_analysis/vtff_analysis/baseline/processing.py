@@ -10,10 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.baseline.sources import BaselineError, BaselineSources, Position
+from vtff_analysis.baseline.sources import LOWEST_ORBIT, BaselineError, BaselineSources, Position
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
-from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
+from vtff_dynamics.frames.geodetic import geodetic_from_itrf, rotation_itrf_to_enu
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -141,7 +141,8 @@ def process_baseline(
     Raises
     ------
     BaselineError
-        If there are no common epochs, or if the options contradict each other.
+        If there are no common epochs, if the options contradict each other, or if the motion is one
+        of receivers on the ground and the base is in orbit.
     """
     pairs = sources.common_epochs(options.start, options.end)
     estimator = _make_estimator(options)
@@ -158,12 +159,24 @@ def process_baseline(
             estimator.add_thrust(burn.start, burn.duration, burn.acceleration_rtn)
         epochs = sources.base.epoch(base), sources.rover.epoch(rover)
         solutions.append(estimator.process(time, *epochs))
+        if options.dynamics != "orbital" and solutions[-1].solution != SOLUTION_NONE:
+            _require_ground(solutions[-1], options.dynamics)
         if progress is not None:
             progress(done, len(pairs))
     unpaired = len(sources.rover) - len(pairs), len(sources.base) - len(pairs)
     if options.start is not None or options.end is not None:
         unpaired = (0, 0)
     return _make_run(solutions, options, sources.position_base_itrf, unpaired)
+
+
+def _require_ground(solution: RelativeSolution, dynamics: Dynamics) -> None:
+    position_itrf = rotation_gcrf_to_itrf(solution.time) @ solution.position_chief_gcrf
+    height = geodetic_from_itrf(position_itrf)[2]
+    if height > LOWEST_ORBIT:
+        raise BaselineError(
+            f"--dynamics {dynamics}: the base is in orbit, {height / 1e3:.0f} km high; "
+            "take --dynamics orbital"
+        )
 
 
 def _make_estimator(options: BaselineOptions) -> CdgpsEstimator | PaperEstimator:

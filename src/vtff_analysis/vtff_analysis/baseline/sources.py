@@ -48,7 +48,7 @@ PAIRING_TOLERANCE = 0.02
 """s; largest difference of the time tags of two epochs that belong together. The filter moves each
 receiver over it with its velocity."""
 
-_LOWEST_ORBIT = 100e3  # m
+LOWEST_ORBIT = 100e3  # m
 
 
 class BaselineError(ValueError):
@@ -118,7 +118,7 @@ class BaselineSources:
         """Whether the base is higher than 100 km; None where its position is not recorded."""
         if self.position_base_itrf is None:
             return None
-        return bool(geodetic_from_itrf(self.position_base_itrf)[2] > _LOWEST_ORBIT)
+        return bool(geodetic_from_itrf(self.position_base_itrf)[2] > LOWEST_ORBIT)
 
     def common_epochs(
         self, start: GpsTime | None = None, end: GpsTime | None = None
