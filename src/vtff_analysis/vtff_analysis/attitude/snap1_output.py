@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -20,22 +18,11 @@ from vtff_analysis.attitude.snap1 import (
     fly_kick,
     fly_three_axis,
 )
+from vtff_analysis.paper_comparison import ComparisonRow, write_comparison
 from vtff_analysis.plot_style import AXIS_COLOURS, make_figure, save_figure
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ComparisonRow", "run_snap1"]
-
-_COLUMNS = ("subject", "quantity", "paper", "measured")
-
-
-@dataclass(frozen=True)
-class ComparisonRow:
-    """One number of the paper and what was measured, as text with units."""
-
-    subject: str
-    quantity: str
-    paper: str
-    measured: str
+__all__ = ["run_snap1"]
 
 
 def run_snap1(
@@ -100,7 +87,7 @@ def run_snap1(
         kick.history,
         [("swing (deg)", kick.swing_deg[:, None], ("dipole to field",))],
     )
-    _write_table(rows, folder / "snap1.csv")
+    write_comparison(rows, folder / "snap1.csv")
     return rows
 
 
@@ -192,14 +179,6 @@ def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
             f"{damped.after_an_orbit_deg:.1f} deg",
         ),
     ]
-
-
-def _write_table(rows: Sequence[ComparisonRow], path: Path) -> None:
-    with open(path, "w", encoding="utf-8", newline="") as stream:
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(_COLUMNS)
-        for row in rows:
-            writer.writerow([row.subject, row.quantity, row.paper, row.measured])
 
 
 def _write_lines(

@@ -19,6 +19,7 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_node.executables import ExecutableNotFoundError, share_file
 
 if TYPE_CHECKING:
+    from vtff_analysis.paper_comparison import ComparisonRow
     from vtff_analysis.studies.radial_offset import OffsetResult
     from vtff_analysis.studies.thrust_cap import ThrustCapFindings
     from vtff_bringup.campaign.campaign import CampaignResult
@@ -235,12 +236,47 @@ def snap1(
         stop(console, error, EXIT_USAGE)
     except OSError as error:
         stop(console, error, EXIT_FAILURE)
+    _print_comparison(console, rows)
+    console.print("assumed: " + "; ".join(ASSUMPTIONS), markup=False)
+    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+
+
+@app.command("fflas")
+def fflas(
+    days: Annotated[
+        float, typer.Option(help="Length of the keeping in days; the paper's: 1.", min=0.1)
+    ] = 1.0,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for table and figures; default: studies/fflas_DATE_TIME."),
+    ] = None,
+) -> None:
+    """Plan and fly the FFLAS extension (paper 002): tables 3 and 5, figures 4 to 6 and 9 to 15.
+
+    Phasing, reconfiguration by convex optimisation flown again in nonlinear motion, keeping by
+    pulses of the T5 engine on 8x8 truth, disposal. Written are fflas.csv and one picture for each
+    figure. It takes about a minute for each day.
+    """
+    from vtff_analysis.fflas.output import FAULTS, run_fflas
+
+    console = Console(highlight=False)
+    try:
+        folder = output_folder(out, "fflas", parent="studies")
+        rows = run_fflas(folder, days, lambda line: console.print(line, markup=False))
+    except RunFolderError as error:
+        stop(console, error, EXIT_USAGE)
+    except OSError as error:
+        stop(console, error, EXIT_FAILURE)
+    _print_comparison(console, rows)
+    console.print("faults of the paper: " + "; ".join(FAULTS), markup=False)
+    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+
+
+def _print_comparison(console: Console, rows: Sequence[ComparisonRow]) -> None:
     table = Table("", "", "paper", "measured")
     for row in rows:
         table.add_row(row.subject, row.quantity, row.paper, row.measured)
     console.print(table)
-    console.print("assumed: " + "; ".join(ASSUMPTIONS), markup=False)
-    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
 
 
 def _fly_offsets(

@@ -1,1 +1,1 @@
-"""Guidance of formations: reconfiguration by convex optimisation."""
+"""Guidance of formations: reconfiguration by convex optimisation, keeping, phasing."""

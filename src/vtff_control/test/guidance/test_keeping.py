@@ -1,0 +1,88 @@
+"""Estimator of mean relative elements, and keeping by pulses of an engine."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vtff_control.guidance.elements_estimator import ElementsEstimator
+from vtff_control.guidance.keeping import T5_ENGINE, FormationKeeper, KeepingEngine
+from vtff_dynamics.orbit.mean_elements import osculating_elements, state_from_elements
+from vtff_dynamics.relative.designs import helix
+from vtff_dynamics.relative.relative_elements import (
+    mean_relative_elements,
+    relative_state_of_mean_elements,
+)
+from vtff_dynamics.relative.transition import j2_transition_matrix, propagate_mean_elements
+
+CHIEF = np.array([6.95e6, 0.4, 1e-3, -5e-4, 1.3, 0.2])
+MASS = 120.0
+
+
+def states(elements, time):
+    chief = propagate_mean_elements(CHIEF, time)
+    relative = j2_transition_matrix(CHIEF, time) @ elements
+    return state_from_elements(osculating_elements(chief)), relative_state_of_mean_elements(
+        chief, relative
+    )
+
+
+def test_estimate_is_better_than_its_states_and_its_covariance_honest():
+    sigma = np.array([2e-3] * 3 + [2e-5] * 3)
+    squares, single = [], []
+    for seed in range(12):
+        generator = np.random.default_rng(seed)
+        truth = generator.normal(0.0, 60.0, 6) * [0.01, 1.0, 1.0, 1.0, 1.0, 1.0]
+        estimator = ElementsEstimator(model_position_sigma=1e-5, model_velocity_sigma=1e-8)
+        for time in np.arange(0.0, 5400.0, 180.0):
+            chief, relative = states(truth, time)
+            noisy = relative + sigma * generator.standard_normal(6)
+            estimator.update(time, chief, noisy, np.diag(sigma**2))
+        expected = j2_transition_matrix(CHIEF, time) @ truth
+        error = estimator.elements - expected
+        squares.append(error @ np.linalg.solve(estimator.covariance, error))
+        single.append(mean_relative_elements(chief, noisy) - expected)
+        assert abs(error[0]) < 5e-3
+    assert 0.4 < np.mean(squares) / 6.0 < 1.8
+    assert np.std([error[0] for error in single]) > 0.02
+
+
+def test_thrust_moves_the_estimate():
+    estimator = ElementsEstimator()
+    chief, relative = states(helix(50.0, 80.0, 0.3), 0.0)
+    estimator.update(0.0, chief, relative)
+    before = estimator.elements.copy()
+    variance = estimator.covariance[0, 0]
+    estimator.add_thrust([0.0, 1e-4, 0.0], 10.0)
+    # Gauss: the semi-major axis grows by 2 dv / n.
+    assert estimator.elements[0] - before[0] == pytest.approx(
+        2e-3 / estimator.mean_motion, rel=1e-6
+    )
+    assert estimator.covariance[0, 0] > variance
+
+
+def test_pulses_are_those_of_the_engine():
+    engine = KeepingEngine(largest=0.01, smallest=2e-3, step=1e-4)
+    design = helix(60.0, 90.0, 1.0)
+    keeper = FormationKeeper(design, engine, MASS, 10.0)
+    pulses = []
+    for time in np.arange(0.0, 9000.0, 10.0):
+        if time % 60.0 == 0.0:
+            keeper.estimator.update(time, *states(design + [0.3, 2.0, 1.0, -1.0, 2.0, 1.0], time))
+        pulses.append(keeper.command(time) * MASS)
+    thrust = np.abs(np.array(pulses))
+    fired = thrust[thrust > 0.0]
+    assert len(fired) > 3
+    assert fired.min() >= engine.smallest * (1.0 - 1e-9)
+    assert fired.max() <= engine.largest * (1.0 + 1e-9)
+    steps = fired / engine.step
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-6)
+    assert not thrust[:, 0].any()
+
+
+def test_nothing_is_commanded_before_a_state_and_the_engine_is_checked():
+    keeper = FormationKeeper(np.zeros(6), T5_ENGINE, MASS, 10.0)
+    assert not keeper.command(0.0).any()
+    assert math.isnan(keeper.estimator.time)
+    with pytest.raises(ValueError, match="in this order"):
+        KeepingEngine(1e-3, 2e-3, 1e-4)

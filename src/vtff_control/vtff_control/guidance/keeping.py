@@ -1,0 +1,148 @@
+"""Keeping of a formation by pulses of an engine that has a smallest thrust and steps.
+
+Every half orbit the mean relative elements are compared with the design; the least impulses of the
+coming half orbit lead to where the drift of J2 then carries the formation evenly about the design.
+The relative semi-major axis gets the offset that stops the drift along-track.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_control.guidance.elements_estimator import ElementsEstimator
+from vtff_dynamics.relative.impulses import Impulse, least_impulses
+from vtff_dynamics.relative.relative_elements import relative_state_of_mean_elements
+from vtff_dynamics.relative.transition import j2_transition_matrix
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["T5_ENGINE", "FormationKeeper", "KeepingEngine"]
+
+
+@dataclass(frozen=True)
+class KeepingEngine:
+    """An engine that can be throttled.
+
+    Parameters
+    ----------
+    largest, smallest, step
+        Thrust on an axis and its steps, N.
+    """
+
+    largest: float
+    smallest: float
+    step: float
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not 0.0 < self.step <= self.smallest <= self.largest < math.inf:
+            raise ValueError(
+                "step, smallest, largest: positive thrusts in this order expected, got "
+                f"{self.step:g}, {self.smallest:g}, {self.largest:g} N"
+            )
+
+
+T5_ENGINE = KeepingEngine(largest=25e-3, smallest=1e-3, step=12e-6)
+"""QinetiQ T5: continuous throttling from 1 mN in steps of 12 uN (Edwards, Wallace, Tato and van Put
+(2004), The T5 Ion Propulsion Assembly for Drag Compensation on GOCE, ESA SP-569); 25 mN is its
+nominal largest thrust there and the limit of paper 002, table 1."""
+
+
+class FormationKeeper:
+    """Pulses that keep one deputy on its design.
+
+    Parameters
+    ----------
+    design
+        Mean relative elements to keep, m, shape (6,).
+    engine
+        Thrust on each axis.
+    mass
+        kg.
+    step
+        Length for which thrust is constant, s; pulses are whole numbers of it.
+    interval
+        Between decisions, in orbits.
+    longest_pulse
+        s.
+    """
+
+    def __init__(
+        self,
+        design: npt.ArrayLike,
+        engine: KeepingEngine,
+        mass: float,
+        step: float,
+        interval: float = 0.5,
+        longest_pulse: float = 300.0,
+    ) -> None:
+        self.design = np.asarray(design, dtype=float)
+        self.estimator = ElementsEstimator()
+        self._engine = engine
+        self._mass = mass
+        self._step = step
+        self._interval = interval
+        self._longest = max(1, int(longest_pulse / step))
+        self._decision = math.nan
+        self._schedule: dict[int, FloatArray] = {}
+
+    def target(self) -> FloatArray:
+        """Return the relative state of the design at the last update, m and m/s, shape (6,)."""
+        return relative_state_of_mean_elements(self.estimator.chief_mean, self.design)
+
+    def command(self, time: float) -> FloatArray:
+        """Return the thrust from a time on for one step, m/s2 in RTN, shape (3,).
+
+        Parameters
+        ----------
+        time
+            s, that of the last update of the estimator or later.
+        """
+        if math.isnan(self.estimator.time):
+            return np.zeros(3)
+        span = self._interval * 2.0 * math.pi / self.estimator.mean_motion
+        if math.isnan(self._decision):
+            # The filter first sees a part of an orbit.
+            self._decision = time + 0.5 * span
+        if time >= self._decision:
+            self._decide(time, span)
+            self._decision = time + span
+        return self._schedule.pop(round(time / self._step), np.zeros(3))
+
+    def _decide(self, time: float, span: float) -> None:
+        estimator = self.estimator
+        transition = j2_transition_matrix(estimator.chief_mean, span)
+        centred = self.design.copy()
+        # The offset of the semi-major axis under which the mean longitude stays.
+        drift = transition @ centred - centred
+        centred[0] -= drift[1] / transition[1, 0]
+        drift = transition @ centred - centred
+        wanted = centred - 0.5 * drift
+        change = wanted - transition @ estimator.elements
+        latitude = float(estimator.chief_mean[1])
+        turn = 2.0 * math.pi * self._interval
+        impulses = least_impulses(
+            change, estimator.mean_motion, latitude, latitude + turn, samples=61
+        )
+        self._schedule.clear()
+        for impulse in impulses:
+            moment = time + (impulse.mean_latitude - latitude) / turn * span
+            self._add_pulses(impulse, moment, time)
+
+    def _add_pulses(self, impulse: Impulse, moment: float, earliest: float) -> None:
+        """Put the pulses of an impulse about a moment into the schedule."""
+        smallest, step = self._engine.smallest / self._mass, self._engine.step / self._mass
+        for axis, size in enumerate(impulse.velocity_rtn.tolist()):
+            count = min(self._longest, int(abs(size) / (smallest * self._step)))
+            if count == 0:
+                continue  # less than the smallest pulse: the next decision sees it again
+            level = step * round(abs(size) / (count * self._step) / step)
+            level = min(max(level, smallest), self._engine.largest / self._mass)
+            first = round((moment - 0.5 * count * self._step) / self._step)
+            first = max(first, math.ceil(earliest / self._step))
+            for index in range(first, first + count):
+                thrust = self._schedule.setdefault(index, np.zeros(3))
+                thrust[axis] = math.copysign(level, size)
