@@ -272,6 +272,39 @@ def fflas(
     console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
 
 
+@app.command("potential_field")
+def potential_field(
+    starts: Annotated[int, typer.Option(help="Drawn starts of two chasers.", min=1)] = 30,
+    seed: Annotated[int, typer.Option(help="Seed of the first start.", min=0)] = 0,
+    out: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Folder for table and figures; default: studies/potential_field_..."),
+    ] = None,
+) -> None:
+    """Fly clusters by potential fields (paper 001), the published program beside a corrected one.
+
+    Every chaser decides alone, from its own position and a sensor of range and direction with
+    noise, a range limit and dropouts; the truth is nonlinear with J2. Starts, one to five chasers,
+    a blind sensor, a neighbour that decays. It takes about three seconds for each start.
+    """
+    from vtff_analysis.cluster.literal import FAULTS
+    from vtff_analysis.cluster.output import run_potential_field
+
+    console = Console(highlight=False)
+    try:
+        folder = output_folder(out, "potential_field", parent="studies")
+        rows = run_potential_field(
+            folder, starts, seed, lambda line: console.print(line, markup=False)
+        )
+    except RunFolderError as error:
+        stop(console, error, EXIT_USAGE)
+    except OSError as error:
+        stop(console, error, EXIT_FAILURE)
+    _print_comparison(console, rows)
+    console.print("faults of the paper: " + "; ".join(FAULTS), markup=False)
+    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+
+
 def _print_comparison(console: Console, rows: Sequence[ComparisonRow]) -> None:
     table = Table("", "", "paper", "measured")
     for row in rows:

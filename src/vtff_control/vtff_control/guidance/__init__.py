@@ -1,1 +1,1 @@
-"""Guidance of formations: reconfiguration by convex optimisation, keeping, phasing."""
+"""Guidance of formations: reconfiguration by convex optimisation, keeping, phasing, clusters."""

@@ -1,0 +1,230 @@
+"""`vtff study potential_field`: the published program, and the same idea made to work."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib import rc_context
+
+from vtff_analysis.cluster.flight import (
+    ClusterFlight,
+    Decay,
+    RangeSensor,
+    draw_starts,
+    fly_cluster,
+)
+from vtff_analysis.cluster.literal import run_literal
+from vtff_analysis.paper_comparison import ComparisonRow, write_comparison
+from vtff_analysis.plot_style import AXIS_COLOURS, STYLE, make_figure, save_figure
+from vtff_control.guidance.potential_field import equilibrium_distance, potential
+
+__all__ = ["run_potential_field"]
+
+_ORBITS = 3.0
+_OUTAGE = (9000.0, 9600.0)  # s
+_DECAY = 12000.0  # s
+_DECELERATION = 5e-5  # m/s2
+
+
+@rc_context(STYLE)
+def run_potential_field(
+    folder: Path, starts: int = 30, seed: int = 0, say: Callable[[str], None] = print
+) -> list[ComparisonRow]:
+    """Run the published program and fly the corrected guidance; write table and figures.
+
+    Parameters
+    ----------
+    folder
+        Existing folder for potential_field.csv and the figures.
+    starts
+        Drawn starts of two chasers.
+    seed
+        Of the first start and its sensors; the others follow.
+    say
+        Takes a line on what is flown.
+    """
+    wanted = equilibrium_distance()
+    rows = [*_literal_rows(), _row("equilibrium", "side", "a triangle", f"{1e-3 * wanted:.4f} km")]
+    flights = []
+    for number in range(starts):
+        if number % 5 == 0:
+            say(f"start {number + 1} of {starts}")
+        chosen = seed + number
+        flights.append(fly_cluster(draw_starts(chosen), _ORBITS, RangeSensor(), seed=chosen))
+    rows += _start_rows(flights, wanted)
+    say("one to five chasers")
+    for count in range(1, 6):
+        flight = fly_cluster(draw_starts(seed, count), _ORBITS, RangeSensor(), seed=seed)
+        last = flight.sides[flight.last_orbit]
+        hold = flight.velocity_change(flight.times[-1] - flight.period, np.inf)
+        rows.append(
+            _row(
+                f"lead and {count} chasers",
+                "closest; sides in the last orbit; hold of each",
+                "any number",
+                f"{flight.closest:.0f} m; {last.min():.0f} to {last.max():.0f} m; "
+                + ", ".join(f"{value:.1f}" for value in hold)
+                + " m/s an orbit",
+            )
+        )
+    say("a sensor that fails, a neighbour that decays")
+    blind = fly_cluster(draw_starts(seed), 4.0, RangeSensor(outage=_OUTAGE), seed=seed)
+    rows.append(
+        _row(
+            f"sensor of a chaser blind for {_OUTAGE[1] - _OUTAGE[0]:.0f} s",
+            "closest; sides in the last orbit",
+            "-",
+            f"{blind.closest:.0f} m; "
+            f"{_percent(blind.sides[blind.last_orbit].mean(axis=0) / wanted - 1.0)} %",
+        )
+    )
+    decays = {
+        watched: fly_cluster(
+            draw_starts(seed),
+            5.0,
+            RangeSensor(),
+            seed=seed,
+            decay=Decay(_DECAY, _DECELERATION, watched),
+        )
+        for watched in (False, True)
+    }
+    for watched, flight in decays.items():
+        rows.append(
+            _row(
+                "a chaser fails and decays, " + ("watched" if watched else "followed blindly"),
+                "distance of the other from the lead at the end",
+                "the others follow it (conclusion)",
+                f"{1e-3 * flight.sides[-1, 0]:.3f} km",
+            )
+        )
+    _write_potential(folder / "figure_2.png")
+    _write_paths(flights[:4], folder / "paths.png")
+    _write_sides(flights, wanted, folder / "sides.png")
+    _write_decay(decays, folder / "decay.png")
+    write_comparison(rows, folder / "potential_field.csv")
+    return rows
+
+
+def _row(subject: str, quantity: str, paper: str, measured: str) -> ComparisonRow:
+    return ComparisonRow(subject, quantity, paper, measured)
+
+
+def _percent(values: Sequence[float] | np.ndarray) -> str:
+    return ", ".join(f"{100.0 * value:+.2f}" for value in values)
+
+
+def _literal_rows() -> list[ComparisonRow]:
+    literal = run_literal()
+    changes = ", ".join(f"{value:.1e}" for value in literal.velocity_changes)
+    sides = ", ".join(f"{value:.0f}" for value in literal.separations)
+    subject = "program as published, 150 s"
+    return [
+        _row(subject, "velocity changes of the chasers", "a formation", f"{changes} km/s"),
+        _row(subject, "separations at the end", "a triangle", f"{sides} km"),
+    ]
+
+
+def _start_rows(flights: Sequence[ClusterFlight], wanted: float) -> list[ComparisonRow]:
+    times = np.array([flight.settling_time() for flight in flights])
+    means = np.array([f.sides[f.last_orbit].mean(axis=0) / wanted - 1.0 for f in flights])
+    largest = max(float(np.abs(f.sides[f.last_orbit] / wanted - 1.0).max()) for f in flights)
+    settle = [
+        float(f.velocity_change(0.0, time).max()) for f, time in zip(flights, times, strict=True)
+    ]
+    hold = np.array([f.velocity_change(f.times[-1] - f.period, np.inf) for f in flights])
+    settled = times[np.isfinite(times)]
+    subject = f"{len(flights)} drawn starts, two chasers"
+    return [
+        _row(subject, "settled within 2.5 %", "a triangle", f"{len(settled)}"),
+        _row(
+            subject,
+            "time: median, longest",
+            "-",
+            f"{np.median(times):.0f}, {times.max():.0f} s",
+        ),
+        _row(
+            subject,
+            "sides in the last orbit: largest error of a mean, of any time",
+            "-",
+            f"{100.0 * np.abs(means).max():.2f} %, {100.0 * largest:.2f} %",
+        ),
+        _row(subject, "closest", "-", f"{min(f.closest for f in flights):.0f} m"),
+        _row(
+            subject,
+            "velocity change of a chaser to settle",
+            "-",
+            f"{min(settle):.1f} to {max(settle):.1f} m/s",
+        ),
+        _row(
+            subject,
+            "hold of a chaser: the price of a side at rest in the rotating frame",
+            "-",
+            f"{hold.min():.1f} to {hold.max():.1f} m/s an orbit (mean {hold.mean():.1f})",
+        ),
+    ]
+
+
+def _write_potential(path: Path) -> None:
+    neighbours = np.array([[0.0, -500.0], [700.0, 600.0]])
+    axis = np.linspace(-2500.0, 3000.0, 160)
+    field = np.array(
+        [[max(potential(neighbours, np.array([t, r])), 0.0) for t in axis] for r in axis]
+    )
+    figure = make_figure(7.0)
+    axes = figure.add_subplot()
+    drawn = axes.contourf(1e-3 * axis, 1e-3 * axis, field, levels=24, cmap="cividis")
+    figure.colorbar(drawn, label="potential")
+    axes.plot(*(1e-3 * neighbours.T), "o", color="#D55E00")
+    axes.set(xlabel="in-track (km)", ylabel="radial (km)", aspect="equal")
+    save_figure(figure, path, "Figure 2: potential of two satellites (dots)")
+
+
+def _write_paths(flights: Sequence[ClusterFlight], path: Path) -> None:
+    figure = make_figure(4.6)
+    for column, flight in enumerate(flights):
+        axes = figure.add_subplot(1, len(flights), column + 1)
+        for craft in range(flight.positions.shape[1]):
+            track = 1e-3 * flight.positions[:, craft]
+            axes.plot(track[:, 1], track[:, 0], color=AXIS_COLOURS[craft], linewidth=1.0)
+            axes.plot(*track[0, [1, 0]], "o", color=AXIS_COLOURS[craft])
+            axes.plot(*track[-1, [1, 0]], "s", color=AXIS_COLOURS[craft])
+        axes.set(xlabel="in-track (km)", aspect="equal")
+        if not column:
+            axes.set_ylabel("radial (km)")
+    save_figure(figure, path, "Paths about the lead: starts (circles), ends (squares)")
+
+
+def _write_sides(flights: Sequence[ClusterFlight], wanted: float, path: Path) -> None:
+    figure = make_figure(5.0)
+    axes = figure.add_subplot()
+    for flight in flights:
+        axes.plot(
+            flight.times / flight.period,
+            1e-3 * flight.sides,
+            color=AXIS_COLOURS[0],
+            linewidth=0.7,
+            alpha=0.5,
+        )
+    axes.axhline(1e-3 * wanted, color="0.2", linestyle=":")
+    axes.axhline(0.5, color=AXIS_COLOURS[1], linestyle="--")
+    axes.set(xlabel="time (orbits)", ylabel="side (km)", ylim=(0.0, None))
+    save_figure(figure, path, "Sides of all starts; dotted: equilibrium, dashed: smallest allowed")
+
+
+def _write_decay(decays: dict[bool, ClusterFlight], path: Path) -> None:
+    figure = make_figure(4.6)
+    axes = figure.add_subplot()
+    for watched, flight in decays.items():
+        axes.plot(
+            flight.times / flight.period,
+            1e-3 * flight.sides[:, 0],
+            color=AXIS_COLOURS[int(watched)],
+            linestyle="-" if watched else "--",
+            label="decay watched for" if watched else "followed blindly",
+        )
+    axes.axvline(_DECAY / next(iter(decays.values())).period, color="0.35", linestyle=":")
+    axes.set(xlabel="time (orbits)", ylabel="distance from the lead (km)", ylim=(0.0, None))
+    axes.legend()
+    save_figure(figure, path, "The other chaser, when one fails and decays (dotted line)")

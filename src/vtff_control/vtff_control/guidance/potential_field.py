@@ -1,0 +1,147 @@
+"""Potential field of neighbours: where a chaser goes that decides alone (paper 001, corrected).
+
+Each neighbour is a well with a ring of high potential about it. A chaser climbs the sum of the
+potentials in steps, each reached by the first of two Clohessy-Wiltshire impulses, and plans again
+before it arrives. Distances in the potential are kilometres, as in the paper.
+
+References
+----------
+Paper 001: a potential-field program for clusters of satellites, equations (1) to (4) and the
+appendix, whose constants (3 exp(-r/2), r0 = 0.5 km) are used; its text has 6 exp(-r/2).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.optimize import brentq
+
+from vtff_dynamics.relative.motion import hcw_transition_matrix
+from vtff_dynamics.vectors import FloatArray, norm
+
+__all__ = [
+    "PotentialField",
+    "equilibrium_distance",
+    "first_impulse",
+    "potential",
+    "potential_gradient",
+]
+
+_AVOIDED_RADIUS = 0.5  # km, r of potential_field in the appendix
+_AVOIDANCE = (4.0 - _AVOIDED_RADIUS**2) * _AVOIDED_RADIUS**6  # km^6
+_ATTRACTION = 3.0
+_LENGTH = 2.0  # km
+_KILOMETRE = 1e3  # m
+
+
+def potential(positions_neighbours: npt.ArrayLike, position: npt.ArrayLike) -> float:
+    """Return the potential at a position.
+
+    Parameters
+    ----------
+    positions_neighbours
+        m, shape (k, d), d = 2 or 3.
+    position
+        m, shape (d,).
+    """
+    away = np.asarray(position, dtype=float) - np.asarray(positions_neighbours, dtype=float)
+    r = np.linalg.norm(away, axis=1) / _KILOMETRE
+    return float((-_AVOIDANCE / r**6 + _ATTRACTION * np.exp(-r / _LENGTH)).sum())
+
+
+def potential_gradient(positions_neighbours: npt.ArrayLike, position: npt.ArrayLike) -> FloatArray:
+    """Return the gradient of the potential, 1/km, shape (d,); parameters as in `potential`."""
+    away = np.asarray(position, dtype=float) - np.asarray(positions_neighbours, dtype=float)
+    r = np.linalg.norm(away, axis=1, keepdims=True) / _KILOMETRE
+    slope = 6.0 * _AVOIDANCE / r**7 - _ATTRACTION / _LENGTH * np.exp(-r / _LENGTH)
+    gradient: FloatArray = (slope * away / (_KILOMETRE * r)).sum(axis=0)
+    return gradient
+
+
+def equilibrium_distance() -> float:
+    """Return the distance of highest potential about one neighbour, m."""
+
+    def slope(r: float) -> float:
+        return 6.0 * _AVOIDANCE / r**7 - _ATTRACTION / _LENGTH * math.exp(-r / _LENGTH)
+
+    return _KILOMETRE * float(brentq(slope, 0.6, 1.5, xtol=1e-15))
+
+
+def first_impulse(
+    relative_state: npt.ArrayLike, position_wanted: npt.ArrayLike, mean_motion: float, time: float
+) -> FloatArray:
+    """Return the velocity change that leads to a relative position in a time, m/s, shape (3,).
+
+    Parameters
+    ----------
+    relative_state
+        m and m/s in RTN, shape (6,).
+    position_wanted
+        m, shape (3,).
+    mean_motion
+        rad/s.
+    time
+        s.
+    """
+    state = np.asarray(relative_state, dtype=float)
+    transition = hcw_transition_matrix(mean_motion, time)
+    missing = np.asarray(position_wanted, dtype=float) - transition[:3, :3] @ state[:3]
+    impulse: FloatArray = np.linalg.solve(transition[:3, 3:], missing) - state[3:]
+    return impulse
+
+
+@dataclass(frozen=True)
+class PotentialField:
+    """Guidance of one chaser.
+
+    Parameters
+    ----------
+    transfer_time
+        For which an impulse is computed, s.
+    longest_step
+        m.
+    gain
+        Step for a unit gradient, km^2.
+    """
+
+    transfer_time: float = 60.0
+    longest_step: float = 100.0
+    gain: float = 0.07
+
+    def impulse(
+        self, neighbours: npt.ArrayLike, mean_motion: float, followed: npt.ArrayLike | None = None
+    ) -> FloatArray:
+        """Return the velocity change of the chaser, m/s in its RTN frame, shape (3,).
+
+        The chaser moves against the mean of the neighbours that it follows, so that a cluster whose
+        members see only each other agrees on one velocity, that of a member that does not thrust.
+
+        Parameters
+        ----------
+        neighbours
+            Their states relative to the chaser in its RTN frame, m and m/s, shape (k, 6).
+        mean_motion
+            Of the chaser, rad/s.
+        followed
+            Which of them are followed, boolean, shape (k,); the others are only avoided. Default
+            all.
+        """
+        states = np.asarray(neighbours, dtype=float).reshape(-1, 6)
+        chosen = np.ones(len(states), bool) if followed is None else np.asarray(followed, bool)
+        if not chosen.any():
+            return np.zeros(3)
+        gradient = potential_gradient(states[chosen, :3], np.zeros(3))
+        for other in states[~chosen, :3]:
+            # Of what is not followed only the repulsion counts.
+            slope = potential_gradient(other[np.newaxis], np.zeros(3))
+            if slope @ other < 0.0:
+                gradient = gradient + slope
+        step = _KILOMETRE * self.gain * gradient
+        length = norm(step)
+        if length > self.longest_step:
+            step *= self.longest_step / length
+        own = -states[chosen].mean(axis=0)
+        return first_impulse(own, own[:3] + step, mean_motion, self.transfer_time)
