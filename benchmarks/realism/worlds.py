@@ -239,19 +239,31 @@ def multipath(phase_sigma: float, code_sigma: float) -> Change:
     return receivers(multipath=MultipathModel(code_sigma=code_sigma, phase_sigma=phase_sigma))
 
 
+_GRADIENT_SHELL = 700e3  # m, altitude; the spacecraft are at 550 km
+# From the chief to the point where a ray of 5 deg of elevation pierces that shell, with some more.
+_LARGEST_PIERCE_ANGLE_DEG = 9.0
+
+
 def along_track_gradient(
     gnss: GnssConfiguration, scenario: Scenario, tecu_per_deg: float
 ) -> GnssConfiguration:
     """Return receivers under a TEC that grows along the track of the chief, without end.
 
-    The content begins at that of the profile: less than no electrons are nowhere.
+    The content above the chief at the start is such that no ray in view has less than no electrons:
+    the emulator would cut that off, and the gradient would end between the satellites.
     """
     motion = scenario.formation_truth().motion_itrf(scenario.chief.name)
     up = ellipsoid_normal(motion[0])
     east = np.cross((0.0, 0.0, 1.0), up)
     east /= np.linalg.norm(east)
     azimuth = math.degrees(math.atan2(motion[1] @ east, motion[1] @ np.cross(up, east)))
-    structure = HorizontalGradient(tecu_per_deg, azimuth, 700e3, extent_deg=90.0)
+    structure = HorizontalGradient(
+        tecu_per_deg,
+        azimuth,
+        _GRADIENT_SHELL,
+        extent_deg=90.0,
+        content_tecu=tecu_per_deg * _LARGEST_PIERCE_ANGLE_DEG,
+    )
     return dataclasses.replace(gnss, structures=(structure,))
 
 

@@ -40,6 +40,9 @@ def test_gradient_grows_along_its_direction_to_its_extent() -> None:
     assert vertical(north, latitude_deg=-4.0) == pytest.approx(-2.0)
     assert vertical(north, longitude_deg=4.0) == pytest.approx(0.0, abs=1e-9)
     assert vertical(north, latitude_deg=35.0) == pytest.approx(10.0)
+    shifted = [HorizontalGradient(0.5, 0.0, SHELL, content_tecu=3.0)]
+    assert vertical(shifted) == pytest.approx(3.0)
+    assert vertical(shifted, latitude_deg=-4.0) == pytest.approx(1.0)
     east = [HorizontalGradient(0.5, 90.0, SHELL)]
     assert vertical(east, longitude_deg=4.0) == pytest.approx(2.0)
     assert vertical([*north, *east], 3.0, 0.0) == pytest.approx(1.5)
@@ -92,6 +95,8 @@ def test_shell_below_the_receivers_and_values_out_of_range_are_refused() -> None
         HorizontalStructure([HorizontalGradient(0.5, 0.0, 400e3)], 1, START)
     with pytest.raises(ValueError, match="extent_deg"):
         HorizontalGradient(0.5, 0.0, SHELL, extent_deg=0.0)
+    with pytest.raises(ValueError, match="content_tecu: 0 or more expected, got -1"):
+        HorizontalGradient(0.5, 0.0, SHELL, content_tecu=-1.0)
     with pytest.raises(ValueError, match="wavelength"):
         TravellingDisturbance(1.0, -1.0, 1200.0, 0.0, SHELL)
     with pytest.raises(ValueError, match="amplitude_tecu"):

@@ -34,12 +34,16 @@ class HorizontalGradient:
         Altitude of the shell, m; above the receivers.
     extent_deg : float
         Angle from the start of the run at which the growth ends on either side, deg.
+    content_tecu : float
+        Vertical TEC above the first vehicle at the start, TECU. Where the whole TEC of a ray would
+        be negative it is zero, which ends the gradient there.
     """
 
     tecu_per_deg: float
     azimuth_deg: float
     shell_altitude: float
     extent_deg: float = 20.0
+    content_tecu: float = 0.0
 
     def __post_init__(self) -> None:
         """Check the parameters."""
@@ -49,11 +53,14 @@ class HorizontalGradient:
             raise ValueError(
                 f"extent_deg: more than 0 and at most 90 expected, got {self.extent_deg}"
             )
+        if not (math.isfinite(self.content_tecu) and self.content_tecu >= 0.0):
+            raise ValueError(f"content_tecu: 0 or more expected, got {self.content_tecu}")
 
     def vertical_tecu(self, angle: FloatArray, elapsed: FloatArray, phase: float) -> FloatArray:
         """Return the vertical TEC at angles in rad along the direction; see the waves below."""
         extent = self.extent_deg
-        return np.asarray(self.tecu_per_deg * np.clip(np.degrees(angle), -extent, extent))
+        grown = self.tecu_per_deg * np.clip(np.degrees(angle), -extent, extent)
+        return np.asarray(self.content_tecu + grown)
 
 
 @dataclass(frozen=True)
