@@ -163,6 +163,24 @@ def test_half_integers_only_when_certain():
         assert new.integer == expected
 
 
+def test_half_integers_of_all_satellites_after_an_outage():
+    """The chief has lost half cycles, and no bias is known any more: many floats say so at once."""
+    cycles = [3.0, -7.5, 12.0, 0.5, 5.5, 8.0, -2.5]
+    state, arcs, keys = filter_of(cycles, sigma_cycles=0.005)
+    assert set(attempt(state, arcs).fixed) == set(keys)
+    assert [arc.integer for arc in arcs] == [cycle - cycles[-1] for cycle in cycles]
+    assert state.labels == [("phase_bias", keys[0].group)]
+
+
+@pytest.mark.parametrize(
+    "cycles", [[3.0, -7.5, 12.0], [3.0, -7.5, 12.0, 0.5, 5.75, 8.0, -2.5]], ids=["few", "another"]
+)
+def test_no_half_integers_where_chance_may_have_made_them(cycles):
+    state, arcs, _ = filter_of(cycles, sigma_cycles=0.005)
+    assert attempt(state, arcs).fixed == ()
+    assert all(arc.integer is None for arc in arcs)
+
+
 def test_no_wrong_integers_in_many_trials():
     """Fewer accepted integers of weak models than the failure rate are wrong."""
     accepted = wrong = 0

@@ -99,7 +99,9 @@ def fix_ambiguities(
     values = np.rint(result.ambiguities)
     accepted = result.determined.copy()
     if result.status in (FixStatus.RATIO, FixStatus.RESIDUAL, FixStatus.WEAK):
-        accepted, values = _round_to_half_cycles(candidates, references, floats, covariance)
+        accepted, values = _round_to_half_cycles(
+            candidates, references, floats, covariance, failure_rate
+        )
         accepted &= [arc.key not in scattered for arc in candidates]
     rows = np.flatnonzero(accepted)
     ratio = float(result.ratio) if np.isfinite(result.ratio) else 0.0
@@ -146,18 +148,30 @@ def _round_to_half_cycles(
     references: dict[tuple[int, int, int], Arc],
     floats: FloatArray,
     covariance: FloatArray,
+    failure_rate: float,
 ) -> tuple[npt.NDArray[np.bool_], FloatArray]:
     """Return which ambiguities are certain without a search, and their nearest half integers.
 
-    That is possible only for signals whose bias is known already. Each ambiguity is then predicted
-    to a few hundredths of a cycle, so that a lost half cycle is as certain as an integer.
+    Where the bias of a signal is known already, each ambiguity is predicted to a few hundredths of
+    a cycle, so that a lost half cycle is as certain as an integer. Where it is not, as after an
+    outage of a receiver, all ambiguities of the signal must lie near half integers, and so many of
+    them that chance does so with less than `failure_rate`.
     """
     sigma = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     values = 0.5 * np.rint(2.0 * floats)
-    is_predicted = np.array([arc.key.group not in references for arc in candidates])
-    is_certain = (sigma < _HALF_CYCLE_SIGMA) & (np.abs(floats - values) < _HALF_CYCLE_TOLERANCE)
-    is_certain &= np.abs(floats - values) < 4.0 * sigma + 0.02
-    return is_predicted & is_certain, values
+    tolerance = np.minimum(4.0 * sigma + 0.02, _HALF_CYCLE_TOLERANCE)
+    is_certain = (sigma < _HALF_CYCLE_SIGMA) & (np.abs(floats - values) < tolerance)
+    by_group: dict[tuple[int, int, int], list[int]] = {}
+    for row, arc in enumerate(candidates):
+        by_group.setdefault(arc.key.group, []).append(row)
+    for group, rows in by_group.items():
+        if group not in references:
+            continue
+        # A number anywhere is within the tolerance of a half integer with this probability.
+        chance = float(np.prod(4.0 * tolerance[rows]))
+        if not (is_certain[rows].all() and chance < failure_rate):
+            is_certain[rows] = False
+    return is_certain, values
 
 
 def _move_to_integers(
