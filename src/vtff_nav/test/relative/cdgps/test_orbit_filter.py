@@ -7,6 +7,7 @@ import pytest
 from cdgps_test_support import START, configuration, simulate
 
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
+from vtff_gnss.constants import FLAG_HALF_CYCLE_ADDED
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter, mean_codes
 from vtff_nav.relative.common.measurements import (
@@ -26,8 +27,12 @@ def scenario():
     return simulate(SECONDS)
 
 
-def filter_by_second(scenario, change=None, first=LAST_SEEN + 1):
-    """Yield the filter after each second; `change(signals)` is used from second `first` on."""
+def filter_by_second(scenario, change=None, first=LAST_SEEN + 1, position_noise=0.0):
+    """Yield the filter after each second; `change(signals)` is used from second `first` on.
+
+    The motion is known but for white noise of the position on each axis, m.
+    """
+    noise = np.diag(np.repeat((position_noise**2, 0.0), (3, 6)))
     parameters = configuration()
     orbit = AbsoluteFilter(parameters)
     reader = SignalReader(parameters.measurement_noise, parameters.bands)
@@ -42,9 +47,8 @@ def filter_by_second(scenario, change=None, first=LAST_SEEN + 1):
         if second == 0:
             assert orbit.start(time, epoch.time, signals, table)
         else:
-            # The motion is known, so that only the observations are judged.
             mean = np.concatenate((state, np.zeros(3)))
-            orbit.predict(mean, np.eye(9), np.zeros((9, 9)), 1.0)
+            orbit.predict(mean, np.eye(9), noise, 1.0)
         states = np.tile(state_gcrf_to_itrf(time, state), (2, 1))
         offsets = np.full(2, epoch.time - time - orbit.clock)
         seen = compute_geometry(table, time, offsets, states, rotation_gcrf_to_itrf(time))
@@ -94,6 +98,29 @@ def test_an_ambiguity_is_forgotten_after_5_s_without_its_satellite(scenario):
     assert present == [second <= LAST_SEEN + 5 for second in range(SECONDS)]
 
 
+@pytest.mark.parametrize("told_by", ["flags", "lock_time"])
+def test_half_a_cycle_that_a_receiver_adds_or_loses_is_no_motion(scenario, told_by):
+    """A tenth of a metre in every other satellite at once: more than faults can be told by."""
+
+    def correct(signals):
+        is_corrected = (signals.satellite % 2 == 0) & (signals.band == 1)
+        half = 0.5 * signals.wavelength * is_corrected
+        columns = {"carrier_range": signals.carrier_range + half}
+        if told_by == "flags":
+            columns["flags"] = signals.flags ^ np.where(
+                is_corrected, FLAG_HALF_CYCLE_ADDED, 0
+            ).astype(signals.flags.dtype)
+        else:
+            columns["lock_time"] = np.where(is_corrected, 0.5, signals.lock_time)
+        return dataclasses.replace(signals, **columns)
+
+    positions = []
+    for change in (None, correct):
+        filters = filter_by_second(scenario, change, LAST_SEEN, position_noise=1.0)
+        positions.append([orbit.mean[:3].copy() for orbit in filters][LAST_SEEN])
+    assert np.linalg.norm(positions[1] - positions[0]) < 0.1
+
+
 def range_errors(scenario, sigma):
     """Return the filter after satellites with range errors of a sigma (m), and the errors."""
     generator = np.random.default_rng(5)
@@ -119,6 +146,14 @@ def test_the_sigma_of_range_errors_is_that_of_the_satellites(scenario):
     assert orbit.broadcast_sigma == pytest.approx(float(np.std(errors)), rel=0.4)
     orbit, _ = range_errors(scenario, 0.0)
     assert orbit.broadcast_sigma < 0.7
+
+
+def test_the_sigma_of_small_range_errors_does_not_collapse(scenario):
+    """Ten satellites cannot tell that their codes are without biases."""
+    bias = configuration().code_bias_sigma
+    orbit, _ = range_errors(scenario, 0.1)
+    sigmas = [orbit.state.sigma(label) for label in orbit.state.labels if label[0] == "range_error"]
+    assert 0.4 * bias < min(sigmas) <= max(sigmas) < 1.5 * bias
 
 
 def test_range_errors_do_not_average_out(scenario):

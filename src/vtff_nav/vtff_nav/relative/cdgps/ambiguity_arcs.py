@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -10,7 +11,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.common.measurements import SingleDifferences
 
-__all__ = ["Arc", "ArcBook"]
+__all__ = ["Arc", "ArcBook", "has_lock_restarted"]
 
 # Change of a geometry-free phase in a second that the ionosphere may cause, m.
 _GEOMETRY_FREE_ALLOWANCE = 0.01
@@ -113,7 +114,7 @@ class ArcBook:
                 reasons[key] = "parity has become known"
             elif gap > 1.5 * interval and not _has_kept_lock(lock_times[row], gap):
                 reasons[key] = "gap"
-            elif _has_restarted(lock_times[row], arc.lock_time, gap):
+            elif has_lock_restarted(lock_times[row], arc.lock_time, gap):
                 reasons[key] = "lock time has restarted"
         reasons.update(self._find_geometry_free_jumps(measured, reasons))
         present = set(measured.keys)
@@ -210,12 +211,18 @@ def _has_kept_lock(lock_time: list[float], gap: float) -> bool:
     return all(value >= gap for value in lock_time)
 
 
-def _has_restarted(lock_time: list[float], before: tuple[float, float], gap: float) -> bool:
-    """Return whether the lock time of a receiver is shorter than it was, or should be by now.
+def has_lock_restarted(now: Iterable[float], before: Iterable[float], gap: float) -> bool:
+    """Return whether a lock time is shorter than it was, or should be by now.
 
-    Lock times that saturate do not grow; compressed logs have units of 1/32 s.
+    Parameters
+    ----------
+    now, before : iterable of float
+        Lock times now and at the last epoch, s. Lock times that saturate do not grow; compressed
+        logs have units of 1/32 s.
+    gap : float
+        Since the last epoch, s.
     """
     return any(
-        math.isfinite(now) and now < last and now < last + gap - 0.1
-        for now, last in zip(lock_time, before, strict=True)
+        math.isfinite(lock) and lock < last and lock < last + gap - 0.1
+        for lock, last in zip(now, before, strict=True)
     )

@@ -12,7 +12,7 @@ It is a state of code and phase alike, so that neither averages it out (Montenbr
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,6 +23,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
+from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
@@ -55,6 +56,30 @@ _STATED_FREEDOM, _QUIET_SHARE = 10.0, 0.4
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
 
+@dataclass(frozen=True)
+class _Lock:
+    """What a receiver said of the carriers of a combination at its last epoch.
+
+    Parameters
+    ----------
+    time : GpsTime
+    half_cycles : int
+        See `Combinations.half_cycles`.
+    lock_time : tuple of float
+        s.
+    """
+
+    time: GpsTime
+    half_cycles: int
+    lock_time: tuple[float, ...]
+
+    def is_continued_by(self, now: _Lock) -> bool:
+        """Return whether the ambiguity is the same at a later epoch."""
+        gap = now.time - self.time
+        has_restarted = has_lock_restarted(now.lock_time, self.lock_time, gap)
+        return self.half_cycles == now.half_cycles and not has_restarted
+
+
 class AbsoluteFilter:
     """Position, velocity and clock of the chief.
 
@@ -74,7 +99,7 @@ class AbsoluteFilter:
         self.state: GaussianState | None = None
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
-        self._last_seen: dict[tuple[str, int, int], GpsTime] = {}
+        self._last_seen: dict[tuple[str, int, int], _Lock] = {}
         self._failures = 0
         self._range_sigma = self._configuration.ephemeris_sigma
         self.acceleration = AccelerationMonitor(self._configuration.noise_chief)
@@ -283,8 +308,8 @@ class AbsoluteFilter:
     def _learn_range_sigma(self) -> None:
         """Adapt the a priori sigma of range errors to their estimates (MacKay 1992).
 
-        A few satellites tell little of a sigma, so that the stated one counts with them, unless the
-        errors are so small that they are no broadcast errors.
+        A few satellites tell little of a sigma, so that the stated one counts with them or, where
+        the errors are too small for broadcast errors, that of the biases of the codes.
         """
         state, labels = self.state, self._range_errors
         assert state is not None
@@ -298,9 +323,10 @@ class AbsoluteFilter:
             if freedom < _FEWEST_RANGE_FREEDOM:
                 return
             square = float(np.sum(state.mean[columns] ** 2))
-            if square > freedom * (_QUIET_SHARE * stated) ** 2:
-                square += _STATED_FREEDOM * stated**2
-                freedom += _STATED_FREEDOM
+            is_broadcast = square > freedom * (_QUIET_SHARE * stated) ** 2
+            expected = stated if is_broadcast else self._configuration.code_bias_sigma
+            square += _STATED_FREEDOM * expected**2
+            freedom += _STATED_FREEDOM
             sigma = max(math.sqrt(square / freedom), _SMALLEST_RANGE_SIGMA)
             if 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
                 return
@@ -315,11 +341,13 @@ class AbsoluteFilter:
         assert state is not None
         labels = []
         residual = measured.phase - predicted
-        for row, (satellite, band, is_lost) in enumerate(
+        for row, (satellite, band, is_lost, half_cycles, lock_time) in enumerate(
             zip(
                 measured.satellite.tolist(),
                 measured.second_band.tolist(),
                 measured.is_lock_lost.tolist(),
+                measured.half_cycles.tolist(),
+                measured.lock_time.tolist(),
                 strict=True,
             )
         ):
@@ -327,9 +355,10 @@ class AbsoluteFilter:
             labels.append(label)
             if band and ("range_error", satellite) not in state:
                 state.add(("range_error", satellite), 0.0, self._range_sigma**2)
-            last = self._last_seen.get(label)
-            if is_lost and last is not None and last < time:
-                state.remove([label])
+            last, lock = self._last_seen.get(label), _Lock(time, half_cycles, tuple(lock_time))
+            if last is not None and last.time < time:
+                if is_lost or not last.is_continued_by(lock):
+                    state.remove([label])
             if label not in state:
                 if band:
                     state.add(label, float(residual[row]), _UNKNOWN_AMBIGUITY_SIGMA**2)
@@ -338,8 +367,8 @@ class AbsoluteFilter:
                     mean = float(measured.phase[row] - measured.code[row])
                     sigma = math.hypot(_SINGLE_FREQUENCY_DELAY_SIGMA, measured.code_sigma[row])
                     state.add(label, mean, sigma**2)
-            self._last_seen[label] = time
-        old = [k for k, last in self._last_seen.items() if time - last > _LONGEST_ARC_GAP]
+            self._last_seen[label] = lock
+        old = [k for k, last in self._last_seen.items() if time - last.time > _LONGEST_ARC_GAP]
         if old:
             state.remove(old)
             for label in old:

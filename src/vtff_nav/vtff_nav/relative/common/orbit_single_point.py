@@ -48,7 +48,7 @@ class Combinations:
 
     A satellite with two carriers has ionosphere-free combinations of code and phase. A satellite
     with one carrier has GRAPHIC, the mean of code and phase, as `phase`; its `code` is the code
-    itself, which the ionosphere delays. All columns have shape (n,).
+    itself, which the ionosphere delays. All columns but `lock_time` have shape (n,).
 
     Parameters
     ----------
@@ -64,6 +64,11 @@ class Combinations:
         m.
     is_lock_lost : ndarray of bool
         Whether lock was lost on a carrier.
+    half_cycles : ndarray of int64
+        Carriers to whose phase the receiver has added half a cycle: bit 0 for the first carrier,
+        bit 1 for the second.
+    lock_time : ndarray, shape (n, 2)
+        Lock time of both carriers, s.
     range_rate : ndarray
         Range rate from Doppler on the first carrier, m/s.
     """
@@ -76,6 +81,8 @@ class Combinations:
     code_sigma: FloatArray
     phase_sigma: FloatArray
     is_lock_lost: npt.NDArray[np.bool_]
+    half_cycles: npt.NDArray[np.int64]
+    lock_time: FloatArray
     range_rate: FloatArray
 
     def __len__(self) -> int:
@@ -114,6 +121,7 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
     code_sigma1, code_sigma2 = signals.code_sigma[first], signals.code_sigma[second]
     phase_sigma1, phase_sigma2 = signals.phase_sigma[first], signals.phase_sigma[second]
     is_lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
+    is_added = (signals.flags & c.FLAG_HALF_CYCLE_ADDED) > 0
     return Combinations(
         satellite=signals.satellite[first],
         system=signals.system[first],
@@ -127,6 +135,8 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
             0.5 * np.hypot(code_sigma1, phase_sigma1),
         ),
         is_lock_lost=is_lost[first] | is_lost[second],
+        half_cycles=is_added[first] + 2 * is_added[second].astype(np.int64),
+        lock_time=np.column_stack((signals.lock_time[first], signals.lock_time[second])),
         range_rate=signals.range_rate[first],
     )
 
