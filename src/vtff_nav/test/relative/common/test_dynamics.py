@@ -175,6 +175,27 @@ def test_empirical_acceleration_is_integrated_three_times(step):
     np.testing.assert_array_equal(noise, noise.T)
 
 
+def test_gradients_change_faster_than_the_other_accelerations():
+    """Variance and spectral density are the sums of those of both processes."""
+    noise = MotionNoise(3e-8, empirical_time=900.0, gradient_sigma=1e-11, gradient_time=100.0)
+    assert noise.at_distance(0.0) == noise
+    together = noise.at_distance(4e3)
+    assert together.empirical_sigma == pytest.approx(5e-8)
+    density = 2.0 * together.empirical_sigma**2 / together.empirical_time
+    assert density == pytest.approx(2.0 * (3e-8**2 / 900.0 + 4e-8**2 / 100.0))
+
+
+@pytest.mark.parametrize(("distance", "time"), [(0.0, 900.0), (2e5, 100.0)])
+def test_the_relative_acceleration_decays_with_the_time_of_its_distance(distance, time):
+    noise = MotionNoise(1e-9, gradient_sigma=1e-11)
+    motion = OrbitalMotion(ForceModel(gravity="two_body"), MotionNoise(0.0), noise)
+    relative = np.zeros(9)
+    relative[1], relative[6] = distance, 1e-6
+    predicted = motion.predict(START, 10.0, nine(CHIEF), relative)
+    assert predicted.relative[6] == pytest.approx(1e-6 * np.exp(-10.0 / time), rel=1e-3)
+    assert predicted.transition_relative[6, 6] == pytest.approx(np.exp(-10.0 / time), rel=1e-3)
+
+
 def test_error_of_thrust_is_noise():
     thrust = [ThrustInterval(START, 1.0, np.array([0.0, 0.05, 0.0]))]
     arguments = (START, 1.0, nine(CHIEF), nine(DEPUTY_5KM - CHIEF), thrust)

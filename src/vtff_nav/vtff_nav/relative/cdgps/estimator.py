@@ -214,8 +214,8 @@ class CdgpsEstimator(EstimatorInputs):
                 state_deputy = np.concatenate((point.position_itrf, point.velocity_itrf))
                 velocity = state_itrf_to_gcrf(received, state_deputy)[3:]
                 mean[3:6] = velocity - self._absolute.mean[3:6]
-            sigma = self.configuration.noise_relative.empirical_sigma
-            covariance[6:, 6:] = sigma**2 * np.eye(3)
+            noise = self.configuration.noise_relative.at_distance(norm(mean[:3]))
+            covariance[6:, 6:] = noise.empirical_sigma**2 * np.eye(3)
         clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
         self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
         return []
