@@ -80,7 +80,9 @@ class CdgpsConfiguration:
     plasma_shell_sigma_tecu, plasma_gradient_sigma_tecu_per_deg : float
         A priori sigma of the vertical content of each shell (TECU), and steady-state sigma of its
         gradients to north and to east (TECU/deg), which is adapted to the gradients that are
-        found; the correlation time is that of the density.
+        found.
+    plasma_gradient_time : float
+        Correlation time of these gradients, s: that in which low orbits cross some 2000 km.
     plasma_quiet_gradient_tecu_per_deg : float
         Sigma of these gradients that is believed where the measurements tell nothing of them.
     plasma_shell_heights : tuple of float
@@ -144,6 +146,7 @@ class CdgpsConfiguration:
     layer_content_sigma_tecu: float = 15.0
     plasma_shell_sigma_tecu: float = 0.5
     plasma_gradient_sigma_tecu_per_deg: float = EstimatorSetting.plasma_gradient_sigma
+    plasma_gradient_time: float = 300.0
     plasma_quiet_gradient_tecu_per_deg: float = 0.03
     plasma_shell_heights: tuple[float, ...] = (100e3, 300e3)
     plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)

@@ -236,9 +236,11 @@ class RelativeFilter:
             return self._slow_phase
         if label[0] == "satellite_offset":
             return self._satellite_offset
-        # The content of a shell follows the gradient, and has no mean to return to.
-        if label[0] in PLASMA_KINDS and label[-1] != "content":
+        if label[0] == "plasma":
             return SlowError(self._plasma_sigma(label), configuration.electron_density_time)
+        # The content of a shell follows the gradient, and has no mean to return to.
+        if label[0] == "plasma_shell" and label[-1] != "content":
+            return SlowError(self._plasma_sigma(label), configuration.plasma_gradient_time)
         return None
 
     def _plasma_sigma(self, label: Label) -> float:
