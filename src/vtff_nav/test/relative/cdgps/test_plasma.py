@@ -10,7 +10,9 @@ from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.filter import RelativeFilter
 from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths
+from vtff_nav.relative.common.dynamics import Prediction
 from vtff_sim_bridge.atmosphere.density_models import (
     ChapmanLayer,
     chapman_profile,
@@ -70,3 +72,18 @@ def test_equal_receivers_see_no_difference():
     rise = plasma_paths(6.93e6, 1000.0, elevation, LAYERS)
     # At the zenith what lies between the altitudes is all.
     np.testing.assert_allclose(rise[2], -1000.0 * DENSITY_UNIT / 1e16, rtol=1e-9)
+
+
+def test_layers_and_gradients_are_forgotten_in_their_own_times():
+    """What moves with the spacecraft changes slower than what lies on their way."""
+    parameters = CdgpsConfiguration(electron_density_time=1000.0, plasma_gradient_time=250.0)
+    state, identity, zero = np.zeros(9), np.eye(9), np.zeros((9, 9))
+    filter_ = RelativeFilter(parameters, state, identity, 0.0)
+    layer, gradient = ("plasma", 0), ("plasma_shell", 0, "north")
+    for label in (layer, gradient):
+        filter_.state.mean[filter_.state.index(label)] = 1.0
+    still = Prediction(state, state, identity, identity, zero, zero, np.zeros((9, 4)))
+    for _ in range(10):
+        filter_.predict(still, 25.0, np.zeros(2))
+    assert filter_.state.value(layer) == pytest.approx(np.exp(-0.25))
+    assert filter_.state.value(gradient) == pytest.approx(np.exp(-1.0))
