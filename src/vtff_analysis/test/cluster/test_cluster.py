@@ -30,8 +30,8 @@ def check(flight):
 
 
 def test_starts():
-    for seed in (51, 52):
-        starts = draw_starts(seed)
+    for seed, dimensions in ((51, 2), (52, 3)):
+        starts = draw_starts(seed, dimensions=dimensions)
         assert np.linalg.norm(starts, axis=1).max() <= 3e3
         check(fly_cluster(starts, 3.0, RangeSensor(), seed=seed))
 

@@ -133,8 +133,10 @@ class ClusterFlight:
         return change
 
 
-def draw_starts(seed: int, chasers: int = 2, extent: float = 3e3, least: float = 1e3) -> FloatArray:
-    """Draw positions of chasers in the orbital plane about the lead, m, shape (chasers, 3).
+def draw_starts(
+    seed: int, chasers: int = 2, extent: float = 3e3, least: float = 1e3, dimensions: int = 2
+) -> FloatArray:
+    """Draw positions of chasers about the lead, m, shape (chasers, 3).
 
     Parameters
     ----------
@@ -146,11 +148,13 @@ def draw_starts(seed: int, chasers: int = 2, extent: float = 3e3, least: float =
         Largest distance from the lead, m.
     least
         Smallest distance of any two, m.
+    dimensions
+        2 for the orbital plane, 3 for all of space.
     """
     generator = np.random.default_rng(seed)
     while True:
         positions = np.zeros((chasers + 1, 3))
-        positions[1:, :2] = generator.uniform(-extent, extent, (chasers, 2))
+        positions[1:, :dimensions] = generator.uniform(-extent, extent, (chasers, dimensions))
         pairs = itertools.combinations(positions, 2)
         inside = np.linalg.norm(positions, axis=1).max() <= extent
         if inside and min(norm(b - a) for a, b in pairs) >= least:

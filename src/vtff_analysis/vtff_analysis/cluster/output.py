@@ -53,7 +53,12 @@ def run_potential_field(
             say(f"start {number + 1} of {starts}")
         chosen = seed + number
         flights.append(fly_cluster(draw_starts(chosen), _ORBITS, RangeSensor(), seed=chosen))
-    rows += _start_rows(flights, wanted)
+    rows += _start_rows(flights, wanted, "in the orbital plane")
+    in_space = [
+        fly_cluster(draw_starts(seed + i, dimensions=3), _ORBITS, RangeSensor(), seed=seed + i)
+        for i in range(max(1, starts // 10))
+    ]
+    rows += _start_rows(in_space, wanted, "in space")
     say("one to five chasers")
     for count in range(1, 6):
         flight = fly_cluster(draw_starts(seed, count), _ORBITS, RangeSensor(), seed=seed)
@@ -126,7 +131,7 @@ def _literal_rows() -> list[ComparisonRow]:
     ]
 
 
-def _start_rows(flights: Sequence[ClusterFlight], wanted: float) -> list[ComparisonRow]:
+def _start_rows(flights: Sequence[ClusterFlight], wanted: float, where: str) -> list[ComparisonRow]:
     times = np.array([flight.settling_time() for flight in flights])
     means = np.array([f.sides[f.last_orbit].mean(axis=0) / wanted - 1.0 for f in flights])
     largest = max(float(np.abs(f.sides[f.last_orbit] / wanted - 1.0).max()) for f in flights)
@@ -135,7 +140,7 @@ def _start_rows(flights: Sequence[ClusterFlight], wanted: float) -> list[Compari
     ]
     hold = np.array([f.velocity_change(f.times[-1] - f.period, np.inf) for f in flights])
     settled = times[np.isfinite(times)]
-    subject = f"{len(flights)} drawn starts, two chasers"
+    subject = f"{len(flights)} drawn starts {where}, two chasers"
     return [
         _row(subject, "settled within 2.5 %", "a triangle", f"{len(settled)}"),
         _row(
