@@ -198,7 +198,7 @@ def _write_paths(flights: Sequence[ClusterFlight], path: Path) -> None:
         axes.set(xlabel="in-track (km)", aspect="equal")
         if not column:
             axes.set_ylabel("radial (km)")
-    save_figure(figure, path, "Paths about the lead: starts (circles), ends (squares)")
+    save_figure(figure, path, "Paths about the lead (blue): starts (circles), ends (squares)")
 
 
 def _write_sides(flights: Sequence[ClusterFlight], wanted: float, path: Path) -> None:
