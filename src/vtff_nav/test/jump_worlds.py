@@ -71,16 +71,16 @@ class World:
 
 
 @functools.lru_cache(maxsize=4)
-def world(motion: str, seed: int = 1) -> World:
+def world(motion: str, seed: int = 1, seconds: int = SECONDS) -> World:
     """Return the world of a motion, with a filter that has converged."""
     generator = np.random.default_rng(seed)
-    end = START + SECONDS
+    end = START + seconds
     ephemerides = (
         *nominal_gps_constellation(START, end), *nominal_galileo_constellation(START, end)
     )  # fmt: skip
     table = EphemerisStore(ephemerides).table(START)
-    states = _states(motion)
-    offsets = np.arange(SECONDS, dtype=float)
+    states = _states(motion, seconds)
+    offsets = np.arange(seconds, dtype=float)
     ranges, elevations = [], []
     for states_of_receiver in states:
         sight = lines_of_sight(
@@ -98,7 +98,7 @@ def world(motion: str, seed: int = 1) -> World:
             _epoch(table, START + float(k), ranges[r][k], in_view, ambiguity[r], motion, generator)
             for r in range(2)
         )
-        for k in range(SECONDS)
+        for k in range(seconds)
     ]
     estimator = CdgpsEstimator(_configuration(motion), ephemerides)
     for k in range(CONVERGED):
@@ -126,9 +126,9 @@ def _configuration(motion: str) -> CdgpsConfiguration:
     )
 
 
-def _states(motion: str) -> tuple[np.ndarray, np.ndarray]:
+def _states(motion: str, seconds: int) -> tuple[np.ndarray, np.ndarray]:
     """Return positions and Earth-fixed velocities of base and rover, each (n, 6)."""
-    time = np.arange(SECONDS, dtype=float)
+    time = np.arange(seconds, dtype=float)
     if motion == "orbit":
         initial = (
             np.array([6930000.0, 0.0, 0.0, 0.0, 3810.947, 6600.754]),
@@ -138,20 +138,20 @@ def _states(motion: str) -> tuple[np.ndarray, np.ndarray]:
         for state in initial:
             craft = Propagator(START, state, ForceModel(degree=2, order=0))
             rows = []
-            for _ in range(SECONDS):
+            for _ in range(seconds):
                 rows.append(state_gcrf_to_itrf(craft.time, craft.state_gcrf))
                 craft.advance()
             result.append(np.array(rows))
         return result[0], result[1]
-    rest = np.tile(np.concatenate((BASE, np.zeros(3))), (SECONDS, 1))
+    rest = np.tile(np.concatenate((BASE, np.zeros(3))), (seconds, 1))
     enu = rotation_itrf_to_enu(BASE)
     east, north = (3000.0, 1200.0) if motion == "static" else (4000.0, 3400.0)
-    local = np.tile([east, north, 5.0, 0.0, 0.0, 0.0], (SECONDS, 1))
+    local = np.tile([east, north, 5.0, 0.0, 0.0, 0.0], (seconds, 1))
     if motion != "static":
         # 12 m/s, and a curve every 20 s.
         heading = 0.6 * np.sin(2.0 * np.pi * time / 20.0)
         local[:, 3], local[:, 4] = 12.0 * np.cos(heading), 12.0 * np.sin(heading)
-        fine = np.linspace(0.0, SECONDS, 100 * SECONDS, endpoint=False)
+        fine = np.linspace(0.0, seconds, 100 * seconds, endpoint=False)
         angle = 0.6 * np.sin(2.0 * np.pi * fine / 20.0)
         for axis, component in enumerate((np.cos(angle), np.sin(angle))):
             path = np.concatenate(([0.0], np.cumsum(0.12 * component)))
@@ -257,11 +257,12 @@ class Outcome:
 
 
 def fly_jump(jump: Jump, seconds: int = 16) -> Outcome:
-    """Process the epochs from convergence on, with a jump."""
-    scenario = world(jump.motion)
+    """Process the epochs from convergence on, with a jump, until so many s after it."""
+    length = max(SECONDS, CONVERGED + 10 + seconds)
+    scenario = world(jump.motion, seconds=length)
     estimator = copy.deepcopy(scenario.estimator)
     errors = []
-    last = min(jump.epoch + seconds, SECONDS)
+    last = min(jump.epoch + seconds, length)
     for k in range(CONVERGED, last):
         base, rover = scenario.epochs[k]
         if k >= jump.epoch:

@@ -103,6 +103,14 @@ def test_real_static_pair_of_novatel_receivers(tmp_path):
     assert "NovAtel RANGECMP" in output and "1 damaged" in output
 
 
+def test_real_pair_without_dynamics_scatters_as_little_as_with_rtklib(tmp_path):
+    """RTKLIB, whose low satellites weigh less too, has 1.5, 1.5, 3.4 mm; with equal weights 2.7."""
+    logs = shared(f"{OEM}/gavlab_test2_rcvr2.dat", f"{OEM}/gavlab_test2_rcvr1.dat")
+    found, _ = computed(tmp_path, *logs, "--dynamics", "kinematic")
+    assert (found["epochs"], found["fixed_fraction"]) == (426, 1.0)
+    assert (np.array(found["scatter"]) <= [1.5e-3, 1.5e-3, 3.4e-3]).all()
+
+
 def test_rtklib_finds_the_same_baseline_in_the_files_written_from_the_logs(tmp_path):
     rtklib = pytest.importorskip("pyrtklib", reason="the referee is not installed")
     rover, base = shared(f"{OEM}/gavlab_test2_rcvr2.dat", f"{OEM}/gavlab_test2_rcvr1.dat")

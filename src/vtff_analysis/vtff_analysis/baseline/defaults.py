@@ -12,6 +12,8 @@ __all__ = ["complete_options"]
 _ORBITAL_MASK_DEG, _GROUND_MASK_DEG = 5.0, 10.0
 _GROUND_CODE_SIGMA, _GROUND_PHASE_SIGMA = 1.0, 0.003
 """m; they include the multipath of a simple antenna."""
+_GROUND_ELEVATION_NOISE_RATIO = 1.0
+"""Near the ground low satellites have more multipath."""
 
 
 def complete_options(
@@ -82,4 +84,5 @@ def _measurement_noise(
         code_sigma=code_sigma or usual_code,
         phase_sigma=phase_sigma or usual_phase,
         use_receiver_sigmas=False,
+        elevation_noise_ratio=0.0 if is_orbital else _GROUND_ELEVATION_NOISE_RATIO,
     )

@@ -33,6 +33,7 @@ def measured(keys, phase=0.0, **columns) -> SingleDifferences:
         "half_cycles": np.zeros(count, dtype=np.int64),
         "is_lock_lost": np.zeros(count, dtype=bool),
         "lock_time": np.full((2, count), 100.0),
+        "noise_growth": np.ones(count),
     }
     return SingleDifferences(keys=list(keys), **{**values, **columns})
 

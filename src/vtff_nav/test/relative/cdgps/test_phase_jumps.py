@@ -12,13 +12,15 @@ from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 # Normalised error of a position, all three axes, beyond which it must not be called fixed.
 LARGEST = 5.0
 SHORT, LONG = 4, 50
+# Flights after the jump, s: the satellite stays away; it comes back.
+WITHOUT_IT, UNTIL_IT_IS_BACK = 60, 340
 
 
-def fly_drawn(motion: str, count: int) -> list[str]:
+def fly_drawn(motion: str, count: int, seconds: int = 16, seed: int = 7) -> list[str]:
     """Return the drawn jumps with a wrong position that was called fixed."""
-    generator = np.random.default_rng(7)
+    generator = np.random.default_rng(seed)
     jumps = [draw_jump(generator, motion) for _ in range(count)]
-    return [str(jump) for jump in jumps if fly_jump(jump).largest > LARGEST]
+    return [str(jump) for jump in jumps if fly_jump(jump, seconds).largest > LARGEST]
 
 
 @pytest.mark.parametrize("motion", MOTIONS)
@@ -30,6 +32,13 @@ def test_drawn_jumps(motion):
 @pytest.mark.parametrize("motion", MOTIONS)
 def test_two_hundred_drawn_jumps(motion):
     assert fly_drawn(motion, LONG) == []
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("count", "seconds"), [(25, WITHOUT_IT), (8, UNTIL_IT_IS_BACK)])
+@pytest.mark.parametrize("motion", ["static", "car", "street"])
+def test_long_flights_after_drawn_jumps(motion, count, seconds):
+    assert fly_drawn(motion, count, seconds, seed=8) == []
 
 
 @pytest.mark.parametrize("motion", MOTIONS)

@@ -51,6 +51,7 @@ def differences(phase: np.ndarray) -> SingleDifferences:
         half_cycles=np.zeros(COUNT, dtype=np.int64),
         is_lock_lost=np.zeros(COUNT, dtype=bool),
         lock_time=np.zeros((2, COUNT)),
+        noise_growth=np.ones(COUNT),
     )
 
 

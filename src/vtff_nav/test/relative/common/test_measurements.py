@@ -110,6 +110,14 @@ def test_sigmas_are_those_of_the_receiver_or_of_the_configuration():
     assert set(ignored.code_sigma.tolist()) == {0.4}
 
 
+def test_noise_grows_towards_the_horizon():
+    """a^2 + (b / sin E)^2 with a = b: half of the variance at the zenith is of each."""
+    elevation = np.radians([90.0, 30.0, 10.0])
+    noise = MeasurementNoise(elevation_noise_ratio=1.0)
+    np.testing.assert_allclose(noise.growth(elevation) ** 2, [1.0, 2.5, 17.082], rtol=1e-4)
+    np.testing.assert_array_equal(MeasurementNoise().growth(elevation), 1.0)
+
+
 def test_single_differences_are_deputy_less_chief():
     deputy_signals = [s for s in SIGNALS if s[2] != "5Q"]
     chief = read(epoch_of())

@@ -100,6 +100,10 @@ class CdgpsConfiguration:
         Random walk of the differences of receiver biases between signals, m/sqrt(s).
     troposphere : bool or None
         Model the troposphere (receivers below 20 km); None: unless in orbit.
+    troposphere_distance_sigma, troposphere_height_sigma, troposphere_time : float
+        Sigma of the difference of the zenith delays of both receivers that the model leaves, as
+        parts of their distance and of their difference in height (root of the sum of squares), and
+        its correlation time, s. It is estimated.
     success_rate : float
         Smallest bootstrapped success rate with which integers are accepted.
     failure_rate : float
@@ -156,6 +160,9 @@ class CdgpsConfiguration:
     slow_error_memory: float = 3600.0
     receiver_bias_walk: float = 1e-6
     troposphere: bool | None = None
+    troposphere_distance_sigma: float = 1e-6
+    troposphere_height_sigma: float = 5e-5
+    troposphere_time: float = 3600.0
     success_rate: float = EstimatorSetting.success_rate
     failure_rate: float = 0.001
     smallest_ratio: float = 2.0

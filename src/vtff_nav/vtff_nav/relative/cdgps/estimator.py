@@ -291,10 +291,15 @@ class CdgpsEstimator(EstimatorInputs):
         measured = form_single_differences(signals[0], signals[1])
         rows = seen.columns(measured.satellite)
         mask = math.radians(self.configuration.elevation_mask_deg)
-        measured = measured.select(np.flatnonzero(seen.elevation[0, rows] > mask))
+        elevation = seen.elevation[0, rows]
+        is_above = np.flatnonzero(elevation > mask)
+        measured = measured.select(is_above)
         if not len(measured):
             degraded.append("no satellite in common view")
             return self._solution(time, None, degraded, None)
+        if self.configuration.measurement_noise.elevation_noise_ratio > 0.0:
+            growth = self.configuration.measurement_noise.growth(elevation[is_above])
+            measured = measured.grown(growth)
         assert self._relative is not None
         chief = self._absolute.mean[:3]
         positions = np.array([chief, chief + self._relative.state.mean[:3]])

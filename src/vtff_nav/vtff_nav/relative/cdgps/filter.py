@@ -179,6 +179,8 @@ class RelativeFilter:
             for shell in range(len(configuration.plasma_shell_heights)):
                 for label in _shell_members(shell):
                     self.state.add(label, 0.0, self._plasma_sigma(label) ** 2)
+        if configuration.has_troposphere:
+            self.state.add(("troposphere",), 0.0, 1.0)
         if configuration.antennas is not None:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
@@ -236,6 +238,8 @@ class RelativeFilter:
             return self._slow_phase
         if label[0] == "satellite_offset":
             return self._satellite_offset
+        if label[0] == "troposphere":
+            return SlowError(1.0, configuration.troposphere_time)
         if label[0] == "plasma":
             return SlowError(self._plasma_sigma(label), configuration.electron_density_time)
         # The content of a shell follows the gradient, and has no mean to return to.
@@ -456,12 +460,15 @@ class RelativeFilter:
         labels = [label for label in self.state.labels if label[0] in PLASMA_KINDS]
         sigmas = [self._plasma_sigma(label) for label in labels]
         plasma = phase_plasma(received, sky)[:, : len(labels)] * np.array(sigmas)
+        predicted = sky.predicted + clock
+        if self.configuration.has_troposphere:
+            predicted = predicted + sky.troposphere * self.state.value(("troposphere",))
         self.noise.learn(
             time,
             interval,
             EpochResiduals(
                 measured=received,
-                predicted=sky.predicted + clock,
+                predicted=predicted,
                 integer_cycles=cycles,
                 is_phase_continued=is_continued,
                 common=common,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,13 +11,13 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
-from vtff_dynamics.vectors import FloatArray, cross
+from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
-from vtff_nav.relative.common.orbit_single_point import troposphere_delay
+from vtff_nav.relative.common.orbit_single_point import troposphere_delay, troposphere_mapping
 from vtff_nav.relative.common.solution import LaserMeasurement
 
 __all__ = [
@@ -62,6 +63,8 @@ class Sky:
         Derivatives by the errors of lever arms, see `AntennaPair.offset_columns`; k may be 0.
     ray_turn : ndarray
         Derivative by the error of the satellite's position across its ray, towards the deputy.
+    troposphere : ndarray
+        Derivative by the difference of the zenith delays over its a priori sigma, m.
     """
 
     predicted: FloatArray
@@ -72,6 +75,7 @@ class Sky:
     azimuth: FloatArray
     antenna_offset: FloatArray
     ray_turn: FloatArray
+    troposphere: FloatArray
 
     def select(self, rows: npt.NDArray[np.intp]) -> Sky:
         """Return the sky of some of the single differences."""
@@ -103,9 +107,15 @@ def make_sky(
     elevation = geometry.elevation[:, columns]
     ranges = geometry.range[1] - geometry.range[0]
     predicted = (ranges - geometry.clock[1] + geometry.clock[0])[columns]
+    troposphere = np.zeros(len(measured))
     if configuration.has_troposphere:
         predicted = predicted + troposphere_delay(positions_itrf[1], elevation[1])
         predicted = predicted - troposphere_delay(positions_itrf[0], elevation[0])
+        zenith_sigma = math.hypot(
+            configuration.troposphere_distance_sigma * norm(positions[1] - positions[0]),
+            configuration.troposphere_height_sigma * (height_deputy - height_chief),
+        )
+        troposphere = zenith_sigma * troposphere_mapping(elevation[1])
     antenna_offset, antennas = np.zeros((len(measured), 0)), configuration.antennas
     if antennas is not None and rotations_body is not None:
         directions = geometry.direction[1, columns]
@@ -135,6 +145,7 @@ def make_sky(
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
         ray_turn=across / geometry.range[1, columns],
+        troposphere=troposphere,
     )
 
 
@@ -266,6 +277,7 @@ def measurement_innovation(
     predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)
     _add_antenna_offset(design, predicted, state, sky)
+    _add_troposphere(design, predicted, state, sky)
     columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
     design[rows + count, columns] = 1.0
@@ -274,8 +286,9 @@ def measurement_innovation(
     for row, key in enumerate(measured.keys):
         if ("phase_error", key) in state:
             slow = state.index(("phase_error", key))
-            design[count + row, slow] = 1.0
-            slow_errors[row] = state.mean[slow]
+            growth = measured.noise_growth[row]
+            design[count + row, slow] = growth
+            slow_errors[row] = growth * state.mean[slow]
     has_bias = code_columns >= 0
     design[rows[has_bias], code_columns[has_bias]] = 1.0
     predicted[code] += np.where(has_bias, state.mean[code_columns], 0.0)
@@ -331,6 +344,18 @@ def _add_antenna_offset(
     for rows in (slice(0, count), slice(count, 2 * count)):
         design[rows, columns] = sky.antenna_offset
         predicted[rows] += sky.antenna_offset @ state.mean[columns]
+
+
+def _add_troposphere(
+    design: FloatArray, predicted: FloatArray, state: GaussianState, sky: Sky
+) -> None:
+    """Add what the model of the troposphere leaves, which delays codes and phases alike."""
+    if ("troposphere",) not in state:
+        return
+    count, column = len(sky.troposphere), state.index(("troposphere",))
+    for rows in (slice(0, count), slice(count, 2 * count)):
+        design[rows, column] = sky.troposphere
+        predicted[rows] += sky.troposphere * state.mean[column]
 
 
 def _add_ray_turn(

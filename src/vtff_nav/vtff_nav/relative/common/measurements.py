@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -76,6 +76,10 @@ class MeasurementNoise:
         Whether the sigmas that the receiver states are used.
     smallest_code_sigma, smallest_phase_sigma : float
         Lower limits of the sigmas that the receiver states, m.
+    elevation_noise_ratio : float
+        Ratio b / a of the variance ``a^2 + (b / sin E)^2`` at elevation E; the sigmas above are
+        those at the zenith. 0: the noise is the same at all elevations. For the multipath of
+        antennas near the ground RTKLIB takes 1 (manual of 2.4.2, appendix E.7, and its defaults).
     """
 
     code_sigma: float = 0.3
@@ -83,6 +87,12 @@ class MeasurementNoise:
     use_receiver_sigmas: bool = True
     smallest_code_sigma: float = 0.05
     smallest_phase_sigma: float = 0.0002
+    elevation_noise_ratio: float = 0.0
+
+    def growth(self, elevation: FloatArray) -> FloatArray:
+        """Return the factor of the sigmas at elevations (rad, above the horizon), shape (n,)."""
+        ratio = self.elevation_noise_ratio
+        return np.asarray(np.hypot(1.0, ratio / np.sin(elevation)) / np.hypot(1.0, ratio))
 
     def sigmas(
         self, epoch: ObservationEpoch, rows: npt.NDArray[np.intp], wavelength: FloatArray
@@ -298,6 +308,9 @@ class SingleDifferences:
         Whether either receiver has lost lock.
     lock_time : ndarray, shape (2, n)
         Lock time of chief and deputy, s.
+    noise_growth : ndarray
+        Factor that slow errors and sigmas have at the elevation of the satellite; the variances
+        contain it.
     """
 
     keys: list[SignalKey]
@@ -312,10 +325,20 @@ class SingleDifferences:
     half_cycles: npt.NDArray[np.int64]
     is_lock_lost: npt.NDArray[np.bool_]
     lock_time: FloatArray
+    noise_growth: FloatArray
 
     def __len__(self) -> int:
         """Return the number of signals."""
         return len(self.keys)
+
+    def grown(self, factor: FloatArray) -> SingleDifferences:
+        """Return single differences whose noise is larger by factors, shape (n,)."""
+        return replace(
+            self,
+            code_variance=factor**2 * self.code_variance,
+            phase_variance=factor**2 * self.phase_variance,
+            noise_growth=factor * self.noise_growth,
+        )
 
     def select(self, rows: npt.NDArray[np.intp]) -> SingleDifferences:
         """Return the single differences of some rows."""
@@ -360,6 +383,7 @@ def form_single_differences(chief: SignalTable, deputy: SignalTable) -> SingleDi
         half_cycles=half_cycles,
         is_lock_lost=((a.flags | b.flags) & c.FLAG_LOCK_LOST) > 0,
         lock_time=np.array([a.lock_time, b.lock_time]),
+        noise_growth=np.ones(len(a)),
     )
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "form_combinations",
     "solve_single_point",
     "troposphere_delay",
+    "troposphere_mapping",
 ]
 
 _POINT_ITERATIONS = 12
@@ -304,10 +305,14 @@ def troposphere_delay(position_itrf: FloatArray, elevation: FloatArray) -> Float
     Notes
     -----
     The delay is 2.4 m at the zenith at sea level and falls with a scale height of 7.5 km. It is
-    mapped with 1.001 / sqrt(0.002001 + sin^2 E) (Black and Eisner 1984). It is zero above 20 km.
+    mapped with `troposphere_mapping`. It is zero above 20 km.
     """
     height = float(geodetic_from_itrf(position_itrf)[2])
     if not -1e3 < height < _TOP_OF_TROPOSPHERE:
         return np.zeros_like(elevation)
-    zenith = 2.4 * math.exp(-height / 7500.0)
-    return zenith * 1.001 / np.sqrt(0.002001 + np.sin(elevation) ** 2)
+    return 2.4 * math.exp(-height / 7500.0) * troposphere_mapping(elevation)
+
+
+def troposphere_mapping(elevation: FloatArray) -> FloatArray:
+    """Return slant over zenith delay at elevations (rad), shape (n,): Black and Eisner (1984)."""
+    return np.asarray(1.001 / np.sqrt(0.002001 + np.sin(elevation) ** 2))

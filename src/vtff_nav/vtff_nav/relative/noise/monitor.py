@@ -107,7 +107,9 @@ class NoiseMonitor:
 
         Codes have slow errors as part of their variances; those of the phases are states.
         """
-        white = self.code.white_factor * measured.code_variance
+        # The components are those of a signal whose noise has not grown.
+        power = measured.noise_growth**2
+        white = self.code.white_factor * measured.code_variance / power
         epochs = []
         for key in measured.keys:
             last, count = self._codes.get(key, (time, 0))
@@ -116,9 +118,8 @@ class NoiseMonitor:
             epochs.append(count)
         return dataclasses.replace(
             measured,
-            code_variance=white_equivalent_variance(
-                white, self.code.slow, np.array(epochs), interval
-            ),
+            code_variance=power
+            * white_equivalent_variance(white, self.code.slow, np.array(epochs), interval),
             phase_variance=self.phase.white_factor * measured.phase_variance,
         )
 
@@ -129,15 +130,17 @@ class NoiseMonitor:
         phase_level = measured.phase - epoch.predicted
         code_change, phase_change = self._changes(time, interval, measured, code_level, phase_level)
         phase_change[~epoch.is_phase_continued] = np.nan
+        growth = measured.noise_growth
+        common, plasma = epoch.common / growth[:, None], epoch.plasma / growth[:, None]
         self._learn_kind(
             self.code,
             time,
             interval,
             measured.keys,
-            np.column_stack((code_change, code_level)),
-            measured.code_variance,
-            epoch.common,
-            np.zeros(epoch.common.shape[1]),
+            np.column_stack((code_change, code_level)) / growth[:, None],
+            measured.code_variance / growth**2,
+            common,
+            np.zeros(common.shape[1]),
             epoch.is_code_sample,
         )
         fixed = phase_level - epoch.integer_cycles * measured.wavelength
@@ -146,10 +149,10 @@ class NoiseMonitor:
             time,
             interval,
             measured.keys,
-            np.column_stack((phase_change, fixed)),
-            measured.phase_variance,
-            np.hstack((epoch.common, epoch.plasma)),
-            np.repeat((0.0, 1.0), (epoch.common.shape[1], epoch.plasma.shape[1])),
+            np.column_stack((phase_change, fixed)) / growth[:, None],
+            measured.phase_variance / growth**2,
+            np.hstack((common, plasma)),
+            np.repeat((0.0, 1.0), (common.shape[1], plasma.shape[1])),
             epoch.is_phase_sample,
         )
 
