@@ -244,11 +244,14 @@ class Outcome:
     fixed : int
         Epochs that were called fixed.
     epochs : int
+    integers : int
+        Integers of the last epoch.
     """
 
     normalised: tuple[float, ...]
     fixed: int
     epochs: int
+    integers: int
 
     @property
     def largest(self) -> float:
@@ -272,4 +275,4 @@ def fly_jump(jump: Jump, seconds: int = 16) -> Outcome:
             error = solution.position_itrf - scenario.baseline_itrf[k]
             covariance = solution.covariance_position_itrf
             errors.append(float(np.sqrt(error @ np.linalg.solve(covariance, error))))
-    return Outcome(tuple(errors), len(errors), last - CONVERGED)
+    return Outcome(tuple(errors), len(errors), last - CONVERGED, solution.ambiguities_fixed)

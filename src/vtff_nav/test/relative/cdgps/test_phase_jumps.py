@@ -7,6 +7,7 @@ import pytest
 from jump_worlds import CONVERGED, MOTIONS, Jump, draw_jump, fly_jump, world
 
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.cdgps import phase_jumps
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 
 # Normalised error of a position, all three axes, beyond which it must not be called fixed.
@@ -56,6 +57,23 @@ def test_the_jump_of_the_car(motion):
     assert outcome.largest < LARGEST
     if motion != "street":
         assert outcome.fixed == outcome.epochs
+
+
+def test_nothing_is_fixed_while_all_satellites_are_suspect():
+    """Two of seven satellites in a street: any two of them would explain the changes."""
+    outcome = fly_jump(Jump("street", CONVERGED + 3, ((0, 28, 0.195), (0, 26, 0.149))))
+    assert outcome.largest < LARGEST
+    assert outcome.integers == 0
+
+
+def test_a_satellite_that_is_back_has_no_integers(monkeypatch):
+    """0.26 m is 1.37 cycles of L1, and so near to one cycle of L2 that it would be taken for it."""
+    monkeypatch.setattr(phase_jumps, "_EPOCHS_OUT", 5)
+    world.cache_clear()
+    rover = world("car").epochs[0][1]
+    outcome = fly_jump(Jump("car", CONVERGED + 5, ((0, int(rover.prn[0]), 0.26),)))
+    assert outcome.integers == len(rover) - 2
+    world.cache_clear()
 
 
 def changes(values: dict[int, float], directions: np.ndarray, clock: float = 0.0) -> PhaseChanges:

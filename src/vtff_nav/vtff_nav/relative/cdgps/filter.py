@@ -172,6 +172,8 @@ class RelativeFilter:
         self._code_reference: tuple[int, int, int] | None = None
         self._global_failures = 0
         self._epochs_without_fix = 0
+        # Signals whose phases have jumped, by no whole number of cycles as far as can be told.
+        self._without_integers: set[SignalKey] = set()
         self._epochs = 0
         if configuration.has_plasma:
             for layer, sigma in enumerate(configuration.layer_sigmas):
@@ -281,8 +283,10 @@ class RelativeFilter:
         degraded: list[str] = []
         received, stated = measured, self.noise.weigh(time, interval, measured)
         measured = self.scatter.add_excess(stated)
+        self._without_integers.intersection_update(measured.keys)
         for key, reason in self.arcs.find_breaks(time, measured, interval).items():
             self._end_arc(key)
+            self._without_integers.discard(key)
             if reason == "not seen any more":
                 state.remove([("phase_error", key)])
             else:
@@ -389,12 +393,22 @@ class RelativeFilter:
                 excluded[key] = "phases contradict each other"
                 self._end_arc(key)
         out = self.jumps.excluded(key.satellite for key in measured.keys)
+        kept = [row for row, key in enumerate(measured.keys) if key.satellite not in out]
+        is_kept_enough = len({measured.keys[row].satellite for row in kept}) >= self._fewest_fixed
         for key in measured.keys:
-            if key.satellite in out:
+            if key.satellite not in out:
+                continue
+            if is_kept_enough and not is_orbital:
+                self._without_integers.add(key)
+            if is_kept_enough or key.satellite in found.satellites:
                 excluded[key] = "phases of the satellite have jumped"
                 self._end_arc(key)
-        kept = [row for row, key in enumerate(measured.keys) if key.satellite not in out]
-        return np.array(kept or range(len(measured)), dtype=np.intp)
+        if is_kept_enough:
+            return np.array(kept, dtype=np.intp)
+        if out:
+            # Their changes still tell the motion, but not the integers of phases that have jumped.
+            self._epochs_without_fix = max(self._epochs_without_fix, 2)
+        return np.arange(len(measured))
 
     def _start_arcs(self, time: GpsTime, measured: SingleDifferences, sky: Sky) -> None:
         """Add arcs and states for signals without an arc."""
@@ -667,6 +681,7 @@ class RelativeFilter:
             for row, key in enumerate(measured.keys)
             if is_used[row]
             and measured.is_parity_known[row]
+            and key not in self._without_integers
             and self._is_averaged(key, measured, row)
         ]
         if not candidates:
@@ -698,6 +713,11 @@ class RelativeFilter:
         )
         return arc.epochs >= max(epochs, _FEWEST_EPOCHS_IN_SCATTER)
 
+    @property
+    def _fewest_fixed(self) -> int:
+        """Fewest satellites with integers of a fixed solution."""
+        return _FEWEST_FIXED_SATELLITES + (self.configuration.dynamics == "kinematic")
+
     def classify(self, update: Update) -> tuple[int, int, int]:
         """Return the kind of solution, the number of satellites used, and that of integers."""
         measured, innovation = update.measured, update.innovation
@@ -709,8 +729,8 @@ class RelativeFilter:
         with_integer = [key for key in used if self.arcs[key].integer is not None]
         # Most integers are lost and refused: those that are left cannot be trusted either.
         has_collapsed = 2 * len(with_integer) < len(used) and bool(self.attempt.reason)
-        fewest = _FEWEST_FIXED_SATELLITES + (self.configuration.dynamics == "kinematic")
-        if len({key.satellite for key in with_integer}) >= fewest and not has_collapsed:
+        satellites_fixed = {key.satellite for key in with_integer}
+        if len(satellites_fixed) >= self._fewest_fixed and not has_collapsed:
             return SOLUTION_FIXED, satellites, len(with_integer)
         return (SOLUTION_FLOAT if used else SOLUTION_CODE), satellites, len(with_integer)
 
