@@ -11,6 +11,7 @@ from vtff_analysis.attitude.loop import AttitudeLoop, LoopConfiguration
 from vtff_analysis.attitude.snap1 import (
     DIPOLE_FINAL,
     fly_autonomous,
+    fly_compass,
     fly_detumble,
     fly_kick,
     fly_three_axis,
@@ -131,6 +132,14 @@ def test_detumbling_takes_the_rates_from_a_tumble():
     flight = fly_detumble("detumble", hours=1.0).history
     start, end = (np.linalg.norm(flight.rate_body[row]) for row in (0, -1))
     assert start > 0.4 and end < 0.85 * start
+
+
+@pytest.mark.parametrize("hours", [1.0, pytest.param(4.0, marks=pytest.mark.slow)])
+def test_averaging_the_field_fails_once_the_wheel_runs(hours):
+    """Swings that nothing has damped: the mean is along the dipole without the wheel only."""
+    without, with_wheel = (fly_compass(speed, hours, 101, True) for speed in (0.0, -1000.0))
+    assert without.direction_error_deg < 20.0 / hours
+    assert with_wheel.direction_error_deg > 40.0
 
 
 @pytest.mark.slow

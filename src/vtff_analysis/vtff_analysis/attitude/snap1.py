@@ -112,6 +112,13 @@ def _compass_start(
     return AttitudeState(quaternion, matrix.T @ turn, body.wheel_momentum(wheel_rpm))
 
 
+def _at_rest(body: SpacecraftBody, wheel_rpm: float, seed: int) -> AttitudeState:
+    """Return a drawn attitude that does not turn."""
+    quaternion = np.random.default_rng((seed, 3)).standard_normal(4)
+    quaternion /= np.linalg.norm(quaternion)
+    return AttitudeState(quaternion, np.zeros(3), body.wheel_momentum(wheel_rpm))
+
+
 @dataclass(frozen=True)
 class CompassResult:
     """Compass mode: table 2 and figure 2.
@@ -134,11 +141,22 @@ class CompassResult:
     history: AttitudeHistory
 
 
-def fly_compass(wheel_rpm: float = 0.0, hours: float = 24.0, seed: int = 1) -> CompassResult:
-    """Fly compass mode without control from a swing of 20 deg, as between two passes."""
+def fly_compass(
+    wheel_rpm: float = 0.0, hours: float = 24.0, seed: int = 1, released: bool = False
+) -> CompassResult:
+    """Fly compass mode without control from a swing of 20 deg, as between two passes.
+
+    With `released` the start is at rest in a drawn attitude, and nothing has damped the swing. The
+    mean of the field is then still along the dipole, but no longer with a wheel: its momentum has
+    the dipole turn about other axes than the field, and the paper's averaging method, equations 1
+    to 5, is wrong by up to 130 deg.
+    """
     track = snap1_track()
     body = SpacecraftBody(dipole=DIPOLE_COMPASS)
-    start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
+    if released:
+        start = _at_rest(body, wheel_rpm, seed)
+    else:
+        start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
     loop = AttitudeLoop(
         track,
         LoopConfiguration(body=body, control=AttitudeControlConfiguration()),

@@ -25,6 +25,10 @@ from vtff_dynamics.vectors import FloatArray
 __all__ = ["run_snap1"]
 
 
+# The averaging method is tried from so many drawn attitudes, over so many hours each.
+_AVERAGING_STARTS, _AVERAGING_HOURS = 3, 4.0
+
+
 def run_snap1(
     folder: Path, hours: float = 28.0, seed: int = 1, say: Callable[[str], None] = print
 ) -> list[ComparisonRow]:
@@ -55,6 +59,8 @@ def run_snap1(
                 [("field (uT)", 1e6 * compass.history.field_body, "xyz")],
                 last=3.0,
             )
+    say("averaging of the field over swings that nothing has damped")
+    rows += _averaging_rows(min(hours, _AVERAGING_HOURS), seed)
     say("dipole estimator, figure 5")
     dipole = fly_dipole_estimation(seed=seed)
     rows += _dipole_rows(dipole)
@@ -93,6 +99,22 @@ def run_snap1(
 
 def _numbers(values: Sequence[float] | FloatArray, unit: str, digits: int = 2) -> str:
     return ", ".join(f"{value:.{digits}f}" for value in values) + f" {unit}"
+
+
+def _averaging_rows(hours: float, seed: int) -> list[ComparisonRow]:
+    rows = []
+    for speed in (0.0, -1000.0):
+        seeds = range(seed, seed + _AVERAGING_STARTS)
+        errors = [fly_compass(speed, hours, s, released=True).direction_error_deg for s in seeds]
+        rows.append(
+            ComparisonRow(
+                f"averaging method, wheel {speed:.0f} rpm, drawn starts at rest",
+                "direction of the mean field against the dipole",
+                "taken as equal",
+                _numbers(errors, "deg", 1),
+            )
+        )
+    return rows
 
 
 def _compass_rows(result: CompassResult, speed: float, paper: str) -> list[ComparisonRow]:
