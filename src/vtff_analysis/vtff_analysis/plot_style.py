@@ -52,7 +52,15 @@ def make_figure(height: float) -> Figure:
 def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
     """Write a figure as PNG under its title; return the path."""
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
-    figure.savefig(path, dpi=DPI)
+    figure.set_dpi(DPI)
+    layout = figure.get_layout_engine()
+    assert layout is not None
+    layout.execute(figure)
+    figure.set_layout_engine("none")
+    # `savefig` would draw everything once more before, for the layout alone.
+    canvas = figure.canvas
+    assert isinstance(canvas, FigureCanvasAgg)
+    canvas.print_png(path)
     return path
 
 

@@ -21,6 +21,7 @@ from vtff_node import parameters
 from vtff_node.node import EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.plugins.loading import PluginError, help_lines
+from vtff_node.process.leaving import leave_process
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.stop_signals import StopRequest
 
@@ -175,7 +176,7 @@ def run_node(node_class: NodeFactory) -> None:
     if any(argument in ("-h", "--help") for argument in sys.argv[1:]):
         print(help_text(node_class))
         sys.exit(0)
-    sys.exit(run_nodes([node_class], sys.argv))
+    leave_process(run_nodes([node_class], sys.argv))
 
 
 def help_text(node_class: Any) -> str:

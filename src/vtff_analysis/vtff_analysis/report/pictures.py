@@ -3,15 +3,22 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
-from vtff_analysis.recordings.history import DeputyHistory, RunHistory
+from vtff_analysis.recordings.history import (
+    DeputyHistory,
+    ReceiverHistory,
+    RunHistory,
+    SatelliteColumns,
+)
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.settings import RunSettings
 from vtff_analysis.recordings.topics import key_part
+from vtff_analysis.report.forked import run_forked, usable_processors
 from vtff_analysis.report.html import Picture
 from vtff_analysis.report.plots import plot_formation, plot_receiver
 from vtff_analysis.report.plots_details import (
@@ -43,11 +50,13 @@ _FORMATION_CAPTIONS = {
     "keeping_error": "Deviation from the target in the keeping phase, each axis on its own scale.",
 }
 
-_SLANT_TEC_PANELS = {
+_Panels = Mapping[str, tuple[str, str]]  # title and axis label by column
+
+_SLANT_TEC_PANELS: _Panels = {
     "stec_tecu": ("slant TEC along each ray", "slant TEC (TECU)"),
     "vtec_tecu": ("vertical TEC at the pierce points", "vertical TEC (TECU)"),
 }
-_SCINTILLATION_PANELS = {
+_SCINTILLATION_PANELS: _Panels = {
     "s4": ("amplitude scintillation", "S4"),
     "sigma_phi": ("phase scintillation", "sigma phi (rad)"),
     "roti_tecu_per_minute": ("rate of TEC index", "ROTI (TECU/min)"),
@@ -81,73 +90,109 @@ def draw_pictures(
         In the order in which they are to be shown.
     """
     scenario = history.simulator.scenario if history.simulator is not None else ""
-    pictures = []
+    labelled = f"{run_name}{scenario_label(scenario)}"
+    tasks: list[Callable[[], list[Picture]]] = []
     for name, flight in flights.items():
         prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
         cap = settings.controller(name).acceleration_cap
-        for path in plot_formation(flight, folder, prefix, run_name, scenario, cap):
-            caption = _FORMATION_CAPTIONS[path.stem.removeprefix(prefix)]
-            pictures.append(Picture(path, caption, "formation"))
-        pictures += _draw_navigation(history.deputies[name], folder, prefix, run_name)
+        deputy = history.deputies[name]
+        tasks += [
+            partial(_draw_formation, flight, folder, prefix, run_name, scenario, cap),
+            partial(_draw_navigation_error, deputy, folder, prefix, run_name),
+            partial(_draw_navigation_quality, deputy, folder, prefix, run_name),
+        ]
     for receiver in history.receivers.values():
-        prefix = f"{key_part(receiver.name)}_"
-        tracking = plot_receiver(receiver, folder, prefix, run_name)
-        if tracking is not None:
-            caption = f"Satellites that {receiver.name} tracked, coloured by the strongest signal."
-            pictures.append(Picture(tracking, caption, "gnss"))
-        title = f"{run_name}: sky of {receiver.name}"
-        sky = plot_sky(receiver, folder, prefix, title)
-        if sky is not None:
-            caption = (
-                f"Sky of {receiver.name}: azimuth around, elevation from the zenith outwards, from "
-                "recorded ephemerides and position fixes; labels stand where a satellite was "
-                "first seen."
-            )
-            pictures.append(Picture(sky, caption, "gnss"))
-    labelled = f"{run_name}{scenario_label(scenario)}"
+        tasks += [
+            partial(_draw_tracking, receiver, folder, run_name),
+            partial(_draw_sky, receiver, folder, run_name),
+        ]
     pairs = history.pair_histories()
     for pair in pairs:
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
-        pictures += _draw_density(pair, truth, folder, prefix, labelled)
-    pictures += _draw_scintillation_maps(pairs[0], truth, folder, labelled, scenario)
-    pictures += _draw_ionosphere(history, folder, labelled)
+        tasks.append(partial(_draw_density, pair, truth, folder, prefix, labelled))
+    tasks.append(partial(_draw_scintillation_maps, pairs[0], truth, folder, labelled, scenario))
+    tasks += _ionosphere_tasks(history, folder, labelled)
+    tasks.append(partial(_draw_comparisons, history, folder, labelled))
+    tasks.append(partial(_draw_timing, history, folder, run_name))
+    return [picture for drawn in run_forked(tasks, usable_processors()) for picture in drawn]
+
+
+def _draw_formation(
+    flight: FormationFlight,
+    folder: pathlib.Path,
+    prefix: str,
+    run_name: str,
+    scenario: str,
+    cap: float | None,
+) -> list[Picture]:
+    paths = plot_formation(flight, folder, prefix, run_name, scenario, cap)
+    captions = (_FORMATION_CAPTIONS[path.stem.removeprefix(prefix)] for path in paths)
+    return [
+        Picture(path, caption, "formation") for path, caption in zip(paths, captions, strict=True)
+    ]
+
+
+def _draw_tracking(receiver: ReceiverHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+    path = plot_receiver(receiver, folder, f"{key_part(receiver.name)}_", run_name)
+    caption = f"Satellites that {receiver.name} tracked, coloured by the strongest signal."
+    return [] if path is None else [Picture(path, caption, "gnss")]
+
+
+def _draw_sky(receiver: ReceiverHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+    title = f"{run_name}: sky of {receiver.name}"
+    path = plot_sky(receiver, folder, f"{key_part(receiver.name)}_", title)
+    caption = (
+        f"Sky of {receiver.name}: azimuth around, elevation from the zenith outwards, from "
+        "recorded ephemerides and position fixes; labels stand where a satellite was first seen."
+    )
+    return [] if path is None else [Picture(path, caption, "gnss")]
+
+
+def _draw_comparisons(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
     comparisons = compare_with_receiver(history)
-    if comparisons:
-        path = folder / "receiver_ionosphere.png"
-        plot_comparisons(comparisons, path, f"{labelled}: ours against the receiver's own")
-        caption = "TEC and scintillation of the ionosphere processor against the receiver's own."
-        pictures.append(Picture(path, caption, "ionosphere"))
-    if any(times.size for times in history.compute_time.values()):
-        path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
-        caption = "Wall time that nodes took for a step, of those that acknowledge steps."
-        pictures.append(Picture(path, caption, "timing"))
-    return pictures
+    if not comparisons:
+        return []
+    path = folder / "receiver_ionosphere.png"
+    plot_comparisons(comparisons, path, f"{run_name}: ours against the receiver's own")
+    caption = "TEC and scintillation of the ionosphere processor against the receiver's own."
+    return [Picture(path, caption, "ionosphere")]
 
 
-def _draw_navigation(
+def _draw_timing(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
+    if not any(times.size for times in history.compute_time.values()):
+        return []
+    path = plot_compute_time(history.compute_time, folder, f"{run_name}: time per step")
+    caption = "Wall time that nodes took for a step, of those that acknowledge steps."
+    return [Picture(path, caption, "timing")]
+
+
+def _draw_navigation_error(
     deputy: DeputyHistory, folder: pathlib.Path, prefix: str, run_name: str
 ) -> list[Picture]:
-    pictures = []
     error = navigation_error(deputy)
-    if error is not None:
-        title = f"{run_name}: navigation of {deputy.name} minus truth"
-        path = plot_navigation_error(error, folder, prefix, title)
-        caption = "Navigated minus true state of each axis"
-        inside = error.fraction_within_three_sigma()
-        if inside is not None:
-            shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
-            caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
-        pictures.append(Picture(path, f"{caption}.", "navigation"))
-    if deputy.navigation is not None and deputy.navigation.time.size:
-        states = deputy.truth or deputy.estimate
-        assert states is not None
-        title = f"{run_name}: quality of the navigation of {deputy.name}"
-        path = plot_navigation_quality(
-            deputy.navigation, int(states.time[0]), folder, prefix, title
-        )
-        caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
-        pictures.append(Picture(path, caption, "navigation"))
-    return pictures
+    if error is None:
+        return []
+    title = f"{run_name}: navigation of {deputy.name} minus truth"
+    path = plot_navigation_error(error, folder, prefix, title)
+    caption = "Navigated minus true state of each axis"
+    inside = error.fraction_within_three_sigma()
+    if inside is not None:
+        shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
+        caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
+    return [Picture(path, f"{caption}.", "navigation")]
+
+
+def _draw_navigation_quality(
+    deputy: DeputyHistory, folder: pathlib.Path, prefix: str, run_name: str
+) -> list[Picture]:
+    if deputy.navigation is None or not deputy.navigation.time.size:
+        return []
+    states = deputy.truth or deputy.estimate
+    assert states is not None
+    title = f"{run_name}: quality of the navigation of {deputy.name}"
+    path = plot_navigation_quality(deputy.navigation, int(states.time[0]), folder, prefix, title)
+    caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
+    return [Picture(path, caption, "navigation")]
 
 
 def _draw_density(
@@ -224,21 +269,22 @@ def _draw_scintillation_maps(
     return pictures
 
 
-def _draw_ionosphere(history: RunHistory, folder: pathlib.Path, run_name: str) -> list[Picture]:
-    pictures = []
+def _ionosphere_tasks(
+    history: RunHistory, folder: pathlib.Path, run_name: str
+) -> list[Callable[[], list[Picture]]]:
     plots = (
         (history.slant_tec, _SLANT_TEC_PANELS, "electron content, one colour a satellite"),
         (history.scintillation, _SCINTILLATION_PANELS, "scintillation, one colour a satellite"),
     )
-    for topics, panels, what in plots:
-        for topic, columns in topics.items():
-            path = plot_satellite_values(
-                columns,
-                panels,
-                history.start_time,
-                folder / f"{key_part(topic)}.png",
-                f"{run_name}: {topic}",
-            )
-            if path is not None:
-                pictures.append(Picture(path, f"{topic}: {what}.", "ionosphere"))
-    return pictures
+
+    def draw(topic: str, columns: SatelliteColumns, panels: _Panels, what: str) -> list[Picture]:
+        path = folder / f"{key_part(topic)}.png"
+        title = f"{run_name}: {topic}"
+        drawn = plot_satellite_values(columns, panels, history.start_time, path, title)
+        return [] if drawn is None else [Picture(drawn, f"{topic}: {what}.", "ionosphere")]
+
+    return [
+        partial(draw, topic, columns, panels, what)
+        for topics, panels, what in plots
+        for topic, columns in topics.items()
+    ]

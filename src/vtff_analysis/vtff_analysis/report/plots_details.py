@@ -239,7 +239,7 @@ def plot_compute_time(
         bins = np.geomspace(0.8 * low, 1.25 * high, 60) * 1e3
         for panel, (node, times) in zip(panels, compute_time.items(), strict=True):
             milliseconds = times[times > 0.0] * 1e3
-            panel.hist(milliseconds, bins=bins, color=STATE_COLOUR)
+            panel.hist(milliseconds, bins=bins, color=STATE_COLOUR, histtype="stepfilled")
             if milliseconds.size:
                 median, late = np.quantile(milliseconds, [0.5, 0.99])
                 text = f"median {median:.3g} ms, 99 % below {late:.3g} ms"

@@ -14,9 +14,16 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
-from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, report_run, run_system
+from vtff_bringup.run.on_console import (
+    REPORT_MODULE,
+    conclude_run,
+    exit_on_run_errors,
+    report_run,
+    run_system,
+)
 from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import find_system_file, load_system
@@ -73,19 +80,21 @@ def reprocess(
     overrides = [f"{BAG_ARGUMENT}:={recorded.path.resolve()}", *(settings or [])]
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides, run_settings)
+        imports = BackgroundImport(REPORT_MODULE)
         result = run_system(
             console,
             description,
             run_settings,
             composed=not distributed,
             verbose=verbose,
+            on_step=imports.begin if report else None,
             prepare=lambda: _carry_over_parameters(recorded, run_directory),
         )
     exit_code, message_count = conclude_run(console, run_directory, result)
     if exit_code == 0:
         exit_code = _print_comparison(console, recorded, run_directory, description)
     if report and message_count and exit_code == 0:
-        exit_code = report_run(console, run_directory)
+        exit_code = report_run(console, run_directory, imports)
     raise typer.Exit(exit_code)
 
 

@@ -12,10 +12,17 @@ from rich.console import Console
 from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.hosts.run_order import RunOrder
 from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
+from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.host_session import Conclusion, HostSession
-from vtff_bringup.run.on_console import conclude_run, exit_on_run_errors, report_run, run_system
+from vtff_bringup.run.on_console import (
+    REPORT_MODULE,
+    conclude_run,
+    exit_on_run_errors,
+    report_run,
+    run_system,
+)
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.system_file import find_system_file, load_system
 
@@ -109,12 +116,14 @@ def run(
             )
             description = session.description
             settings = order.settings(run_directory, description.free_ports)
+        imports = BackgroundImport(REPORT_MODULE)
         result = run_system(
             console,
             description,
             settings,
             composed=order.composed,
             verbose=verbose,
+            on_step=imports.begin if order.report else None,
             session=session,
         )
         if session is not None and not session.records:
@@ -124,5 +133,5 @@ def run(
             own = Conclusion(session.host, str(run_directory), exit_code, message_count)
             session.conclude(own)
     if order.report and message_count and exit_code in (0, EXIT_INTERRUPTED):
-        exit_code = report_run(console, run_directory) or exit_code
+        exit_code = report_run(console, run_directory, imports) or exit_code
     raise typer.Exit(exit_code)

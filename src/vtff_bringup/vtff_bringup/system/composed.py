@@ -15,6 +15,7 @@ from typing import Any
 
 from vtff_node.executables import node_class
 from vtff_node.main import run_nodes
+from vtff_node.process.leaving import leave_process
 
 
 def make_factories(entries: list[dict[str, Any]]) -> list[Callable[[], Any]]:
@@ -32,7 +33,7 @@ def make_factories(entries: list[dict[str, Any]]) -> list[Callable[[], Any]]:
 def main() -> None:
     """Run the nodes that the file on the command line lists."""
     entries = json.loads(pathlib.Path(sys.argv[1]).read_text(encoding="utf-8"))
-    sys.exit(run_nodes(make_factories(entries), sys.argv[:1]))
+    leave_process(run_nodes(make_factories(entries), sys.argv[:1]))
 
 
 if __name__ == "__main__":
