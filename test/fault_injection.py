@@ -9,6 +9,7 @@ import mmap
 import os
 import pathlib
 import random
+import re
 import resource
 import shutil
 import signal
@@ -39,6 +40,7 @@ PROCESSES = {
     "deputy__relative_ekf": "parameters/deputy__relative_ekf.yaml",
     "deputy__sdre_controller": "parameters/deputy__sdre_controller.yaml",
     "deputy__thruster": "parameters/deputy__thruster.yaml",
+    "formation_safety": "parameters/formation_safety.yaml",
     "bag_recorder": "parameters/bag_recorder.yaml",
 }
 
@@ -390,7 +392,11 @@ class Flight:
             raise AssertionError(f"the bag is not readable: {error}; {self.output()}") from error
         flown = steps
         for path in (self.run / "nodes").glob("*.json"):
-            flown = max(flown, json.loads(path.read_text())["published"].get("/clock", 0))
+            with contextlib.suppress(json.JSONDecodeError):  # it was cut by a full disk
+                flown = max(flown, json.loads(path.read_text())["published"].get("/clock", 0))
+        # The last report of progress counts where that file is missing.
+        printed = re.findall(r"^(\d+) s of scenario in", self.output(), re.MULTILINE)
+        flown = max([flown, *map(int, printed)])
         return steps, flown - steps, reader.complete
 
 
@@ -611,7 +617,7 @@ class EmulatedUnit:
             port: int = free.getsockname()[1]
         self._process = subprocess.Popen(
             [str(executable_path("vtff_sim_bridge", "simgen_emulator")), "--port", str(port)]
-            + ["--vehicles", "v1_m1,v2_m1", "--clock", "lockstep", "--log-level", "warning"]
+            + ["--vehicles", "v1_m1", "v2_m1", "--clock", "lockstep", "--log-level", "warning"]
             + ["--gnss", str(ROOT / "config/gnss/reference.yaml"), "--seed", "1"]
             + ["--port-link-directory", str(ports)]
         )

@@ -16,6 +16,7 @@ import time
 import can
 import psutil
 import pytest
+from domain_coordinator import domain_id
 from graph_support import ROOT, SYSTEMS
 
 from vtff_bag.file.reader import BagReader
@@ -182,6 +183,44 @@ def test_a_reprocessing_that_loses_its_runner_ends_in_order(fly):
     run.process.kill()
     wait_until(lambda: not alive(children))
     assert "Traceback" not in run.logs() + run.output()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        pytest.param(("view", "bags/sample", "--no-open"), "http://", id="view"),
+        pytest.param(("replay", "bags/sample", "--rate", 0.1), "topics,", id="replay"),
+        pytest.param(("study", "radial_offset", "--offset", 100), "", id="study"),
+    ],
+)
+def test_a_command_that_is_killed_leaves_nothing_running(arguments, text, tmp_path):
+    """A viewer and a player are one process; a study flies as a campaign does."""
+    folder = ("--out", tmp_path / "study") if arguments[0] == "study" else ()
+    log = tmp_path / "log"
+    with domain_id() as domain, log.open("w") as stream:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "vtff_bringup.cli", *map(str, (*arguments, *folder))],
+            cwd=ROOT,
+            stdin=subprocess.DEVNULL,
+            stdout=stream,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", "ROS_DOMAIN_ID": str(domain)},
+        )
+        below = []
+        try:
+            command = psutil.Process(process.pid)
+            if arguments[0] == "study":  # until the processes of the flight itself are there
+                wait_until(lambda: len(command.children(recursive=True)) > 5)
+            wait_until(lambda: text in log.read_text())
+            assert process.poll() is None, log.read_text()
+            below = command.children(recursive=True)
+            assert bool(below) == (arguments[0] == "study")
+        finally:
+            process.kill()
+            process.wait()
+        wait_until(lambda: not alive(below))
+    assert "Traceback" not in log.read_text()
 
 
 def find_child(children, name):

@@ -32,15 +32,17 @@ def make_app() -> typer.Typer:
         tec,
         view,
     )
+    from vtff_bringup.discover import list_installed, node, topic, version
 
     app = typer.Typer(
         name="vtff",
-        help="Formation-flying and ionosphere testbed: run systems, look at bags, make studies.",
         no_args_is_help=True,
-        add_completion=False,
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
+
+    help_text = "Formation-flying and ionosphere testbed: run systems, look at bags, make studies."
+    app.callback(help=help_text)(version.common_options)
     app.command("run", no_args_is_help=True)(run.run)
     app.command("replay", no_args_is_help=True)(replay.replay)
     app.command("reprocess", no_args_is_help=True)(reprocess.reprocess)
@@ -51,6 +53,9 @@ def make_app() -> typer.Typer:
     app.command("baseline", no_args_is_help=True)(baseline.baseline)
     app.command("campaign", no_args_is_help=True)(campaign.campaign)
     app.command("tec", no_args_is_help=True)(tec.tec)
+    app.command("list")(list_installed.list_installed)
+    app.command("node", no_args_is_help=True, add_help_option=False)(node.node)
+    app.add_typer(topic.app, name="topic")
     app.add_typer(bag.app, name="bag")
     app.add_typer(study.app, name="study")
     return app

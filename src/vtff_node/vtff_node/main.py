@@ -8,6 +8,7 @@ import inspect
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -18,7 +19,7 @@ from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
 
 from vtff_node import parameters
-from vtff_node.node import EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
+from vtff_node.node import ACKNOWLEDGE_TIMEOUT, EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.process.leaving import leave_process
@@ -77,8 +78,9 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
         for node in nodes:
-            node.close()
+            node.close(max(0.0, deadline - time.monotonic()))
         exit_code = max((node.exit_code for node in nodes), default=0)
         leave_late_teardown(exit_code)
         limit_teardown()

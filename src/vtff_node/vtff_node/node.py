@@ -37,7 +37,10 @@ EXIT_FAILURE = 1
 EXIT_USAGE = 2
 
 PROGRESS_INTERVAL = 0.2  # s of wall time between progress lines
-ACKNOWLEDGE_TIMEOUT = 3.0  # s a closing node waits for readers of its last messages
+#: Time that the nodes of a closing process wait for readers of their last messages, s. With the
+#: 5 s after which a step is given up it is longer than the 10 s after which `vtff run` lets a
+#: stopped recorder go on: that still gets what the nodes hold for it.
+ACKNOWLEDGE_TIMEOUT = 8.0
 
 
 @dataclass(frozen=True)
@@ -293,11 +296,17 @@ class VtffNode(Node):
     def on_stop(self) -> None:
         """Put hardware into a safe state; called once before the node is destroyed."""
 
-    def close(self) -> None:
-        """Stop, wait until readers have the last messages, and write the message counts."""
+    def close(self, patience: float = ACKNOWLEDGE_TIMEOUT) -> None:
+        """Stop, wait until readers have the last messages, and write the message counts.
+
+        Parameters
+        ----------
+        patience
+            Longest wait for readers, s of wall time.
+        """
         self._closing = True
         self.on_stop()
-        deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
+        deadline = time.monotonic() + patience
         for publisher in self._counted:
             remaining = max(0.0, deadline - time.monotonic())
             publisher.wait_for_all_acked(Duration(seconds=remaining))

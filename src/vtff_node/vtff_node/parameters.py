@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, TypeVar
 
 TableT = TypeVar("TableT")
@@ -24,6 +24,18 @@ TableT = TypeVar("TableT")
 #: ROS wants both limits of a range; these stand for a side that is open.
 LARGEST_FLOAT = sys.float_info.max
 LARGEST_INTEGER = 2**63 - 1
+
+#: Beginnings of the names of parameters that ROS itself declares.
+_ROS_OWN = ("qos_overrides", "use_sim_time", "start_type_description_service")
+
+_PYTHON_TYPES = {"bool": bool, "int": int, "str": str}
+_KIND_NAMES = {
+    "bool": "true or false",
+    "int": "a whole number",
+    "str": "a text",
+    "list[int]": "a list of whole numbers",
+    "list[str]": "a list of texts",
+}
 
 #: Stands for "no default": the parameter has to be given.
 REQUIRED: Any = object()
@@ -194,6 +206,39 @@ def declare(node: Any, table: type[TableT]) -> TableT:
         raise ParameterError(str(error)) from error
 
 
+def check_values(node_name: str, values: Mapping[str, Any], tables: Sequence[type]) -> None:
+    """Check values that a node would be given, without the node.
+
+    Parameters
+    ----------
+    node_name
+        Name for messages.
+    values
+        Value by parameter name, as read from YAML.
+    tables
+        All tables of the node.
+
+    Raises
+    ------
+    ParameterError
+        If the node has no such parameter, or a value has the wrong type or is not allowed.
+    """
+    fields = {field.name: field for table in tables for field in dataclasses.fields(table)}
+    _refuse_unknown_names(node_name, values, fields)
+    for name, value in values.items():
+        if name.startswith(_ROS_OWN):
+            continue
+        field = fields[name]
+        kind = _type_name(field)
+        expected = _PYTHON_TYPES.get(kind.removeprefix("list[").removesuffix("]"))
+        items = value if kind.startswith("list[") and isinstance(value, list) else [value]
+        if kind in ("float", "list[float]"):
+            value = _converted_numbers(name, value, kind == "list[float]")
+        elif expected is not None and any(type(item) is not expected for item in items):
+            raise ParameterError(f"parameter '{name}' is {value!r}; it must be {_KIND_NAMES[kind]}")
+        check(name, field, value)
+
+
 def refuse_unknown(node: Any) -> None:
     """Refuse parameter values given for names that the node does not have.
 
@@ -204,13 +249,17 @@ def refuse_unknown(node: Any) -> None:
     ParameterError
         If there is such a value; the text names it and the parameters with the nearest names.
     """
-    declared = {name for name in node._parameters if not name.startswith("qos_overrides")}
-    for name in sorted(set(node._parameter_overrides) - set(node._parameters)):
-        if name.startswith("qos_overrides"):
+    _refuse_unknown_names(node.get_name(), node._parameter_overrides, node._parameters)
+
+
+def _refuse_unknown_names(node_name: str, given: Iterable[str], declared: Iterable[str]) -> None:
+    names = {name for name in declared if not name.startswith(_ROS_OWN)}
+    for name in sorted(set(given) - names):
+        if name.startswith(_ROS_OWN):
             continue
-        near = difflib.get_close_matches(name, declared, n=3) or sorted(declared)
+        near = difflib.get_close_matches(name, names, n=3) or sorted(names)
         raise ParameterError(
-            f"node '{node.get_name()}' has no parameter '{name}'; did you mean: {', '.join(near)}?"
+            f"node '{node_name}' has no parameter '{name}'; did you mean: {', '.join(near)}?"
         )
 
 
@@ -227,8 +276,7 @@ def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
         "list[int]": Parameter.Type.INTEGER_ARRAY,
         "list[str]": Parameter.Type.STRING_ARRAY,
     }
-    # Postponed annotations are text; those of a plug-in's table may be types.
-    type_name = field.type.__name__ if field.type in (bool, int, float, str) else str(field.type)  # type: ignore[union-attr]
+    type_name = _type_name(field)
     if type_name not in types:
         raise ParameterError(
             f"parameter '{field.name}' has the type {type_name}; possible are {', '.join(types)}"
@@ -262,6 +310,11 @@ def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:
     if value is None or not numbers:
         return list(value) if kind.name.endswith("_ARRAY") and value is not None else value
     return _converted_numbers(field.name, value, kind is Parameter.Type.DOUBLE_ARRAY)
+
+
+def _type_name(field: dataclasses.Field[Any]) -> str:
+    # Postponed annotations are text; those of a plug-in's table may be types.
+    return field.type.__name__ if field.type in (bool, int, float, str) else str(field.type)  # type: ignore[union-attr]
 
 
 def _converted_numbers(name: str, value: Any, many: bool) -> Any:

@@ -26,6 +26,7 @@ from vtff_bringup.run.on_console import (
 )
 from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.parameter_check import check_parameters
 from vtff_bringup.system.system_file import find_system_file, load_system
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ def reprocess(
     overrides = [f"{BAG_ARGUMENT}:={recorded.path.resolve()}", *(settings or [])]
     with exit_on_run_errors(console, run_directory):
         description = load_system(path, overrides, run_settings)
+        check_parameters(description, overrides)
         imports = BackgroundImport(REPORT_MODULE)
         result = run_system(
             console,

@@ -10,6 +10,7 @@ import typer
 from rich.console import Console
 
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.discover.list_installed import complete_system
 from vtff_bringup.hosts.run_order import RunOrder
 from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
 from vtff_bringup.run.background_import import BackgroundImport
@@ -24,13 +25,17 @@ from vtff_bringup.run.on_console import (
     run_system,
 )
 from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.parameter_check import check_parameters
 from vtff_bringup.system.system_file import find_system_file, load_system
 
 
 def run(
     system: Annotated[
         str,
-        typer.Argument(help="System file or its name, e.g. config/system/reference_software.yaml"),
+        typer.Argument(
+            help="System file or its name (vtff list systems), e.g. reference_software",
+            autocompletion=complete_system,
+        ),
     ],
     overrides: Annotated[
         Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
@@ -109,6 +114,7 @@ def run(
         stack.enter_context(exit_on_run_errors(console, run_directory))
         description = load_system(path, order.overrides, settings)
         check_host(description, host)
+        check_parameters(description, order.overrides)
         session: HostSession | None = None
         if host is not None:
             session, order = stack.enter_context(

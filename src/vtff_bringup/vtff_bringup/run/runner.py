@@ -436,14 +436,19 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
     Returns
     -------
     list of str
-        One line for each topic whose counts differ; empty when exactly the published messages
-        were recorded.
+        One line for each topic whose counts differ, and for each file that a full disk has cut;
+        empty when exactly the published messages were recorded.
     """
     published: dict[str, int] = {}
-    for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
-        for topic, count in json.loads(path.read_text(encoding="utf-8"))["published"].items():
-            published[topic] = published.get(topic, 0) + count
     lines = []
+    for path in sorted((run_directory / NODE_RECORDS).glob("*.json")):
+        try:
+            counts = json.loads(path.read_text(encoding="utf-8"))["published"]
+        except json.JSONDecodeError:
+            lines.append(f"{NODE_RECORDS}/{path.name} was not written to its end")
+            continue
+        for topic, count in counts.items():
+            published[topic] = published.get(topic, 0) + count
     for topic, count in sorted(published.items()):
         recorded_count = recorded.get(topic, 0)
         if count != recorded_count:

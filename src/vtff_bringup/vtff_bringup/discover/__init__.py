@@ -1,0 +1,1 @@
+"""What there is: installed files and nodes, parameters, topics, the version."""

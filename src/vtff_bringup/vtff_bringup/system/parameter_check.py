@@ -1,0 +1,88 @@
+"""Parameters that a user gives to nodes, checked before any process starts."""
+
+from __future__ import annotations
+
+import importlib.metadata
+from collections.abc import Sequence
+from typing import Any
+
+from vtff_bringup.system.description import NodeDescription, SystemDescription
+from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.overrides import parse_override
+from vtff_node.executables import ExecutableNotFoundError, node_class, share_folder
+
+__all__ = ["check_parameters", "parameter_tables"]
+
+
+def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> None:
+    """Check names and values of the parameters that a user gives.
+
+    Those are the nodes that the overrides name, and all nodes of a system file that is not
+    installed with vtff: each needs its module to be imported. A node that has no table of
+    parameters (`vtff_node.executables.node_class`) checks its parameters itself.
+
+    Raises
+    ------
+    SystemFileError
+        If a node has no such parameter, or a value is not allowed; one line with the node.
+    """
+    named = {parse_override(text)[0].partition(".")[0].strip("/") for text in overrides}
+    is_shipped = _is_shipped(system)
+    for node in system.nodes:
+        name = node.qualified_name.strip("/")
+        if is_shipped and not named & {node.name, name}:
+            continue
+        _check_node(node)
+
+
+def _check_node(node: NodeDescription) -> None:
+    from vtff_node.parameters import ParameterError, check_values
+
+    values = node.all_parameters()
+    try:
+        tables = parameter_tables(node.package, node.executable, values)
+    except (ExecutableNotFoundError, importlib.metadata.PackageNotFoundError):
+        return
+    try:
+        check_values(node.qualified_name, values, tables)
+    except ParameterError as error:
+        text = str(error)
+        where = "" if node.qualified_name in text else f"{node.qualified_name}: "
+        raise SystemFileError(f"{where}{text}") from error
+
+
+def parameter_tables(package: str, executable: str, values: dict[str, Any]) -> list[type]:
+    """Return the tables of parameters of a node, with that of the plug-in that its values name.
+
+    Raises
+    ------
+    ExecutableNotFoundError
+        If the package has no such node.
+    SystemFileError
+        If the plug-in is not installed or cannot be loaded.
+    """
+    from vtff_node.node import CommonParameters
+    from vtff_node.parameters import default_of, fields_in_order
+    from vtff_node.plugins.loading import PluginError, load_plugin
+
+    found = node_class(package, executable)
+    tables = [table for table in (found.Parameters, CommonParameters) if table is not None]
+    if found.Plugins is not None:
+        key = found.Plugins.parameter
+        defaults = {field.name: default_of(field) for field in fields_in_order(found.Parameters)}
+        try:
+            plugin = load_plugin(found.Plugins, values.get(key, defaults[key]))
+        except (ValueError, PluginError) as error:
+            raise SystemFileError(str(error)) from error
+        if plugin.parameter_table is not None:
+            tables.append(plugin.parameter_table)
+    return tables
+
+
+def _is_shipped(system: SystemDescription) -> bool:
+    try:
+        folder = share_folder("vtff_bringup") / "config" / "system"
+    except ExecutableNotFoundError:
+        return False
+    shipped = folder / system.path.name
+    return shipped.is_file() and shipped.resolve() == system.path.resolve()
