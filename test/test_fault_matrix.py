@@ -31,7 +31,9 @@ from fault_injection import (
     SmallDisk,
 )
 
+from vtff_bag.bag_recorder_node import BagRecorderParameters
 from vtff_control.thruster.can_thruster import open_bus
+from vtff_node.step_source import StepSourceParameters
 
 LARGEST_LOSS = 2  # s of scenario that a fault may cost
 LARGEST_WALL_TIME = 120.0  # s from a fault to the end of the command: time-out and teardown
@@ -53,14 +55,17 @@ MISSED = {
 #: The thruster is hardware: when it hangs, its bus is silent.
 SILENT = ("deputy__can_thruster_emulator", "hang")
 
+#: A recorder that hangs reads nothing more: what the simulator is ahead of it is lost.
+UNREAD = ("bag_recorder", "hang")
 
-def check(outcome: Outcome, *named: str) -> None:
+
+def check(outcome: Outcome, *named: str, largest_loss: int = LARGEST_LOSS) -> None:
     """Check what holds for each fault that ends a run."""
     assert outcome.exit_code == 1, outcome.output
     assert any(name in outcome.output for name in named), outcome.output
     assert "Traceback" not in outcome.output
     assert outcome.left == []
-    assert outcome.lost <= LARGEST_LOSS
+    assert outcome.lost <= largest_loss
     assert outcome.wall_time < LARGEST_WALL_TIME
 
 
@@ -88,7 +93,12 @@ def test_kill(name, tmp_path, fault_table):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "how"),
-    [(name, how) for how in ("stop", "hang") for name in PROCESSES if (name, how) != SILENT],
+    [
+        (name, how)
+        for how in ("stop", "hang")
+        for name in PROCESSES
+        if (name, how) not in (SILENT, UNREAD)
+    ],
 )
 def test_stand_still(name, how, tmp_path, fault_table):
     flight = Flight(tmp_path, *ENDLESS)
@@ -99,6 +109,24 @@ def test_stand_still(name, how, tmp_path, fault_table):
     fault_table(name, how, outcome)
     # The pacing node is missed by the runner, when a minute has brought no progress.
     check(outcome, *((name,) if how == "stop" else MISSED.get(name, (name,))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("lag", [StepSourceParameters.maximum_lag, 1])
+def test_a_recorder_that_hangs_loses_the_steps_that_it_may_lag(lag, tmp_path, fault_table):
+    """Lockstep lets the recorder lag by some steps, for the sake of speed; the user may forbid it."""
+    acknowledged = BagRecorderParameters.acknowledge_every if lag > 1 else 1
+    settings = (
+        f"simgen_bridge.maximum_lag:={lag}",
+        f"bag_recorder.acknowledge_every:={acknowledged}",
+    )
+    flight = Flight(tmp_path, *settings, *ENDLESS)
+    flight.wait_for_steps()
+    with flight.fault():
+        flight.send(UNREAD[0], signal.SIGUSR1)
+    outcome = flight.end()
+    fault_table(UNREAD[0], f"{UNREAD[1]}, maximum_lag {lag}", outcome)
+    check(outcome, UNREAD[0], largest_loss=lag + 1)
 
 
 @pytest.mark.slow
