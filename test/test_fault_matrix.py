@@ -114,7 +114,7 @@ def test_stand_still(name, how, tmp_path, fault_table):
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [StepSourceParameters.maximum_lag, 1])
 def test_a_recorder_that_hangs_loses_the_steps_that_it_may_lag(lag, tmp_path, fault_table):
-    """Lockstep lets the recorder lag by some steps, for the sake of speed; the user may forbid it."""
+    """Lockstep lets the recorder lag by some steps for speed; the user may forbid it."""
     acknowledged = BagRecorderParameters.acknowledge_every if lag > 1 else 1
     settings = (
         f"simgen_bridge.maximum_lag:={lag}",

@@ -96,7 +96,7 @@ def structure(page):
 def test_every_part_is_there_and_nothing_is_fetched(page):
     found = structure(page)
     assert found.sections == [
-        *("Result", "Formation", "Navigation", "GNSS", "Ionosphere", "Health", "Timing"),
+        *("Formation", "Navigation", "Ionosphere", "GNSS", "Health", "Timing"),
         *("How it was run", "Parameters", "Recorded topics"),
     ]
     assert all(text.startswith(("data:", "#")) for text in found.references)

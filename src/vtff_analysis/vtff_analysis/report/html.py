@@ -37,6 +37,7 @@ from vtff_analysis.report.tables import (
     number_text,
     receiver_rows,
 )
+from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_gnss.signals import satellite_name
 
@@ -95,8 +96,8 @@ def render_report(
         One line for each thing that could not be read.
     """
     name = str(summary["run_name"])
-    sections = [
-        ("Result", _render_result(summary, deputies)),
+    verdict = find_verdict(summary, deputies)
+    subjects = [
         (
             "Formation",
             _render_formation(summary, deputies) + _render_figures(pictures, "formation"),
@@ -107,6 +108,10 @@ def render_report(
             _render_receivers(summary, list(history.receivers)) + _render_figures(pictures, "gnss"),
         ),
         ("Ionosphere", _render_ionosphere(summary, history, pictures)),
+    ]
+    order = SECTIONS[verdict.subject]
+    sections = [
+        *sorted(subjects, key=lambda section: order.index(section[0])),
         ("Health", _render_health(history.health, history.start_time)),
         ("Timing", _render_timing(history) + _render_figures(pictures, "timing")),
         ("How it was run", _render_provenance(summary, described)),
@@ -127,8 +132,9 @@ def render_report(
         # Without an icon a browser asks for one, also of a page on the disk.
         '<link rel="icon" href="data:,">'
         f"<title>{_escape(name)}</title><style>{STYLE_FILE.read_text(encoding='utf-8')}</style>"
-        f"</head><body><header><h1>{_escape(name)}</h1>{_render_lead(summary, history, deputies)}"
-        f"{remarks}<nav>{contents}</nav></header><main>{body}</main></body></html>\n"
+        f"</head><body><header><h1>{_escape(name)}</h1>{_render_verdict(verdict)}"
+        f"{_render_lead(summary, history, deputies)}{remarks}<nav>{contents}</nav>"
+        f"</header><main>{body}</main></body></html>\n"
     )
 
 
@@ -156,34 +162,23 @@ def _render_lead(summary: Mapping[str, Any], history: RunHistory, deputies: Sequ
     return f"<p>{_escape(' '.join(sentences))}</p>"
 
 
-def _render_result(summary: Mapping[str, Any], deputies: Sequence[str]) -> str:
-    """Return the few numbers that sum up the run."""
-    tiles = []
-    for name in deputies:
-        numbers = _numbers_of_deputy(summary, name, deputies)
-        label = f"{name}: " if len(deputies) > 1 else ""
-        total = [numbers.get(f"delta_v_total_{axis}_m_per_s") for axis in ("radial", "in_track")]
-        if None not in total:
-            spent = f"{total[0]:.2f} / {total[1]:.2f} m/s"
-            tiles.append((f"{label}Δv radial / in-track", spent))
-        if "minimum_separation_m" in numbers:
-            tiles.append((f"{label}closest approach", f"{numbers['minimum_separation_m']:.2f} m"))
-        if "settling_time_s" in numbers:
-            settled = numbers["settling_time_s"]
-            text = "not within 1 m" if settled is None else f"{settled:.0f} s"
-            tiles.append((f"{label}settled on the target", text))
-        if "navigation_error_maximum_m" in numbers:
-            worst = numbers["navigation_error_maximum_m"]
-            tiles.append((f"{label}largest navigation error", f"{worst:.3f} m"))
-    if "real_time_factor" in summary:
-        tiles.append(("speed", f"{summary['real_time_factor']:.0f} × real time"))
-    if summary.get("late_commands"):
-        tiles.append(("late commands", str(summary["late_commands"])))
-    tiles.append(("messages recorded", f"{summary['message_count']:,}".replace(",", " ")))
-    shown = "".join(
-        f"<div><dt>{_escape(label)}</dt><dd>{_escape(value)}</dd></div>" for label, value in tiles
+def _render_verdict(verdict: Verdict) -> str:
+    """Return the block that opens the report: one sentence, its conditions and its figures."""
+    columns = [
+        ("", [figure.label for figure in verdict.figures]),
+        ("this run", [figure.measured for figure in verdict.figures]),
+        ("paper", [figure.paper for figure in verdict.figures]),
+        (verdict.bound, [figure.bound for figure in verdict.figures]),
+        ("against the paper", [figure.ratio for figure in verdict.figures]),
+    ]
+    filled = [(head, texts) for head, texts in columns if any(texts)]
+    rows = list(zip(*(texts for _, texts in filled), strict=True))
+    table = _render_table([head for head, _ in filled], rows) if rows else ""
+    state = "good" if verdict.is_good else "bad"
+    return (
+        f'<div class="verdict {state}"><p class="sentence">{_escape(verdict.sentence)}</p>'
+        f'<p class="small">{_escape(verdict.conditions)}</p>{table}</div>'
     )
-    return f'<dl class="tiles">{shown}</dl>'
 
 
 def _numbers_of_deputy(
@@ -274,7 +269,9 @@ def _render_boundaries(history: RunHistory) -> str:
     ]
     heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude", "altitude"]
     pair = f": {_escape(history.deputy)}" if len(history.pairs) > 1 else ""
-    return f"<h3>Edges of irregularities{pair}</h3>{_render_table(heads, rows)}"
+    table = _render_table(heads, rows)
+    listed = f"<details><summary>{len(rows)} edges</summary>{table}</details>"
+    return f"<h3>Edges of irregularities{pair}</h3>{listed}"
 
 
 def _render_health(items: Sequence[HealthItem], start: int) -> str:

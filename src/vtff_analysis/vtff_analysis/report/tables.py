@@ -7,7 +7,6 @@ The numbers come from `vtff_analysis.evaluation.summary`, the columns of the pap
 
 from __future__ import annotations
 
-import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -22,6 +21,7 @@ from vtff_analysis.evaluation.summary import SETTLED_WITHIN
 from vtff_analysis.paper_reference import PAPER_DURATION, PaperColumn, formation_columns
 from vtff_analysis.recordings.history import AXES
 from vtff_analysis.recordings.topics import key_part
+from vtff_analysis.report.verdict import describe_receivers
 
 Summary = Mapping[str, Any]
 Section = Sequence[tuple[str, str, int]]  # label, key, decimals
@@ -301,12 +301,8 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
 
 def _describe_navigation(summary: Summary) -> str:
     """Return what the controller was fed with: which receivers, in which world."""
-    receivers = summary.get("receivers")
-    if receivers is None:
-        return "GNSS navigation"
-    world = pathlib.PurePath(str(summary.get("argument_gnss", ""))).stem
-    where = f" in the world {world!r}" if world and receivers != "real" else ""
-    return f"GNSS navigation of {receivers} receivers{where}"
+    receivers = describe_receivers(summary)
+    return f"GNSS navigation of {receivers}" if receivers else "GNSS navigation"
 
 
 def _comparable_column(summary: Summary, columns: Sequence[PaperColumn]) -> str:

@@ -29,6 +29,7 @@ from vtff_analysis.report.html import render_report
 from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
+from vtff_analysis.report.verdict import find_verdict
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription, describe_run
 from vtff_bag.run.environment import describe_environment
@@ -108,8 +109,12 @@ def write_report(
     page = render_report(summary, history, described, list(flights), pictures, notes)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
     _print_tables(console, summary, history, list(flights), run_path.name)
+    verdict = find_verdict(summary, list(flights))
     for note in notes:
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
+    style = "bold" if verdict.is_good else "bold red"
+    console.print(f"[{style}]{escape(verdict.sentence)}[/{style}]")
+    console.print(escape(verdict.conditions), style="dim")
     console.print(f"report: {escape(str(folder / HTML_FILE))}", soft_wrap=True)
     return folder
 

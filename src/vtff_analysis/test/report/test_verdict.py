@@ -1,0 +1,117 @@
+"""The verdict of a run: chosen by what it was about, in fitting units, and never misleading."""
+
+from __future__ import annotations
+
+import pytest
+
+from vtff_analysis.report.verdict import find_verdict, subject_of
+
+FORMATION = {
+    "run_duration_s": 3600.0,
+    "scenario": "reference",
+    "receivers": "emulated",
+    "argument_gnss": "/somewhere/gnss/reference.yaml",
+    "run_seed": 7,
+    "message_count": 210353,
+    "control_input": "navigation",
+    "minimum_separation_m": 96.8,
+    "settling_time_s": 99.0,
+    "settled_keeping_radial_rms_m": 0.3e-3,
+    "settled_keeping_in_track_rms_m": 0.4e-3,
+    "settled_keeping_cross_track_rms_m": 0.0,
+    "settled_keeping_delta_v_m_per_s_per_h": 0.005,
+    "truth_fed_settled_keeping_radial_rms_m": 0.02e-3,
+    "navigation_error_samples": 3601,
+    "navigation_error_settled_3d_rms_m": 0.25e-3,
+    "navigation_error_settled_nees": 0.9,
+    "chief_gnss_epochs": 3601,
+}
+
+#: Of a flight 15 km behind the chief through an irregularity, whose controller flew as well.
+IONOSPHERE = {
+    **FORMATION,
+    "scenario": "esf",
+    "minimum_separation_m": 14999.78,
+    "ionosphere_chief_bottom_altitude_m": 289996.0,
+    "ionosphere_true_chief_bottom_altitude_m": 290000.0,
+    "ionosphere_chief_top_altitude_m": 350020.0,
+    "ionosphere_true_chief_top_altitude_m": 350000.0,
+    "ionosphere_chief_slant_tec_error_rms_tecu": 0.24,
+}
+
+
+def figures(verdict):
+    return {figure.label: figure for figure in verdict.figures}
+
+
+def test_a_formation_is_told_in_millimetres_beside_paper_and_truth():
+    verdict = find_verdict(FORMATION, ["deputy"])
+    assert verdict.subject == "formation" and verdict.is_good
+    assert "0.300 / 0.400 / 0.00 mm" in verdict.sentence.replace("/ 0 mm", "/ 0.00 mm")
+    # The paper's hardware kept 490, 190 and 180 mm: 555.5 mm together, here 0.5 mm.
+    assert "1100 times closer than the paper's hardware" in verdict.sentence
+    radial = figures(verdict)["keeping, radial"]
+    assert (radial.measured, radial.paper, radial.bound) == ("0.300 mm", "490 mm", "0.0200 mm")
+    assert radial.ratio == "1600 times smaller"
+    assert figures(verdict)["fuel for keeping"].measured == "120 mm/s per day"
+    expected = "3600 s, emulated receivers in the world 'reference', scenario 'reference', seed 7"
+    assert verdict.conditions == expected
+
+
+def test_a_run_through_an_ionosphere_is_about_the_ionosphere():
+    """One of the misleading cases: its cards told a closest approach of 14999.78 m."""
+    verdict = find_verdict(IONOSPHERE, ["deputy"])
+    assert verdict.subject == "ionosphere"
+    assert "within 20.0 m of the true altitudes" in verdict.sentence
+    shown = " ".join([verdict.sentence, *(f"{f.label} {f.measured}" for f in verdict.figures)])
+    assert "14999" not in shown and "closest" not in shown and "210353" not in shown
+    assert figures(verdict)["lower edge at the chief"].bound == "290.000 km"
+
+
+@pytest.mark.parametrize(
+    ("nees", "said"), [(0.3, "too large"), (0.6, "honest"), (1.4, "honest"), (2.0, "too small")]
+)
+def test_the_stated_covariance_is_judged(nees, said):
+    summary = {**FORMATION, "navigation_error_settled_nees": nees}
+    assert f"covariance is {said} (NEES {nees:.2f})" in find_verdict(summary, ["deputy"]).sentence
+
+
+def test_a_deputy_that_was_taken_over_is_said_first():
+    summary = {**IONOSPHERE, "safety_taken_over_time_s": 12.0}
+    verdict = find_verdict(summary, ["deputy"])
+    assert not verdict.is_good
+    assert verdict.sentence.startswith("The safety monitor took deputy over after 12 s")
+    assert find_verdict({**summary, "safety_taken_over_time_s": None}, ["deputy"]).is_good
+
+
+def test_a_run_that_was_ended_early_is_said():
+    verdict = find_verdict({**FORMATION, "run_complete": False}, ["deputy"])
+    assert not verdict.is_good and "before its planned end" in verdict.sentence
+
+
+def test_several_deputies_have_their_own_figures():
+    summary = {"run_duration_s": 100.0, "message_count": 5}
+    for name, error in (("bravo", 2e-3), ("charlie", 3.0)):
+        summary[f"{name}_control_input"] = "navigation"
+        summary[f"{name}_settling_time_s"] = None
+        summary[f"{name}_navigation_error_settled_3d_rms_m"] = error
+    verdict = find_verdict(summary, ["bravo", "charlie"])
+    assert "bravo has not come to its target" in verdict.sentence
+    label = "navigation, 3-D RMS error after 60 s"
+    assert figures(verdict)[f"bravo: {label}"].measured == "2.00 mm"
+    assert figures(verdict)[f"charlie: {label}"].measured == "3.00 m"
+
+
+@pytest.mark.parametrize(
+    ("summary", "deputies", "subject"),
+    [
+        ({"navigation_error_samples": 3}, ["deputy"], "navigation"),
+        ({"chief_gnss_epochs": 3}, [], "log"),
+        ({"message_count": 3}, [], "messages"),
+        ({"ionosphere_density_error_per_cm3": None, "chief_gnss_epochs": 3}, [], "log"),
+    ],
+)
+def test_the_subject_is_what_was_recorded(summary, deputies, subject):
+    assert subject_of(summary, deputies) == subject
+    complete = {"run_duration_s": 9.0, "message_count": 3, **summary}
+    assert find_verdict(complete, deputies).subject == subject

@@ -1,0 +1,388 @@
+"""The verdict of a run: what it was about and how it went, beside the paper and the best possible.
+
+It opens the report and closes the console's tables. Its figures are those of the subject of the
+run, in the unit that fits them; everything else follows in the sections of the report.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pathlib
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER
+from vtff_analysis.evaluation.summary import SETTLED_WITHIN
+from vtff_analysis.paper_reference import PaperColumn, formation_columns, paper_columns
+from vtff_analysis.recordings.history import AXES
+from vtff_analysis.recordings.topics import key_part
+
+__all__ = ["Figure", "Verdict", "describe_receivers", "find_verdict", "subject_of"]
+
+Summary = Mapping[str, Any]
+
+#: Mean normalised squared errors between which a covariance is called honest.
+HONEST_NEES = (0.5, 1.5)
+
+#: Subjects of runs; the sections of the report in the order of their weight.
+SECTIONS = {
+    "formation": ("Formation", "Navigation", "Ionosphere", "GNSS"),
+    "navigation": ("Navigation", "GNSS", "Formation", "Ionosphere"),
+    "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation"),
+    "log": ("GNSS", "Ionosphere", "Navigation", "Formation"),
+    "messages": ("GNSS", "Navigation", "Formation", "Ionosphere"),
+}
+
+#: Measured figures of the ionosphere: label, end of the key, unit, decimals.
+_IONOSPHERE = (
+    ("vertical TEC inside, lower edge", "vtec_bottom_tecu", "TECU", 2),
+    ("vertical TEC inside, upper edge", "vtec_top_tecu", "TECU", 2),
+    ("separation in altitude from the edges, rising", "separation_rising_m", "m", 1),
+    ("lag of the deputy's fluctuations", "lag_s", "s", 2),
+)
+
+#: Errors and rates of the ionosphere, which have no truth beside them.
+_IONOSPHERE_ERRORS = (
+    ("density, mean error", "density_error_per_cm3", "cm-3", 0),
+    ("slant TEC of the chief, RMS error", "chief_slant_tec_error_rms_tecu", "TECU", 2),
+    ("slant TEC of the deputy, RMS error", "deputy_slant_tec_error_rms_tecu", "TECU", 2),
+    ("differential TEC of 1 s, RMS error", "differential_tec_rms_tecu", "TECU", 4),
+    ("chief: minutes of crossings found", "chief_scintillation_detected_percent", "%", 0),
+    ("chief: false among the other minutes", "chief_scintillation_false_percent", "%", 1),
+)
+
+
+#: Ends of keys that only a run through a measured ionosphere has.
+_ENDS_OF_IONOSPHERE = (
+    "ionosphere_density_error_per_cm3",
+    "ionosphere_chief_bottom_altitude_m",
+    "ionosphere_chief_slant_tec_error_rms_tecu",
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Figure:
+    """One number of a verdict, as texts.
+
+    Attributes
+    ----------
+    label
+        What it is.
+    measured, paper, bound
+        Number with unit; empty where there is none. The bound is what the same run reaches at best
+        (the controller fed with truth), or the true value.
+    ratio
+        Comparison with the paper in words; empty without one.
+    """
+
+    label: str
+    measured: str
+    paper: str = ""
+    bound: str = ""
+    ratio: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Verdict:
+    """What a run was about, and how it went.
+
+    Attributes
+    ----------
+    subject
+        Key of `SECTIONS`.
+    sentence
+        Plain words for a reader who has one line of time.
+    conditions
+        Duration, receivers and world, scenario, seed.
+    figures
+        The numbers behind the sentence.
+    bound
+        Heading of the column of bounds.
+    is_good
+        False where the run was ended early or a deputy was taken over.
+    """
+
+    subject: str
+    sentence: str
+    conditions: str
+    figures: tuple[Figure, ...]
+    bound: str
+    is_good: bool
+
+
+def subject_of(summary: Summary, deputies: Sequence[str]) -> str:
+    """Return what a run was about: a key of `SECTIONS`."""
+    if any(key.endswith(_ENDS_OF_IONOSPHERE) and _has(summary, key) for key in summary):
+        return "ionosphere"
+    numbers = [_numbers_of(summary, name, deputies) for name in deputies]
+    if any("control_input" in values for values in numbers):
+        return "formation"
+    if any("navigation_error_samples" in values for values in numbers):
+        return "navigation"
+    if any(key.endswith("_gnss_epochs") for key in summary):
+        return "log"
+    return "formation" if deputies else "messages"
+
+
+def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
+    """Return the verdict of a run.
+
+    Parameters
+    ----------
+    summary
+        Summary of the run, keys of docs/summary.md.
+    deputies
+        Names of the deputies in the summary.
+    """
+    subject = subject_of(summary, deputies)
+    sentences: list[str] = []
+    figures: list[Figure] = []
+    for name in deputies or ("",):
+        numbers = _numbers_of(summary, name, deputies)
+        label = f"{name}: " if len(deputies) > 1 else ""
+        if subject == "formation":
+            told, shown = _formation(numbers, name, formation_columns(summary.get("scenario")))
+        elif subject == "navigation":
+            told, shown = _navigation(numbers, name)
+        elif subject == "ionosphere":
+            told, shown = _ionosphere(numbers, paper_columns(summary.get("scenario")))
+        else:
+            break
+        sentences += told
+        figures += [dataclasses.replace(figure, label=label + figure.label) for figure in shown]
+    if subject in ("log", "messages"):
+        sentences, figures = _log(summary)
+    warnings = _warnings(summary, deputies)
+    return Verdict(
+        subject,
+        " ".join([*warnings, *sentences]),
+        _conditions(summary),
+        tuple(figures),
+        "true" if subject == "ionosphere" else "fed with truth",
+        not warnings,
+    )
+
+
+def describe_receivers(summary: Summary) -> str:
+    """Return which receivers a run had, and in which world; empty if that is not recorded."""
+    receivers = summary.get("receivers")
+    if receivers is None:
+        return ""
+    world = pathlib.PurePath(str(summary.get("argument_gnss", ""))).stem
+    where = f" in the world {world!r}" if world and receivers != "real" else ""
+    return f"{receivers} receivers{where}"
+
+
+def _numbers_of(summary: Summary, name: str, deputies: Sequence[str]) -> dict[str, Any]:
+    """Return the summary with the keys of one deputy of several without its name."""
+    prefix = f"{key_part(name)}_" if len(deputies) > 1 else ""
+    return {key.removeprefix(prefix): value for key, value in summary.items()}
+
+
+def _conditions(summary: Summary) -> str:
+    parts = [f"{summary['run_duration_s']:.0f} s"]
+    receivers = describe_receivers(summary)
+    if receivers:
+        parts.append(receivers)
+    elif summary.get("control_input") == "truth":
+        parts.append("controller fed with truth, no receivers")
+    if "scenario" in summary:
+        parts.append(f"scenario '{summary['scenario']}'")
+    if "run_seed" in summary:
+        parts.append(f"seed {summary['run_seed']}")
+    return ", ".join(parts)
+
+
+def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
+    """Return what makes the figures of a run those of another one than was planned."""
+    warnings = []
+    for name in deputies:
+        time = _numbers_of(summary, name, deputies).get("safety_taken_over_time_s")
+        if time is not None:
+            warnings.append(
+                f"The safety monitor took {name} over after {time:.0f} s: from then on the "
+                "formation was not kept."
+            )
+    if summary.get("run_complete") is False:
+        warnings.append("The run was ended before its planned end.")
+    return warnings
+
+
+def _formation(
+    numbers: Summary, name: str, columns: Sequence[PaperColumn]
+) -> tuple[list[str], list[Figure]]:
+    navigated = numbers.get("control_input") == "navigation"
+    alike = next((c for c in columns if c.hardware_in_the_loop == navigated), None)
+    printed = {} if alike is None else alike.values
+    kept = [numbers.get(f"settled_keeping_{axis}_rms_m") for axis in AXES]
+    sentences, figures = [], []
+    if _all_numbers(kept):
+        scale, unit = _length_unit(max(kept))
+        shown = " / ".join(_short(value / scale) for value in kept)
+        sentence = (
+            f"{name} kept its target to {shown} {unit} RMS (radial / in-track / cross-track, from "
+            f"{SETTLED_AFTER:.0f} s on)"
+        )
+        others = [printed.get(f"keeping_{axis}_rms_m") for axis in AXES]
+        if _all_numbers(others):
+            ratio = math.hypot(*others) / math.hypot(*kept)
+            sentence += f", {_times(ratio, 'closer', 'further off')} than the paper's hardware"
+        sentences.append(f"{sentence}.")
+        for axis, value, other in zip(AXES, kept, others, strict=True):
+            best = numbers.get(f"truth_fed_settled_keeping_{axis}_rms_m")
+            figures.append(_length_figure(f"keeping, {axis.replace('_', '-')}", value, other, best))
+    elif "settling_time_s" in numbers:
+        settled = numbers["settling_time_s"]
+        sentences.append(
+            f"{name} has not come to its target and stayed within {SETTLED_WITHIN:g} m of it."
+            if settled is None
+            else f"{name} stays within {SETTLED_WITHIN:g} m of its target from {settled:.0f} s on."
+        )
+    told, shown_figures = _navigation(numbers, name)
+    sentences += told if navigated else []
+    figures += shown_figures if navigated else []
+    hourly = numbers.get("settled_keeping_delta_v_m_per_s_per_h")
+    if hourly is not None:
+        best = numbers.get("truth_fed_settled_keeping_delta_v_m_per_s_per_h")
+        bound = "" if best is None else f"{_short(24e3 * best)} mm/s per day"
+        figures.append(
+            Figure("fuel for keeping", f"{_short(24e3 * hourly)} mm/s per day", "", bound)
+        )
+    closest = numbers.get("minimum_separation_m")
+    if closest is not None:
+        figures.append(_length_figure("closest to the chief", closest, None, None))
+    return sentences, figures
+
+
+def _navigation(numbers: Summary, name: str) -> tuple[list[str], list[Figure]]:
+    error = numbers.get("navigation_error_settled_3d_rms_m")
+    nees = numbers.get("navigation_error_settled_nees")
+    if error is None:
+        return [], []
+    figures = [_length_figure("navigation, 3-D RMS error after 60 s", error, None, None)]
+    scale, unit = _length_unit(error)
+    sentence = f"The navigation of {name} errs by {_short(error / scale)} {unit} (3-D RMS)"
+    if nees is not None:
+        figures.append(Figure("its normalised squared error, 1 is honest", f"{nees:.2f}"))
+        low, high = HONEST_NEES
+        size = "honest" if low <= nees <= high else "too large" if nees < low else "too small"
+        sentence += f"; its stated covariance is {size} (NEES {nees:.2f})"
+    return [f"{sentence}."], figures
+
+
+def _ionosphere(numbers: Summary, columns: Sequence[PaperColumn]) -> tuple[list[str], list[Figure]]:
+    printed = {key: value for column in columns for key, value in column.values.items()}
+    figures = []
+    edges = []
+    for craft in ("chief", "deputy"):
+        for edge, what in (("bottom", "lower"), ("top", "upper")):
+            name = f"{craft}_{edge}_altitude_m"
+            value = numbers.get(f"ionosphere_{name}")
+            true = numbers.get(f"ionosphere_true_{name}")
+            paper = printed.get(f"ionosphere_{name}")
+            if value is None:
+                continue
+            texts = ["" if v is None else f"{v / 1e3:.3f} km" for v in (paper, true)]
+            figures.append(Figure(f"{what} edge at the {craft}", f"{value / 1e3:.3f} km", *texts))
+            if true is not None:
+                edges.append(abs(value - true))
+    for label, name, unit, decimals in _IONOSPHERE:
+        values = [
+            source.get(key)
+            for source, key in (
+                (numbers, f"ionosphere_{name}"),
+                (printed, f"ionosphere_{name}"),
+                (numbers, f"ionosphere_true_{name}"),
+            )
+        ]
+        if values[0] is not None:
+            texts = ["" if v is None else f"{v:.{decimals}f} {unit}" for v in values]
+            figures.append(Figure(label, *texts))
+    for label, name, unit, decimals in _IONOSPHERE_ERRORS:
+        value = numbers.get(f"ionosphere_{name}")
+        if value is not None:
+            figures.append(Figure(label, f"{value:.{decimals}f} {unit}"))
+    sentences = []
+    if edges:
+        largest = max(edges)
+        scale, unit = _length_unit(largest)
+        sentences.append(
+            f"The edges of the irregularity lie within {_short(largest / scale)} {unit} of the "
+            "true altitudes."
+        )
+    slant = numbers.get("ionosphere_chief_slant_tec_error_rms_tecu")
+    if slant is not None:
+        sentences.append(f"Absolute slant TEC errs by {slant:.2f} TECU (RMS).")
+    found = numbers.get("ionosphere_chief_scintillation_detected_percent")
+    false = numbers.get("ionosphere_chief_scintillation_false_percent")
+    if found is not None and false is not None:
+        sentences.append(
+            f"{found:.0f} % of the minutes in which a ray crossed it were found, {false:.1f} % of "
+            "the others were called scintillating."
+        )
+    density = numbers.get("ionosphere_density_error_per_cm3")
+    if density is not None:
+        sentences.append(f"The electron density errs by {density:.0f} per cm3 on average.")
+    return sentences or ["No figure of the ionosphere has a true value beside it."], figures
+
+
+def _log(summary: Summary) -> tuple[list[str], list[Figure]]:
+    sentences, figures = [], []
+    ends = [key for key in summary if key.endswith("_gnss_epochs")]
+    for key in ends:
+        craft = key.removesuffix("_gnss_epochs")
+        epochs, missing = summary[key], summary.get(f"{craft}_gnss_missing_epochs", 0)
+        lost = "none missing" if not missing else f"{missing} missing"
+        sentences.append(f"{craft}: {epochs} epochs of observations, {lost}.")
+        for label, name, unit in (
+            ("satellites", "gnss_satellites", ""),
+            ("mean C/N0", "gnss_cn0_mean_dbhz", " dB-Hz"),
+            ("possible cycle slips", "gnss_possible_cycle_slips", ""),
+        ):
+            value = summary.get(f"{craft}_{name}")
+            if value is not None:
+                text = f"{value:.1f}" if isinstance(value, float) else str(value)
+                figures.append(Figure(f"{craft}: {label}", text + unit))
+    if not ends:
+        sentences.append(f"A recording of {summary['message_count']} messages.")
+    return sentences, figures
+
+
+def _length_figure(label: str, measured: float, paper: float | None, bound: float | None) -> Figure:
+    texts = []
+    for value in (measured, paper, bound):
+        if value is None:
+            texts.append("")
+            continue
+        scale, unit = _length_unit(abs(value))
+        texts.append(f"{_short(value / scale)} {unit}")
+    ratio = "" if not paper or not measured else _times(paper / measured, "smaller", "larger")
+    return Figure(label, *texts, ratio)
+
+
+def _length_unit(length: float) -> tuple[float, str]:
+    """Return size (m) and name of the unit: mm for what is kept and navigated, m for flights."""
+    return (1.0, "m") if length >= 1.0 else (1e-3, "mm")
+
+
+def _times(ratio: float, less: str, more: str) -> str:
+    factor, word = (ratio, less) if ratio >= 1.0 else (1.0 / ratio, more)
+    return f"{_short(factor, 2)} times {word}"
+
+
+def _short(value: float, digits: int = 3) -> str:
+    """Return a number to some significant digits, without an exponent."""
+    if value == 0.0 or not math.isfinite(value):
+        return f"{value:g}"
+    decimals = max(0, digits - 1 - math.floor(math.log10(abs(value))))
+    rounded = round(value, digits - 1 - math.floor(math.log10(abs(value))))
+    return f"{rounded:.{decimals}f}"
+
+
+def _has(summary: Summary, key: str) -> bool:
+    return summary[key] is not None
+
+
+def _all_numbers(values: Sequence[float | None]) -> bool:
+    return all(value is not None for value in values)
