@@ -272,11 +272,11 @@ def test_a_controller_that_stands_still_is_said(fly):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A disk of 4 MB; only root may mount one."""
+    """A disk of 14 MB, of which the recorder reserves 8; only root may mount one."""
     place = tmp_path / "small"
     place.mkdir()
     mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", "size=4m", "tmpfs", str(place)], capture_output=True
+        ["mount", "-t", "tmpfs", "-o", "size=14m", "tmpfs", str(place)], capture_output=True
     )
     if mounted.returncode:
         pytest.skip("no disk can be mounted here")

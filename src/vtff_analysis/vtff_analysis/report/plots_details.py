@@ -27,6 +27,7 @@ from vtff_analysis.recordings.history import (
     SatelliteColumns,
     TimeArray,
 )
+from vtff_analysis.tec.processing import rejection_counts
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
@@ -36,6 +37,9 @@ from vtff_nav.relative.common.solution import SOLUTION_FIXED, SOLUTION_NAMES, SO
 
 SKY_EPOCHS = 300
 """Largest number of epochs in a sky plot."""
+
+REASONS = 2
+"""Largest number of reasons for rejection that are named."""
 
 LINES = 12
 """Largest number of satellites in colour; the others are grey and behind them."""
@@ -172,6 +176,10 @@ def plot_satellite_values(
 ) -> pathlib.Path | None:
     """Draw columns over time, one line for each satellite.
 
+    Rejected samples are left out, and the title of the first panel counts them with their reasons:
+    until the bias of a receiver is known, its content is off by up to tens of TECU. Where no
+    sample is good, all are drawn in grey.
+
     Parameters
     ----------
     columns
@@ -190,6 +198,8 @@ def plot_satellite_values(
     pathlib.Path or None
         None if no column has a value.
     """
+    end = (columns.time.max() - start) * 1e-9 if columns.time.size else 0.0
+    columns, remark, all_rejected = _select_good(columns)
     wanted = {
         name: text
         for name, text in panels.items()
@@ -201,7 +211,7 @@ def plot_satellite_values(
     numbers, counts = np.unique(satellites, return_counts=True)
     longest = set(numbers[np.argsort(counts)[::-1][:LINES]].tolist())
     seconds = (columns.time - start) * 1e-9
-    factor, time_unit = time_unit_of(float(seconds.max()))
+    factor, time_unit = time_unit_of(float(end))
     with mpl.rc_context(STYLE):
         figure = make_figure(1.4 + 3.2 * len(wanted))
         drawn = figure.subplots(len(wanted), 1, sharex=True, squeeze=False)[:, 0]
@@ -213,17 +223,43 @@ def plot_satellite_values(
                 panel.plot(
                     seconds[rows] * factor, columns.values[name][rows],
                     ".", markersize=2.5 if named else 1.5,
-                    color=next(colours) if named else "0.75", zorder=3 if named else 2,
+                    color=next(colours) if named and not all_rejected else "0.75",
+                    zorder=3 if named else 2,
                     label=satellite_name(*satellite_from_number(number)) if named else None,
                 )  # fmt: skip
-            panel.set_title(text)
+            panel.set_title(text + (remark if panel is drawn[0] else ""))
             panel.set_ylabel(label)
+        drawn[-1].set_xlim(-0.02 * end * factor, 1.02 * end * factor)
         drawn[-1].set_xlabel(f"time since the start ({time_unit})")
         figure.legend(
             *drawn[0].get_legend_handles_labels(),
             loc="outside right upper", markerscale=4.0, frameon=False,
         )  # fmt: skip
         return save_figure(figure, path, title)
+
+
+def _select_good(columns: SatelliteColumns) -> tuple[SatelliteColumns, str, bool]:
+    """Return the good samples, a remark on the others, and whether there were only others."""
+    reasons = columns.values.get("rejected")
+    if reasons is None:
+        return columns, "", False
+    rejected = reasons > 0  # NaN where the topic has no such column
+    if not rejected.any():
+        return columns, "", False
+    counts = rejection_counts(reasons[rejected].astype(np.uint16))
+    names = sorted(counts, key=lambda name: -counts[name])[:REASONS]
+    counted = ", ".join(name.lower().replace("_", " ") for name in names)
+    share = f"{100.0 * rejected.mean():.0f} % of the samples"
+    if rejected.all():
+        return columns, f"\nall samples were rejected (mostly: {counted})", True
+    good = ~rejected
+    kept = SatelliteColumns(
+        columns.time[good],
+        columns.system[good],
+        columns.prn[good],
+        {name: values[good] for name, values in columns.values.items()},
+    )
+    return kept, f"\n{share} are rejected and not shown (mostly: {counted})", False
 
 
 def plot_compute_time(

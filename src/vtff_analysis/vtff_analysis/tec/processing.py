@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.tec.code_pairs import choose_codes
+from vtff_analysis.tec.consistency import satellite_disagreement
 from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit, positions_from_codes
 from vtff_analysis.tec.sources import TecSource
@@ -138,6 +139,7 @@ def process(
     remarks += content.remarks
     if not (content.rejected == 0).any():
         remarks.append(f"no sample is good: {describe_rejections(content.rejected)}")
+    remarks += _disagreement(content)
     step = float(np.median(np.diff(table.time_nanoseconds))) / NANOSECONDS_PER_SECOND
     interval = 1.0 if step <= 1.0 else step
     window = 60.0 if step <= 1.0 else 10.0 * interval
@@ -160,6 +162,21 @@ def process(
         scintillation=scintillation,
         remarks=tuple(remarks),
     )
+
+
+def _disagreement(content: AbsoluteTec) -> list[str]:
+    """Return a remark if the satellites differ by more than their sigmas say."""
+    good = content.rejected == 0
+    rows = content.rows
+    found = satellite_disagreement(
+        rows.pairs.time[good],
+        rows.pairs.link[good],
+        rows.elevation[good],
+        content.stec_tecu[good],
+        content.vtec_tecu[good],
+        content.stec_sigma_tecu[good],
+    )
+    return [] if found is None or not found.is_beyond_sigma else [found.describe()]
 
 
 def _bias_table(navigation: NavigationFiles, biases: str | CodeBiasTable) -> CodeBiasTable | None:

@@ -42,7 +42,8 @@ def tec(
         typer.Option(
             help="Satellite biases: a Bias-SINEX or DCB file, repeated for files that complete "
             "each other (P1-P2 and P1-C1); 'broadcast' (group delays of the navigation message, "
-            "the default) or 'none' (simulated signals without biases)."
+            "the default) or 'none': nothing is removed, right only for signals without satellite "
+            "biases. Real ones have them, and those of the emulated receivers too."
         ),
     ] = None,
     allow_old_biases: Annotated[
