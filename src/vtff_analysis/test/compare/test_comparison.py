@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
@@ -10,11 +11,14 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 import full_run_samples  # noqa: E402
 
+from vtff_analysis.compare.common_epochs import summarise_common_epochs  # noqa: E402
 from vtff_analysis.compare.comparison import (  # noqa: E402
     comparison_rows,
+    comparison_table,
     names_of_runs,
     read_compared_run,
 )
+from vtff_analysis.evaluation.navigation import NavigationError  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
 
 BIAS = 0.25  # m, of the navigated in-track position of the second run
@@ -51,6 +55,59 @@ def test_numbers_of_each_run_stand_side_by_side(runs):
     assert row(compared, "mean vertical TEC, TECU") == pytest.approx([13.5, 13.5], abs=0.01)
 
 
+def error_of(time, position, settled_from=0.0):
+    count = len(time)
+    return NavigationError(
+        np.asarray(time, dtype=float),
+        np.asarray(position, dtype=float),
+        *(np.zeros((count, 3)) for _ in range(3)),
+        np.asarray(time) >= settled_from,
+        np.zeros((count, 3, 3)),
+    )
+
+
+def test_a_filter_that_leaves_the_hard_epochs_out_does_not_look_better():
+    """One of the misleading cases: RMS over 141 epochs beside RMS over 80, unmarked."""
+    time = np.arange(141.0)
+    hard = time >= 80.0
+    steady = np.where(hard, 0.2, 0.01)[:, np.newaxis] * np.ones(3)
+    worse = np.full((80, 3), 0.02)
+    whole, partial = summarise_common_epochs([error_of(time, steady), error_of(time[:80], worse)])
+    assert (whole["navigation_epochs"], partial["navigation_epochs"]) == (141, 80)
+    assert whole["navigation_common_epochs"] == partial["navigation_common_epochs"] == 80
+    # Over its own epochs the first has 0.13 m.
+    assert whole["navigation_common_radial_rms_m"] == pytest.approx(0.01)
+    assert partial["navigation_common_radial_rms_m"] == pytest.approx(0.02)
+
+
+def test_settled_figures_are_of_epochs_that_are_settled_in_every_run():
+    time = np.arange(100.0)
+    starting = np.where(time < 60.0, 5.0, 1.0)[:, np.newaxis] * np.array([1.0, 0.0, 0.0])
+    early, late = summarise_common_epochs(
+        [error_of(time, starting, 10.0), error_of(time + 3e-5, starting, 60.0)]
+    )
+    assert early["navigation_common_settled_epochs"] == 40
+    for summary in (early, late):
+        assert summary["navigation_common_settled_3d_rms_m"] == pytest.approx(1.0)
+
+
+def test_runs_without_a_common_epoch_have_no_error():
+    (first, _) = summarise_common_epochs(
+        [error_of([0.0], [[1, 1, 1]]), error_of([1.0], [[1, 1, 1]])]
+    )
+    assert first["navigation_common_radial_rms_m"] is None
+    assert first["navigation_common_maximum_m"] is None
+
+
+def test_the_difference_of_two_runs_has_its_sign(runs):
+    heads, sections = comparison_table([read_compared_run(path, path.name) for path in runs])
+    assert heads[:3] == ["good", "biased", "difference"]
+    texts = {label.strip(): texts for _, rows in sections for label, texts in rows}
+    good, biased, difference = texts["RMS in-track, m"][:3]
+    assert float(difference) == pytest.approx(float(biased) - float(good), abs=2e-4)
+    assert difference.startswith("+")
+
+
 def test_thrust_is_summed_per_axis_and_phase(runs):
     compared = [read_compared_run(path, path.name) for path in runs]
     sections = dict(comparison_rows(compared))
@@ -66,6 +123,9 @@ def test_command_prints_writes_and_draws(runs, tmp_path):
     assert "good" in result.output and "biased" in result.output
     content = json.loads((tmp_path / "out" / "comparison.json").read_text())
     assert set(content) == {"good", "biased"}
+    page = (tmp_path / "out" / "comparison.html").read_text()
+    assert page.count("data:image/png") == 3 and "epochs that all have" in page
+    assert "paper software" in page and "<script" not in page
     pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert pictures == [
         "compare_delta_v.png",

@@ -9,13 +9,20 @@ from typing import Any
 
 import numpy as np
 
-from vtff_analysis.evaluation.formation_flight import FormationFlight, formation_flight
+from vtff_analysis.compare.common_epochs import summarise_common_epochs
+from vtff_analysis.evaluation.formation_flight import (
+    SETTLED_AFTER,
+    FormationFlight,
+    formation_flight,
+)
 from vtff_analysis.evaluation.navigation import NavigationError, navigation_error
 from vtff_analysis.evaluation.summary import plain_value, summarise_run
+from vtff_analysis.paper_reference import formation_columns
 from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import read_settings
+from vtff_analysis.report.tables import number_text
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import describe_run
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
@@ -38,6 +45,11 @@ SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
             ("settled, s", "settling_time_s", 0),
             *((f"  {axis}", f"settling_time_{axis}_s", 0) for axis in AXES),
             *((f"keeping RMS {axis}, m", f"keeping_{axis}_rms_m", 4) for axis in AXES),
+            *(
+                (f"  from {SETTLED_AFTER:.0f} s on {axis}, m", f"settled_keeping_{axis}_rms_m", 5)
+                for axis in AXES
+            ),
+            ("  dv in an hour, m/s", "settled_keeping_delta_v_m_per_s_per_h", 4),
         ),
     ),
     *(
@@ -50,8 +62,12 @@ SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
     (
         "navigation against truth",
         (
-            *((f"RMS {axis}, m", f"navigation_error_{axis}_rms_m", 4) for axis in AXES),
-            ("largest, m", "navigation_error_maximum_m", 3),
+            ("epochs with a solution", "navigation_epochs", 0),
+            ("epochs that all have", "navigation_common_epochs", 0),
+            *((f"  RMS {axis}, m", f"navigation_common_{axis}_rms_m", 4) for axis in AXES),
+            ("  largest, m", "navigation_common_maximum_m", 3),
+            ("  settled in all", "navigation_common_settled_epochs", 0),
+            ("    3-D RMS, m", "navigation_common_settled_3d_rms_m", 5),
             ("within 3 sigma, %", "navigation_within_three_sigma_percent", 1),
             ("fixed, % of the time", "navigation_fixed_percent", 1),
             ("first fixed, s", "navigation_first_fixed_s", 0),
@@ -142,6 +158,64 @@ def names_of_runs(paths: Sequence[pathlib.Path]) -> list[str]:
     return unique
 
 
+def comparable_summaries(runs: Sequence[ComparedRun]) -> list[dict[str, Any]]:
+    """Return the numbers of each run with those at the epochs that all runs have."""
+    summaries = [dict(run.summary) for run in runs]
+    for deputy in sorted({name for run in runs for name in run.errors}):
+        having = [index for index, run in enumerate(runs) if deputy in run.errors]
+        common = summarise_common_epochs([runs[index].errors[deputy] for index in having])
+        for index, numbers in zip(having, common, strict=True):
+            prefix = _prefix(runs[index], deputy)
+            summaries[index].update({prefix + key: value for key, value in numbers.items()})
+    return summaries
+
+
+def comparison_table(
+    runs: Sequence[ComparedRun],
+) -> tuple[list[str], list[tuple[str, list[tuple[str, list[str]]]]]]:
+    """Return the table as texts: one column a run, the difference of two, and the paper's.
+
+    Returns
+    -------
+    heads, sections
+        Heads of the columns of numbers; heading and rows of each section, a row is a label and one
+        text for each head.
+    """
+    scenarios = {run.summary.get("scenario") for run in runs}
+    papers = formation_columns(scenarios.pop()) if len(scenarios) == 1 else ()
+    is_pair = len(runs) == 2
+    heads = [run.name for run in runs]
+    heads += ["difference"] * is_pair + [column.title.replace("\n", " ") for column in papers]
+    keys = {label.replace("_", "-"): key for _, section in SECTIONS for label, key, _ in section}
+    sections = []
+    for heading, rows in comparison_rows(runs):
+        shown = []
+        for label, decimals, values in rows:
+            texts = [_value_text(value, decimals) for value in values]
+            if is_pair:
+                texts.append(_difference_text(values, decimals))
+            printed = [column.values.get(keys[label]) for column in papers]
+            texts += ["" if value is None else number_text(value, decimals) for value in printed]
+            shown.append((label, texts))
+        sections.append((heading, shown))
+    return heads, sections
+
+
+def _value_text(value: Any, decimals: int) -> str:
+    """Return a number, ``never`` where it does not exist, a blank where its subject is missing."""
+    if value is ...:
+        return ""
+    return "never" if value is None else number_text(value, decimals)
+
+
+def _difference_text(values: Sequence[Any], decimals: int) -> str:
+    """Return the second value less the first; a blank where one is missing."""
+    if any(value is ... or value is None for value in values):
+        return ""
+    difference = values[1] - values[0]
+    return f"{'+' if difference > 0 else ''}{number_text(difference, decimals)}"
+
+
 def comparison_rows(
     runs: Sequence[ComparedRun],
 ) -> list[tuple[str, list[tuple[str, int, list[Any]]]]]:
@@ -153,6 +227,7 @@ def comparison_rows(
         Heading and rows; a row is a label, the decimals to show, and one value for each run: None
         where the number does not exist, ``...`` (Ellipsis) where the run has no such subject.
     """
+    summaries = comparable_summaries(runs)
     prefixes = sorted({_prefix(run, deputy) for run in runs for deputy in run.flights} or {""})
     sections = []
     for prefix in prefixes:
@@ -163,7 +238,7 @@ def comparison_rows(
             section_prefix = "" if is_of_run else prefix
             rows = []
             for label, key, decimals in section:
-                values = [run.summary.get(section_prefix + key, ...) for run in runs]
+                values = [summary.get(section_prefix + key, ...) for summary in summaries]
                 if any(value is not ... for value in values):
                     rows.append((label.replace("_", "-"), decimals, values))
             if rows:

@@ -100,12 +100,12 @@ def render_report(
     subjects = [
         (
             "Formation",
-            _render_formation(summary, deputies) + _render_figures(pictures, "formation"),
+            _render_formation(summary, deputies) + render_figures(pictures, "formation"),
         ),
-        ("Navigation", _render_figures(pictures, "navigation")),
+        ("Navigation", render_figures(pictures, "navigation")),
         (
             "GNSS",
-            _render_receivers(summary, list(history.receivers)) + _render_figures(pictures, "gnss"),
+            _render_receivers(summary, list(history.receivers)) + render_figures(pictures, "gnss"),
         ),
         ("Ionosphere", _render_ionosphere(summary, history, pictures)),
     ]
@@ -113,7 +113,7 @@ def render_report(
     sections = [
         *sorted(subjects, key=lambda section: order.index(section[0])),
         ("Health", _render_health(history.health, history.start_time)),
-        ("Timing", _render_timing(history) + _render_figures(pictures, "timing")),
+        ("Timing", _render_timing(history) + render_figures(pictures, "timing")),
         ("How it was run", _render_provenance(summary, described)),
         ("Parameters", _render_parameters(described)),
         ("Recorded topics", _render_topics(history)),
@@ -173,7 +173,7 @@ def _render_verdict(verdict: Verdict) -> str:
     ]
     filled = [(head, texts) for head, texts in columns if any(texts)]
     rows = list(zip(*(texts for _, texts in filled), strict=True))
-    table = _render_table([head for head, _ in filled], rows) if rows else ""
+    table = render_table([head for head, _ in filled], rows) if rows else ""
     state = "good" if verdict.is_good else "bad"
     return (
         f'<div class="verdict {state}"><p class="sentence">{_escape(verdict.sentence)}</p>'
@@ -201,7 +201,7 @@ def _render_formation(summary: Mapping[str, Any], deputies: Sequence[str]) -> st
             rows.extend([label, measured, *printed] for label, measured, printed in section)
         title = f"<h3>{_escape(name)}</h3>" if len(deputies) > 1 else ""
         remarks = " ".join(_as_sentence(line) for line in formation_remarks(numbers, columns))
-        blocks.append(f"{title}{_render_table(heads, rows)}<p class='small'>{_escape(remarks)}</p>")
+        blocks.append(f"{title}{render_table(heads, rows)}<p class='small'>{_escape(remarks)}</p>")
     return f"<p>{_escape(_AXES_TEXT)}</p>{''.join(blocks)}" if blocks else ""
 
 
@@ -212,7 +212,7 @@ def _as_sentence(line: str) -> str:
 
 def _render_receivers(summary: Mapping[str, Any], receivers: Sequence[str]) -> str:
     rows = [[label, *values] for label, values in receiver_rows(summary, receivers)]
-    return _render_table(["", *receivers], rows) if rows else ""
+    return render_table(["", *receivers], rows) if rows else ""
 
 
 def _render_ionosphere(
@@ -224,14 +224,14 @@ def _render_ionosphere(
         rows = ionosphere_rows(summary, prefix)
         if rows:
             table += f"<h3>Ionosphere{_escape(deputy)}</h3>" if deputy else ""
-            table += _render_table(IONOSPHERE_HEADS, rows)
+            table += render_table(IONOSPHERE_HEADS, rows)
     remark = f"<p class='small'>{_escape(IONOSPHERE_REMARK)}</p>" if table else ""
     comparisons = _render_comparisons(compare_with_receiver(history))
     return (
         table
         + remark
         + comparisons
-        + _render_figures(pictures, "ionosphere")
+        + render_figures(pictures, "ionosphere")
         + "".join(_render_boundaries(pair) for pair in history.pair_histories())
     )
 
@@ -249,7 +249,7 @@ def _render_comparisons(comparisons: Sequence[ReceiverComparison]) -> str:
         for c in comparisons
     ]
     heads = ["", "samples", "mean difference", "scatter"]
-    return f"<h3>Ours less the receiver's own (GPStation-6)</h3>{_render_table(heads, rows)}"
+    return f"<h3>Ours less the receiver's own (GPStation-6)</h3>{render_table(heads, rows)}"
 
 
 def _render_boundaries(history: RunHistory) -> str:
@@ -269,7 +269,7 @@ def _render_boundaries(history: RunHistory) -> str:
     ]
     heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude", "altitude"]
     pair = f": {_escape(history.deputy)}" if len(history.pairs) > 1 else ""
-    table = _render_table(heads, rows)
+    table = render_table(heads, rows)
     listed = f"<details><summary>{len(rows)} edges</summary>{table}</details>"
     return f"<h3>Edges of irregularities{pair}</h3>{listed}"
 
@@ -300,7 +300,7 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
     ]
     if not events:
         return table
-    listed = _render_table(["scenario time", "part", "what it reported"], events, numbers=False)
+    listed = render_table(["scenario time", "part", "what it reported"], events, numbers=False)
     return f"{table}<h3>Reports other than ok</h3>{listed}"
 
 
@@ -316,7 +316,7 @@ def _render_timing(history: RunHistory) -> str:
         if times.size
     ]
     heads = ["node", "steps", "median", "99 % below", "longest"]
-    return _render_table(heads, rows) if rows else ""
+    return render_table(heads, rows) if rows else ""
 
 
 def _render_provenance(summary: Mapping[str, Any], described: RunDescription) -> str:
@@ -338,7 +338,7 @@ def _render_provenance(summary: Mapping[str, Any], described: RunDescription) ->
         ],
     ]
     rows = [[name, _format_value(value)] for name, value in entries if value is not None]
-    return _render_table(["", ""], rows, numbers=False)
+    return render_table(["", ""], rows, numbers=False)
 
 
 def _commit(summary: Mapping[str, Any]) -> str | None:
@@ -353,7 +353,7 @@ def _render_parameters(described: RunDescription) -> str:
     for text in described.parameter_texts.values():
         for node, values in sorted(node_parameters(text).items()):
             rows = [[name, _format_value(value)] for name, value in sorted(values.items())]
-            table = _render_table(["parameter", "value"], rows, numbers=False)
+            table = render_table(["parameter", "value"], rows, numbers=False)
             blocks.append(f"<details><summary>{_escape(node)}</summary>{table}</details>")
     if described.scenario_text:
         blocks.append(
@@ -371,10 +371,11 @@ def _format_value(value: Any) -> str:
 
 def _render_topics(history: RunHistory) -> str:
     rows = [[name, str(count)] for name, count in sorted(history.message_counts.items())]
-    return _render_table(["topic", "messages"], rows)
+    return render_table(["topic", "messages"], rows)
 
 
-def _render_figures(pictures: Sequence[Picture], section: str) -> str:
+def render_figures(pictures: Sequence[Picture], section: str) -> str:
+    """Return the pictures of a section with their captions."""
     return "".join(
         f'<figure><img src="data:image/png;base64,{_encode_file(picture.path)}" '
         f'alt="{_escape(picture.caption)}"><figcaption>{_escape(picture.caption)}</figcaption></figure>'
@@ -387,7 +388,7 @@ def _encode_file(path: pathlib.Path) -> str:
     return base64.b64encode(path.read_bytes()).decode("ascii")
 
 
-def _render_table(
+def render_table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = True
 ) -> str:
     """Return a table; a row that is a text is a heading.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import pathlib
-from typing import TYPE_CHECKING, Annotated, Any, Optional
+from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 from rich import box
@@ -22,6 +22,10 @@ if TYPE_CHECKING:
     from vtff_analysis.compare.comparison import ComparedRun
 
 COMPARISON_FILE = "comparison.json"
+COMPARISON_PAGE = "comparison.html"
+
+# Characters of the label and of a number in the table on the console.
+_LABEL_WIDTH, _NUMBER_WIDTH = 40, 11
 
 
 def compare(
@@ -35,7 +39,9 @@ def compare(
 ) -> None:
     """Set runs side by side: errors against truth, dv per axis and phase, fix rate, latency, TEC.
 
-    Prints a table with one column a run, and writes comparison.json and overlaid plots.
+    Errors of navigation are compared at the epochs that all runs have. Prints a table with one
+    column a run and the difference of two, and writes comparison.html with the paper's numbers
+    and overlaid plots, and comparison.json.
 
     Example: vtff compare bags/paper bags/delay_aware
     """
@@ -44,7 +50,12 @@ def compare(
         console.print("[red]error:[/red] name at least two bags to compare")
         raise typer.Exit(EXIT_USAGE)
     # Imported here, because rclpy and matplotlib take a while.
-    from vtff_analysis.compare.comparison import names_of_runs, read_compared_run
+    from vtff_analysis.compare.comparison import (
+        comparable_summaries,
+        names_of_runs,
+        read_compared_run,
+    )
+    from vtff_analysis.compare.page import render_comparison
     from vtff_analysis.compare.plots import plot_comparison
 
     try:
@@ -58,38 +69,35 @@ def compare(
         raise exit_with_error(console, error, EXIT_USAGE) from error
     _print_table(console, runs)
     try:
-        content = {run.name: run.summary for run in runs}
+        content = dict(zip(names, comparable_summaries(runs), strict=True))
         text = json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)
         (folder / COMPARISON_FILE).write_text(text + "\n", encoding="utf-8")
         with console.status("drawing"):
-            plot_comparison(runs, folder)
+            pictures = plot_comparison(runs, folder)
+        page = render_comparison(runs, pictures)
+        (folder / COMPARISON_PAGE).write_text(page, encoding="utf-8")
     except OSError as error:
         raise exit_with_error(console, error, EXIT_FAILURE) from error
-    console.print(f"plots and numbers: {folder}", markup=False, soft_wrap=True)
+    console.print(f"comparison: {folder / COMPARISON_PAGE}", markup=False, soft_wrap=True)
 
 
 def _print_table(console: Console, runs: list[ComparedRun]) -> None:
-    from vtff_analysis.compare.comparison import comparison_rows
+    from vtff_analysis.compare.comparison import comparison_table
 
+    heads, sections = comparison_table(runs)
+    # What has no room here, the paper's numbers first, stands on the page.
+    room = max(len(runs), (console.width - _LABEL_WIDTH) // _NUMBER_WIDTH)
+    heads = heads[:room]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=(0, 1))
     table.add_column("", no_wrap=True)
-    for run in runs:
-        table.add_column(escape(run.name), justify="right", overflow="fold")
-    for heading, rows in comparison_rows(runs):
+    for head in heads:
+        table.add_column(escape(head), justify="right", overflow="fold")
+    for heading, rows in sections:
         table.add_section()
         table.add_row(f"[bold]{escape(heading)}[/bold]")
-        for label, decimals, values in rows:
-            table.add_row(f"  {escape(label)}", *(_value_text(value, decimals) for value in values))
+        for label, texts in rows:
+            table.add_row(f"  {escape(label)}", *texts[:room])
     console.print(table)
     for run in runs:
         for note in run.history.notes:
             print_note(console, f"{run.name}: {note}")
-
-
-def _value_text(value: Any, decimals: int) -> str:
-    """Return a number, ``never`` where it does not exist, a blank where its subject is missing."""
-    from vtff_analysis.report.tables import number_text
-
-    if value is ...:
-        return ""
-    return "never" if value is None else number_text(value, decimals)
