@@ -5,6 +5,8 @@ ENVIRONMENT := . .venv/vtff_environment.sh
 PYTEST_ARGUMENTS ?=
 TEST_PROCESSES ?= 2
 SYSTEM ?= config/system/reference.yaml
+# Scenario seconds of the run that `make demo` flies first: acquisition and some keeping.
+FIRST_RESULT = 300
 
 .PHONY: help setup setup_test demo test bench docs libraries lint clean
 
@@ -18,6 +20,8 @@ setup_test: # the same and what the tests need
 	@tools/setup.sh test
 
 demo: setup  ## Fly the reference formation, print the result beside the paper's, write plots
+	@.venv/bin/vtff run $(SYSTEM) --duration $(FIRST_RESULT)
+	@echo && echo "That was the first result. The whole run follows; Ctrl-C ends it in order." && echo
 	@.venv/bin/vtff run $(SYSTEM)
 
 test: setup_test  ## Run all tests but the slow ones; says what it leaves out

@@ -140,4 +140,5 @@ def run(
             session.conclude(own)
     if order.report and message_count and exit_code in (0, EXIT_INTERRUPTED):
         exit_code = report_run(console, run_directory, imports) or exit_code
+        console.print(f"look at it: vtff view {run_directory}", markup=False, soft_wrap=True)
     raise typer.Exit(exit_code)

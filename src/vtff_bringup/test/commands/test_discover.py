@@ -1,0 +1,125 @@
+"""What there is, from the command line: list, node, topic, --version, completion."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from typer.testing import CliRunner
+
+pytest.importorskip("rclpy", reason="needs ROS 2")
+pytest.importorskip("vtff_msgs", reason="needs the workspace")
+
+from bag_samples import sample_messages, write_bag  # noqa: E402
+
+from vtff_bringup.cli import make_app  # noqa: E402
+from vtff_bringup.discover.list_installed import config_files, nodes  # noqa: E402
+from vtff_msgs.msg import RelativeState  # noqa: E402
+from vtff_node.message_text import message_lines  # noqa: E402
+
+
+def run(*arguments):
+    return CliRunner().invoke(make_app(), [str(argument) for argument in arguments])
+
+
+def test_everything_that_is_listed_has_a_description():
+    result = run("list")
+    assert result.exit_code == 0, result.output
+    lines = [line for line in result.output.splitlines() if line.startswith("  ")]
+    assert all(re.match(r"  \S+ +\S", line) for line in lines)
+    names = {line.split()[0] for line in lines}
+    assert {"reference", "esf", "realistic", "thrust_cap", "relative_ekf"} <= names
+    assert len(lines) > 40
+
+
+def test_a_kind_that_cannot_be_listed_is_refused():
+    result = run("list", "planets")
+    assert result.exit_code == 2 and "choose one of: systems" in result.output
+
+
+def test_the_parameters_of_every_node_are_shown():
+    for name, _, _ in nodes():
+        for arguments in ((name,), (name, "--help")):
+            result = run("node", *arguments)
+            assert result.exit_code == 0, result.output
+        assert "default:" in result.output and "lockstep" in result.output
+    assert "[m/s^2] (at least" in run("node", "thruster_model").output
+
+
+def test_an_unknown_node_names_the_others():
+    result = run("node", "relative_ukf")
+    assert result.exit_code == 2 and "relative_ekf" in result.output
+
+
+def test_topics_of_a_bag(tmp_path):
+    write_bag(tmp_path / "bag", sample_messages(30, topics=2), topics=2)
+    listed = run("topic", "list", "--bag", tmp_path / "bag")
+    assert re.search(r"/topic_0 +std_msgs/msg/String +15 +1\.\d+ Hz", listed.output)
+    echoed = run("topic", "echo", "/topic_1", "--bag", tmp_path / "bag", "--count", 2)
+    assert echoed.output.count("---") == 2 and "data: 1 x" in echoed.output
+    assert "1.000 Hz" in run("topic", "hz", "/topic_0", "--bag", tmp_path / "bag").output
+    missing = run("topic", "echo", "/topic", "--bag", tmp_path / "bag")
+    assert missing.exit_code == 2 and "did you mean: /topic_" in missing.output
+    assert run("topic", "list", "--bag", tmp_path / "nothing").exit_code == 2
+
+
+def test_fields_have_the_units_of_their_definition():
+    message = RelativeState(position=[1.0, 2.0, 3.0])
+    lines = list(message_lines(message))
+    assert "position: [1.0, 2.0, 3.0]    # m" in lines
+    assert any(line.startswith("covariance: [0.0,") and "(36 values)" in line for line in lines)
+    assert "  stamp:" in [line.rstrip() for line in lines]
+
+
+def test_the_version_is_told():
+    assert re.match(r"vtff \d+\.\d+", run("--version").output)
+
+
+def test_the_shell_completes_commands_and_systems():
+    def complete(words):
+        variables = {
+            "_VTFF_COMPLETE": "complete_bash",
+            "COMP_WORDS": words,
+            "COMP_CWORD": str(words.count(" ")),
+        }
+        result = subprocess.run(
+            [sys.executable, "-m", "vtff_bringup.cli"],
+            env={**os.environ, **variables},
+            capture_output=True,
+            text=True,
+        )
+        return result.stdout.split()
+
+    assert complete("vtff rep") == ["replay", "reprocess", "report"]
+    systems = [path.stem for path in config_files("systems") if path.stem.startswith("realis")]
+    assert complete("vtff run realis") == systems != []
+
+
+@pytest.mark.parametrize(
+    ("override", "expected"),
+    [
+        ("sdre_controller.desing:=paper", "has no parameter 'desing'; did you mean: design"),
+        ("sdre_controller.design:=best", "'best'; installed are: "),
+        ("thruster.start_timeout:=-1", "it must be at least"),
+        ("simgen_bridge.maximum_lag:=two", "it must be a whole number"),
+        ("deputy/relative_ekf.estimator:=paper", ""),
+    ],
+)
+def test_parameters_are_checked_before_anything_starts(override, expected, tmp_path, monkeypatch):
+    """One line, exit code 2 and no folder, in the time of an import."""
+    from vtff_bringup.commands import run as command
+
+    def start(*arguments, **options):
+        raise AssertionError("it started")
+
+    monkeypatch.setattr(command, "run_system", start)
+    result = run("run", "reference", override, "--out", tmp_path / "run")
+    if expected:
+        assert result.exit_code == 2, result.output
+        assert expected in result.output.replace("\n", " ")
+        assert not (tmp_path / "run").exists()
+    else:
+        assert isinstance(result.exception, AssertionError)
