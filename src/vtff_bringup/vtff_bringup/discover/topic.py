@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 from rich.console import Console
 
-from vtff_bag.file.errors import BagError
+from vtff_bag.file.errors import BagError, UnknownTypeError
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -132,8 +132,7 @@ def _messages(console: Console, topic: str, bag: pathlib.Path | None) -> Iterato
         message_type = _wait_for_type(console, node, topic, stop)
         if message_type is None:
             return
-        from rosidl_runtime_py.utilities import get_message
-
+        from vtff_bag.file.message_definitions import message_class
         from vtff_node import qos
 
         received: list[Any] = []
@@ -142,10 +141,9 @@ def _messages(console: Console, topic: str, bag: pathlib.Path | None) -> Iterato
         if any(offer.qos_profile.reliability.name == "BEST_EFFORT" for offer in offers):
             profile.reliability = type(profile.reliability).BEST_EFFORT
         try:
-            kind = get_message(message_type)
-        except (AttributeError, ModuleNotFoundError, ValueError) as error:
-            text = f"{topic}: the type {message_type} is not installed"
-            raise exit_with_error(console, text, EXIT_FAILURE) from error
+            kind = message_class(message_type)
+        except UnknownTypeError as error:
+            raise exit_with_error(console, f"{topic}: {error}", EXIT_FAILURE) from error
         node.create_subscription(kind, topic, received.append, profile)
         while not stop.requested:
             executor.spin_once(timeout_sec=0.1)
