@@ -215,9 +215,9 @@ def _formation(
     navigated = numbers.get("control_input") == "navigation"
     alike = next((c for c in columns if c.hardware_in_the_loop == navigated), None)
     printed = {} if alike is None else alike.values
-    kept = [numbers.get(f"settled_keeping_{axis}_rms_m") for axis in AXES]
+    kept = _complete([numbers.get(f"settled_keeping_{axis}_rms_m") for axis in AXES])
     sentences, figures = [], []
-    if _all_numbers(kept):
+    if kept:
         scale, unit = _length_unit(max(kept))
         shown = " / ".join(_short(value / scale) for value in kept)
         sentence = (
@@ -225,8 +225,8 @@ def _formation(
             f"{SETTLED_AFTER:.0f} s on)"
         )
         others = [printed.get(f"keeping_{axis}_rms_m") for axis in AXES]
-        if _all_numbers(others):
-            ratio = math.hypot(*others) / math.hypot(*kept)
+        if _complete(others):
+            ratio = math.hypot(*_complete(others)) / math.hypot(*kept)
             sentence += f", {_times(ratio, 'closer', 'further off')} than the paper's hardware"
         sentences.append(f"{sentence}.")
         for axis, value, other in zip(AXES, kept, others, strict=True):
@@ -350,15 +350,15 @@ def _log(summary: Summary) -> tuple[list[str], list[Figure]]:
 
 
 def _length_figure(label: str, measured: float, paper: float | None, bound: float | None) -> Figure:
-    texts = []
-    for value in (measured, paper, bound):
-        if value is None:
-            texts.append("")
-            continue
-        scale, unit = _length_unit(abs(value))
-        texts.append(f"{_short(value / scale)} {unit}")
     ratio = "" if not paper or not measured else _times(paper / measured, "smaller", "larger")
-    return Figure(label, *texts, ratio)
+    return Figure(label, _length(measured), _length(paper), _length(bound), ratio)
+
+
+def _length(value: float | None) -> str:
+    if value is None:
+        return ""
+    scale, unit = _length_unit(abs(value))
+    return f"{_short(value / scale)} {unit}"
 
 
 def _length_unit(length: float) -> tuple[float, str]:
@@ -384,5 +384,6 @@ def _has(summary: Summary, key: str) -> bool:
     return summary[key] is not None
 
 
-def _all_numbers(values: Sequence[float | None]) -> bool:
-    return all(value is not None for value in values)
+def _complete(values: Sequence[Any]) -> list[float]:
+    """Return values if all are numbers; empty where one is missing."""
+    return [] if any(value is None for value in values) else [float(value) for value in values]
