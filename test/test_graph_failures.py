@@ -160,21 +160,24 @@ def test_a_killed_recorder_leaves_a_bag_that_can_be_recovered(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("arguments", "expected"),
+    ("argument", "expected"),
     [
-        (["sdre_controller.design:=best"], "parameter 'design' is 'best'; choose one of"),
-        (
-            ["sdre_controller.desing:=paper", "--composed"],
-            "no parameter 'desing'; did you mean: design",
-        ),
-        (["simgen_bridge.scenario_file:=missing.yaml", "--composed"], "missing.yaml"),
-        (["sdre_controller.design:=best", "--composed"], "parameter 'design' is 'best'; choose"),
+        ("sdre_controller.design:=best", "parameter 'design' is 'best'; "),
+        ("sdre_controller.desing:=paper", "no parameter 'desing'; did you mean: design"),
     ],
 )
-def test_wrong_parameters_are_named(tmp_path, arguments, expected):
-    result = run_vtff("run", SYSTEM, *arguments, "--out", tmp_path / "run", "--no-report")
+def test_wrong_parameters_are_named_before_anything_starts(tmp_path, argument, expected):
+    result = run_vtff("run", SYSTEM, argument, "--out", tmp_path / "run", "--no-report")
     assert result.returncode == 2
-    assert result.stdout.count(expected) == 1
+    assert expected in result.stdout and len(result.stdout.splitlines()) == 1
+    assert not (tmp_path / "run").exists()
+
+
+def test_what_only_the_node_can_check_is_named(tmp_path):
+    argument = "simgen_bridge.scenario_file:=missing.yaml"
+    result = run_vtff("run", SYSTEM, argument, "--composed", "--out", tmp_path / "run")
+    assert result.returncode == 2
+    assert result.stdout.count("missing.yaml") == 1
     assert "failed (exit code 2); log: " in result.stdout
     assert "Traceback" not in result.stdout
     assert "real time" not in result.stdout

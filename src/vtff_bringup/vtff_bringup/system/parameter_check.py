@@ -62,16 +62,18 @@ def parameter_tables(package: str, executable: str, values: dict[str, Any]) -> l
         If the plug-in is not installed or cannot be loaded.
     """
     from vtff_node.node import CommonParameters
-    from vtff_node.parameters import default_of, fields_in_order
+    from vtff_node.parameters import check, default_of, fields_in_order
     from vtff_node.plugins.loading import PluginError, load_plugin
 
     found = node_class(package, executable)
     tables = [table for table in (found.Parameters, CommonParameters) if table is not None]
     if found.Plugins is not None:
         key = found.Plugins.parameter
-        defaults = {field.name: default_of(field) for field in fields_in_order(found.Parameters)}
+        field = next(field for field in fields_in_order(found.Parameters) if field.name == key)
+        value = values.get(key, default_of(field))
         try:
-            plugin = load_plugin(found.Plugins, values.get(key, defaults[key]))
+            check(key, field, value)
+            plugin = load_plugin(found.Plugins, value)
         except (ValueError, PluginError) as error:
             raise SystemFileError(str(error)) from error
         if plugin.parameter_table is not None:
