@@ -22,10 +22,10 @@ from vtff_control.tracking.sdre import DESIGNS
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.solution import RelativeSolution, check_solution
 from vtff_nav.relative_ekf_node import RelativeEkfParameters, estimator_setting
-from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin, plugin_names
+from vtff_node.plugins.groups import CONTROLLERS
+from vtff_node.plugins.loading import Plugin, PluginError, load_plugin, plugin_names
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-CONTROLLERS = PluginGroup("vtff.controllers", "design", ("control", "reset"))
 
 
 def install(folder: pathlib.Path, sources: dict[str, str], entry_points: str) -> None:

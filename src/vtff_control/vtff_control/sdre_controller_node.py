@@ -31,11 +31,11 @@ from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
-from vtff_node.plugins.loading import PluginError, PluginGroup, plugin_names
+from vtff_node.plugins.groups import CONTROLLERS
+from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
 REFUSED = ControlResult(np.zeros(3), False, False)
-CONTROLLERS = PluginGroup("vtff.controllers", "design", ("control", "reset"))
 
 
 def describe_weight(name: str) -> str:

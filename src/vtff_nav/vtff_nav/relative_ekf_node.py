@@ -56,15 +56,13 @@ from vtff_node.epoch_join import EpochJoin, JoinedEpoch
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import ParameterError, parameter
-from vtff_node.plugins.loading import PluginError, PluginGroup, plugin_names
+from vtff_node.plugins.groups import ESTIMATORS
+from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
 SETTLE_TIME = 0.3  # s of wall time between discovery of a publisher and its first message
 LASER = "laser"
-ESTIMATORS = PluginGroup(
-    "vtff.estimators", "estimator", ("add_ephemeris", "add_thrust", "process", "reset")
-)
 
 
 @dataclass(frozen=True)

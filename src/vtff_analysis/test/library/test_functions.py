@@ -32,10 +32,41 @@ def test_fly_with_the_cap_of_appendix_a_comes_as_near_as_the_paper():
     assert closest == pytest.approx(38.17, abs=0.1)  # m; paper 000, appendix A
 
 
+PLUGIN = """
+import numpy as np
+from vtff_control.tracking.controller import ControlResult
+
+class Constant:
+    def __init__(self, setting):
+        self.cap = setting.acceleration_cap
+
+    def reset(self):
+        pass
+
+    def control(self, relative_state_rtn, state_chief_gcrf, target_rtn, stamp=None):
+        return ControlResult(np.array([0.0, -0.5 * self.cap, 0.0]), saturated=False, valid=True)
+"""
+
+
+def test_fly_takes_the_controller_of_a_plugin(tmp_path, monkeypatch):
+    (tmp_path / "lab_controller.py").write_text(PLUGIN)
+    metadata = tmp_path / "lab-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: lab\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[vtff.controllers]\nlab_constant = lab_controller:Constant\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    deputy = fly(SCENARIO, "lab_constant", duration=60.0, acceleration_cap=0.1).deputy()
+    np.testing.assert_array_equal(deputy.command_rtn, np.tile([0.0, -0.05, 0.0], (60, 1)))
+    # Thrust waits one step; then the speed grows by 0.05 m/s in each second.
+    assert deputy.state_relative_rtn[-1, 4] == pytest.approx(-0.05 * 59, abs=0.02)
+
+
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [
-        ({"design": "nobody"}, "design: 'nobody' is not one of paper"),
+        ({"design": "nobody"}, "parameter 'design' is 'nobody'; installed are: .*paper"),
         ({"duration": 0.25}, "duration: one or more whole steps"),
         ({"acceleration_cap": -1.0}, "acceleration_cap: one or three positive numbers"),
     ],

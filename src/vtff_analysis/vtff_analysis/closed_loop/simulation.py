@@ -11,13 +11,14 @@ over [t[k+1], t[k+2]] in the RTN axes that the chief has at t[k+1].
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from vtff_analysis.closed_loop.drawn_navigation import DrawnNavigation, NavigationErrorModel
 from vtff_control.thruster.thruster import Thruster
+from vtff_control.tracking.controller import Controller, takes_covariance
 from vtff_control.tracking.sdre import SdreController, SdreDesign
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
@@ -114,6 +115,7 @@ def simulate_closed_loop(
     thruster_parameters: Mapping[str, object] | None = None,
     duration: float | None = None,
     navigation: NavigationErrorModel | None = None,
+    make_controller: Callable[[], Controller] | None = None,
 ) -> ClosedLoopResult:
     """Fly a scenario with truth, or drawn navigation, fed to the controller.
 
@@ -131,6 +133,9 @@ def simulate_closed_loop(
     navigation
         Errors of the states that the controller gets with their covariance; truth if absent. The
         errors of each deputy are drawn from the seed and its number.
+    make_controller
+        Called for the controller of each deputy, such as one of a plug-in; by default that of the
+        design, of which only sample time, delay and cap count otherwise.
 
     Returns
     -------
@@ -165,6 +170,7 @@ def simulate_closed_loop(
             thruster_parameters,
             steps,
             _drawn_navigation(navigation, index, scenario),
+            SdreController(design) if make_controller is None else make_controller(),
         )
         for index, (name, target) in enumerate(targets.items())
     }
@@ -207,6 +213,7 @@ class _DeputyLoop:
         thruster_parameters: Mapping[str, object] | None,
         steps: int,
         navigation: DrawnNavigation | None,
+        controller: Controller,
     ) -> None:
         parameters: dict[str, object] = {
             "acceleration_cap": design.acceleration_cap,
@@ -216,7 +223,8 @@ class _DeputyLoop:
         parameters["step"] = design.sample_time
         self._target = target_rtn
         self._navigation = navigation
-        self._controller = SdreController(design)
+        self._controller = controller
+        self._takes_covariance = takes_covariance(controller)
         self._thruster = Thruster(**parameters)  # type: ignore[arg-type]
         self._scheduled: dict[int, FloatArray] = {}
         self.states = np.empty((steps + 1, 6))
@@ -234,7 +242,11 @@ class _DeputyLoop:
             estimate, covariance = self._navigation.estimate(
                 truth.time, elapsed, state_chief, relative_state
             )
-        result = self._controller.control(estimate, state_chief, self._target, stamp, covariance)
+        state = (estimate, state_chief, self._target, stamp)
+        if self._takes_covariance:
+            result = self._controller.control(*state, covariance)
+        else:
+            result = self._controller.control(*state)
         thrust = self._thruster.command(stamp, result.acceleration_rtn)
         self._scheduled[thrust.start_stamp] = thrust.acceleration_rtn
         applied = self._scheduled.pop(stamp, np.zeros(3))

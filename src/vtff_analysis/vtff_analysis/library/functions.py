@@ -15,12 +15,15 @@ from vtff_analysis.baseline.sources import from_files
 from vtff_analysis.closed_loop.simulation import ClosedLoopResult, simulate_closed_loop
 from vtff_analysis.tec.processing import TecResult, process
 from vtff_analysis.tec.sources import from_file
-from vtff_control.tracking.sdre import SdreDesign
+from vtff_control.tracking.controller import ControllerSetting
+from vtff_control.tracking.sdre import DESIGNS, SdreDesign
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.vectors import norm
 from vtff_gnss.files.navigation_files import open_navigation
 from vtff_nav.relative.common.dynamics import DYNAMICS
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS
+from vtff_node.plugins.groups import CONTROLLERS
+from vtff_node.plugins.loading import load_plugin
 from vtff_sim_bridge.truth.scenario import Scenario, load_scenario
 
 __all__ = ["baseline", "fly", "tec"]
@@ -111,8 +114,9 @@ def fly(
     ----------
     scenario
         Scenario file (``config/scenario/*.yaml``), or what `load_scenario` returns.
-    design : {"paper", "state_dependent", "delay_aware", "navigation_aware"}
-        Controller, with its defaults; `simulate_closed_loop` takes all of its parameters.
+    design : str
+        Controller, with its defaults: paper, state_dependent, delay_aware, navigation_aware, or
+        that of an installed plug-in (docs/plugins.md). `simulate_closed_loop` takes all parameters.
     duration : float, optional
         s; by default that of the scenario.
     acceleration_cap : float, optional
@@ -129,8 +133,17 @@ def fly(
     flown = scenario if isinstance(scenario, Scenario) else load_scenario(pathlib.Path(scenario))
     if duration is not None:
         flown = dataclasses.replace(flown, duration=duration)
-    chosen = SdreDesign(design=design, sample_time=flown.step, acceleration_cap=acceleration_cap)
-    return simulate_closed_loop(flown, chosen)
+    if design in DESIGNS:
+        chosen = SdreDesign(design, sample_time=flown.step, acceleration_cap=acceleration_cap)
+        return simulate_closed_loop(flown, chosen)
+    plugin = load_plugin(CONTROLLERS, design)
+    table = plugin.parameter_table
+    setting = ControllerSetting(sample_time=flown.step, acceleration_cap=acceleration_cap)
+    return simulate_closed_loop(
+        flown,
+        SdreDesign(sample_time=flown.step, acceleration_cap=acceleration_cap),
+        make_controller=lambda: plugin.make(setting, None if table is None else table()),
+    )
 
 
 def _paths(given: Paths) -> list[pathlib.Path]:
