@@ -82,7 +82,7 @@ def test_a_step_also_waits_for_its_data():
     assert not bench.source.is_complete
     bench.now = 30.1
     assert bench.source.describe_hanging_step() == (
-        "step 0 was not finished within 30 s; waiting for thrust on /deputy"
+        "step 0 was not finished within 30 s (start_timeout); waiting for thrust on /deputy"
     )
     awaited.clear()
     assert bench.source.is_complete
@@ -98,7 +98,8 @@ def test_patience_is_longer_in_the_first_step_and_missing_nodes_are_named():
     assert bench.source.describe_hanging_step() == ""
     bench.now = 130.1
     assert bench.source.describe_hanging_step() == (
-        "step 0 was not finished within 30 s; waiting for /b (never answered); not in the graph: /b"
+        "step 0 was not finished within 30 s (start_timeout); waiting for /b (never answered); "
+        "not in the graph: /b"
     )
     bench.acknowledge(SECOND, "/b")
     bench.node.present = ("/a", "/b", "/recorder")
@@ -108,7 +109,7 @@ def test_patience_is_longer_in_the_first_step_and_missing_nodes_are_named():
     assert bench.source.describe_hanging_step() == ""
     bench.now = 135.2
     assert bench.source.describe_hanging_step() == (
-        "step 1 was not finished within 5 s; waiting for /b (last did step 0)"
+        "step 1 was not finished within 5 s (step_timeout); waiting for /b (last did step 0)"
     )
 
 
@@ -127,7 +128,8 @@ def test_a_zero_stamp_reports_that_a_node_is_ready(lockstep):
     bench.acknowledge(0, "/a", "/stranger")
     assert bench.source.unprepared == {"/b", "/c"}
     assert bench.source.describe_unprepared_nodes() == (
-        "within 30 s /b did not report ready and /c is not in the graph; its /diagnostics say why"
+        "within 30 s (start_timeout) /b did not report ready and /c is not in the graph; "
+        "the logs and /diagnostics of these nodes say why, or the machine is busy"
     )
     assert bench.acknowledged == 0
 

@@ -40,10 +40,11 @@ class StepSourceParameters:
         50, "in lockstep, steps a side branch may lag", minimum=0, maximum=500
     )
     start_timeout: float = parameter(
-        30.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
+        60.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
     )
+    # Longer than the `compute_limit` of plug-ins, so that a slow plug-in is named itself.
     step_timeout: float = parameter(
-        5.0, "wall time for all participants to finish a later step", unit="s", minimum=0.1
+        15.0, "wall time for all participants to finish a later step", unit="s", minimum=0.1
     )
 
 
@@ -148,8 +149,8 @@ class StepSource:
         awaited += self._awaited_data()
         absent = self._node.absent_nodes(self._parameters.expected_nodes)
         return (
-            f"step {self.step} was not finished within {patience:.0f} s; "
-            f"waiting for {', '.join(awaited)}"
+            f"step {self.step} was not finished within {patience:.0f} s "
+            f"({'start_timeout' if is_first else 'step_timeout'}); waiting for {', '.join(awaited)}"
             + (f"; not in the graph: {', '.join(absent)}" if absent else "")
         )
 
@@ -161,4 +162,7 @@ class StepSource:
             for name in sorted(self.unprepared)
         ]
         patience = self._parameters.start_timeout
-        return f"within {patience:.0f} s " + " and ".join(nodes) + "; its /diagnostics say why"
+        return (
+            f"within {patience:.0f} s (start_timeout) {' and '.join(nodes)}; the logs and "
+            "/diagnostics of these nodes say why, or the machine is busy"
+        )
