@@ -303,6 +303,15 @@ def test_a_file_that_extends_another_adds_to_it(tmp_path, settings):
     assert two.executable == "two"
 
 
+def test_a_change_of_a_node_in_another_namespace_is_named(tmp_path, settings):
+    (tmp_path / "base.yaml").write_text(
+        "nodes:\n  - {package: p, executable: one, namespace: deputy}\n"
+    )
+    top = write(tmp_path, "extends: base.yaml\nnodes:\n  - {name: one, parameters: {b: 1}}\n")
+    with pytest.raises(SystemFileError, match=r"'one' of base\.yaml .*there: namespace: deputy"):
+        load_system(top, (), settings)
+
+
 def test_files_must_not_extend_each_other_in_a_circle(tmp_path, settings):
     top = write(tmp_path, "extends: system.yaml\n")
     with pytest.raises(SystemFileError, match="circle"):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
@@ -68,11 +68,30 @@ def _join(
         for entry in _require_kind(content.get(key), list, path, key):
             index = indices.get(_entry_name(entry))
             if index is None:
+                _require_whole(entry, indices, path, base_path)
                 entries.append(entry)
             else:
                 entries[index] = _merge(entries[index], entry)
         joined[key] = entries
     return joined
+
+
+def _require_whole(
+    entry: Any, bases: Iterable[tuple[str, str] | None], path: pathlib.Path, base_path: pathlib.Path
+) -> None:
+    """Raise SystemFileError where an entry changes a node that the extended file does not have."""
+    name = _entry_name(entry)
+    if name is None or entry.get("package") or entry.get("command"):
+        return
+    same = [base for base in bases if base and base[1] == name[1]]
+    if same:
+        places = " or ".join(
+            f"namespace: {namespace}" if namespace else "no namespace" for namespace, _ in same
+        )
+        raise SystemFileError(
+            f"{path}: '{name[1]}' of {base_path.name} is not in namespace '{name[0]}' "
+            f"(there: {places})"
+        )
 
 
 def _require_kind(value: Any, kind: type, path: pathlib.Path, key: str) -> Any:
