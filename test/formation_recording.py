@@ -19,6 +19,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_iono.conversions import block_from_messages, second_from_messages
 from vtff_iono.spacecraft.formation_second import FormationSecond
+from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
@@ -58,6 +59,7 @@ def formation_seconds(
         ),
         key=lambda entry: entry[:2],
     )
+    choice = NavigationChoice()
     for second in sorted(observed[0].keys() | observed[1].keys()):
         stamp = second * NANOSECONDS_PER_SECOND
         new = [entry for entry in ephemerides if entry[0] <= stamp]
@@ -73,6 +75,7 @@ def formation_seconds(
                 [relative.get(second)],
                 [integers.get(second)],
                 [fixes_of_craft.get(second) for fixes_of_craft in fixes],
+                choice,
             ),
         )
 

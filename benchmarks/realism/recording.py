@@ -35,7 +35,15 @@ from vtff_sim_bridge.truth.scenario import Scenario
 
 from .worlds import World
 
-__all__ = ["EmulatedFormation", "Recording", "Second", "fly_truth_fed", "load_or_fly"]
+__all__ = [
+    "DESIGN",
+    "EmulatedFormation",
+    "Recording",
+    "Second",
+    "fly_truth_fed",
+    "load_or_fly",
+    "simulator_fingerprint",
+]
 
 DESIGN = SdreDesign("delay_aware", acceleration_cap=1.4)
 LOGS = b"LOG RANGEB ONTIME 1\r\nLOG GPSEPHEMB ONCHANGED\r\n"
@@ -204,7 +212,7 @@ def load_or_fly(
     if cache is None:
         return list(fly_truth_fed(scenario, gnss, is_controlled=is_controlled))
     inputs = hashlib.sha256(pickle.dumps((scenario, gnss, is_controlled)))
-    inputs.update(_fingerprint_of_simulator().encode())
+    inputs.update(simulator_fingerprint().encode())
     seconds = round(scenario.duration)
     path = cache / f"{name}-{seed}-{seconds}s-{inputs.hexdigest()[:16]}.pickle"
     if path.is_file():
@@ -223,7 +231,7 @@ def load_or_fly(
 
 
 @functools.cache
-def _fingerprint_of_simulator() -> str:
+def simulator_fingerprint() -> str:
     """Return a hash of what the sources of the simulator do: not of comments and docstrings."""
     digest = hashlib.sha256()
     for package in _SOURCES:

@@ -6,6 +6,7 @@ import pytest
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_iono.conversions import block_from_messages, second_from_messages
 from vtff_iono.edges.boundary import BoundaryKind, BoundarySource
+from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_msgs.msg import AmbiguityStatus, GnssFix, IrregularityBoundary, RelativeState
 
 TIME = GpsTime.from_week_tow(1889, 90_000.0)
@@ -41,8 +42,10 @@ def fix(state, shift):
     return message
 
 
-def second(relative, fixes):
-    return second_from_messages(TIME, (NOTHING, NOTHING), [relative], [ambiguities()], fixes)
+def second(relative, fixes, choice=None, time=TIME):
+    return second_from_messages(
+        time, (NOTHING, NOTHING), [relative], [ambiguities()], fixes, choice or NavigationChoice()
+    )
 
 
 @pytest.mark.parametrize(("shift", "is_lost"), [(15.0, False), (300.0, True)])
@@ -50,11 +53,24 @@ def test_fixes_overrule_relative_navigation_that_is_lost(shift, is_lost):
     told = second(relative_state(), [None, None])
     assert len(told.integers[0]) == 1
     fixes = [fix(state, shift) for state in told.states_itrf]
-    result = second(relative_state(), fixes)
+    choice = NavigationChoice()
+    for elapsed in range(121):
+        result = second(relative_state(), fixes, choice, TIME + float(elapsed))
     expected = [fixes[n].position if is_lost else told.states_itrf[n][:3] for n in (0, 1)]
     for state, position in zip(result.states_itrf, expected, strict=True):
         assert state[:3] == pytest.approx(position)
     assert (len(result.integers[0]) == 0) == is_lost
+
+
+def test_navigation_is_not_overruled_by_fixes_that_err_for_seconds():
+    """Fixes that are 300 m off in the fades of a bubble, now and then one that is right."""
+    choice = NavigationChoice()
+    told = second(relative_state(), [None, None])
+    for elapsed in range(300):
+        fixes = [fix(state, 0.0 if elapsed % 50 == 49 else 300.0) for state in told.states_itrf]
+        result = second(relative_state(), fixes, choice, TIME + float(elapsed))
+        assert result.states_itrf[1] == pytest.approx(told.states_itrf[1])
+        assert len(result.integers[0]) == 1
 
 
 def test_fixes_alone():

@@ -21,6 +21,7 @@ from vtff_iono.density.formation_density import DensityResult
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.scintillation.indices import ScintillationWindow
 from vtff_iono.spacecraft.formation_second import FormationSecond
+from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock, SlantTecEpoch
 from vtff_msgs.msg import (
     AmbiguityStatus,
@@ -47,9 +48,6 @@ __all__ = [
 
 COMBINED_SYSTEM = 255
 """System of the row that combines all satellites."""
-
-# m; larger than any error of a receiver's own solution or of relative navigation that works.
-_LARGEST_CONTRADICTION = 50.0
 
 
 def block_from_messages(messages: Sequence[GnssObservations]) -> ObservationBlock:
@@ -79,13 +77,13 @@ def second_from_messages(
     relative: Sequence[RelativeState | None],
     ambiguities: Sequence[AmbiguityStatus | None],
     fixes: Sequence[GnssFix | None],
+    choice: NavigationChoice,
 ) -> FormationSecond:
     """Return the measurements of a second.
 
-    Relative navigation gives the states and the integers. Where it contradicts the receivers' own
-    solutions, it is wrong: then those solutions are the states, and its integers are left out, so
-    that the integers found before hold on. The state of the chief is that of the first deputy whose
-    relative navigation can be used.
+    Relative navigation gives the states and the integers. Where it is lost, the receivers' own
+    solutions are the states, and its integers are left out, so that the integers found before hold
+    on.
 
     Parameters
     ----------
@@ -99,22 +97,19 @@ def second_from_messages(
         Integers of each deputy at `time`, as far as they have come.
     fixes : sequence of GnssFix or None
         Solutions of the receivers of the chief and each deputy at `time`, as far as they have come.
+    choice : NavigationChoice
+        Knows whether relative navigation was contradicted before.
     """
-    states = [None if fix is None else _state_from_fix(fix) for fix in fixes]
-    chief_fix, has_chief_state = states[0], False
-    integers: list[dict[SignalKey, float]] = []
-    for deputy, (relative_state, status) in enumerate(zip(relative, ambiguities, strict=True), 1):
-        pair = None if relative_state is None else _states_from_relative_state(relative_state)
-        is_lost = pair is not None and any(
-            fix is not None and np.linalg.norm(fix[:3] - state[:3]) > _LARGEST_CONTRADICTION
-            for fix, state in zip((chief_fix, states[deputy]), pair, strict=True)
-        )
-        if pair is not None and not is_lost:
-            states[deputy] = pair[1]
-            if not has_chief_state:
-                states[0], has_chief_state = pair[0], True
-        integers.append({} if status is None or is_lost else _integers_from_message(status))
-    return FormationSecond(time.nanoseconds, tuple(observations), tuple(states), tuple(integers))
+    states, are_trusted = choice.choose(
+        time.nanoseconds,
+        [None if state is None else _states_from_relative_state(state) for state in relative],
+        [None if fix is None else _state_from_fix(fix) for fix in fixes],
+    )
+    integers = [
+        _integers_from_message(status) if status is not None and is_trusted else {}
+        for status, is_trusted in zip(ambiguities, are_trusted, strict=True)
+    ]
+    return FormationSecond(time.nanoseconds, tuple(observations), states, tuple(integers))
 
 
 def _integers_from_message(message: AmbiguityStatus) -> dict[SignalKey, float]:

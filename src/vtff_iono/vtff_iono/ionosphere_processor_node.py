@@ -34,6 +34,7 @@ from vtff_iono.formation_ionosphere import (
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.indices import ScintillationSettings
 from vtff_iono.spacecraft.formation_second import FormationSecond
+from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftIonosphere, SpacecraftSettings
 from vtff_msgs.msg import (
     AmbiguityStatus,
@@ -192,6 +193,7 @@ class IonosphereProcessorNode(VtffNode):
             except (BiasFileError, OSError) as error:
                 raise ParameterError(f"parameter 'bias_file': {error}") from error
         self._formation = self._new_formation()
+        self._choice = NavigationChoice()
         self._sources_of_node = self._sources_by_node(parameters.source_nodes)
         waits_for_closing = self.lockstep and bool(parameters.source_nodes)
         sources = [*self._crafts, *map(_fix, self._crafts)]
@@ -311,6 +313,7 @@ class IonosphereProcessorNode(VtffNode):
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: ionosphere processing starts anew")
             self._formation = self._new_formation()
+            self._choice = NavigationChoice()
             self._join.restart()
             self._pending = {craft: [] for craft in self._crafts}
             self._newest = -1
@@ -352,6 +355,7 @@ class IonosphereProcessorNode(VtffNode):
             [measured.get(relative_state) for _, relative_state in navigation],
             [measured.get(ambiguities) for ambiguities, _ in navigation],
             [measured.get(_fix(craft)) for craft in self._crafts],
+            self._choice,
         )
 
     def _publish(self, result: FormationResult) -> None:

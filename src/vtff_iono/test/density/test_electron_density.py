@@ -18,7 +18,7 @@ from vtff_iono.density.density_profile import (
     wavenumber_spectrum,
 )
 from vtff_iono.density.differential_tec import SecondAverage, differential_stec
-from vtff_iono.density.electron_density import ElectronDensityEstimator
+from vtff_iono.density.electron_density import DensitySettings, ElectronDensityEstimator
 
 CM3 = 1e6
 BIAS = 3.7
@@ -238,20 +238,95 @@ def test_the_analysis_of_the_paper_with_75_db():
 
 
 def test_the_sigma_contains_the_noise_of_the_mapping():
-    """Satellites whose geometric term is large count less, and their sigma says so."""
-    estimator = ElectronDensityEstimator()
+    """A satellite whose geometric term is large counts less, and its sigma says so."""
     chief = np.radians([20.0, 40.0, 80.0, 30.0])
     deputy = chief + np.radians([0.0, 0.0, 0.0, 0.4])
-    epochs = [
-        estimator.update(
-            float(second), 400e3, 401e3, chief, deputy, np.zeros(4), np.full(4, 0.001), 20.0
-        )
-        for second in range(3)
+    profile = RunningProfile()
+    profile.scale_model(400e3, 20.0)
+    contents = [
+        profile.slant_content(elevation, altitude)
+        for elevation, altitude in ((chief, 400e3), (deputy, 401e3))
     ]
-    sigma = epochs[-1].sigma_satellite * 1e3 / 1e16 / np.sin(0.5 * (chief + deputy))
-    profile = estimator.profile
-    geometric = profile.slant_content(deputy[3:], 401e3) - profile.slant_content(chief[3:], 400e3)
-    assert abs(geometric[0]) > 0.2
-    # 1 % of the geometric term, far above the noise of the phases.
-    assert sigma[3] == pytest.approx(0.01 * abs(geometric[0]), rel=1.0)
-    assert sigma[3] > 0.008 * abs(geometric[0]) > 2.0 * sigma[2]
+    geometric = contents[1] - contents[0]
+    assert abs(geometric[3]) > 0.2
+    sigmas = []
+    for mapping_noise in (0.0, 0.05):
+        estimator = ElectronDensityEstimator(DensitySettings(mapping_noise=mapping_noise))
+        epoch = estimator.update(
+            0.0, 400e3, 401e3, chief, deputy, geometric, np.full(4, 0.001), 20.0
+        )
+        sigmas.append(epoch.sigma_satellite * 1e3 / 1e16 / np.sin(0.5 * (chief + deputy)))
+    added = np.sqrt(sigmas[1] ** 2 - sigmas[0] ** 2)
+    assert added[3] == pytest.approx(0.05 * abs(geometric[3]), rel=0.6)
+    assert (added[:3] < 0.3 * added[3]).all()
+
+
+def simulated(slow_sigma, slow_time, fast_sigma, seed, wrong=()):
+    """Return errors, sigmas and slow sigma of densities from satellites with multipath.
+
+    `wrong` holds pairs of satellite and second from which on it has other integers.
+    """
+    generator = np.random.default_rng(seed)
+    elevation = np.radians([15.0, 20.0, 28.0, 35.0, 47.0, 55.0, 66.0, 80.0])
+    decay = math.exp(-1.0 / slow_time)
+    slow = slow_sigma * generator.standard_normal(8)
+    estimator, rows, outliers = ElectronDensityEstimator(), [], []
+    for second in range(900):
+        slow = decay * slow + math.sqrt(1.0 - decay**2) * slow_sigma * generator.standard_normal(8)
+        true = 6e11 + 2e11 * math.sin(second / 60.0)
+        observed = 1234.5 - true * 1e3 / 1e16 / np.sin(elevation) + slow
+        observed += fast_sigma * generator.standard_normal(8)
+        for satellite, since in wrong:
+            observed[satellite] += 0.513 if second >= since else 0.0
+        # A layer that is all below: no geometric term, and none in the model.
+        epoch = estimator.update(
+            second, 600e3, 601e3, elevation, elevation, observed, np.full(8, fast_sigma), 1e-6
+        )
+        rows.append((epoch.density - true, epoch.sigma))
+        outliers.append(epoch.is_outlier)
+    return np.array(rows).T, estimator, np.array(outliers)
+
+
+@pytest.mark.parametrize("slow_sigma", [0.0, 0.01, 0.03, 0.06])
+def test_the_sigma_is_that_of_the_multipath_in_the_data(slow_sigma):
+    ratios = []
+    for seed in range(3):
+        (error, sigma), estimator, outliers = simulated(slow_sigma, 100.0, 0.004, seed)
+        ratios.append(np.mean((error / sigma)[60:] ** 2))
+        if slow_sigma > 0.0:
+            assert estimator.slow_errors.sigma == pytest.approx(slow_sigma, rel=0.35)
+            assert 40.0 < estimator.slow_errors.correlation_time < 250.0
+        else:
+            assert estimator.slow_errors.sigma < 0.002
+        # In the first minute multipath may be larger than is believed.
+        assert not outliers[60:].any()
+    assert 0.5 < math.sqrt(np.mean(ratios)) < 1.4
+
+
+def test_a_satellite_that_leaves_its_level_is_left_out():
+    (error, sigma), _, outliers = simulated(0.03, 100.0, 0.004, 7, wrong=[(2, 500), (5, 700)])
+    assert outliers[500:, 2].all() and outliers[700:, 5].all()
+    assert not outliers[:500].any() and not outliers[:, [0, 1, 3, 4, 6, 7]].any()
+    assert np.abs(error / sigma).max() < 4.0
+
+
+def test_a_density_that_nothing_checks_is_withheld():
+    """With four satellites and three common states a wrong integer could not be told."""
+    for count, is_told in ((4, False), (5, True)):
+        estimator = ElectronDensityEstimator()
+        elevation = np.radians(np.linspace(15.0, 80.0, count))
+        for second in range(100):
+            observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
+            epoch = estimator.update(
+                second, 400e3, 401e3, elevation, elevation, observed, np.full(count, 0.004), 5.0
+            )
+        assert math.isfinite(epoch.density) == is_told
+        assert epoch.bias_sigma_tecu < 1.0
+
+
+def test_what_the_data_do_not_tell_is_withheld():
+    """A single satellite cannot tell the constant from the density."""
+    estimator = ElectronDensityEstimator()
+    angle = np.array([0.8])
+    epoch = estimator.update(0.0, 400e3, 401e3, angle, angle, np.array([5.0]), np.array([0.004]))
+    assert math.isnan(epoch.density) and math.isnan(epoch.sigma)

@@ -18,10 +18,10 @@ ELEVATIONS = np.radians([20.0, 22.0, 23.0, 28.0, 31.0, 38.0, 39.0, 40.0, 46.0, 6
 TIME = np.arange(-45 * RATE, 45 * RATE + 1) / RATE
 
 
-def vertical_content():
-    """Content above an altitude: the paper's bubble above 290 km, its edge 100 m wide."""
+def vertical_content(width):
+    """Content above an altitude: the paper's bubble above 290 km, its edge 100 m wide or more."""
     altitude = np.arange(250e3, 360e3, 10.0)
-    inside = np.interp(altitude, [EDGE - 50, EDGE + 50], [0.0, 1.0])
+    inside = np.interp(altitude, [EDGE - width / 2, EDGE + width / 2], [0.0, 1.0])
     density = (1.0 - inside) * chapman(altitude, 1.3e12) + inside * 1.1e10
     return altitude, -np.concatenate(([0.0], np.cumsum(density[:-1] * 10.0 / 1e16)))
 
@@ -36,7 +36,7 @@ def pattern(generator, size=0.063):
     return place, size * noise / noise.std()
 
 
-def crossing(rising=True, size=0.063, seed=0, slip=False):
+def crossing(rising=True, size=0.063, seed=0, slip=False, width=100.0):
     """Series of chief and deputy, and the true times of both."""
     generator = np.random.default_rng(seed)
     speed = SPEED if rising else -SPEED
@@ -45,7 +45,7 @@ def crossing(rising=True, size=0.063, seed=0, slip=False):
     if rising:
         # The deputy is below and comes later, as on the paper's second pass.
         heights.reverse()
-    table = vertical_content()
+    table = vertical_content(width)
     patterns = [pattern(generator, size) for _ in ELEVATIONS]
     series = []
     for craft, height in enumerate(heights):
@@ -92,6 +92,17 @@ def test_in_scintillation(seed, slip):
     assert abs(error[1] - error[0]) * SPEED < 0.05 * SEPARATION
     assert (np.abs(error) < 4.0 * found.time_sigma).all()
     assert found.lag == pytest.approx(LAG, abs=0.03)
+
+
+@pytest.mark.parametrize("width", [1e3, 2e3, 4e3, 8e3])
+@pytest.mark.parametrize("seed", range(2))
+def test_the_width_of_a_wall(width, seed):
+    series, true = crossing(seed=seed, size=0.02, width=width)
+    found = fit_edge_crossings(TIME, *series, EDGE + 90.0, is_dense_above=False, width=2e3)
+    assert found is not None
+    assert found.width == pytest.approx(width, rel=0.3)
+    assert abs(found.width - width) < 4.0 * found.width_sigma + 0.05 * width
+    assert (np.abs(found.time - true) < 4.0 * found.time_sigma).all()
 
 
 def test_what_shows_no_edge_has_none():

@@ -8,8 +8,8 @@ from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
 
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_iono.edges.density_edges import DensityEdgeDetector
 from vtff_iono.edges.edge_detectors import (
-    DensityEdgeDetector,
     ExceedanceDetector,
     edge_position,
     intensity_variance,
@@ -78,9 +78,88 @@ def test_an_edge_with_samples_at_its_middle_is_among_them():
     for second, value in enumerate(density.tolist()):
         edges += detector.update(float(second), 300e3 + 296.0 * second, 985.0, value, 1e9)
     (edge,) = [*edges, *detector.flush()]
-    assert edge.is_entry and (edge.before, edge.after) == (1e12, 0.0)
-    assert 30.0 <= edge.time <= 32.0
+    assert edge.is_entry
+    # Levels are those of the fitted wall, so that the middle may lie just beside the three.
+    assert (edge.before, edge.after) == pytest.approx((1e12, 0.0), abs=6e10)
+    assert 29.9 <= edge.time <= 32.1
     assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
+
+
+def correlated(generator, count, sigma, time):
+    """Errors that are correlated over a time, s, one each second."""
+    decay = math.exp(-1.0 / time)
+    errors = np.empty(count)
+    errors[0] = generator.standard_normal()
+    for second in range(1, count):
+        step = math.sqrt(1.0 - decay**2) * generator.standard_normal()
+        errors[second] = decay * errors[second - 1] + step
+    return sigma * errors
+
+
+def detected(time, altitude, density, fast_sigma, slow_sigma, separation=985.0):
+    detector = DensityEdgeDetector()
+    edges = []
+    for sample in zip(time, altitude, density, strict=True):
+        edges += detector.update(
+            sample[0], sample[1], separation, sample[2], fast_sigma, slow_sigma, 100.0
+        )
+    return [*edges, *detector.flush()]
+
+
+def test_errors_that_are_correlated_are_no_edges():
+    """Multipath of 1.5 mm is 5e4 cm-3 over 1 km, and wanders within 100 s."""
+    altitude = np.arange(250e3, 310e3, 270.0)
+    time = np.arange(len(altitude), dtype=float)
+    found_with_all, found_as_white = 0, 0
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        errors = correlated(generator, len(time), 5e10, 100.0)
+        errors += 5e9 * generator.standard_normal(len(time))
+        density = 2e11 + errors
+        found_with_all += len(detected(time, altitude, density, 5e9, 5e10))
+        found_as_white += len(detected(time, altitude, density, 1e10, 0.0))
+    assert found_with_all == 0
+    # The test would see a detector that takes them for white.
+    assert found_as_white >= 2
+
+
+@pytest.mark.parametrize("width", [2e3, 5e3, 10e3, 20e3])
+@pytest.mark.parametrize("depth", [0.6])
+def test_gradual_walls_are_edges_with_a_width(width, depth):
+    altitude = np.arange(350e3, 430e3, 270.0)
+    table = np.arange(250e3, 560e3, 50.0)
+    missing = np.interp(table, [390e3 - width / 2, 390e3 + width / 2], [0.0, depth])
+    profile = chapman(table, 1e12) * (1.0 - missing)
+    time = np.arange(len(altitude), dtype=float)
+    truth = mean_density(table, profile, altitude - 492.5, altitude + 492.5)
+    generator = np.random.default_rng(4)
+    density = truth + correlated(generator, len(time), 1e10, 100.0)
+    density += 5e9 * generator.standard_normal(len(time))
+    (edge,) = detected(time, altitude, density, 5e9, 1e10)
+    assert edge.is_entry
+    assert edge.altitude == pytest.approx(390e3, abs=0.3 * width)
+    assert 0.4 * width <= edge.width <= 2.5 * width
+
+
+def test_the_ledge_below_a_layer_is_no_edge():
+    """Densities that grow by a factor of ten in 8 km, as at the bottom of a layer."""
+    altitude = np.arange(270e3, 350e3, 230.0)
+    table = np.arange(150e3, 600e3, 50.0)
+    time = np.arange(len(altitude), dtype=float)
+    truth = mean_density(table, chapman(table, 1e12, 378e3, 35e3), altitude - 500, altitude + 500)
+    for seed in range(2):
+        generator = np.random.default_rng(seed)
+        noise = 1e10 * generator.standard_normal(len(time))
+        assert detected(time, altitude, truth + noise, 1e10, 0.0) == []
+
+
+def test_a_step_over_a_gap_is_no_edge():
+    """In a gap integers may be lost, and with them the constant between the receivers."""
+    detector, edges = DensityEdgeDetector(), []
+    for second in [*range(60), *range(80, 140), *range(143, 200)]:
+        density = 5e11 if second < 70 else 8e11
+        edges += detector.update(float(second), 300e3 + 270.0 * second, 985.0, density, 1e9)
+    assert [*edges, *detector.flush()] == []
 
 
 def rays(s4, onset, end, seconds=300, seed=0, rate=20):

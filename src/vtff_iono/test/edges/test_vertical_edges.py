@@ -32,6 +32,7 @@ def history_of_a_flight(radial_velocity):
         links=["link"],
         epochs=lambda begin, end: np.arange(begin, end, 10**9),
         series=lambda epochs, links: None,
+        trajectory=lambda: (np.zeros(0, dtype=np.int64), np.zeros((0, 3))),
         position_at=lambda time: np.array(
             [EARTH_RADIUS + 5e5 + radial_velocity * time / 1e9, 0, 0]
         ),

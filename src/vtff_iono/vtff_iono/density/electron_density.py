@@ -3,7 +3,7 @@
 The deputy flies dh above the chief (below it for a negative dh). The slant content of a satellite
 differs between them for three reasons:
 
-    S_deputy - S_chief = b + (1 + a) G - N dh / sin(E).
+    S_deputy - S_chief = b + (1 + a) G - N dh / sin(E) + m.
 
 - b is one constant for all satellites: inter-frequency phase biases of the receivers, and integers
   of the reference satellite.
@@ -13,13 +13,18 @@ differs between them for three reasons:
   receiver is crossed at the elevation E of the ray there, along dh / sin(E), and not along the
   mapping factor of everything above.
 
+- m is a slow error of each satellite, such as multipath.
+
 G is computed through the running profile: measured densities where the orbit has been, a layer
 model elsewhere. The error of G is modelled as a common factor 1 + a, which is estimated, and as a
-noise in proportion to G. A Kalman filter estimates b, which is constant, a, which changes slowly,
-and N, which is new each second. Low satellites separate b from N; satellites ahead and behind show
-a.
+noise in proportion to G. A Kalman filter estimates b, which drifts with the temperature of the
+receivers, a and m, which change slowly, and N, which is new each second. Low satellites separate b
+from N; satellites ahead and behind show a. How large m is and how fast it changes is measured
+(`vtff_iono.density.slow_errors`), so that the sigma of N is that of the data.
 
-A density well below zero is impossible: it is pulled to zero, which is information about b.
+A satellite whose content is not what all others and its own past predict is left out: its integers
+are wrong. A density well below zero is impossible: it is pulled to zero, which is information about
+b. A density that the data do not tell is withheld.
 """
 
 from __future__ import annotations
@@ -33,9 +38,15 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.density.slow_errors import SlowErrors
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator"]
+
+# Number of the states that all satellites share.
+_COMMON = 3
+# s; a satellite that was not observed for longer has no slow error that is remembered.
+_KEPT = 600.0
 
 
 @dataclass(frozen=True)
@@ -47,25 +58,48 @@ class DensitySettings:
     elevation_mask : float
         Lowest elevation of a satellite at both spacecraft, rad.
     bias_sigma_tecu, bias_walk_tecu : float
-        Sigma of b at first, TECU, and its random walk, TECU per square root of s.
+        Sigma of b at first, TECU, and its random walk, TECU per square root of s. Lines of two
+        receivers and two signals that drift smoothly by 0.5 mm in a quarter of an orbit.
     mapping_sigma, mapping_walk : float
-        Sigma of a at first, and its random walk per square root of s.
+        Sigma of a, and its random walk per square root of s.
+    mapping_sigma_unscaled : float
+        Sigma of a while no absolute content has scaled the model layer.
     mapping_noise : float
         Sigma of the error of G that is not common to all satellites, as a fraction of G.
     separation_minimum : float
         Smallest vertical separation at which a density is estimated, m.
     negative_sigmas : float
         A density this many sigmas below zero is impossible.
+    gradient_sigma_tecu_per_deg : float
+        Horizontal gradient of the vertical content between the spacecraft, along their track.
+    outlier_sigmas, outlier_tecu : float
+        A content that is off by more than both is none of this satellite with these integers: a
+        cycle of both signals is 0.5, other pairs of small integers are 0.24 TECU and more.
+    density_sigma : float
+        A priori sigma of the density of each epoch, electrons per cubic metre: far more than there
+        is, because what all epochs together would learn from it must be nothing.
+    largest_sigma : float
+        A density with a larger sigma is withheld, electrons per cubic metre.
+    fewest_satellites : int
+        A density that rests on fewer is withheld: with three states in common, a single wrong
+        integer among four could not be told from the right ones.
     """
 
     elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
     bias_sigma_tecu: float = 100.0
-    bias_walk_tecu: float = 1e-6
+    bias_walk_tecu: float = 1e-4
     mapping_sigma: float = 0.1
     mapping_walk: float = 0.002
+    mapping_sigma_unscaled: float = 2.0
     mapping_noise: float = 0.01
     separation_minimum: float = 20.0
     negative_sigmas: float = 2.0
+    gradient_sigma_tecu_per_deg: float = 0.02
+    outlier_sigmas: float = 5.0
+    outlier_tecu: float = 0.1
+    density_sigma: float = 1e14
+    largest_sigma: float = 1e12
+    fewest_satellites: int = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,9 +115,15 @@ class DensityEpoch:
     density, sigma : float
         Density from all satellites and its sigma, electrons per cubic metre; NaN where there is no
         estimate.
+    fast_sigma, slow_sigma, slow_time : float
+        Sigmas of the errors of the density that are independent from epoch to epoch, and that have
+        a correlation time, electrons per cubic metre and s. An error of b, which hardly changes,
+        is in `sigma` alone.
     density_satellite, sigma_satellite : ndarray
         Density from each satellite alone, with the common b and a, and its sigma; NaN for a
         satellite that is not used.
+    is_outlier : ndarray of bool
+        Which satellites contradict the others and their own past, and were left out.
     bias_tecu, bias_sigma_tecu : float
         The constant b and its sigma, TECU.
     """
@@ -92,8 +132,12 @@ class DensityEpoch:
     separation: float
     density: float
     sigma: float
+    fast_sigma: float
+    slow_sigma: float
+    slow_time: float
     density_satellite: FloatArray
     sigma_satellite: FloatArray
+    is_outlier: npt.NDArray[np.bool_]
     bias_tecu: float
     bias_sigma_tecu: float
 
@@ -106,6 +150,12 @@ class ElectronDensityEstimator:
     settings : DensitySettings
     profile : RunningProfile, optional
         Profile to start from; a model layer by default.
+
+    Attributes
+    ----------
+    profile : RunningProfile
+    slow_errors : SlowErrors
+        What has been measured of the errors m.
     """
 
     def __init__(
@@ -116,17 +166,32 @@ class ElectronDensityEstimator:
         self.profile = profile or RunningProfile()
         self._settings = settings
         self._last_time: float | None = None
-        # State: b in TECU, a, density in TECU per metre.
-        self._state = np.zeros(3)
-        self._covariance = np.zeros((3, 3))
+        self.slow_errors = SlowErrors()
+        self._slow_variance = self.slow_errors.sigma**2
+        # State: b in TECU, a, density in TECU per metre, m of each satellite in TECU.
+        self._state = np.zeros(_COMMON)
+        self._covariance = np.zeros((_COMMON, _COMMON))
+        # Index in the state of each satellite, and when it was last observed.
+        self._index: dict[int, int] = {}
+        self._seen: dict[int, float] = {}
+        self._covariance[1, 1] = settings.mapping_sigma_unscaled**2
+        self._is_scaled = False
         self.reset_bias()
 
     def reset_bias(self) -> None:
         """Forget b, because the integers have another datum."""
+        self._is_bias_new = True
         self._state[0] = 0.0
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
-        if self._last_time is None:
+
+    def _scale_model(self, altitude: float, vtec_tecu: float) -> None:
+        """Let the model layer follow an absolute content; at first a is then of another layer."""
+        self.profile.scale_model(altitude, vtec_tecu)
+        if not self._is_scaled:
+            self._is_scaled = True
+            self._state[1] = 0.0
+            self._covariance[1, :] = self._covariance[:, 1] = 0.0
             self._covariance[1, 1] = self._settings.mapping_sigma**2
 
     def update(
@@ -139,6 +204,8 @@ class ElectronDensityEstimator:
         differential_stec_tecu: npt.ArrayLike,
         sigma_tecu: npt.ArrayLike,
         vtec_chief_tecu: float = math.nan,
+        satellite: npt.ArrayLike | None = None,
+        horizontal_sigma_tecu: float = 0.0,
     ) -> DensityEpoch:
         """Return the density of one epoch.
 
@@ -152,18 +219,24 @@ class ElectronDensityEstimator:
             Elevations of the satellites at both spacecraft, above the plane normal to the
             ellipsoid normal, rad.
         differential_stec_tecu, sigma_tecu : array_like, shape (n,)
-            Slant content of the deputy less that of the chief, and its sigma, TECU; NaN for a
-            satellite without.
+            Slant content of the deputy less that of the chief, and the sigma of its fast errors,
+            TECU; NaN for a satellite without.
         vtec_chief_tecu : float
             Absolute vertical content above the chief, TECU; NaN if unknown. The model layer is
             scaled to it.
+        satellite : array_like of int, shape (n,), optional
+            Numbers of the satellites; by default each row has its own satellite.
+        horizontal_sigma_tecu : float
+            Sigma of the difference of the vertical contents of both places at one altitude, TECU:
+            it counts as density, and only the sigma knows.
         """
         settings = self._settings
         if math.isfinite(vtec_chief_tecu) and vtec_chief_tecu > 0.0:
-            self.profile.scale_model(altitude_chief, vtec_chief_tecu)
+            self._scale_model(altitude_chief, vtec_chief_tecu)
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         observed = np.asarray(differential_stec_tecu, dtype=float)
         sigma = np.asarray(sigma_tecu, dtype=float)
+        numbers = np.arange(len(observed)) if satellite is None else np.asarray(satellite)
         separation = altitude_deputy - altitude_chief
         middle = 0.5 * (altitude_chief + altitude_deputy)
         used = (
@@ -171,23 +244,56 @@ class ElectronDensityEstimator:
             & np.isfinite(sigma)
             & (elevations >= settings.elevation_mask).all(axis=0)
         )
-        nothing = np.full(len(observed), np.nan)
         if not used.any() or abs(separation) < settings.separation_minimum:
-            return self._result(middle, separation, math.nan, math.nan, nothing, nothing)
-        design = self._design(elevations[:, used], altitude_chief, altitude_deputy)
-        geometric = design[:, 1]
+            return self._without_density(middle, separation, len(observed))
+        common = self._common_design(elevations[:, used], altitude_chief, altitude_deputy)
+        geometric = common[:, 1]
         residual = observed[used] - geometric
-        variance = sigma[used] ** 2 + (settings.mapping_noise * geometric) ** 2
-        self._predict(time)
-        self._correct(design, residual, variance)
+        fast_variance = sigma[used] ** 2 + (settings.mapping_noise * geometric) ** 2
+        if self._is_bias_new:
+            # It contains integers and may be anything: the first contents tell where it is.
+            self._is_bias_new = False
+            self._state[0] = float(np.median(residual))
+        self._predict(time, numbers[used].tolist())
+        design = self._with_slow_errors(common, numbers[used].tolist())
+        is_outlier = self._find_outliers(design, residual, fast_variance)
+        kept = ~is_outlier
+        self.slow_errors.add(
+            time, numbers[used][kept], residual[kept], common[kept], fast_variance[kept]
+        )
+        gain = self._correct(design[kept], residual[kept], fast_variance[kept])
         self._keep_positive()
+        outliers = np.zeros(len(observed), dtype=bool)
+        outliers[np.flatnonzero(used)[is_outlier]] = True
+        single, single_sigma = np.full((2, len(observed)), np.nan)
+        rows = np.flatnonzero(used)[kept]
+        single[rows], single_sigma[rows] = self._satellite_densities(
+            common[kept], residual[kept], fast_variance[kept]
+        )
+        variance = float(self._covariance[2, 2])
+        fast = float(gain[2] ** 2 @ fast_variance[kept])
+        slow = min(max(variance - fast, 0.0), self.slow_errors.sigma**2 * float(gain[2] @ gain[2]))
+        total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[2]) * ELECTRONS_PER_TECU
-        density_sigma = math.sqrt(self._covariance[2, 2]) * ELECTRONS_PER_TECU
-        if math.isfinite(density_sigma):
+        density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
+        is_told = density_sigma <= settings.largest_sigma
+        is_told &= np.count_nonzero(kept) >= settings.fewest_satellites
+        if is_told:
             self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
-        single, single_sigma = nothing.copy(), nothing.copy()
-        single[used], single_sigma[used] = self._satellite_densities(design, residual, variance)
-        return self._result(middle, separation, density, density_sigma, single, single_sigma)
+        return DensityEpoch(
+            altitude=middle,
+            separation=separation,
+            density=density if is_told else math.nan,
+            sigma=density_sigma if is_told else math.nan,
+            fast_sigma=math.sqrt(fast) * ELECTRONS_PER_TECU,
+            slow_sigma=math.sqrt(slow) * ELECTRONS_PER_TECU,
+            slow_time=self.slow_errors.correlation_time,
+            density_satellite=single,
+            sigma_satellite=single_sigma,
+            is_outlier=outliers,
+            bias_tecu=float(self._state[0]),
+            bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
+        )
 
     def predicted_stec(
         self,
@@ -195,16 +301,25 @@ class ElectronDensityEstimator:
         altitude_deputy: float,
         elevation_chief: npt.ArrayLike,
         elevation_deputy: npt.ArrayLike,
-    ) -> FloatArray:
-        """Return the differential contents that the last estimate predicts, TECU, shape (n,).
+        satellite: npt.ArrayLike | None = None,
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the differential contents that the last estimate predicts, and sigmas, TECU, (n,).
 
-        Arguments as in `update`.
+        Arguments as in `update`. A satellite that was observed before keeps its slow error: what
+        it has now is compared with the level that it had.
         """
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
-        design = self._design(elevations, altitude_chief, altitude_deputy)
-        return np.asarray(design[:, 1] + design @ self._state)
+        numbers = np.arange(elevations.shape[1]) if satellite is None else np.asarray(satellite)
+        common = self._common_design(elevations, altitude_chief, altitude_deputy)
+        design = self._with_slow_errors(common, numbers.tolist())
+        is_new = np.array([number not in self._index for number in numbers.tolist()], dtype=bool)
+        variance = np.einsum("ni,ij,nj->n", design, self._covariance, design)
+        variance += np.where(is_new, self.slow_errors.sigma**2, 0.0)
+        variance += (self._settings.mapping_noise * common[:, 1]) ** 2
+        predicted: FloatArray = common[:, 1] + design @ self._state
+        return predicted, np.asarray(np.sqrt(variance))
 
-    def _design(
+    def _common_design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
     ) -> FloatArray:
         """Return the derivatives of the contents with respect to b, a and density, shape (n, 3).
@@ -226,59 +341,131 @@ class ElectronDensityEstimator:
         deputy = self.profile.slant_content(elevations[1], altitude_deputy)
         return deputy - self.profile.slant_content(elevations[0], altitude_chief)
 
-    def _predict(self, time: float) -> None:
+    def _with_slow_errors(self, common: FloatArray, satellites: list[int]) -> FloatArray:
+        """Return the derivatives with respect to the whole state; not all satellites have m."""
+        design = np.zeros((len(common), len(self._state)))
+        design[:, :_COMMON] = common
+        for row, satellite in enumerate(satellites):
+            if satellite in self._index:
+                design[row, self._index[satellite]] = 1.0
+        return design
+
+    def _predict(self, time: float, satellites: list[int]) -> None:
         settings = self._settings
         elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
         self._last_time = time
+        self._seen |= dict.fromkeys(satellites, time)
+        self._arrange(time)
+        variance = self.slow_errors.sigma**2
+        # Where errors prove larger or smaller than was believed, so does what they have done to b
+        # and m so far.
+        scale = np.full(len(self._state), math.sqrt(variance / self._slow_variance))
+        scale[1:_COMMON] = 1.0
+        self._covariance *= np.outer(scale, scale)
+        self._slow_variance = variance
+        decay = math.exp(-elapsed / self.slow_errors.correlation_time)
+        self._state[_COMMON:] *= decay
+        self._covariance[_COMMON:, :] *= decay
+        self._covariance[:, _COMMON:] *= decay
+        slow = np.arange(_COMMON, len(self._state))
+        self._covariance[slow, slow] += variance * (1.0 - decay * decay)
         self._covariance[0, 0] += settings.bias_walk_tecu**2 * elapsed
         self._covariance[1, 1] += settings.mapping_walk**2 * elapsed
-        self._covariance[1, 1] = min(self._covariance[1, 1], settings.mapping_sigma**2)
-        # The density is new at each epoch; it is below 1e14 / m3 with certainty.
+        largest = settings.mapping_sigma if self._is_scaled else settings.mapping_sigma_unscaled
+        self._covariance[1, 1] = min(self._covariance[1, 1], largest**2)
+        # The density is new at each epoch.
         self._state[2] = 0.0
         self._covariance[2, :] = self._covariance[:, 2] = 0.0
-        self._covariance[2, 2] = (1e14 / ELECTRONS_PER_TECU) ** 2
+        self._covariance[2, 2] = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
 
-    def _correct(self, design: FloatArray, residual: FloatArray, variance: FloatArray) -> None:
-        """Update the state with uncorrelated observations; the covariance stays symmetric."""
+    def _arrange(self, time: float) -> None:
+        """Give each satellite that is observed a place in the state, forget those long gone."""
+        self._seen = {number: last for number, last in self._seen.items() if time - last < _KEPT}
+        if self._seen.keys() == self._index.keys():
+            return
+        old, size = self._index, _COMMON + len(self._seen)
+        self._index = {number: _COMMON + row for row, number in enumerate(self._seen)}
+        state, covariance = np.zeros(size), np.zeros((size, size))
+        shared = [number for number in self._index if number in old]
+        to = [*range(_COMMON), *(self._index[number] for number in shared)]
+        source = [*range(_COMMON), *(old[number] for number in shared)]
+        state[to] = self._state[source]
+        covariance[np.ix_(to, to)] = self._covariance[np.ix_(source, source)]
+        for number, place in self._index.items():
+            if number not in old:
+                covariance[place, place] = self.slow_errors.sigma**2
+        self._state, self._covariance = state, covariance
+
+    def _find_outliers(
+        self, design: FloatArray, residual: FloatArray, variance: FloatArray
+    ) -> npt.NDArray[np.bool_]:
+        """Return which contents contradict the others and the past, one by one (Baarda 1968).
+
+        Each content is compared with what all others that are kept, and the state, predict of it.
+        """
+        settings = self._settings
+        innovation = residual - design @ self._state
+        covariance = design @ self._covariance @ design.T + np.diag(variance)
+        kept = np.arange(len(residual))
+        while len(kept) > _COMMON:
+            inverse = np.linalg.inv(covariance[np.ix_(kept, kept)])
+            diagonal = np.diag(inverse)
+            # Content less prediction of the others, and in its sigmas.
+            error = (inverse @ innovation[kept]) / diagonal
+            ratio = np.abs(error) * np.sqrt(diagonal)
+            worst = int(np.argmax(ratio))
+            is_wrong = ratio[worst] > settings.outlier_sigmas
+            if not (is_wrong and abs(error[worst]) > settings.outlier_tecu):
+                break
+            kept = np.delete(kept, worst)
+        result = np.ones(len(residual), dtype=bool)
+        result[kept] = False
+        return result
+
+    def _correct(
+        self, design: FloatArray, residual: FloatArray, variance: FloatArray
+    ) -> FloatArray:
+        """Update the state with uncorrelated observations and return the gain."""
         predicted = self._covariance @ design.T
         innovation = design @ predicted + np.diag(variance)
-        gain = np.linalg.solve(innovation, predicted.T).T
+        gain: FloatArray = np.linalg.solve(innovation, predicted.T).T
         self._state = self._state + gain @ (residual - design @ self._state)
-        left = np.eye(3) - gain @ design
+        left = np.eye(len(self._state)) - gain @ design
         self._covariance = left @ self._covariance @ left.T + (gain * variance) @ gain.T
+        return gain
 
     def _keep_positive(self) -> None:
         """Pull an impossible density to zero."""
         sigma = math.sqrt(self._covariance[2, 2])
         if self._state[2] < -self._settings.negative_sigmas * sigma:
-            self._correct(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.array([sigma**2]))
+            design = np.zeros((1, len(self._state)))
+            design[0, 2] = 1.0
+            self._correct(design, np.zeros(1), np.array([sigma**2]))
 
     def _satellite_densities(
-        self, design: FloatArray, residual: FloatArray, variance: FloatArray
+        self, common: FloatArray, residual: FloatArray, variance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the density from each satellite alone and its sigma, electrons per cubic metre."""
-        common = design[:, :2]
-        density = (residual - common @ self._state[:2]) / design[:, 2]
-        spread = np.einsum("ni,ij,nj->n", common, self._covariance[:2, :2], common)
-        sigma = np.sqrt(variance + spread) / np.abs(design[:, 2])
+        shared = common[:, :2]
+        density = (residual - shared @ self._state[:2]) / common[:, 2]
+        spread = np.einsum("ni,ij,nj->n", shared, self._covariance[:2, :2], shared)
+        spread += self.slow_errors.sigma**2
+        sigma = np.sqrt(variance + spread) / np.abs(common[:, 2])
         return density * ELECTRONS_PER_TECU, sigma * ELECTRONS_PER_TECU
 
-    def _result(
-        self,
-        altitude: float,
-        separation: float,
-        density: float,
-        sigma: float,
-        single: FloatArray,
-        single_sigma: FloatArray,
-    ) -> DensityEpoch:
+    def _without_density(self, altitude: float, separation: float, count: int) -> DensityEpoch:
+        nothing = np.full(count, np.nan)
         return DensityEpoch(
             altitude=altitude,
             separation=separation,
-            density=density,
-            sigma=sigma,
-            density_satellite=single,
-            sigma_satellite=single_sigma,
+            density=math.nan,
+            sigma=math.nan,
+            fast_sigma=math.nan,
+            slow_sigma=math.nan,
+            slow_time=math.nan,
+            density_satellite=nothing,
+            sigma_satellite=nothing.copy(),
+            is_outlier=np.zeros(count, dtype=bool),
             bias_tecu=float(self._state[0]),
             bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
         )

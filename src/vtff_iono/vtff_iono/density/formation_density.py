@@ -51,13 +51,16 @@ _VTEC_ELEVATION = math.radians(40.0)
 # last half a second a third of the variance shows as scatter within a second, the rest is in the
 # mean: twice the scatter.
 _LARGE_SCATTER = 2.0
+# The same for a change from one second to the next, which has a single degree of freedom.
+_LARGE_CHANGE = 9.0
+# Noise is at least this fraction of the variance that the settings tell.
+_LEAST_NOISE = 0.1
 _MEAN_OVER_SCATTER = 2.0
 _SCATTER_MEMORY = 15.0  # seconds
-# The integers of a satellite are wrong when its content or its wide lane is off by more than this
-# for `_MOST_DOUBTS` seconds in a row.
-_WRONG_SIGMAS = 3.0
-_WRONG_TECU = 0.1
-_WRONG_WIDE_LANE = 0.5  # cycles; the mean of a second is good to 0.1
+# The integers of a satellite are wrong when its content (see `DensitySettings.outlier_sigmas`) or
+# its wide lane is off by more than this for `_MOST_DOUBTS` seconds in a row.
+_WRONG_WIDE_LANE_SIGMAS = 5.0
+_WRONG_WIDE_LANE = 0.5  # cycles
 _MOST_DOUBTS = 3
 # Integers are proved right after this many seconds of agreement. The density rests on proved
 # integers only as soon as this many satellites have them.
@@ -100,6 +103,8 @@ class _LinkMeans:
         Number of samples of each mean.
     stec, stec_squared : ndarray, shape (n,)
         Differential TEC, TECU, and its square.
+    step_squared : ndarray, shape (n,)
+        Square of its change from one sample to the next, TECU^2.
     wide_lane : ndarray, shape (n,)
         Wide lane of the single difference less its integers, cycles.
     elevation_chief, elevation_deputy : ndarray, shape (n,)
@@ -110,6 +115,7 @@ class _LinkMeans:
     samples: IntArray
     stec: FloatArray
     stec_squared: FloatArray
+    step_squared: FloatArray
     wide_lane: FloatArray
     elevation_chief: FloatArray
     elevation_deputy: FloatArray
@@ -121,6 +127,7 @@ class _LinkMeans:
             samples=self.samples[chosen],
             stec=self.stec[chosen],
             stec_squared=self.stec_squared[chosen],
+            step_squared=self.step_squared[chosen],
             wide_lane=self.wide_lane[chosen],
             elevation_chief=self.elevation_chief[chosen],
             elevation_deputy=self.elevation_deputy[chosen],
@@ -151,6 +158,7 @@ class FormationDensity:
         self._links: dict[LinkSignals, int] = {}
         self._link_numbers: tuple[list[int], list[int]] = ([], [])
         self._average = SecondAverage(_FEWEST_SAMPLES)
+        self._settings = settings
         self._estimator = ElectronDensityEstimator(settings)
         frequencies = carrier_frequency_hz([SYSTEM_GPS] * 2, bands)
         self._frequencies = (float(frequencies[0]), float(frequencies[1]))
@@ -158,6 +166,8 @@ class FormationDensity:
         self._sample_sigma = 2.0 * carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
         self._excess: dict[int, float] = {}
+        # Content of each satellite less the predicted one a second ago, TECU, by stretch.
+        self._last_errors: dict[int, float] = {}
         # Seconds in a row for which the integers of a satellite were wrong, by PRN.
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
@@ -274,6 +284,7 @@ class FormationDensity:
         columns = {
             "stec": stec,
             "stec_squared": stec * stec,
+            "step_squared": _squared_steps(stretch_of_link[link], stec),
             "wide_lane": wide_lane - (integers[:, 0] - integers[:, 1]),
             "elevation_chief": chief.elevation[chief_row],
             "elevation_deputy": deputy.elevation[deputy_row],
@@ -323,6 +334,10 @@ class FormationDensity:
         fixed = means.select(has_integers)
         satellites = [stretch.signals.prn for stretch in fixed.stretches]
         sigma = self._sigma(fixed)
+        # The Earth-centred angle between both spacecraft; a gradient across it is no density.
+        radii = np.linalg.norm(positions, axis=1)
+        cosine = float(positions[0] @ positions[1] / radii.prod())
+        angle_deg = math.degrees(math.acos(min(1.0, cosine)))
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
@@ -335,14 +350,26 @@ class FormationDensity:
             fixed.stec,
             sigma,
             _vertical_content(chief),
+            satellites,
+            self._settings.gradient_sigma_tecu_per_deg * angle_deg,
         )
-        if math.isfinite(epoch.density):
-            predicted = self._estimator.predicted_stec(
-                altitude_chief, altitude_deputy, means.elevation_chief, means.elevation_deputy
+        if math.isfinite(epoch.slow_time):
+            predicted, predicted_sigma = self._estimator.predicted_stec(
+                altitude_chief,
+                altitude_deputy,
+                means.elevation_chief,
+                means.elevation_deputy,
+                [stretch.signals.prn for stretch in stretches],
             )
             error = means.stec - predicted
-            self._examine_integers(fixed, error[has_integers].tolist())
-            self._resolve_integers(means.select(~has_integers), error[~has_integers].tolist())
+            spread = predicted_sigma[has_integers]
+            self._examine_integers(
+                fixed, error[has_integers], np.hypot(spread, sigma), epoch.is_outlier
+            )
+            self._resolve_integers(
+                means.select(~has_integers), error[~has_integers], predicted_sigma[~has_integers]
+            )
+            self._add_changes(means, error)
         if not has_integers.any():
             return None
         return DensityResult(
@@ -357,45 +384,85 @@ class FormationDensity:
         return all(self._datum.is_proved(signal) for signal in stretch.signals)
 
     def _sigma(self, means: _LinkMeans) -> FloatArray:
-        """Return the sigma of mean contents: white noise, and what scintillation adds to it."""
+        """Return the sigma of mean contents: white noise, and what scintillation adds to it.
+
+        Both are measured: the changes from sample to sample show the white noise (von Neumann
+        1941), the rest of the scatter is a slow fluctuation.
+        """
+        white = np.maximum(0.5 * means.step_squared, _LEAST_NOISE * self._sample_sigma**2)
         scatter = means.stec_squared - means.stec**2
-        # A scatter far above the noise of one sample is a slow fluctuation. One second alone may be
-        # quiet by chance, so that the seconds before it count too.
-        excess = np.where(scatter > _LARGE_SCATTER * self._sample_sigma**2, scatter, 0.0)
+        # One second alone may be quiet by chance, so that the seconds before it count too.
+        excess = np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
         for row, (stretch, value) in enumerate(zip(means.stretches, excess.tolist(), strict=True)):
             prn = stretch.signals.prn
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
             excess[row] = max(value, self._excess[prn])
-        return np.sqrt(self._sample_sigma**2 / means.samples + excess * _MEAN_OVER_SCATTER)
+        return np.sqrt(white / means.samples + excess * _MEAN_OVER_SCATTER)
+
+    def _add_changes(self, means: _LinkMeans, errors: FloatArray) -> None:
+        """Let changes from second to second count as fluctuation where they exceed the noise.
+
+        Fades that last for seconds hardly show in the scatter of one.
+        """
+        noise = 0.5 * means.step_squared / means.samples
+        errors_now = dict(
+            zip((stretch.number for stretch in means.stretches), errors.tolist(), strict=True)
+        )
+        for stretch, variance in zip(means.stretches, noise.tolist(), strict=True):
+            last = self._last_errors.get(stretch.number)
+            prn = stretch.signals.prn
+            if last is None or prn not in self._excess:
+                continue
+            change = 0.5 * (errors_now[stretch.number] - last) ** 2
+            if change > _LARGE_CHANGE * max(variance, _LEAST_NOISE * self._sample_sigma**2):
+                mean = self._excess[prn]
+                self._excess[prn] = max(mean, mean + (change - mean) / _SCATTER_MEMORY)
+        self._last_errors = errors_now
 
     # ---- integers ----------------------------------------------------------------------------
 
-    def _examine_integers(self, fixed: _LinkMeans, errors: list[float]) -> None:
+    def _examine_integers(
+        self,
+        fixed: _LinkMeans,
+        errors: FloatArray,
+        sigma: FloatArray,
+        is_outlier: npt.NDArray[np.bool_],
+    ) -> None:
         """Count for each link with integers whether its content agrees with the others.
 
-        `errors` are measured less predicted differential contents, TECU.
+        `errors` are measured less predicted differential contents with their sigmas, TECU.
         """
+        settings = self._settings
         wide_lanes, samples = fixed.wide_lane.tolist(), fixed.samples.tolist()
-        for row, stretch in enumerate(fixed.stretches):
-            excess = self._excess.get(stretch.signals.prn, 0.0)
-            scatter = excess * _MEAN_OVER_SCATTER + self._sample_sigma**2
-            is_wrong = abs(errors[row]) > _WRONG_SIGMAS * math.sqrt(scatter) + _WRONG_TECU
+        is_off = np.abs(errors) > np.maximum(settings.outlier_sigmas * sigma, settings.outlier_tecu)
+        for row, (stretch, off) in enumerate(
+            zip(fixed.stretches, (is_off | is_outlier).tolist(), strict=True)
+        ):
             wide_lane_error = self._resolver.wide_lane_error(wide_lanes[row])
-            is_wrong |= abs(wide_lane_error) > _WRONG_WIDE_LANE
+            is_wrong = off or abs(wide_lane_error) > max(
+                _WRONG_WIDE_LANE, _WRONG_WIDE_LANE_SIGMAS * self._resolver.wide_lane_sigma
+            )
             self._judge(stretch, is_wrong)
             if not is_wrong:
                 self._resolver.add_resolved(wide_lanes[row], samples[row])
 
-    def _resolve_integers(self, floating: _LinkMeans, errors: list[float]) -> None:
-        """Find the integers of links without, from the contents that the other links predict.
+    def _resolve_integers(
+        self, floating: _LinkMeans, errors: FloatArray, sigma: FloatArray
+    ) -> None:
+        """Find the integers of links without, from the contents that are predicted of them.
 
-        `errors` are differential contents without integers less the predicted ones, TECU.
+        `errors` are differential contents without integers less the predicted ones, `sigma` are
+        those of the predictions, TECU: they contain the level that a satellite had before.
         """
         wide_lanes, samples = floating.wide_lane.tolist(), floating.samples.tolist()
         for row, stretch in enumerate(floating.stretches):
             integers = self._resolver.resolve(
-                stretch.number, wide_lanes[row], samples[row], errors[row]
+                stretch.number,
+                wide_lanes[row],
+                samples[row],
+                float(errors[row]),
+                float(sigma[row]),
             )
             if integers is not None:
                 for signal, cycles in zip(stretch.signals, integers, strict=True):
@@ -429,6 +496,24 @@ def _single_difference(
         for block, result, row in zip(second.observations, results, chosen, strict=True)
     )
     return np.asarray(deputy - chief)
+
+
+def _squared_steps(stretch: IntArray, stec: FloatArray) -> FloatArray:
+    """Return the square of the change of each row from the row of its stretch before it, (n,).
+
+    The first row of a stretch has the mean of the others.
+    """
+    order = np.argsort(stretch, kind="stable")
+    is_first = np.diff(stretch[order], prepend=-2) != 0
+    steps = np.diff(stec[order], prepend=0.0) ** 2
+    steps[is_first] = 0.0
+    numbers = np.cumsum(is_first) - 1
+    count = np.bincount(numbers) - 1.0
+    mean = np.bincount(numbers, steps) / np.maximum(count, 1.0)
+    steps[is_first] = mean
+    result = np.empty(len(stec))
+    result[order] = steps
+    return result
 
 
 def _is_in_last_arc(rows: SlantTecRows) -> npt.NDArray[np.bool_]:

@@ -2,12 +2,14 @@
 
 In scintillation arcs break every minute or so, and the relative navigation filter cannot fix
 integers there. While other satellites still have their integers, both integers of a new arc follow
-without a search: the wide lane from the Melbourne-Wuebbena combination, whose receiver bias the
-other satellites show; then the second integer from the differential TEC that the other satellites
-predict. One cycle more on both signals is 0.51 TECU, many times the error of the prediction.
+from two numbers: the wide lane from the Melbourne-Wuebbena combination, whose receiver bias the
+other satellites show, and the differential TEC that the other satellites, and the level that this
+one had before, predict. One cycle more on both signals is 0.51 TECU, one wide lane more at least
+0.24 TECU and two 0.03 TECU, so that either number helps the other.
 
-An integer is accepted when the mean is nearer to it than to any other integer by a multiple of the
-sigma of the mean.
+A pair is accepted when it fits, and no other pair of integers is nearly as good. Multipath of the
+codes does not average out in a minute: how far wide lanes of fixed satellites are from their common
+bias shows it.
 
 References
 ----------
@@ -25,12 +27,21 @@ from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["IntegerResolver", "WeightedMean"]
 
-# Fewest seconds of data for a decision, and the margin to the next integer in sigmas.
+# Fewest seconds of data for a decision.
 _FEWEST_SECONDS = 4
-_MARGIN_SIGMAS = 5.0
+# Largest square of the errors over their sigmas of the pair that is taken, and how much larger that
+# of every other pair must be.
+_LARGEST_SQUARE = 16.0
+_MARGIN = 25.0
+# Wide lanes that are tried to either side.
+_WIDE_LANES_TRIED = 4
 # Smallest sigmas: of the mean wide lane, cycles, and of the lasting error of a prediction, TECU.
 _WIDE_LANE_FLOOR = 0.02
 _PREDICTION_FLOOR = 0.02
+# Sigma of the slow error of a wide lane at first, cycles, and as how many seconds it counts; s over
+# which it is averaged, and after which it has another value.
+_FIRST_WIDE_LANE_SIGMA, _FIRST_SECONDS = 0.1, 10.0
+_WIDE_LANE_MEMORY, _WIDE_LANE_TIME = 3000.0, 200.0
 
 
 @dataclass
@@ -71,6 +82,8 @@ class IntegerResolver:
         self._first_tecu = scale * SPEED_OF_LIGHT / frequency_first
         self._both_tecu = self._first_tecu - scale * SPEED_OF_LIGHT / frequency_second
         self._bias = WeightedMean()
+        self._wide_lane_square = _FIRST_WIDE_LANE_SIGMA**2
+        self._wide_lane_count = _FIRST_SECONDS
         # Mean wide lane and mean excess content of each arc without integers.
         self._unresolved: dict[Hashable, tuple[WeightedMean, WeightedMean]] = {}
 
@@ -90,8 +103,19 @@ class IntegerResolver:
 
     def add_resolved(self, wide_lane_cycles: float, samples: int) -> None:
         """Add the mean wide lane of a satellite less its integers, which is the common bias."""
-        if math.isfinite(wide_lane_cycles):
-            self._bias.add(wide_lane_cycles, float(samples))
+        if not math.isfinite(wide_lane_cycles):
+            return
+        self._bias.add(wide_lane_cycles, float(samples))
+        if self._bias.count >= _FEWEST_SECONDS:
+            error = wide_lane_cycles - self._bias.mean
+            self._wide_lane_count = min(self._wide_lane_count + 1.0, _WIDE_LANE_MEMORY)
+            change = error * error - self._wide_lane_square
+            self._wide_lane_square += change / self._wide_lane_count
+
+    @property
+    def wide_lane_sigma(self) -> float:
+        """Sigma of the wide lane of a second of a satellite with integers, cycles."""
+        return math.sqrt(self._wide_lane_square)
 
     def wide_lane_error(self, wide_lane_cycles: float) -> float:
         """Return how far a wide lane less its integers is from the common bias; NaN at first."""
@@ -105,6 +129,7 @@ class IntegerResolver:
         wide_lane_cycles: float,
         samples: int,
         excess_tecu: float,
+        prediction_sigma_tecu: float,
     ) -> tuple[float, float] | None:
         """Add a second of an arc without integers and return both integers once they are certain.
 
@@ -114,9 +139,9 @@ class IntegerResolver:
             Satellite and arcs of both receivers.
         wide_lane_cycles, samples : float, int
             Mean wide lane of the single difference, and of how many samples it is the mean.
-        excess_tecu : float
+        excess_tecu, prediction_sigma_tecu : float
             Differential TEC of the phases without integers less the prediction of the other
-            satellites. The noise of both shows in its scatter.
+            satellites, and the sigma of that. The noise of both shows in its scatter.
         """
         if not math.isfinite(wide_lane_cycles + excess_tecu):
             return None
@@ -125,21 +150,31 @@ class IntegerResolver:
         excess.add(excess_tecu)
         if excess.count < _FEWEST_SECONDS or self._bias.count < _FEWEST_SECONDS:
             return None
-        wide_sigma = math.hypot(max(wide_lane.sigma(), _WIDE_LANE_FLOOR), self._bias.sigma())
-        wide = _round_if_certain(wide_lane.mean - self._bias.mean, wide_sigma)
-        if wide is None:
-            return None
-        # S = K (l1 n1 - l2 n2) with n1 = wide + n2.
-        second_mean = (excess.mean - self._first_tecu * wide) / self._both_tecu
-        sigma = math.hypot(excess.sigma(), _PREDICTION_FLOOR)
-        second = _round_if_certain(second_mean, sigma / abs(self._both_tecu))
-        if second is None:
-            return None
-        del self._unresolved[arc]
-        return wide + second, second
+        lasting = self.wide_lane_sigma / math.sqrt(1.0 + excess.count / _WIDE_LANE_TIME)
+        wide_sigma = math.hypot(
+            max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR), self._bias.sigma()
+        )
+        sigma = math.hypot(excess.sigma(), max(prediction_sigma_tecu, _PREDICTION_FLOOR))
+        integers = self._best_pair(wide_lane.mean - self._bias.mean, wide_sigma, excess.mean, sigma)
+        if integers is not None:
+            del self._unresolved[arc]
+        return integers
 
-
-def _round_if_certain(value: float, sigma: float) -> float | None:
-    """Return the nearest integer if no other integer is possible, else None."""
-    nearest = float(round(value))
-    return nearest if 0.5 - abs(value - nearest) > _MARGIN_SIGMAS * sigma else None
+    def _best_pair(
+        self, wide_lane: float, wide_sigma: float, excess: float, sigma: float
+    ) -> tuple[float, float] | None:
+        """Return the pair of integers that fits, if no other pair fits nearly as well."""
+        nearest = round(wide_lane)
+        pairs: list[tuple[float, float, float]] = []
+        for wide in range(nearest - _WIDE_LANES_TRIED, nearest + _WIDE_LANES_TRIED + 1):
+            # S = K (l1 n1 - l2 n2) with n1 = wide + n2.
+            middle = round((excess - self._first_tecu * wide) / self._both_tecu)
+            for second in (middle - 1, middle, middle + 1):
+                error = excess - self._first_tecu * wide - self._both_tecu * second
+                square = ((wide_lane - wide) / wide_sigma) ** 2 + (error / sigma) ** 2
+                pairs.append((square, float(wide + second), float(second)))
+        pairs.sort()
+        best, other = pairs[0], pairs[1]
+        if best[0] > _LARGEST_SQUARE or other[0] - best[0] < _MARGIN:
+            return None
+        return best[1], best[2]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from dataclasses import dataclass
 
 from vtff_dynamics.vectors import FloatArray
@@ -51,6 +52,9 @@ class Boundary:
         Position of the spacecraft (vertical edge) or of the pierce point of the ray, m.
     confidence : float
         0 to 1.
+    width, width_sigma : float
+        Width over which the density changes at a vertical edge, and its sigma, m; NaN for a ray
+        and where the contents do not show it.
     """
 
     kind: BoundaryKind
@@ -63,3 +67,5 @@ class Boundary:
     is_entry: bool
     position_itrf: FloatArray
     confidence: float
+    width: float = math.nan
+    width_sigma: float = math.nan

@@ -12,8 +12,9 @@ in the lagged difference of the two,
 while the two changes of slope remain: they happen at an altitude, not at a place. D and the mean M
 of the two series have independent noise. Both are fitted together, each weighted by the density of
 its noise at low frequencies, which its residuals show. The altitudes at which the two spacecraft
-cross are two parameters; the times follow from the motion. Without scintillation the fit is that of
-each spacecraft by itself, because D and M are then only another basis of the two series.
+cross are two parameters, the width of the wall is the third; the times follow from the motion.
+Without scintillation the fit is that of each spacecraft by itself, because D and M are then only
+another basis of the two series.
 """
 
 from __future__ import annotations
@@ -39,22 +40,30 @@ _LEAST_CORRELATION = 0.5
 # Fraction of the window in which a satellite must have contents.
 _COVERAGE = 0.7
 # s; residuals are averaged over this time to find the density of their noise at low frequencies.
-_NOISE_INTERVAL = 1.0
+_NOISE_INTERVAL = 4.0
 # Degree of the polynomial in time that is fitted to each satellite besides a constant of each arc.
 # It stands for the content above the layer and its mapping.
 _DEGREE = 2
 _FITS = 3
+# m; altitudes that are searched to either side, more for a wide wall: this part of its width.
 _SEARCH = 500.0
-_SEARCH_STEP = 50.0
-# The fit has gone astray if it ends farther from where the density has shown the edge.
-_FARTHEST = 1000.0
+_SEARCH_OF_WIDTH = 0.3
+_SEARCH_STEPS = 20
+# The fit has gone astray if it ends farther from where the density has shown the edge, or with a
+# wall that is wider by this factor than all that are tried.
+_FARTHEST = 2.0
+_WIDEST = 40e3
 _LEAST_SIGNIFICANCE = 5.0
-# m; error of the altitude from what the model leaves out: the width of the edge, 100 m, and the
-# third order of density with depth.
+# Error of the altitude from what the model leaves out, m: the third order of density with depth;
+# and of a wall that does not rise linearly, as a part of its width.
 _MODEL_SIGMA = 5.0
+_SHAPE_SIGMA = 0.02
 # Depths are in km and altitudes in units of 100 m, so that all parameters are near one.
 _DEPTH_UNIT = 1e3
 _ALTITUDE_UNIT = 100.0
+# m; width of the thinnest wall, and km: what is believed of the width beforehand.
+_LEAST_WIDTH = 50.0
+_WIDTH_PRIOR = 20.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,6 +106,8 @@ class EdgeCrossing:
     lag : float
         Time after which the deputy meets the scintillation of the chief, s; 0 without
         scintillation.
+    width, width_sigma : float
+        Width over which the density changes, and its sigma, m.
     """
 
     time: FloatArray
@@ -105,6 +116,8 @@ class EdgeCrossing:
     density: float
     significance: float
     lag: float
+    width: float
+    width_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +139,18 @@ class _Satellite:
     altitude: FloatArray
     path: FloatArray
 
-    def change(self, altitude: FloatArray, dense_side: float, power: int) -> FloatArray:
-        """Return what a density that is a power of depth adds to D and M, shape (2, k)."""
-        depth = np.maximum(dense_side * (self.altitude - altitude[:, np.newaxis]), 0.0)
-        single = self.path * (depth / _DEPTH_UNIT) ** power
+    def change(
+        self, altitude: FloatArray, width: float, dense_side: float, power: int
+    ) -> FloatArray:
+        """Return what a density that is a power of depth adds to D and M, shape (2, k).
+
+        It begins over the width of the wall, m: the content is the mean over that width.
+        """
+        distance = dense_side * (self.altitude - altitude[:, np.newaxis]) / _DEPTH_UNIT
+        half = 0.5 * width / _DEPTH_UNIT
+        above, below = np.maximum(distance + half, 0.0), np.maximum(distance - half, 0.0)
+        order = power + 1
+        single = self.path * (above**order - below**order) / (2.0 * order * half)
         return _remove_projection(self.nuisance, _difference_and_mean(single))
 
 
@@ -140,6 +161,7 @@ def fit_edge_crossings(
     altitude: float,
     is_dense_above: bool,
     half_window: float = 40.0,
+    width: float = 0.0,
 ) -> EdgeCrossing | None:
     """Return when chief and deputy cross an edge; None if their contents do not show it.
 
@@ -155,6 +177,8 @@ def fit_edge_crossings(
         Whether the dense side of the edge is above it.
     half_window : float
         Time before and after the crossing whose contents are fitted, s.
+    width : float
+        Width of the wall to a factor of two, m.
     """
     instants = np.asarray(time, dtype=float)
     if len(instants) < 3 or not len(chief.stec):
@@ -171,14 +195,16 @@ def fit_edge_crossings(
         return None
     dense_side = 1.0 if is_dense_above else -1.0
     samples = max(1, round(_NOISE_INTERVAL / interval))
-    fitted = _fit(satellites, altitude, dense_side, samples)
+    fitted = _fit(satellites, altitude, width, dense_side, samples)
     if fitted is None:
         return None
-    altitudes, sigma, change, significance = fitted
+    altitudes, sigma, fitted_width, width_sigma, change, significance = fitted
     # Contents are those above a spacecraft: they fall while it climbs.
     density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
     far = float(np.abs(altitudes - altitude).max())
-    if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and far <= _FARTHEST):
+    is_near = far <= _FARTHEST * (_SEARCH + _SEARCH_OF_WIDTH * width)
+    is_sharp = fitted_width <= _WIDEST
+    if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and is_near and is_sharp):
         return None
     tracks = (chief.altitude, deputy.altitude)
     times = [_crossing(instants, track, at) for track, at in zip(tracks, altitudes, strict=True)]
@@ -187,11 +213,13 @@ def fit_edge_crossings(
         return None
     return EdgeCrossing(
         time=np.array(times),
-        time_sigma=np.hypot(sigma, _MODEL_SIGMA) / np.abs(speeds),
+        time_sigma=np.hypot(sigma, _MODEL_SIGMA + _SHAPE_SIGMA * fitted_width) / np.abs(speeds),
         altitude=altitudes,
         density=density,
         significance=significance,
         lag=lag,
+        width=fitted_width,
+        width_sigma=width_sigma,
     )
 
 
@@ -308,38 +336,63 @@ def _satellites(
 
 
 def _fit(
-    satellites: list[_Satellite], altitude: float, dense_side: float, samples: int
-) -> tuple[FloatArray, FloatArray, float, float] | None:
-    """Return altitudes of the crossings, their sigmas, change of content per km, significance."""
+    satellites: list[_Satellite],
+    altitude: float,
+    width: float,
+    dense_side: float,
+    samples: int,
+) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
+    """Return altitudes of the crossings and sigmas, width and sigma, change per km, significance.
+
+    The contents depend on the square of the width where it is small.
+    """
     # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
     from scipy.optimize import least_squares
 
     sigma = np.ones((len(satellites), 2))
 
-    def residuals(offset: FloatArray) -> FloatArray:
-        return _solution(satellites, sigma, altitude + _ALTITUDE_UNIT * offset, dense_side)[0]
+    def place(parameters: FloatArray) -> tuple[FloatArray, float]:
+        return altitude + _ALTITUDE_UNIT * parameters[:2], _width_of(parameters[2])
 
-    offset = np.zeros(2)
+    def residuals(parameters: FloatArray) -> FloatArray:
+        return _solution(satellites, sigma, *place(parameters), dense_side)[0]
+
+    parameters = np.array([0.0, 0.0, (max(width, _LEAST_WIDTH) / _DEPTH_UNIT) ** 2])
     for turn in range(_FITS):
-        at = altitude + _ALTITUDE_UNIT * offset
-        sigma = _noise(satellites, sigma, residuals(offset), samples)
+        sigma = _noise(satellites, sigma, residuals(parameters), samples)
         if turn == 0:
-            common = np.arange(-_SEARCH, _SEARCH + 1.0, _SEARCH_STEP) / _ALTITUDE_UNIT
-            costs = [float(np.sum(residuals(np.full(2, both)) ** 2)) for both in common]
-            offset = np.full(2, common[int(np.argmin(costs))])
-        fit = least_squares(residuals, offset, method="lm", diff_step=1e-3, max_nfev=60)
-        offset = fit.x
+            reach = (_SEARCH + _SEARCH_OF_WIDTH * width) / _ALTITUDE_UNIT
+            common = np.linspace(-reach, reach, _SEARCH_STEPS + 1)
+            trials = [np.array([both, both, parameters[2]]) for both in common]
+            costs = [float(np.sum(residuals(trial) ** 2)) for trial in trials]
+            parameters = trials[int(np.argmin(costs))]
+        fit = least_squares(residuals, parameters, method="lm", diff_step=1e-3, max_nfev=80)
+        parameters = fit.x
     information = fit.jac.T @ fit.jac
+    # Of a thin wall nothing tells the width; the altitudes do not depend on it.
+    information[2, 2] += _WIDTH_PRIOR**-4
     if not np.linalg.cond(information) < 1e12:
         return None
-    at = altitude + _ALTITUDE_UNIT * offset
-    _, change, significance = _solution(satellites, sigma, at, dense_side)
-    spread = _ALTITUDE_UNIT * np.sqrt(np.diag(np.linalg.inv(information)))
-    return at, spread, change, significance
+    at, fitted_width = place(parameters)
+    _, change, significance = _solution(satellites, sigma, at, fitted_width, dense_side)
+    spread = np.sqrt(np.diag(np.linalg.inv(information)))
+    # d(W^2) = 2 W dW; the square itself where W is below its sigma.
+    square_sigma = float(spread[2]) * _DEPTH_UNIT**2
+    width_sigma = min(math.sqrt(square_sigma), 0.5 * square_sigma / max(fitted_width, 1.0))
+    return at, _ALTITUDE_UNIT * spread[:2], fitted_width, width_sigma, change, significance
+
+
+def _width_of(square: float) -> float:
+    """Return the width, m, of its square in units of depth."""
+    return _DEPTH_UNIT * math.sqrt(abs(square)) + _LEAST_WIDTH
 
 
 def _solution(
-    satellites: list[_Satellite], sigma: FloatArray, altitude: FloatArray, dense_side: float
+    satellites: list[_Satellite],
+    sigma: FloatArray,
+    altitude: FloatArray,
+    width: float,
+    dense_side: float,
 ) -> tuple[FloatArray, float, float]:
     """Return residuals over their sigmas, change of content per km and significance.
 
@@ -355,7 +408,9 @@ def _solution(
         [
             np.concatenate(
                 [
-                    (satellite.change(altitude, dense_side, power) / s[:, np.newaxis]).ravel()
+                    (
+                        satellite.change(altitude, width, dense_side, power) / s[:, np.newaxis]
+                    ).ravel()
                     for satellite, s in zip(satellites, sigma, strict=True)
                 ]
             )

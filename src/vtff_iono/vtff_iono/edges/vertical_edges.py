@@ -18,8 +18,9 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density.formation_density import DensityResult
 from vtff_iono.edges.boundary import NO_SYSTEM, Boundary, BoundaryKind, BoundarySource
 from vtff_iono.edges.content_history import ContentHistory
+from vtff_iono.edges.density_edges import DensityEdgeDetector
 from vtff_iono.edges.edge_crossing import EdgeCrossing, fit_edge_crossings
-from vtff_iono.edges.edge_detectors import DensityEdgeDetector, Edge
+from vtff_iono.edges.edge_detectors import Edge
 from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 
@@ -33,10 +34,9 @@ _SHORTEST_WINDOW = 10.0
 _WINDOW_TO_NEXT_EDGE = 0.8
 # s; largest lag of the deputy behind the chief, by which more contents are needed than the window.
 _LARGEST_LAG = 5.0
-# Scintillation is correlated from second to second, so that sigmas of means are too small.
-_LEAST_CHANGE_SIGMAS = 6.0
-# s; contents that are kept.
-_HISTORY = 150.0
+# s; contents that are kept: those before a wall of 20 km, the time that it takes to be told, and
+# those behind it.
+_HISTORY = 360.0
 # Number of edges whose times are kept.
 _EDGES_KEPT = 8
 
@@ -45,7 +45,7 @@ class VerticalEdgeFinder:
     """Finds the vertical edges that chief and deputy cross, and when each of them does."""
 
     def __init__(self) -> None:
-        self._detector = DensityEdgeDetector(sigmas=_LEAST_CHANGE_SIGMAS)
+        self._detector = DensityEdgeDetector()
         self._histories = (ContentHistory(_HISTORY), ContentHistory(_HISTORY))
         # Edges whose crossings cannot be fitted yet, because later contents are missing.
         self._waiting: list[Edge] = []
@@ -81,7 +81,9 @@ class VerticalEdgeFinder:
                 density.epoch.altitude,
                 density.epoch.separation,
                 density.epoch.density,
-                density.epoch.sigma,
+                density.epoch.fast_sigma,
+                density.epoch.slow_sigma,
+                density.epoch.slow_time,
             )
             self._waiting += edges
             self._edge_times.extend(edge.time for edge in edges)
@@ -89,22 +91,21 @@ class VerticalEdgeFinder:
         waiting, self._waiting = self._waiting, []
         for edge in waiting:
             guesses = [history.time_at_altitude(edge.altitude) for history in self._histories]
-            if all(self._has_contents_after(guess) for guess in guesses):
+            if all(self._has_contents_after(guess, edge) for guess in guesses):
                 boundaries += self._boundaries_of(edge, guesses)
             else:
                 self._waiting.append(edge)
         return boundaries
 
-    def _has_contents_after(self, guess: int | None) -> bool:
+    def _has_contents_after(self, guess: int | None, edge: Edge) -> bool:
         """Return whether the contents reach far enough beyond a crossing (ns) to fit it."""
+        window = self._half_window(edge)
         last_times = [
             times[-1]
             for times, _ in (history.trajectory() for history in self._histories)
             if len(times)
         ]
-        return guess is None or (
-            min(last_times) - guess >= _CROSSING_WINDOW * NANOSECONDS_PER_SECOND
-        )
+        return guess is None or (min(last_times) - guess >= window * NANOSECONDS_PER_SECOND)
 
     def _boundaries_of(self, edge: Edge, guesses: list[int | None]) -> list[Boundary]:
         """Return the crossings of an edge by chief and deputy.
@@ -121,7 +122,9 @@ class VerticalEdgeFinder:
             if guess is None:
                 continue
             time, sigma = guess, edge.time_sigma
+            width, width_sigma = edge.width, math.nan
             if crossing is not None:
+                width, width_sigma = crossing[1].width, crossing[1].width_sigma
                 origin, fit = crossing
                 time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
                 sigma = float(fit.time_sigma[craft])
@@ -137,6 +140,8 @@ class VerticalEdgeFinder:
                     is_entry=edge.is_entry,
                     position_itrf=history.position_at(time),
                     confidence=edge.confidence,
+                    width=width,
+                    width_sigma=width_sigma,
                 )
             )
         return boundaries
@@ -144,7 +149,8 @@ class VerticalEdgeFinder:
     def _fit_crossing(self, edge: Edge, origin: int) -> tuple[int, EdgeCrossing] | None:
         """Return the fit of an edge near a time, ns, and that time as the origin of its times."""
         chief, deputy = self._histories
-        reach = round((_CROSSING_WINDOW + _LARGEST_LAG) * NANOSECONDS_PER_SECOND)
+        half_window = self._half_window(edge)
+        reach = round((half_window + _LARGEST_LAG) * NANOSECONDS_PER_SECOND)
         epochs = chief.epochs(origin - reach, origin + reach)
         if len(epochs) < 3:
             return None
@@ -163,9 +169,21 @@ class VerticalEdgeFinder:
             deputy.series(epochs, links),
             edge.altitude,
             is_dense_above=is_rising != edge.is_entry,
-            half_window=choose_half_window(edge.time, self._edge_times),
+            half_window=half_window,
+            width=edge.width,
         )
         return None if fit is None else (origin, fit)
+
+    def _half_window(self, edge: Edge) -> float:
+        """Return for how long before and after an edge contents are fitted, s."""
+        crossing = 0.0
+        times, positions = self._histories[0].trajectory()
+        if len(times) > 1 and math.isfinite(edge.width):
+            altitudes = geodetic_from_itrf(positions[[0, -1]])[:, 2]
+            climb = abs(float(np.diff(altitudes)[0]))
+            duration = (times[-1] - times[0]) / NANOSECONDS_PER_SECOND
+            crossing = min(0.5 * edge.width * duration / max(climb, 1.0), _CROSSING_WINDOW)
+        return crossing + choose_half_window(edge.time, self._edge_times)
 
 
 def choose_half_window(edge_time: float, edge_times: Iterable[float]) -> float:

@@ -1,0 +1,113 @@
+"""The ionosphere chain in plasma and with receivers that it was not tuned on, against the truth.
+
+Flights without ROS: true orbits, emulated receivers at 20 Hz before their logs are encoded, the
+relative filter that vtff ships, and the ionosphere chain. Orbits, constellation, plasma and noise
+are drawn by seed (benchmarks/plasma/worlds.py). With --cache, flights are kept and taken again.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import pathlib
+import sys
+from collections.abc import Sequence
+
+from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
+
+# Before numpy is imported, which reads it; as the vtff command does.
+os.environ.update({**ONE_BLAS_THREAD, **os.environ})
+
+import numpy as np  # noqa: E402
+from plasma.chain import ChainResult, run_chain  # noqa: E402
+from plasma.figures import (  # noqa: E402
+    absolute_figures,
+    density_figures,
+    edge_figures,
+    wall_errors,
+)
+from plasma.recording import load_or_fly  # noqa: E402
+from plasma.worlds import PlasmaWorld, draw_bubble_world, quiet_worlds  # noqa: E402
+
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting  # noqa: E402
+
+Flown = list[tuple[PlasmaWorld, ChainResult]]
+
+
+def fly(worlds: Sequence[PlasmaWorld], cache: pathlib.Path | None) -> Flown:
+    """Fly worlds and run the chain over them."""
+    flown: Flown = []
+    # Antennas are stated to be ideal, as they are in these worlds.
+    setting = EstimatorSetting(antennas=None)
+    for number, world in enumerate(worlds, 1):
+        name = f"{world.name.replace(' ', '_').replace('/', '')}-{world.seed}"
+        recording = load_or_fly(name, world.scenario(), world.gnss(), setting, cache)
+        flown.append((world, run_chain(recording, world)))
+        print(f"{number} of {len(worlds)}: {world.name}", file=sys.stderr, flush=True)
+    return flown
+
+
+def report_quiet(flown: Flown) -> None:
+    """Print false edges, densities, absolute contents and processor time of quiet flights."""
+    print("| quiet plasma | s | false edges | density: mean error, stated sigma, 1e4 cm-3 | z RMS,")
+    print("largest z | absolute TEC after 10 min: RMS, z RMS | processor, s per s |")
+    print("|---|---|---|---|---|---|---|")
+    for world, result in flown:
+        density, absolute = density_figures(world, result), absolute_figures(result)
+        print(
+            f"| {world.name}, seed {world.seed} | {world.seconds} | {len(result.edges) // 2} | "
+            f"{density.mean_error:.1f}, {density.sigma:.1f} | {density.z_rms:.2f}, "
+            f"{density.largest_z:.1f} | {absolute.rms:.2f}, {absolute.z_rms:.2f} | "
+            f"{result.processor_time:.3f} |"
+        )
+    hours = sum(world.seconds for world, _ in flown) / 3600.0
+    print(f"{sum(len(r.edges) // 2 for _, r in flown)} false edges in {hours:.1f} h")
+
+
+def report_bubbles(flown: Flown) -> None:
+    """Print what was told of the walls of drawn bubbles."""
+    figures = edge_figures(flown)
+    print(f"walls of {len(flown)} bubbles: {figures.walls}, with a contrast over 5 sigma ", end="")
+    print(f"{figures.strong_walls}; of these told {figures.strong_told}, of the others ", end="")
+    print(f"{figures.told - figures.strong_told}; told where there is none {figures.false}")
+    print(f"time error over sigma, RMS {figures.time_z:.2f}, median {figures.time_z_median:.2f}")
+    print(
+        f"widths over 1 km within 30 %: {figures.widths_good} of {figures.widths}; median error "
+        f"{100.0 * figures.width_error:.0f} %"
+    )
+    print(
+        f"separation, mean of two walls: {figures.separations} bubbles, error over sigma RMS "
+        f"{figures.separation_z:.2f}, error RMS {100.0 * figures.separation_error:.1f} %"
+    )
+    ratios = [density_figures(world, result) for world, result in flown]
+    z = math.sqrt(np.mean([r.z_rms**2 for r in ratios if math.isfinite(r.z_rms)]))
+    print(f"density z RMS {z:.2f}, largest {max(r.largest_z for r in ratios):.1f}; ", end="")
+    print(f"beyond 3 sigma below zero: {sum(r.impossible for r in ratios)} seconds")
+    for world, result in flown:
+        for error in wall_errors(world, result):
+            print(f"  {error}")
+
+
+def main() -> None:
+    """Fly and print."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    rows = ("bubbles", "close", "quiet")
+    parser.add_argument("row", nargs="?", choices=rows, default="bubbles", help="(%(default)s)")
+    parser.add_argument("--seed", type=int, default=101, help="first seed (%(default)s)")
+    parser.add_argument("--count", type=int, default=5, help="flights (%(default)s)")
+    parser.add_argument("--seconds", type=int, default=3600, help="of quiet ones (%(default)s)")
+    parser.add_argument("--separation", type=float, default=500.0, help="of close, m (%(default)g)")
+    parser.add_argument("--cache", type=pathlib.Path, help="folder in which flights are kept")
+    options = parser.parse_args()
+    seeds = range(options.seed, options.seed + options.count)
+    if options.row == "quiet":
+        worlds = quiet_worlds(options.seed, options.count, options.seconds)
+        report_quiet(fly(worlds, options.cache))
+    else:
+        separation = options.separation if options.row == "close" else None
+        report_bubbles(fly([draw_bubble_world(s, separation) for s in seeds], options.cache))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""Slow errors of differential contents, measured from how satellites disagree with each other.
+
+Multipath, variations of phase centres and what a mapping leaves out are of centimetres, other for
+each satellite, and change within minutes. Their size and correlation time are not assumed: what is
+left of the contents of a second when everything that all satellites share is removed shows both.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["SlowErrors"]
+
+# What is taken to be until it is measured: sigma, TECU (1.5 mm on each of four phases), and
+# correlation time, s, and how many satellite-seconds of measurements this counts as; it counts less
+# and less, over a time of `_FORGOTTEN`, s.
+_FIRST_SIGMA, _FIRST_TIME = 0.03, 100.0
+_FIRST_WEIGHT = 50.0
+_FORGOTTEN = 30.0
+# s; over which the measurements are averaged.
+_MEMORY = 900.0
+# s; correlation is measured over this time.
+_LAG = 20.0
+_SHORTEST_TIME, _LONGEST_TIME = 20.0, 1000.0
+_FEWEST_DEGREES = 0.5
+# A residual counts at most as this many sigmas: one wrong integer is no multipath.
+_LARGEST_SIGMAS = 4.0
+_SMALLEST_SIGMA = 1e-4  # TECU
+
+
+class SlowErrors:
+    """Sigma and correlation time of the slow error of a satellite, the same for all of them."""
+
+    def __init__(self) -> None:
+        self._first_weight = _FIRST_WEIGHT
+        self._square = self._weight = 0.0
+        self._of_product = _FIRST_WEIGHT * _FIRST_SIGMA**2
+        self._product = self._of_product * math.exp(-_LAG / _FIRST_TIME)
+        self._recent: deque[tuple[float, dict[int, float]]] = deque()
+        self._last_time: float | None = None
+
+    @property
+    def sigma(self) -> float:
+        """Sigma, TECU."""
+        square = max(0.0, self._square) + self._first_weight * _FIRST_SIGMA**2
+        return max(math.sqrt(square / (self._weight + self._first_weight)), _SMALLEST_SIGMA)
+
+    @property
+    def correlation_time(self) -> float:
+        """Time after which the correlation is 1/e, s."""
+        correlation = self._product / max(self._of_product, 1e-12)
+        if not 0.0 < correlation < 1.0:
+            return _SHORTEST_TIME if correlation <= 0.0 else _LONGEST_TIME
+        return min(max(-_LAG / math.log(correlation), _SHORTEST_TIME), _LONGEST_TIME)
+
+    def add(
+        self,
+        time: float,
+        satellites: npt.NDArray[np.int64],
+        observed: FloatArray,
+        common: FloatArray,
+        fast_variance: FloatArray,
+    ) -> None:
+        """Add an epoch.
+
+        Parameters
+        ----------
+        time : float
+            s, increasing.
+        satellites : ndarray of int, shape (n,)
+        observed : ndarray, shape (n,)
+            Contents, TECU.
+        common : ndarray, shape (n, p)
+            Derivatives with respect to what all satellites share, and is removed.
+        fast_variance : ndarray, shape (n,)
+            Variance of the errors that are independent from epoch to epoch, TECU^2.
+        """
+        elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
+        self._last_time = time
+        weight = 1.0 / np.sqrt(fast_variance + self.sigma**2)
+        scaled = common * weight[:, np.newaxis]
+        basis, triangle = np.linalg.qr(scaled)
+        if np.abs(np.diag(triangle)).min() <= 1e-9 * np.abs(np.diag(triangle)).max():
+            return
+        residual = observed * weight
+        residual = residual - basis @ (basis.T @ residual)
+        freedom = 1.0 - np.einsum("np,np->n", basis, basis)
+        if freedom.sum() < _FEWEST_DEGREES:
+            return
+        residual = np.clip(residual, -_LARGEST_SIGMAS, _LARGEST_SIGMAS) / weight
+        kept = math.exp(-elapsed / _MEMORY)
+        self._forget(kept)
+        self._first_weight *= math.exp(-elapsed / _FORGOTTEN)
+        # Satellites that fluctuate fast tell little about slow errors.
+        trust = (self.sigma**2 * weight**2) ** 2 + 1e-3
+        self._square += float(trust @ (residual**2 - freedom * fast_variance))
+        self._weight += float(trust @ freedom)
+        self._add_products(time, satellites, residual, freedom * fast_variance, trust)
+
+    def _forget(self, kept: float) -> None:
+        for name in ("_square", "_weight", "_product", "_of_product"):
+            setattr(self, name, kept * getattr(self, name))
+
+    def _add_products(
+        self,
+        time: float,
+        satellites: npt.NDArray[np.int64],
+        residual: FloatArray,
+        fast: FloatArray,
+        trust: FloatArray,
+    ) -> None:
+        """Add products of residuals now and a lag before, which tell the correlation."""
+        now = dict(zip(satellites.tolist(), residual.tolist(), strict=True))
+        self._recent.append((time, now))
+        before: Mapping[int, float] = {}
+        while self._recent and time - self._recent[0][0] >= _LAG:
+            before = self._recent.popleft()[1]
+        rows = zip(satellites.tolist(), fast.tolist(), trust.tolist(), strict=True)
+        for satellite, variance, weight in rows:
+            if satellite in before:
+                self._product += weight * now[satellite] * before[satellite]
+                squares = 0.5 * (now[satellite] ** 2 + before[satellite] ** 2)
+                self._of_product += weight * max(squares - variance, 0.0)
