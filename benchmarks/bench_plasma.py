@@ -50,7 +50,10 @@ def fly(worlds: Sequence[PlasmaWorld], cache: pathlib.Path | None) -> Flown:
 
 def report_quiet(flown: Flown) -> None:
     """Print false edges, densities, absolute contents and processor time of quiet flights."""
-    print("| quiet plasma | s | false edges | density: mean error, stated sigma, 1e4 cm-3 | z RMS,")
+    print(
+        "| quiet plasma | s | false edges | density: mean error, stated sigma, 1e4 cm-3 | z RMS,",
+        end=" ",
+    )
     print("largest z | absolute TEC after 10 min: RMS, z RMS | processor, s per s |")
     print("|---|---|---|---|---|---|---|")
     for world, result in flown:

@@ -276,8 +276,8 @@ class ElectronDensityEstimator:
         total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[2]) * ELECTRONS_PER_TECU
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
-        is_told = density_sigma <= settings.largest_sigma
-        is_told &= np.count_nonzero(kept) >= settings.fewest_satellites
+        has_check = int(np.count_nonzero(kept)) >= settings.fewest_satellites
+        is_told = has_check and density_sigma <= settings.largest_sigma
         if is_told:
             self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
         return DensityEpoch(
