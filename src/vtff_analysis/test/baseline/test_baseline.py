@@ -346,5 +346,5 @@ def test_the_estimator_of_the_paper_is_for_receivers_in_orbit(sample):
 
 def test_help_teaches():
     text = " ".join(vtff("baseline", "--help").output.split())
-    for word in ("Hatanaka", "--dynamics", "--elevation-mask", "--truth", "Examples"):
+    for word in ("Hatanaka", "--dynamics", "--elevation-mask", "--truth", "For example"):
         assert word in text

@@ -126,11 +126,13 @@ def baseline(
     Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
     the base, or radial, in-track, cross-track) and writes CSV, JSON and a plot.
 
-    Examples
-    --------
+    For example:
+
     vtff baseline rover.crx.gz base.crx.gz brdc.rnx.gz --dynamics static
 
     vtff baseline deputy.obs chief.obs brdc.rnx --truth truth.npz
+
+    vtff baseline rover.dat base.dat --dynamics static
 
     vtff baseline bags/mine
     """

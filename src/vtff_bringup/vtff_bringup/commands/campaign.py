@@ -78,17 +78,21 @@ def campaign(
         typer.Option(help="Cases of a Dask task: more for short cases on many workers.", min=1),
     ] = 1,
 ) -> None:
-    r"""Fly a campaign: many cases of one system, each with other values, one table, one report.
+    """Fly a campaign: many cases of one system, each with other values, one table, one report.
 
     The file names a system, what is fixed, what is varied (lists, ranges, distributions), the
     figures to keep and the bounds that must hold. A case is a vtff run of its own or, with
     loop: library, the closed loop without ROS. docs/campaigns.md tells all fields.
 
-    \b
-    vtff campaign example --dry-run            look at the cases first
-    vtff campaign example --workers 2          fly them
-    vtff campaign example --out DIR --resume   go on after an interruption
-    vtff campaign example --case 17            fly one case again, with its bag
+    For example:
+
+    vtff campaign example --dry-run: look at the cases first
+
+    vtff campaign example --workers 2: fly them
+
+    vtff campaign example --out DIR --resume: go on after an interruption
+
+    vtff campaign example --case 17: fly one case again, with its bag
 
     The folder holds cases.parquet (a row a case), report.html, cases.jsonl (the finished cases, as
     they came) and runs/ (what --keep keeps).

@@ -76,8 +76,8 @@ def tec(
     is then 1, and 2 if none can be used. As many receivers as there are processors are processed
     at once.
 
-    Examples
-    --------
+    For example:
+
     vtff tec BELE.crx.gz --nav BRDC.rnx.gz --biases CAS.BIA.gz
 
     vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
