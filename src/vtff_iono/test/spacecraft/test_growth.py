@@ -79,7 +79,7 @@ def test_arcs_that_break_every_minute_of_a_day_are_forgotten():
         current = stretches.continue_or_begin(arcs, integers)
         for link in links[4:]:
             # No common bias is known, so that nothing is ever resolved.
-            assert resolver.resolve(current[link].number, 0.0, 20, 0.0) is None
+            assert resolver.resolve(current[link].number, 0.0, 20, 0.0, 0.02) is None
         stretches.forget_ended(stretch.number for stretch in current.values())
         resolver.keep_only(stretches.numbers())
         most = max(most, len(stretches))
