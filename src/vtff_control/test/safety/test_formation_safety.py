@@ -203,6 +203,16 @@ def test_before_any_navigation_commands_pass():
     assert decision.decisions["deputy"].command_rtn is None
 
 
+def test_far_apart_a_poor_velocity_is_no_reason_to_take_over():
+    """15 km and 10 m/s: after ten minutes nothing is clear, whatever the deputy does."""
+    state = np.array([-1000.0, -15e3, 0.0, 0.0, 1.6, 0.0])
+    blurred = np.diag([5.0**2] * 3 + [10.0**2] * 3)
+    start = DeputyInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    decision = monitor().step({"deputy": start}).decisions["deputy"]
+    assert decision.mode == MODE_MONITOR and decision.command_rtn is None
+    assert "not good enough" in decision.reason
+
+
 def test_a_filter_that_has_just_started_is_not_judged_by():
     """Its velocity has a sigma of 30 m/s: nothing would be clear, and nothing would help."""
     blurred = np.diag([0.01**2] * 3 + [30.0**2] * 3)

@@ -375,15 +375,16 @@ class FormationSafety:
     def _is_informative(self, given: DeputyInput) -> bool:
         """Return whether a state can be judged by.
 
-        A filter that has just started knows the velocity to tens of m/s: with that nothing is
-        clear, and no manoeuvre helps.
+        A filter that has just started knows the velocity to some m/s: with that nothing stays clear
+        for the time of an evasive manoeuvre, and no manoeuvre helps.
         """
         if given.relative_rtn is None or self._chief is None:
             return False
         if given.covariance_rtn is None:
             return True
         gap = float(np.linalg.norm(given.relative_rtn[:3])) - self._setting.hard_radius
-        return self._setting.bounds.clear_sigmas * _error_soon(given.covariance_rtn) < gap
+        error = _error_after(self._setting.escape_horizon, given.covariance_rtn)
+        return self._setting.bounds.clear_sigmas * error < gap
 
     def _is_better(self, track: _Track, given: DeputyInput) -> bool:
         """Return whether a poor state is still better than the prediction from the last one."""
@@ -391,7 +392,7 @@ class FormationSafety:
             return False
         thrust = self._setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
         predicted = track.covariance + thrust + track.unreported_effect
-        return _error_soon(given.covariance_rtn) <= _error_soon(predicted)
+        return _error_after(_SOON, given.covariance_rtn) <= _error_after(_SOON, predicted)
 
     def _take_report(self, track: _Track, given: DeputyInput) -> None:
         """Take the report of a step; without one, what the thruster may give in it.
@@ -626,11 +627,11 @@ def _advance(
     return relative_state_rtn(after, deputy), after
 
 
-def _error_soon(covariance: FloatArray) -> float:
-    """Return the sigma that a position has within `_SOON`, in its worst direction, about, m."""
+def _error_after(seconds: float, covariance: FloatArray) -> float:
+    """Return the sigma that a position has after a time, in its worst direction, about, m."""
     position = float(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     velocity = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
-    return math.sqrt(max(position, 0.0)) + _SOON * math.sqrt(max(velocity, 0.0))
+    return math.sqrt(max(position, 0.0)) + seconds * math.sqrt(max(velocity, 0.0))
 
 
 def _away(motion: FreeMotion, index: int, moment: float) -> FloatArray:
