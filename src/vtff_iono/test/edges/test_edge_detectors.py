@@ -141,6 +141,20 @@ def test_gradual_walls_are_edges_with_a_width(width, depth):
     assert 0.4 * width <= edge.width <= 2.5 * width
 
 
+def test_a_wall_in_unsure_densities_is_found_with_more_of_them():
+    """The change is four times the sigma of a second, as after scintillation."""
+    time, sigma, wall, found = np.arange(300.0), 1.6e11, 308e3, 0
+    for seed in range(12):
+        noise = sigma * np.random.default_rng(seed).standard_normal(len(time))
+        altitude = 270e3 + 255.0 * time
+        density = np.where(altitude < wall, 6.4e11, 1e10) + noise
+        edges = detected(time, altitude, density, sigma, 0.0)
+        assert len(edges) <= 1
+        found += sum(abs(edge.altitude - wall) < 1500.0 and edge.is_entry for edge in edges)
+        assert detected(time, altitude, 6.4e11 + noise, sigma, 0.0) == []
+    assert found >= 11
+
+
 def test_the_ledge_below_a_layer_is_no_edge():
     """Densities that grow by a factor of ten in 8 km, as at the bottom of a layer."""
     altitude = np.arange(270e3, 350e3, 230.0)

@@ -98,6 +98,9 @@ class DensityEdgeDetector:
     ----------
     margin : float
         Length of the profile beside a wall that is fitted with it, m.
+    wide_margin : float
+        The same once more for walls that are thinner than it: where densities are unsure, more of
+        them are needed to tell a wall from a slope.
     relative_change : float
         Smallest change of an edge as a fraction of the larger density beside it.
     sigmas : float
@@ -109,19 +112,21 @@ class DensityEdgeDetector:
     def __init__(
         self,
         margin: float = 3e3,
+        wide_margin: float = 8e3,
         relative_change: float = 0.15,
         sigmas: float = 6.0,
         widths: tuple[float, ...] = (0.0, 2e3, 5e3, 10e3, 20e3),
     ) -> None:
-        self._margin = margin
         self._relative_change = relative_change
         self._sigmas = sigmas
-        self._widths = widths
+        # Widths of walls with the margins beside them.
+        self._windows = [(width, margin) for width in widths]
+        self._windows += [(width, wide_margin) for width in widths if width < wide_margin]
         self._samples: deque[_Sample] = deque()
         self._direction = 0.0  # 1 in a climb, -1 in a descent
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
-        self._examined_to = dict.fromkeys(widths, -math.inf)
+        self._examined_to = dict.fromkeys(self._windows, -math.inf)
 
     def update(
         self,
@@ -159,18 +164,18 @@ class DensityEdgeDetector:
                 self._direction = direction
         self._samples.append(_Sample(time, altitude, density, fast_sigma, slow_sigma))
         length = max(abs(separation), _NARROWEST)
-        longest = self._reach(max(self._widths), length)
+        longest = max(_reach(*window, length) for window in self._windows)
         while abs(altitude - self._samples[0].altitude) > 2.5 * longest:
             self._samples.popleft()
         samples = np.array(self._samples)
         advance = self._direction * samples[:, 1]
-        for width in self._widths:
-            reach = self._reach(width, length)
-            is_new = (advance > self._examined_to[width]) & (advance + reach <= advance[-1])
+        for window in self._windows:
+            reach = _reach(*window, length)
+            is_new = (advance > self._examined_to[window]) & (advance + reach <= advance[-1])
             for middle in advance[is_new & (advance - reach >= advance[0])].tolist():
-                self._fit(samples, advance, middle, width, length, slow_time)
+                self._fit(samples, advance, middle, window, length, slow_time)
             if is_new.any():
-                self._examined_to[width] = float(advance[is_new][-1])
+                self._examined_to[window] = float(advance[is_new][-1])
         return edges + self._confirmed(float(advance[-1]))
 
     def flush(self) -> list[Edge]:
@@ -179,12 +184,8 @@ class DensityEdgeDetector:
         self._samples.clear()
         self._direction = 0.0
         self._candidates, self._told = [], []
-        self._examined_to = dict.fromkeys(self._widths, -math.inf)
+        self._examined_to = dict.fromkeys(self._windows, -math.inf)
         return edges
-
-    def _reach(self, width: float, length: float) -> float:
-        """Return the half window of a wall, m."""
-        return 0.55 * (width + length) + self._margin
 
     def _confirmed(self, advance: float) -> list[Edge]:
         """Return the walls that stand out in their surroundings, once these are known."""
@@ -210,12 +211,13 @@ class DensityEdgeDetector:
         samples: FloatArray,
         advance: FloatArray,
         middle: float,
-        width: float,
+        window: tuple[float, float],
         length: float,
         slow_time: float,
     ) -> None:
-        """Fit a line and a wall of a width in the middle of a window; keep it if it is one."""
-        reach = self._reach(width, length)
+        """Fit a line and a wall in the middle of a window (width, margin); keep it if it is one."""
+        width, _ = window
+        reach = _reach(*window, length)
         near = np.flatnonzero(np.abs(advance - middle) <= reach)
         if len(near) < 2 * _FEWEST_SAMPLES:
             return
@@ -281,6 +283,11 @@ class DensityEdgeDetector:
             width=width,
         )
         self._candidates.append(_Candidate(significance, middle, reach, edge))
+
+
+def _reach(width: float, margin: float, length: float) -> float:
+    """Return the half window of a wall with a margin beside it, m."""
+    return 0.55 * (width + length) + margin
 
 
 def _crossing(
