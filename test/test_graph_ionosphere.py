@@ -20,6 +20,7 @@ from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_gnss.files.navigation_files import NavigationFiles
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density.density_profile import binned_profile
 from vtff_iono.edges.minute_scores import score_minutes
@@ -339,7 +340,7 @@ def test_absolute_slant_tec_offline(system, request):
     run = request.getfixturevalue(system)
     start = round(Truth(run, f"{system}.csv").start * 1e9)
     for craft in CRAFT:
-        found = process(from_bag(run, f"/{craft}"), (), "broadcast").content
+        found = process(from_bag(run, f"/{craft}"), NavigationFiles(), "broadcast").content
         (bias,) = found.receiver_biases.values()
         value, sigma = bias.code_bias(TECU_PER_METRE)
         error = abs(value - true_receiver_bias(run, craft))
