@@ -68,6 +68,7 @@ def write_pair(
     code_sigma: float = 0.3,
     reflection: float = 0.0,
     baseline_enu: tuple[float, float, float] = BASELINE_ENU,
+    content_tecu: float = 0.0,
 ) -> GroundPair:
     """Write the files of a pair at a place and time drawn by the seed.
 
@@ -83,6 +84,8 @@ def write_pair(
         Amplitude of the reflected signal at the horizon, relative to the direct one.
     baseline_enu : tuple of 3 float
         Rover less base, m.
+    content_tecu : float
+        Vertical content of the ionosphere, a thin shell over both.
     """
     generator = np.random.default_rng(seed)
     start = parse_epoch("2023-01-08T00:00:00 GPS") + 60.0 * int(generator.integers(0, 1200))
@@ -118,8 +121,11 @@ def write_pair(
                     elevation[k], ANTENNA_HEIGHTS[receiver], wavelength, reflection
                 )
                 count = len(in_view)
+                plasma = content_tecu * plasma_delay(elevation[k], frequency)
                 code = geometric[k] + code_error + code_sigma * generator.standard_normal(count)
+                code += plasma
                 phase = geometric[k] + phase_error + phase_sigma * generator.standard_normal(count)
+                phase -= plasma
                 values = {
                     "system": np.full(count, c.SYSTEM_GPS),
                     "prn": table.prn[in_view],
@@ -165,6 +171,12 @@ def troposphere(elevation: np.ndarray, height: float) -> np.ndarray:
     zenith = sum(delay * math.exp(-height / scale) for delay, scale in (HYDROSTATIC, WET))
     ratio = EARTH_RADIUS / (EARTH_RADIUS + SHELL_HEIGHT)
     return zenith / np.sqrt(1.0 - (ratio * np.cos(elevation)) ** 2)
+
+
+def plasma_delay(elevation: np.ndarray, frequency: float) -> np.ndarray:
+    """Return the delay of a code by 1 TECU in a shell 450 km high, m."""
+    ratio = EARTH_RADIUS / (EARTH_RADIUS + 450e3)
+    return 40.308193e16 / frequency**2 / np.sqrt(1.0 - (ratio * np.cos(elevation)) ** 2)
 
 
 def ground_reflection(

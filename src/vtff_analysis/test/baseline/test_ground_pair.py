@@ -9,9 +9,12 @@ import numpy as np
 import pytest
 from ground_pair import GroundPair, write_pair
 
+from vtff_analysis.baseline import processing
 from vtff_analysis.baseline.defaults import complete_options
 from vtff_analysis.baseline.processing import BaselineRun, process_baseline
 from vtff_analysis.baseline.sources import from_files
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.measurements import DEFAULT_BANDS
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
 
@@ -95,6 +98,22 @@ def test_the_sigma_of_the_height_holds_the_troposphere(short_pair):
     errors = short_pair.errors_enu(run.baseline_itrf)
     assert run.sigma_local[-1, 2] > 0.7e-3
     assert abs(errors[-1, 2]) < 2.0 * run.sigma_local[-1, 2]
+
+
+def test_the_ionosphere_over_both_does_not_shorten_the_baseline(tmp_path, monkeypatch):
+    """40 TECU over both make 2 km 5 mm too short, where nothing is known of them."""
+    pair = write_pair(tmp_path, 12, 60, 30.0, code_sigma=0.1, phase_sigma=2e-4, content_tecu=40.0)
+    run = solved(pair, "static", (0.1, 2e-4))
+    errors = pair.errors_enu(run.baseline_itrf)[-1]
+    assert np.linalg.norm(errors[:2]) < 1.0e-3
+    assert (np.abs(errors) < 4.0 * run.sigma_local[-1]).all()
+
+    def make_without_plasma(configuration: CdgpsConfiguration) -> CdgpsEstimator:
+        return CdgpsEstimator(dataclasses.replace(configuration, estimate_plasma=False))
+
+    monkeypatch.setattr(processing, "CdgpsEstimator", make_without_plasma)
+    without = pair.errors_enu(solved(pair, "static", (0.1, 2e-4)).baseline_itrf)[-1]
+    assert np.linalg.norm(without[:2]) > 2.0e-3
 
 
 @pytest.mark.slow

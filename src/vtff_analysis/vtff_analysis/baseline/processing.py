@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import dataclasses
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -28,6 +29,8 @@ __all__ = ["BaselineOptions", "BaselineRun", "process_baseline"]
 
 _ENU_NAMES = ("east", "north", "up")
 _RTN_NAMES = ("radial", "in-track", "cross-track")
+# A priori sigma of the vertical content of each shell over a receiver on the ground.
+_CONTENT_SIGMA_TECU = 20.0
 
 
 @dataclass(frozen=True)
@@ -190,16 +193,21 @@ def _make_estimator(options: BaselineOptions) -> CdgpsEstimator | PaperEstimator
                 elevation_mask_deg=options.elevation_mask_deg,
             )
         )
-    return CdgpsEstimator(
-        CdgpsConfiguration(
-            dynamics=options.dynamics,
-            position_chief_itrf=options.position_base_itrf,
-            measurement_noise=options.noise,
-            bands=dict(options.bands),
-            elevation_mask_deg=options.elevation_mask_deg,
-            troposphere=options.troposphere,
-        )
+    configuration = CdgpsConfiguration(
+        dynamics=options.dynamics,
+        position_chief_itrf=options.position_base_itrf,
+        measurement_noise=options.noise,
+        bands=dict(options.bands),
+        elevation_mask_deg=options.elevation_mask_deg,
+        troposphere=options.troposphere,
     )
+    if options.dynamics != "orbital":
+        # Both receivers see the whole ionosphere at slightly different elevations: without it a
+        # baseline of 2 km is 1 to 2 mm too short.
+        configuration = dataclasses.replace(
+            configuration, estimate_plasma=True, plasma_shell_sigma_tecu=_CONTENT_SIGMA_TECU
+        )
+    return CdgpsEstimator(configuration)
 
 
 def _make_run(
