@@ -24,6 +24,11 @@ VALUES = st.recursive(
 )
 
 
+@pytest.mark.parametrize(("text", "value"), [("2e-4", 2e-4), ("-1E6", -1e6), ("2e", "2e")])
+def test_a_number_may_have_an_exponent_without_a_point(text, value):
+    assert parse_yaml(text) == value
+
+
 @given(VALUES)
 @settings(max_examples=100, deadline=None)
 def test_plain_values_come_back(value):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import yaml
@@ -25,7 +26,18 @@ class PlainYamlError(ValueError):
     """A text is not YAML or nested or repeated too much; the message is one line."""
 
 
-def parse_yaml(text: str, loader: Any = yaml.SafeLoader) -> Any:
+class _NumberLoader(yaml.SafeLoader):
+    """Takes 2e-4 for a number, as YAML 1.2 and ROS do; to YAML 1.1 it is a text."""
+
+
+_NumberLoader.add_implicit_resolver(
+    "tag:yaml.org,2002:float",
+    re.compile(r"^[-+]?[0-9][0-9_]*[eE][-+]?[0-9]+$"),
+    list("-+0123456789"),
+)
+
+
+def parse_yaml(text: str, loader: Any = _NumberLoader) -> Any:
     """Return what a YAML text holds.
 
     Parameters
