@@ -102,7 +102,7 @@ def test_the_shell_completes_commands_and_systems():
     ("override", "expected"),
     [
         ("sdre_controller.desing:=paper", "has no parameter 'desing'; did you mean: design"),
-        ("sdre_controller.design:=best", "'best'; installed are: "),
+        ("sdre_controller.design:=best", "'best'; choose one of: "),
         ("thruster.start_timeout:=-1", "it must be at least"),
         ("simgen_bridge.maximum_lag:=two", "it must be a whole number"),
         ("deputy/relative_ekf.estimator:=paper", ""),

@@ -83,8 +83,8 @@ class Extent:
 SHORT = Extent(
     "short",
     seeds=(1,),
-    flight=241,
-    flight_in_plasma=241,
+    flight=301,
+    flight_in_plasma=301,
     laser=241,
     laser_settles=180,
     # Coarse, about six times the limit after 10 min: the sharp check of the short form is that the
