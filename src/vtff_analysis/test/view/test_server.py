@@ -235,6 +235,8 @@ def test_a_client_that_takes_no_answer_is_left(server):
         connection.sendall(f"GET /scene.json HTTP/1.1\r\nHost: {server.hosts[0]}\r\n\r\n".encode())
         for thread in threading.enumerate():
             if "process_request_thread" in thread.name:
+                while thread.ident is None:  # it is in the list before it has started
+                    threading.Event().wait(0.01)
                 thread.join(20.0)
                 assert not thread.is_alive()
 

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import pathlib
 import socket
 import threading
@@ -41,12 +42,21 @@ def node(name, host, *, ends_run=False, own_process=False):
     )  # fmt: skip
 
 
+def _free_port() -> int:
+    """Return a port below those that the kernel gives to other sockets, free for TCP and UDP."""
+    for port in range(20_000 + os.getpid() % 10_000, 32_000):
+        with contextlib.suppress(OSError), socket.socket() as stream:
+            stream.bind(("127.0.0.1", port))
+            with socket.socket(type=socket.SOCK_DGRAM) as datagrams:
+                datagrams.bind(("127.0.0.1", port))
+                return port
+    raise OSError("no free port from 20000 to 32000")
+
+
 @pytest.fixture
 def system(monkeypatch):
     """A system of three hosts with a control port of its own; domains are not reserved."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = _free_port()
 
     @contextlib.contextmanager
     def reserve(environment, nodes):
