@@ -65,7 +65,7 @@ class NetworkHosts:
     count
         Number of hosts.
     loss, delay, jitter
-        Of each frame that the relay forwards: share that is lost, mean delay and its largest
+        Fate of the frames that the relay forwards: share that is lost, mean delay and its largest
         deviation, s. With all zero and `cuts` unset, a bridge joins the hosts.
     cuts
         Whether links can be cut.

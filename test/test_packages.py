@@ -290,3 +290,16 @@ def test_no_paths_of_a_machine():
             if MACHINE_PATH.search(line)
         ]
     assert not found, "\n".join(found)
+
+
+@pytest.mark.parametrize("package", PYTHON_PACKAGES)
+def test_no_sentence_begins_without_its_noun(package):
+    """A line "Of the deputy, m." leaves open what the value is."""
+    elliptical = re.compile(r'^\s*(?:#:? |""")?Of ')
+    lines = [
+        f"{path.relative_to(ROOT)}:{number}: {line.strip()}"
+        for path in sorted((ROOT / "src" / package).rglob("*.py"))
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if elliptical.match(line)
+    ]
+    assert lines == []

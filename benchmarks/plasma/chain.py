@@ -45,7 +45,7 @@ class ChainResult:
     altitudes : ndarray, shape (k, 3)
         Time into the flight, s, and true altitudes of chief and deputy, m.
     processor_time : float
-        Of the chain, s for each second of the flight.
+        Processor time of the chain, s for each second of the flight.
     """
 
     density: FloatArray

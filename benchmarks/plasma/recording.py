@@ -54,7 +54,7 @@ class RecordedSecond:
     ephemerides : tuple of BroadcastEphemeris
         New ones.
     solution : RelativeSolution
-        Of the relative filter.
+        Solution of the relative filter.
     fixes_itrf : tuple of 2 ndarray, shape (6,), or None
         Own solutions of the receivers, m and m/s.
     stec_tecu : tuple of 2 dict of int to float

@@ -71,7 +71,7 @@ class PlasmaWorld:
         Of noise, constellation, node and epoch.
     seconds : int
     start_altitude : float
-        Of the chief at the start, m.
+        Altitude of the chief at the start, m.
     perigee_altitude, apogee_altitude : float
         m.
     is_rising : bool
@@ -83,7 +83,7 @@ class PlasmaWorld:
     receivers : {"realistic", "cn0"}
         All errors of config/gnss/realistic.yaml, or only noise by C/N0, white, stated as it is.
     multipath_sigma : float or None
-        Of the phase, m, with 200 times it of the code; None: as `receivers` say.
+        Multipath of the phase, m, with 200 times it of the code; None: as `receivers` say.
     cn0_zenith_dbhz : tuple of float or None
         L1 and L2 at boresight; None: those of the file.
     satellite_bias_ns : float

@@ -67,7 +67,7 @@ def bound_rms(
     ----------
     recording : Recording
     noise : PhaseNoise
-        Of the phases of a receiver.
+        Noise of the phases of a receiver.
     interval : int
         Between the epochs that are used, s.
     ranges : RangeErrors

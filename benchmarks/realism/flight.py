@@ -274,7 +274,7 @@ class Figures:
     integers, wrong, wrong_long : int
         Integers that epochs rest on; wrong ones; those wrong for more than 2 s.
     loops : tuple of Loop
-        Of the flights of a closed loop.
+        Loops of the flights with a closed loop.
     bound : float
         RMS that the covariance bound gives.
     recovery : float

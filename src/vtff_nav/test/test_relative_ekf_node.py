@@ -154,7 +154,7 @@ def test_antennas_reach_the_filter(tmp_path):
 
 
 def test_antennas_are_ideal_only_if_that_is_stated():
-    """Of antennas without a word the filter takes millimetres; zeros stand for ideal ones."""
+    """The filter takes millimetres for antennas without a word; zeros stand for ideal antennas."""
     silent = make_cdgps(estimator_setting(RelativeEkfParameters())).configuration.antennas
     assert silent is not None and silent.are_central
     assert all(0.001 <= antenna.offset_sigma <= 0.003 for antenna in silent.both)

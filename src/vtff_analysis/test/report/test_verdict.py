@@ -27,7 +27,7 @@ FORMATION = {
     "chief_gnss_epochs": 3601,
 }
 
-#: Of a flight 15 km behind the chief through an irregularity, whose controller flew as well.
+#: Figures of a flight 15 km behind the chief through an irregularity, with the controller.
 IONOSPHERE = {
     **FORMATION,
     "scenario": "esf",

@@ -44,7 +44,7 @@ class FaultCase:
     Attributes
     ----------
     formation, fault
-        Of `FORMATIONS` and `FAULTS`.
+        Names from `FORMATIONS` and `FAULTS`.
     scenario
         What is flown.
     navigation

@@ -148,7 +148,7 @@ def simulate_guarded(
     design
         Controller of each deputy.
     setting
-        Of the safety monitor; None flies without one.
+        Setting of the safety monitor; None flies without a monitor.
     navigation
         Errors of navigation; each deputy draws its own.
     faults
@@ -156,7 +156,7 @@ def simulate_guarded(
     duration
         s, by default that of the scenario.
     quantum
-        Of the thrusters, m/s2.
+        Acceleration quantum of the thrusters, m/s2.
     """
     steps = round((scenario.duration if duration is None else duration) / scenario.step)
     truth = scenario.formation_truth()

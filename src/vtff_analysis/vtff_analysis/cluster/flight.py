@@ -141,7 +141,7 @@ def draw_starts(
     Parameters
     ----------
     seed
-        Of the draw.
+        Seed of the draw.
     chasers
         Their number.
     extent
@@ -178,11 +178,11 @@ def fly_cluster(
     orbits
         Length.
     sensor
-        What a chaser sees of the others; default the truth of all positions, also every 10 s.
+        Sensor by which a chaser sees the others; default: true positions, also every 10 s.
     guidance
-        Of every chaser.
+        Guidance of every chaser.
     seed
-        Of the sensors.
+        Seed of the sensors.
     decay
         Failure of the last chaser; default none.
     """

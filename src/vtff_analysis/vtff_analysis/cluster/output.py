@@ -41,7 +41,7 @@ def run_potential_field(
     starts
         Drawn starts of two chasers.
     seed
-        Of the first start and its sensors; the others follow.
+        Seed of the first start and its sensors; the other starts have the seeds that follow.
     say
         Takes a line on what is flown.
     """

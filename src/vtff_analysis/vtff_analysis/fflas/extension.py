@@ -49,7 +49,7 @@ class PhasingFlight:
     angle
         Ahead of the reference, rad, shape (k,).
     eccentricity
-        Of the orbit at the end.
+        Eccentricity of the orbit at the end.
     """
 
     times: FloatArray
@@ -80,9 +80,9 @@ def fly_phasing(phasing: Phasing, samples: int = 1500) -> PhasingFlight:
     Parameters
     ----------
     phasing
-        Of `vtff_control.guidance.phasing.phase`.
+        Legs as `vtff_control.guidance.phasing.phase` returns them.
     samples
-        Of the result.
+        Number of samples of the result.
     """
     mean_motion = math.sqrt(GM_EARTH / FFLAS_AXIS**3)
     thrust, coast = phasing.thrust_time, phasing.coast_time
@@ -128,7 +128,7 @@ def extension_years(percent: float, velocity_change_per_day: float) -> float:
     Parameters
     ----------
     percent
-        Of the budget of table 1, in per cent.
+        Share of the budget of table 1, in per cent.
     velocity_change_per_day
         m/s.
     """

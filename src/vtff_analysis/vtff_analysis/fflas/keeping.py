@@ -38,7 +38,7 @@ class Keeping:
     formation
         Name.
     times
-        Of the samples, s, shape (k,).
+        Times of the samples, s, shape (k,).
     positions
         Relative positions in RTN, m, shape (k, m, 3).
     deviations

@@ -121,7 +121,7 @@ def fly_reconfiguration(plan: ReconfigurationPlan, final_states: FloatArray) -> 
     Parameters
     ----------
     plan
-        Of `reconfiguration_planner`.
+        Plan of the planner that `reconfiguration_planner` makes.
     final_states
         Where the plan leads, m and m/s, shape (3, 6).
     """

@@ -29,7 +29,7 @@ class ThrustFlight:
     states_gcrf
         Reference first, then the spacecraft, m and m/s, shape (k, m + 1, 6).
     relative_states
-        Of the spacecraft to the reference in RTN, m and m/s, shape (k, m, 6).
+        States of the spacecraft relative to the reference in RTN, m and m/s, shape (k, m, 6).
     """
 
     times: FloatArray

@@ -48,7 +48,7 @@ class SafetyHistory:
     Attributes
     ----------
     hard_radius
-        Of the run.
+        Hard radius of the run.
     deputies
         By name.
     separation, separation_pair

@@ -230,7 +230,7 @@ def write_formation_designs(
     folder
         Existing folder.
     errors
-        Of `model_errors`.
+        Rows that `model_errors` returns.
     pairs
         Kind of elements and pair, of `fly_formation`.
     """

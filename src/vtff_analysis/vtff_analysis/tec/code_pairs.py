@@ -242,7 +242,7 @@ def _with_carriers(
         & (table.columns["band"] == band)
         & ((table.columns["flags"] & c.FLAG_PHASE_VALID) != 0)
     )
-    # Of several phases of a satellite any will do; they are of one carrier.
+    # Any of several phases of a satellite will do; they are of one carrier.
     key = table.epoch_index[donors].astype(np.int64) * 256 + table.columns["prn"][donors]
     donors = donors[np.unique(key, return_index=True)[1]]
     rows, donors = _matching_rows(table, rows, donors)

@@ -95,7 +95,7 @@ class SceneBuilder:
     def claim_slot(self, topic: str, time: int) -> bool:
         """Return whether a message of this time is kept; its slot is then taken.
 
-        Of the messages of a topic in one slot only the first is kept. The slots are the same for
+        Only the first message of a topic in a slot is kept. The slots are the same for
         all topics, so that samples of one time stay together.
 
         Parameters

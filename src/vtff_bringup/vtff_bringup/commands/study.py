@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
@@ -228,17 +228,12 @@ def snap1(
     from vtff_analysis.attitude.snap1 import ASSUMPTIONS
     from vtff_analysis.attitude.snap1_output import run_snap1
 
-    console = Console(highlight=False)
-    try:
-        folder = output_folder(out, "snap1", parent="studies")
-        rows = run_snap1(folder, hours, seed, lambda line: console.print(line, markup=False))
-    except RunFolderError as error:
-        stop(console, error, EXIT_USAGE)
-    except OSError as error:
-        stop(console, error, EXIT_FAILURE)
-    _print_comparison(console, rows)
-    console.print("assumed: " + "; ".join(ASSUMPTIONS), markup=False)
-    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+    _compare_with_paper(
+        "snap1",
+        out,
+        lambda folder, say: run_snap1(folder, hours, seed, say),
+        "assumed: " + "; ".join(ASSUMPTIONS),
+    )
 
 
 @app.command("fflas")
@@ -259,17 +254,12 @@ def fflas(
     """
     from vtff_analysis.fflas.output import FAULTS, run_fflas
 
-    console = Console(highlight=False)
-    try:
-        folder = output_folder(out, "fflas", parent="studies")
-        rows = run_fflas(folder, days, lambda line: console.print(line, markup=False))
-    except RunFolderError as error:
-        stop(console, error, EXIT_USAGE)
-    except OSError as error:
-        stop(console, error, EXIT_FAILURE)
-    _print_comparison(console, rows)
-    console.print("faults of the paper: " + "; ".join(FAULTS), markup=False)
-    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+    _compare_with_paper(
+        "fflas",
+        out,
+        lambda folder, say: run_fflas(folder, days, say),
+        "faults of the paper: " + "; ".join(FAULTS),
+    )
 
 
 @app.command("potential_field")
@@ -290,26 +280,38 @@ def potential_field(
     from vtff_analysis.cluster.literal import FAULTS
     from vtff_analysis.cluster.output import run_potential_field
 
+    _compare_with_paper(
+        "potential_field",
+        out,
+        lambda folder, say: run_potential_field(folder, starts, seed, say),
+        "faults of the paper: " + "; ".join(FAULTS),
+    )
+
+
+def _compare_with_paper(
+    name: str,
+    out: pathlib.Path | None,
+    run: Callable[[pathlib.Path, Callable[[str], None]], Sequence[ComparisonRow]],
+    remark: str,
+) -> None:
+    """Run a study in its folder and print its rows, paper beside measured.
+
+    `run` gets the folder and the function that prints a line of progress.
+    """
     console = Console(highlight=False)
     try:
-        folder = output_folder(out, "potential_field", parent="studies")
-        rows = run_potential_field(
-            folder, starts, seed, lambda line: console.print(line, markup=False)
-        )
+        folder = output_folder(out, name, parent="studies")
+        rows = run(folder, lambda line: console.print(line, markup=False))
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
     except OSError as error:
         stop(console, error, EXIT_FAILURE)
-    _print_comparison(console, rows)
-    console.print("faults of the paper: " + "; ".join(FAULTS), markup=False)
-    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
-
-
-def _print_comparison(console: Console, rows: Sequence[ComparisonRow]) -> None:
     table = Table("", "", "paper", "measured")
     for row in rows:
         table.add_row(row.subject, row.quantity, row.paper, row.measured)
     console.print(table)
+    console.print(remark, markup=False)
+    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
 
 
 def _fly_offsets(

@@ -49,7 +49,7 @@ class Conclusion:
     host, bag
         Name of the host, and the run folder on it.
     exit_code
-        Of its part.
+        Exit code of the host's part.
     message_count
         Messages in the bag.
     """

@@ -77,7 +77,7 @@ class AttitudeControlConfiguration:
     wheel_ramp_rpm : float
         Change of the speed in a period while the wheel is started, rpm.
     settling_time : float
-        Of the pitch to 2 %, s.
+        Time in which the pitch comes within 2 % of its reference, s.
     pitch_reference : float
         rad.
     b_dot_gain, compass_gain : float

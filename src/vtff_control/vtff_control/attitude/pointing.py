@@ -123,7 +123,7 @@ def pitch_wheel_torque(
     angle_error, rate_error : float
         rad, rad/s.
     inertia : float
-        Of the body about the axis of the wheel, kg m2.
+        Moment of inertia of the body about the axis of the wheel, kg m2.
     gains : PitchGains
     largest : float
         Limit, N m.
@@ -139,11 +139,11 @@ class MomentumGains:
     Parameters
     ----------
     nutation : float
-        Of the rate about x and z, 1/s (times the inertia).
+        Gain on the rate about x and z, 1/s (times the inertia).
     wheel : float
-        Of the error of the wheel's momentum, 1/s.
+        Gain on the error of the wheel's momentum, 1/s.
     direction : float
-        Of the angular momentum across the orbit normal, 1/s. The paper's law has none.
+        Gain on the angular momentum across the orbit normal, 1/s. The paper's law has none.
     """
 
     nutation: float = 3e-2

@@ -74,9 +74,9 @@ class ElementsEstimator:
         state_chief_gcrf
             m and m/s, shape (6,).
         relative_state
-            Of the deputy in RTN, m and m/s, shape (6,).
+            Relative state of the deputy in RTN, m and m/s, shape (6,).
         covariance
-            Of the relative state, shape (6, 6).
+            Covariance of the relative state, shape (6, 6).
         """
         measured = mean_relative_elements(state_chief_gcrf, relative_state)
         chief = mean_elements(elements_from_state(state_chief_gcrf))

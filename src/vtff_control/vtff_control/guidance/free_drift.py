@@ -120,7 +120,7 @@ class FreeDrift:
         Returns
         -------
         matrices : dict
-            Of each pair: acts on the difference of the states of the pair, all steps in one vector
+            Matrix of each pair: acts on the difference of its states, all steps in one vector
             in units of `scale`, and gives the distances along the normals, m.
         bulges : dict
             What the path between two samples may be nearer than the samples, m.

@@ -73,13 +73,13 @@ class NeighbourTracker:
     Parameters
     ----------
     range_sigma
-        Of the sensor, m.
+        Standard deviation of the sensor's range, m.
     direction_sigma
-        Of the sensor, rad.
+        Standard deviation of the sensor's direction, rad.
     acceleration_density
         Root of the spectral density of a neighbour's thrust, m/s^1.5.
     largest_speed
-        Of a neighbour relative to the chaser, m/s: first sigma of a track.
+        Largest speed of a neighbour relative to the chaser, m/s: first sigma of a track.
     gate
         Largest distance of a detection from a prediction in sigmas, and at least 50 m.
     longest_age

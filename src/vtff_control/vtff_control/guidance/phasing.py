@@ -34,11 +34,11 @@ class Phasing:
     acceleration
         m/s2.
     thrust_time
-        Of each leg, s.
+        Duration of each leg, s.
     coast_time
-        Between the legs, s.
+        Time between the legs, s.
     velocity_change
-        Of both legs, m/s.
+        Velocity change of both legs, m/s.
     semi_major_axis_change
         During the coast, m; negative to get ahead.
     """
@@ -56,7 +56,7 @@ def impulsive_phasing_velocity(semi_major_axis: float, angle: float, orbits: flo
     Parameters
     ----------
     semi_major_axis
-        Of the circular orbit, m.
+        Semi-major axis of the circular orbit, m.
     angle
         rad ahead (positive) or behind.
     orbits

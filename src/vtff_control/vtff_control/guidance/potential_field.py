@@ -124,7 +124,7 @@ class PotentialField:
         neighbours
             Their states relative to the chaser in its RTN frame, m and m/s, shape (k, 6).
         mean_motion
-            Of the chaser, rad/s.
+            Mean motion of the chaser, rad/s.
         followed
             Which of them are followed, boolean, shape (k,); the others are only avoided. Default
             all.
@@ -135,7 +135,7 @@ class PotentialField:
             return np.zeros(3)
         gradient = potential_gradient(states[chosen, :3], np.zeros(3))
         for other in states[~chosen, :3]:
-            # Of what is not followed only the repulsion counts.
+            # A neighbour that is not followed only repels.
             slope = potential_gradient(other[np.newaxis], np.zeros(3))
             if slope @ other < 0.0:
                 gradient = gradient + slope

@@ -456,7 +456,7 @@ class ReconfigurationPlanner:
         for passes in range(1, self.limits.largest_passes_safe + 1):
             distances = np.where(np.arange(self.motion.count + 1) < safe_step, floor, wanted)
             states = self.motion.fly(initial, accelerations)
-            # Of the first step nothing can be changed.
+            # A loss at the first step cannot be prevented by any thrust.
             rows |= {row for row in drift.watched(states, distances + _WATCH) if row.loss}
             self._linearise(initial, accelerations)
             problem = self._safe_problem(drift, states, sorted(rows), distances)

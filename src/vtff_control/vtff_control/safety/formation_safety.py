@@ -77,7 +77,7 @@ class SafetySetting:
     orbits
         Length of the prediction with thrust off.
     acceleration_cap
-        Of each axis of a thruster, m/s2.
+        Largest acceleration on each axis of a thruster, m/s2.
     velocity_limit
         Largest change of the velocity by one evasive manoeuvre, m/s on an axis.
     reaction_time
@@ -282,7 +282,7 @@ class FormationSafety:
         Parameters
         ----------
         inputs
-            Of every deputy by name; one that is absent is predicted.
+            Inputs of every deputy by name; a deputy that is absent is predicted.
         """
         self._take_states(inputs)
         if self._chief is None:

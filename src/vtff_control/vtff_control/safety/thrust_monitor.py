@@ -55,7 +55,7 @@ class ThrustMonitor:
     Parameters
     ----------
     acceleration_cap
-        Of the thruster, m/s2.
+        Largest acceleration of the thruster, m/s2.
     step
         s.
     """

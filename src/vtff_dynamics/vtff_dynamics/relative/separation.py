@@ -70,7 +70,7 @@ def safety_figures(
     Returns
     -------
     SafetyFigures
-        Of one orbit; a relative semi-major axis drifts on from there.
+        Figures of one orbit; a relative semi-major axis drifts on from there.
     """
     relative = np.array(relative_first, dtype=float)
     if relative_second is not None:

@@ -174,7 +174,7 @@ def yamanaka_ankersen_transition_matrix(
     Parameters
     ----------
     semi_major_axis
-        Of the chief, m.
+        Semi-major axis of the chief, m.
     eccentricity
         In [0, 1).
     true_anomaly

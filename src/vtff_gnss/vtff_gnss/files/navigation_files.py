@@ -31,9 +31,9 @@ class NavigationFiles:
     Parameters
     ----------
     ephemerides : tuple of BroadcastEphemeris
-        Of all navigation files and receiver logs, without repetitions.
+        Ephemerides of all navigation files and receiver logs, without repetitions.
     precise_orbits : PreciseOrbits or None
-        Of all SP3 files.
+        Orbits and clocks of all SP3 files.
     remarks : tuple of str
         Files that could not be used, and what SP3 files hold, one sentence each.
     names : tuple of str

@@ -36,7 +36,7 @@ _RED_OBS = np.dtype(
 #: Instants of the TEC values of a log, s before its time.
 _TEC_AGES = (45, 30, 15, 0)
 
-#: Of the other systems the signal codes are not public; they are left out and counted.
+#: Signal codes of the other systems are not public; their signals are left out and counted.
 _SYSTEM_BY_CODE = {0: c.SYSTEM_GPS, 5: c.SYSTEM_GALILEO}
 _SYSTEM_UNKNOWN = 255
 #: RINEX frequency digit and tracking attribute of (system, signal code of the ISM logs).

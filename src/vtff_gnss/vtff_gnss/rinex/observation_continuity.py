@@ -15,7 +15,7 @@ from vtff_gnss.rinex.observation_records import SignalRows
 
 __all__ = ["set_lock_times"]
 
-# Of the usual step between epochs; covers the jitter of time tags.
+# Longest step as a multiple of the usual step; covers the jitter of time tags.
 _LONGEST_STEP = 1.5
 
 

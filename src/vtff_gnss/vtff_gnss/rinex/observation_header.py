@@ -53,7 +53,7 @@ class RinexObservationHeader:
     observation_types : dict of str to tuple of str
         By system letter, as in the file; RINEX 2 has one list for all systems, under ``""``.
     time_system : str
-        Of the time tags in the file (GPS, GLO, GAL, BDT, QZS, IRN, UTC); all times that are
+        System of the time tags in the file (GPS, GLO, GAL, BDT, QZS, IRN, UTC); all times that are
         returned are GPS times.
     first_time, last_time : GpsTime or None
         As stated.

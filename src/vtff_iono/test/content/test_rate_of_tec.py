@@ -49,7 +49,7 @@ def test_the_wall_of_a_bubble_is_one():
     for one in windows(rows, 30.0, 300.0):
         begin = one.time - 300 * 10**9
         inside = np.flatnonzero((rows.pairs.time >= begin) & (rows.pairs.time < one.time))
-        # Of the window of the first steps most rates are quiet, and tell nothing of the others.
+        # Most rates in the window of the first steps are quiet, and tell nothing of the others.
         if begin > disturbed and len(inside) == 10:
             expected = np.std(np.diff(content[inside[0] - 1 : inside[-1] + 1, 0]) / 0.5, ddof=1)
             assert one.rates[0] == 10

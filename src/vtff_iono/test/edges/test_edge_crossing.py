@@ -13,7 +13,7 @@ SPEED = 256.0
 EDGE = 290e3
 SEPARATION = 985.0
 LAG = 2.034
-"""Of the deputy behind the chief, s: 15 km at 7.4 km/s."""
+"""Time of the deputy behind the chief, s: 15 km at 7.4 km/s."""
 ELEVATIONS = np.radians([20.0, 22.0, 23.0, 28.0, 31.0, 38.0, 39.0, 40.0, 46.0, 68.0])
 TIME = np.arange(-45 * RATE, 45 * RATE + 1) / RATE
 

@@ -24,7 +24,7 @@ from vtff_iono.scintillation.indices import (
 
 RATE = 20.0
 BETA = 1.2396464
-# Of the cut-off, where each of two passes of a third-order filter is 1.5 dB down.
+# Ratio to the cut-off at which each of two passes of a third-order filter is 1.5 dB down.
 CORNER_RATIO = (np.sqrt(2.0) - 1.0) ** (1.0 / 6.0)
 
 

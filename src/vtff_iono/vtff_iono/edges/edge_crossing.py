@@ -369,7 +369,7 @@ def _fit(
         fit = least_squares(residuals, parameters, method="lm", diff_step=1e-3, max_nfev=80)
         parameters = fit.x
     information = fit.jac.T @ fit.jac
-    # Of a thin wall nothing tells the width; the altitudes do not depend on it.
+    # The samples do not determine the width of a thin wall; the altitudes do not depend on it.
     information[2, 2] += _WIDTH_PRIOR**-4
     if not np.linalg.cond(information) < 1e12:
         return None

@@ -88,8 +88,8 @@ class AttitudeEstimate:
     field_error_gcrf
         True less model field, T, shape (3,); zero if not estimated.
     covariance
-        Of rotation (rad, body axes), rate, dipole, bias, inertia corrections and field error, shape
-        (18, 18); zero where not estimated.
+        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections and field
+        error, shape (18, 18); zero where not estimated.
     """
 
     quaternion_gcrf: FloatArray
@@ -130,7 +130,7 @@ class AttitudeFilter:
     rate_body : array_like, shape (3,)
         First rate, rad/s.
     rotation_covariance : array_like, shape (3, 3), optional
-        Of the first attitude, rad2, body axes; by default the configuration's sigma on each axis.
+        Covariance of the first attitude, rad2, body axes; default: the configuration's sigma.
     """
 
     def __init__(

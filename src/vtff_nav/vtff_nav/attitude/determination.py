@@ -73,7 +73,7 @@ class DeterminationStatus:
     restarts
         New starts since the beginning.
     normalised_innovation_squared
-        Of this sample, for each of its three numbers; nan without one.
+        Mean over the three numbers of this sample; nan if the sample was not used.
     reason
         Why not valid, or why the sample was not used, one line; else empty.
     """

@@ -87,7 +87,7 @@ class DipoleEstimator:
 
     @property
     def covariance(self) -> FloatArray:
-        """Of rate and dipole, shape (6, 6)."""
+        """Covariance of rate and dipole, shape (6, 6)."""
         return np.array(self._covariance)
 
     def predict(
@@ -174,7 +174,7 @@ def iterate_dipole(
     Parameters
     ----------
     attitude : AttitudeFilterConfiguration
-        Of the filter that finds the rates; it takes the dipole of the round before.
+        Configuration of the filter that finds the rates; it takes the dipole of the round before.
     measured_body : sequence of ndarray
         Sample at the start of the first period and at the end of each, T.
     tolerance : float

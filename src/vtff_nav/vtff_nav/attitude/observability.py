@@ -24,7 +24,7 @@ class DipoleObservability:
     Attributes
     ----------
     sigma
-        Of each axis, A m2, shape (3,).
+        Standard deviation of the dipole on each axis, A m2, shape (3,).
     weakest_direction
         Unit vector in the body along which it is known worst, shape (3,).
     weakest_sigma
@@ -50,7 +50,7 @@ def dipole_observability(
     Parameters
     ----------
     covariance : ndarray, shape (3, 3)
-        Of the dipole, (A m2)2.
+        Covariance of the dipole, (A m2)2.
     initial_sigma : float
         Sigma of each axis at the start, A m2.
     bound : float

@@ -104,7 +104,7 @@ class AdcsModule:
     spacecraft : AttitudePropagator
     magnetometer : Magnetometer
     seed : int or tuple of int
-        Of the error of the speed.
+        Seed of the error of the wheel's speed.
     """
 
     def __init__(

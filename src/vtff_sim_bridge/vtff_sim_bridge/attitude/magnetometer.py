@@ -70,7 +70,7 @@ class Magnetometer:
     ----------
     model : MagnetometerModel
     seed : int or sequence of int
-        Of the noise; every sample draws three numbers, whatever its fault.
+        Seed of the noise; every sample draws three numbers, whatever its fault.
     """
 
     def __init__(self, model: MagnetometerModel, seed: int | tuple[int, ...]) -> None:

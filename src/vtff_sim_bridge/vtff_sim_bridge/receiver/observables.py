@@ -221,7 +221,7 @@ class LinkPlan:
         body_axes_itrf : ndarray, shape (k, 3, 3)
             Rows are the x, y and z axes of the body.
         phase_centre : PhaseCentre
-            Of the antenna, whose north, east and up axes are x, y and -z.
+            Phase centre of the antenna, whose north, east and up axes are x, y and -z.
         """
         axes = body_axes_itrf * np.array([1.0, 1.0, -1.0])[:, None]
         directions = np.einsum("kai,kni->kna", axes, line_of_sight.direction_itrf)

@@ -132,7 +132,7 @@ def encode_subframes(
     Parameters
     ----------
     ephemeris : BroadcastEphemeris
-        Of GPS, source LNAV; `time` is in the 30 s frame in which it is sent. Values are rounded
+        GPS, source LNAV; `time` is in the 30 s frame in which it is sent. Values are rounded
         to the resolution of the message; accuracy to the next greater URA.
     message : LnavMessage
         The fields that an ephemeris does not hold.

@@ -342,7 +342,7 @@ class RelativeFilter:
         satellites : set of (int, int)
             In view.
         distance : float
-            Of the satellites, m.
+            Distance of the satellites from the antennas, m.
         """
         state, last = self.state, self._satellite_offset
         labels = [label for label in state.labels if label[0] == "satellite_offset"]

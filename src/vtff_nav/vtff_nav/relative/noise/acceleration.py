@@ -43,7 +43,7 @@ class AccelerationMonitor:
         mean, covariance : ndarray, shape (n,) and (n, n)
             State that begins with position, velocity and empirical acceleration.
         distance : float
-            Of the two antennas, m; 0 for the motion of one.
+            Distance of the two antennas, m; 0 for the motion of one antenna.
         interval : float
             Since the last epoch, s.
         """
