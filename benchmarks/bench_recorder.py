@@ -33,24 +33,23 @@ def publish(steps: int) -> float:
 
     from vtff_msgs.msg import ReceiverLog, StepDone
     from vtff_node.main import make_executor
-    from vtff_node.qos import PUBLISH, subscribe
+    from vtff_node.node import VtffNode
 
-    rclpy.init()
-    node = rclpy.create_node("bench_source")
-    clock = node.create_publisher(Clock, "/clock", PUBLISH)
+    rclpy.init(args=["--ros-args", "-p", "lockstep:=true"])
+    node = VtffNode("bench_source")
+    clock = node.publisher(Clock, "/clock")
     publishers = [
-        node.create_publisher(ReceiverLog, f"/bench/topic_{number}", PUBLISH)
-        for number in range(TOPICS - 1)
+        node.publisher(ReceiverLog, f"/bench/topic_{number}") for number in range(TOPICS - 1)
     ]
     newest = [-1]
-    node.create_subscription(
+    node.subscribe(
         StepDone,
         "/sim/step_done",
         lambda message: newest.__setitem__(0, message.header.stamp.sec - START),
-        subscribe(True),
     )
     executor = make_executor()
     executor.add_node(node)
+    node.begin()
     log = ReceiverLog()
     random_bytes = os.urandom(PAYLOAD // 2)  # half of a real log does not compress
 

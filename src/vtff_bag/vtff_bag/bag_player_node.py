@@ -209,11 +209,11 @@ class BagPlayerNode(VtffNode):
         assert self.replay is not None
         self.report_progress(self.replay.position, self.replay.duration)
 
-    def publish_diagnostics(self) -> None:
-        """Publish `health`, unless recorded /diagnostics are replayed."""
+    def publish_reports(self, reports: list[DiagnosticStatus]) -> None:
+        """Publish reports, unless recorded /diagnostics are replayed."""
         publishers = self._current_publishers()
         if publishers is None or DIAGNOSTICS_TOPIC not in publishers.topics:
-            super().publish_diagnostics()
+            super().publish_reports(reports)
 
     def _current_publishers(self) -> ReplayPublishers | None:
         return (

@@ -48,7 +48,7 @@ class BagRecorderParameters:
         10, "in lockstep, steps between acknowledgements", minimum=1, maximum=1000
     )
     wait_for_nodes: list[str] = parameter(
-        [], "in lockstep, full names of nodes to discover before the first acknowledgement"
+        [], "in lockstep, full names of nodes to hear, each topic, before the first acknowledgement"
     )
     custom_data: list[str] = parameter([], "texts for the metadata of the bag, each key=value")
 
@@ -136,17 +136,16 @@ class BagRecorderNode(VtffNode):
             return [diagnostics.status(name, diagnostics.ERROR, str(self._failure), values)]
         if self._writer.disk_alarm:
             return [diagnostics.status(name, diagnostics.ERROR, self._writer.disk_alarm, values)]
-        if recorder.missing_nodes:
-            missing = ", ".join(recorder.missing_nodes)
-            text = f"not discovered yet: {missing}"
+        if recorder.missing:
+            text = f"not heard yet: {', '.join(recorder.missing)}"
             return [diagnostics.status(name, diagnostics.WARN, text, values)]
         if not recorder.topic_names:
             return [diagnostics.status(name, diagnostics.WARN, "no topic yet", values)]
         return [diagnostics.status(name, diagnostics.OK, "recording", values)]
 
     def awaited_inputs(self) -> list[str]:
-        """Return the nodes that have not been discovered."""
-        return [f"node {name}" for name in self._recorder.missing_nodes]
+        """Return what is not heard yet of the nodes of the run."""
+        return self._recorder.missing
 
     def on_stop(self) -> None:
         """Stop acknowledging, record the messages that are on their way, and close the bag."""

@@ -7,7 +7,7 @@ import json
 import os
 import pathlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -18,13 +18,15 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
+from rclpy.timer import Timer
 
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics, parameters, qos
-from vtff_node.awaited_inputs import AwaitedInputs
 from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plugin
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp
+from vtff_node.start.awaited_inputs import AwaitedInputs
+from vtff_node.start.listeners import ListenerWatch, listener_values, status_name
 
 #: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
 STEP_DONE_TOPIC = "/sim/step_done"
@@ -37,6 +39,7 @@ EXIT_FAILURE = 1
 EXIT_USAGE = 2
 
 PROGRESS_INTERVAL = 0.2  # s of wall time between progress lines
+LISTENER_INTERVAL = 0.05  # s of wall time between looks at the listeners while a run starts
 #: Time that the nodes of a closing process wait for readers of their last messages, s. With the
 #: 5 s after which a step is given up it is longer than the 10 s after which `vtff run` lets a
 #: stopped recorder go on: that still gets what the nodes hold for it.
@@ -98,6 +101,7 @@ class VtffNode(Node):
         parameters.refuse_unknown(self)
         #: Newest scenario time this node has seen, ns since 1970; 0 before the first message.
         self.scenario_nanoseconds = 0
+        self._first_scenario_nanoseconds = 0
         self.finished = False
         self.exit_code = 0
         #: Why this node cannot go on, one line; empty while it can.
@@ -117,6 +121,10 @@ class VtffNode(Node):
         self._closing = False
         self._required_topics: list[str] = []
         self._awaited_inputs = AwaitedInputs(self.awaited_inputs, self._say)
+        self._listeners = ListenerWatch(
+            self._count_listeners, self._find_listeners, self._publish_listeners
+        )
+        self._listener_timer: Timer | None = None
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
 
     def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
@@ -232,6 +240,10 @@ class VtffNode(Node):
     def begin(self) -> None:
         """Say that this node begins; called once its process handles callbacks."""
         self._say("begins")
+        self._listeners.look()
+        self._listener_timer = self.create_timer(
+            LISTENER_INTERVAL, self._watch_listeners, clock=self.steady_clock
+        )
 
     def _say(self, text: str) -> None:
         self.get_logger().info(text)
@@ -245,12 +257,48 @@ class VtffNode(Node):
         if not self._closing:
             self.publish_diagnostics()
             self._awaited_inputs.look()
+            self._listeners.look()
+
+    def _watch_listeners(self) -> None:
+        if not self._closing:
+            self._listeners.look()
+        # Once scenario time runs, the recorder hears this node, or this is not a lockstep run.
+        if self._listener_timer is not None and (self._listeners.is_over or self._time_has_run()):
+            self._listener_timer.cancel()
+
+    def _time_has_run(self) -> bool:
+        """Return whether scenario time has gone on after its first value."""
+        self._first_scenario_nanoseconds = (
+            self._first_scenario_nanoseconds or self.scenario_nanoseconds
+        )
+        return self.scenario_nanoseconds > self._first_scenario_nanoseconds
+
+    def _count_listeners(self) -> list[int]:
+        return [publisher.get_subscription_count() for publisher in self._counted]
+
+    def _find_listeners(self) -> dict[str, list[str]]:
+        return {
+            topic: [
+                f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
+                for endpoint in self.get_subscriptions_info_by_topic(topic)
+            ]
+            for topic in {publisher.topic_name for publisher in self._counted}
+        }
+
+    def _publish_listeners(self, listeners: Mapping[str, Collection[str]]) -> None:
+        name, text = status_name(self._qualified_name), f"{len(listeners)} topics"
+        values = listener_values(listeners)
+        self.publish_reports([diagnostics.status(name, diagnostics.OK, text, values)])
 
     def publish_diagnostics(self) -> None:
         """Publish `health` on /diagnostics; called once a second of wall time."""
-        report = DiagnosticArray(status=self.health())
-        report.header.stamp = to_stamp(self.scenario_nanoseconds)
-        self._diagnostics_publisher.publish(report)
+        self.publish_reports(self.health())
+
+    def publish_reports(self, reports: list[DiagnosticStatus]) -> None:
+        """Publish reports on /diagnostics."""
+        message = DiagnosticArray(status=reports)
+        message.header.stamp = to_stamp(self.scenario_nanoseconds)
+        self._diagnostics_publisher.publish(message)
 
     def report_progress(
         self, done: float, total: float, *, urgent: bool = False, **shown: Any

@@ -146,6 +146,9 @@ class FakeNode:
         assert raw and profile.depth == 5000
         self.callbacks[topic] = callback
 
+    def get_fully_qualified_name(self):
+        return "/bag_recorder"
+
     def get_logger(self):
         return types.SimpleNamespace(warning=self.warnings.append)
 
@@ -249,29 +252,54 @@ def test_unknown_type_is_named_once_and_skipped(recording):
     assert "/foreign" not in recording.recorder.topic_names
 
 
-def test_topic_set_is_not_stable_before_expected_nodes_are_seen(tmp_path, monkeypatch):
+def statement(node, listeners):
+    """Return the serialised report of a node about who hears its topics."""
+    from diagnostic_msgs.msg import DiagnosticArray
+    from rclpy.serialization import serialize_message
+
+    from vtff_node.diagnostics import OK, status
+    from vtff_node.start.listeners import listener_values, status_name
+
+    report = status(status_name(node), OK, "topics", listener_values(listeners))
+    return serialize_message(DiagnosticArray(status=[report]))
+
+
+@pytest.mark.parametrize("exclude", [(), ("/diagnostics",)])
+def test_topic_set_is_not_stable_before_all_topics_are_heard(tmp_path, monkeypatch, exclude):
     pytest.importorskip("rclpy")
     now = [0.0]
     monkeypatch.setattr("vtff_bag.recorder.recorder.time.monotonic", lambda: now[0])
-    node = FakeNode({"/text": "std_msgs/msg/String"})
-    sent = []
-    acknowledger = Acknowledger(sent.append)
-    recorder = Recorder(
-        node, BagWriter(tmp_path / "bag"), TopicSelection(), acknowledger, ["/late"]
+    node = FakeNode(
+        {"/text": "std_msgs/msg/String", "/diagnostics": "diagnostic_msgs/msg/DiagnosticArray"}
     )
-    for tick in range(10):
-        now[0] = 0.1 * tick
-        recorder.tick()
-    assert not recorder.stable and recorder.missing_nodes == ["/late"]
+    acknowledger = Acknowledger([].append)
+    recorder = Recorder(
+        node,
+        BagWriter(tmp_path / "bag"),
+        TopicSelection(exclude=exclude),
+        acknowledger,
+        ["/late"],
+    )
+
+    def tick(seconds):
+        for _ in range(int(seconds / 0.05)):
+            now[0] += 0.05
+            recorder.tick()
+
+    tick(1.0)
+    assert not recorder.stable and recorder.missing == ["node /late"]
+    assert ("/diagnostics" in recorder.topic_names) is not bool(exclude)
+    # The announcement of one of its two publishers was lost.
+    node.nodes["/text"] = "late"
+    listeners = {"/text": ["/bag_recorder"], "/more": ["/bag_recorder"]}
+    node.callbacks["/diagnostics"](statement("/late", listeners))
+    tick(1.0)
+    assert not recorder.stable and recorder.missing == ["/more of node /late"]
     node.topics["/more"] = "std_msgs/msg/String"
     node.nodes["/more"] = "late"
-    recorder.tick()
-    now[0] += 0.05
-    recorder.tick()
-    assert recorder.missing_nodes == [] and not recorder.stable
-    for _ in range(10):
-        now[0] += 0.1
-        recorder.tick()
+    tick(0.1)
+    assert recorder.missing == [] and not recorder.stable
+    tick(0.5)
     assert recorder.stable and acknowledger.is_allowed
 
 
@@ -295,20 +323,20 @@ PUBLISHER = textwrap.dedent(
     from rosgraph_msgs.msg import Clock
     from std_msgs.msg import String
     from vtff_msgs.msg import StepDone
-    from vtff_node.qos import PUBLISH, subscribe
+    from vtff_node.node import VtffNode
 
-    rclpy.init()
-    node = rclpy.create_node("source")
-    clock = node.create_publisher(Clock, "/clock", PUBLISH)
-    state = node.create_publisher(AccelStamped, "/deputy/state", PUBLISH)
-    text = node.create_publisher(String, "/text", PUBLISH)
+    rclpy.init(args=["--ros-args", "-p", "lockstep:=true"])
+    node = VtffNode("source")
+    clock = node.publisher(Clock, "/clock")
+    state = node.publisher(AccelStamped, "/deputy/state")
+    text = node.publisher(String, "/text")
     acknowledged = []
-    node.create_subscription(
+    node.subscribe(
         StepDone,
         "/sim/step_done",
         lambda message: acknowledged.append(message.header.stamp.sec),
-        subscribe(True),
     )
+    node.begin()
 
     def step(index):
         message = AccelStamped()
@@ -328,6 +356,11 @@ PUBLISHER = textwrap.dedent(
     # The first step is published before anybody is known to listen.
     step(0)
     wait_for(1458521983)
+    if "end" in sys.argv:
+        node.close(0.0)  # nothing waits any more for what has not been discovered
+        print("published", flush=True)
+        sys.stdin.read()
+        sys.exit()
     for index in range(1, 666):
         step(index)
         if index % 10 == 0:
@@ -400,6 +433,51 @@ def test_node_records_every_message_in_lockstep(tmp_path, ros_environment, endin
     assert reader.topics["/text"].type_hash == bag_samples.STRING_HASH
     assert reader.topics["/text"].offered_qos_profiles[0]["durability"] == "transient_local"
     assert reader.custom_data == {"configuration": "abc"}
+
+
+#: Runs the recorder; for three seconds it does not discover the publisher of a topic, as after the
+#: loss of its announcement.
+LATE_DISCOVERY = textwrap.dedent(
+    """
+    import time
+    from rclpy.node import Node
+
+    begun = time.monotonic()
+    find = Node.get_publishers_info_by_topic
+
+    def find_late(node, topic, *arguments, **names):
+        is_hidden = topic == "{topic}" and time.monotonic() - begun < 3.0
+        return [] if is_hidden else find(node, topic, *arguments, **names)
+
+    Node.get_publishers_info_by_topic = find_late
+    from vtff_bag.bag_recorder_node import main
+    main()
+    """
+)
+
+
+@pytest.mark.parametrize("topic", ["/text", "/diagnostics"])
+def test_a_run_that_ends_after_its_first_step_is_whole_though_discovery_was_late(
+    tmp_path, ros_environment, topic
+):
+    bag = tmp_path / "bag"
+    source = start(["-c", PUBLISHER, "end"], ros_environment)
+    recorder = start(
+        ["-c", LATE_DISCOVERY.format(topic=topic), "--ros-args", "-p", f"output:={bag}"]
+        + [*LOCKSTEP, "-p", "wait_for_nodes:=['/source']"],
+        ros_environment,
+    )
+    try:
+        assert source.stdout.readline() == "published\n", source.communicate()[1]
+        recorder.send_signal(signal.SIGINT)
+        _, errors = recorder.communicate(timeout=60)
+    finally:
+        for process in (source, recorder):
+            process.kill()
+            process.communicate()
+    assert recorder.returncode == 0, errors
+    counts = {name: found.message_count for name, found in BagReader(bag).topics.items()}
+    assert counts["/clock"] == counts["/deputy/state"] == counts["/text"] == 1
 
 
 def test_killed_node_leaves_everything_it_had_flushed(tmp_path, ros_environment):

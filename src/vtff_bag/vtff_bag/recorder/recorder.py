@@ -20,8 +20,13 @@ from vtff_bag.file.message_definitions import (
 )
 from vtff_bag.file.stamps import CLOCK_TYPE, leading_stamp
 from vtff_bag.file.writer import BagWriter
+from vtff_bag.recorder.expected_nodes import ExpectedNodes
 from vtff_bag.recorder.offered_qos import qos_entries, strongest_common
 from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
+from vtff_node.start.listeners import read_listeners
+
+#: Topic on which nodes state which nodes hear them, and its type.
+DIAGNOSTICS_TOPIC, DIAGNOSTICS_TYPE = "/diagnostics", "diagnostic_msgs/msg/DiagnosticArray"
 
 SUBSCRIPTION_DEPTH = 5000  # messages of a topic that may wait for the recorder
 
@@ -59,8 +64,9 @@ class Recorder:
     acknowledger
         Acknowledges the steps; None outside lockstep.
     expected_nodes
-        Fully qualified names of nodes. Until a publisher of each is discovered, the set of topics
-        is not stable: DDS may take three seconds to discover a process.
+        Fully qualified names of nodes. Until the recorder hears all topics of each, the set of
+        topics is not stable: DDS may take three seconds to discover a process, and a second more
+        for a publisher whose announcement was lost (`ExpectedNodes`).
     on_failure
         Called once with the error when the bag can no longer be written.
     on_full_disk
@@ -91,7 +97,10 @@ class Recorder:
         self._acknowledger = acknowledger
         self._on_failure = on_failure
         self._on_full_disk = on_full_disk
-        self._missing_nodes = set(expected_nodes)
+        self._expected = ExpectedNodes(
+            expected_nodes, node.get_fully_qualified_name(), selection.wants, self._warn
+        )
+        self._diagnostics: _RecordedTopic | None = None
         self._topics: dict[str, _RecordedTopic] = {}
         self._refused: set[str] = set()
         self._scenario_time = ScenarioTime(only_clock=acknowledger is not None)
@@ -114,9 +123,9 @@ class Recorder:
         return sorted(self._topics)
 
     @property
-    def missing_nodes(self) -> list[str]:
-        """Expected nodes of which no publisher has been discovered yet."""
-        return sorted(self._missing_nodes)
+    def missing(self) -> list[str]:
+        """One text for each expected node that is not heard yet, or for what is missing of it."""
+        return self._expected.missing()
 
     def tick(self) -> None:
         """Search for topics and flush the bag when they are due; call every `SEARCH_INTERVAL`."""
@@ -138,22 +147,27 @@ class Recorder:
     def _search(self, now: float) -> None:
         """Search for new topics, and for publishers that do not match a subscription."""
         for name, types in sorted(self._node.get_topic_names_and_types()):
-            if name in self._refused or not self._selection.wants(name):
+            is_wanted = name not in self._refused and self._selection.wants(name)
+            if not is_wanted and name != DIAGNOSTICS_TOPIC:
                 continue
             endpoints = self._node.get_publishers_info_by_topic(name)
             if not endpoints:
                 continue
-            self._missing_nodes.difference_update(
-                f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"
-                for endpoint in endpoints
+            self._expected.discover(
+                name,
+                [f"{item.node_namespace.rstrip('/')}/{item.node_name}" for item in endpoints],
+                now,
             )
+            if not is_wanted:
+                self._listen_to_diagnostics()
+                continue
             topic = self._topics.get(name)
             if topic is not None:
                 self._weaken(topic, endpoints)
             elif self._add(name, types, endpoints):
                 self._changed_at = now
         settled = self._topics and now - self._changed_at >= STABLE_AFTER
-        if not self.stable and settled and not self._missing_nodes:
+        if not self.stable and settled and self._expected.are_heard(now):
             self.stable = True
             if self._acknowledger is not None:
                 self._acknowledger.allow_first()
@@ -183,17 +197,39 @@ class Recorder:
         if number is None:
             return False
         reliable, transient_local = strongest_common(endpoint.qos_profile for endpoint in endpoints)
-        callback = self._make_callback(
-            number, type_name == CLOCK_TYPE, first_field == "std_msgs/Header"
-        )
+        callback = self._make_callback(number, type_name, first_field == "std_msgs/Header")
         topic = _RecordedTopic(name, type_name, number, callback, None, reliable, transient_local)
         topic.subscription = self._subscribe(class_of_topic, topic)
         self._topics[name] = topic
         return True
 
+    def _listen_to_diagnostics(self) -> None:
+        """Take the statements of the nodes also where /diagnostics is not recorded."""
+        if self._diagnostics is None:
+            self._diagnostics = _RecordedTopic(
+                DIAGNOSTICS_TOPIC, DIAGNOSTICS_TYPE, 0, self._take_diagnostics, None, True, True
+            )
+            class_of_topic = message_class(DIAGNOSTICS_TYPE)
+            self._diagnostics.subscription = self._subscribe(class_of_topic, self._diagnostics)
+
+    def _take_diagnostics(self, serialized: bytes) -> None:
+        """Take what a node states about its topics, until all are heard."""
+        if self.stable:
+            return
+        from rclpy.serialization import deserialize_message
+
+        for status in deserialize_message(serialized, message_class(DIAGNOSTICS_TYPE)).status:
+            statement = read_listeners(status)
+            if statement is not None:
+                self._expected.state(*statement)
+
     def _refuse(self, name: str, reason: str) -> None:
         self._refused.add(name)
-        self._node.get_logger().warning(f"topic {name} is not recorded: {reason}")
+        self._expected.ignore(name)
+        self._warn(f"topic {name} is not recorded: {reason}")
+
+    def _warn(self, text: str) -> None:
+        self._node.get_logger().warning(text)
 
     def _subscribe(self, class_of_topic: Any, topic: _RecordedTopic) -> Any:
         # Imported here, so that the rules of the recorder can be tested without ROS.
@@ -231,7 +267,7 @@ class Recorder:
         topic.subscription = self._subscribe(message_class(topic.type), topic)
 
     def _make_callback(
-        self, number: int, is_clock: bool, has_header: bool
+        self, number: int, type_name: str, has_header: bool
     ) -> Callable[[bytes], None]:
         """Return the subscription callback of a topic.
 
@@ -254,8 +290,14 @@ class Recorder:
         def on_unstamped(serialized: bytes) -> None:
             self._write(number, serialized, scenario_time.nanoseconds)
 
-        if is_clock:
+        def on_diagnostics(serialized: bytes) -> None:
+            on_stamped(serialized)
+            self._take_diagnostics(serialized)
+
+        if type_name == CLOCK_TYPE:
             return on_clock
+        if type_name == DIAGNOSTICS_TYPE:
+            return on_diagnostics
         return on_stamped if has_header else on_unstamped
 
     def _write(self, number: int, serialized: bytes, log_time: int) -> None:

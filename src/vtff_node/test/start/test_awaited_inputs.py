@@ -1,6 +1,6 @@
 """Messages of a node about its inputs: reminders every few seconds, one line when all are there."""
 
-from vtff_node.awaited_inputs import REMINDER_INTERVAL, AwaitedInputs
+from vtff_node.start.awaited_inputs import REMINDER_INTERVAL, AwaitedInputs
 
 
 def test_reminders_are_rare_and_the_end_is_said_once():
