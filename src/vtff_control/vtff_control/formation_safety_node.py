@@ -20,6 +20,7 @@ from vtff_control.safety.formation_safety import (
     FormationSafety,
     SafetySetting,
     SafetyStep,
+    compile_kernels,
 )
 from vtff_control.thruster.isolation import isolation_bits
 from vtff_dynamics.vectors import FloatArray
@@ -145,6 +146,8 @@ class FormationSafetyNode(VtffNode):
             self._safety = FormationSafety(given.chief, given.deputies, SafetySetting(**values))
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
+        # Takes seconds without a cache, which the first step cannot wait.
+        compile_kernels(SafetySetting(**values))
         self._pending: dict[int, _Pending] = {}
         self._reports: dict[str, dict[int, FloatArray]] = {}
         self._orders: dict[tuple[str, str], StampOrder] = {}

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pathlib
 import re
-import socket
 from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.free_ports import choose_free_port
 from vtff_bringup.system.yaml_file import read_mapping
 
-__all__ = ["DEPUTY", "SPACECRAFT", "References", "free_port"]
+__all__ = ["DEPUTY", "SPACECRAFT", "References"]
 
 REFERENCE = re.compile(r"\$\{([A-Za-z_][\w.]*)\}")
 INNER_REFERENCE = re.compile(r"(\$\{[\w.]*)\$\{([A-Za-z_][\w.]*)\}")  # one within another
@@ -138,7 +138,10 @@ class References:
         if name in self.values:
             return self.values[name]
         if name.startswith("free_port."):
-            return self.values.setdefault(name, free_port())
+            taken = [
+                port for key, port in self.values.items() if key.partition(".")[0] == "free_port"
+            ]
+            return self.values.setdefault(name, choose_free_port(taken))
         if "scenario" in self.values:
             if name == "seed":
                 return self._look_up_scenario("scenario.seed", where)
@@ -183,10 +186,3 @@ class References:
                 )
             entry = entry[key]
         return entry
-
-
-def free_port() -> int:
-    """Return a TCP port of this machine that no program listens on."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])

@@ -64,6 +64,7 @@ from vtff_bringup.system.description import (
 from vtff_bringup.system.entries import PLAIN_NAME, EntryReader, describe_entry
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
+from vtff_bringup.system.free_ports import choose_free_port
 from vtff_bringup.system.overrides import parse_override, sort_overrides
 from vtff_bringup.system.placement import DEFAULT_CONTROL_PORT, place_on_hosts, read_hosts
 from vtff_bringup.system.references import (
@@ -71,7 +72,6 @@ from vtff_bringup.system.references import (
     NUMBER_OF_DEPUTIES,
     SPACECRAFT,
     References,
-    free_port,
 )
 from vtff_bringup.system.yaml_file import read_mapping
 from vtff_node.executables import ExecutableNotFoundError, share_folder
@@ -164,7 +164,7 @@ class _Loader:
         values: dict[str, Any] = {
             "run_directory": str(settings.run_directory),
             "pacing": settings.pacing,
-            "free_port": free_port(),
+            "free_port": choose_free_port(),
             **settings.free_ports,
         }
         if settings.seed is not None:

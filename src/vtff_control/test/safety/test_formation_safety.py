@@ -2,10 +2,14 @@
 
 import ast
 import dataclasses
+import os
 import pathlib
+import subprocess
+import sys
 
 import numpy as np
 import pytest
+import safety_samples
 from safety_samples import CHIEF, COVARIANCE, SETTING, heard, relative
 
 import vtff_control.safety
@@ -296,3 +300,42 @@ def test_thrust_that_nobody_reports_counts_once_in_a_step():
     safety.step({"deputy": given})
     # One step without a report: between nothing and 0.5 m/s2, that is 0.25 m/s more or less.
     assert np.sqrt(track.unreported_effect[4, 4]) == pytest.approx(0.25, rel=1e-4)
+
+
+COMPILED_BEFORE_THE_FIRST_STEP = """
+import gc
+import numpy as np
+from numba.core.registry import CPUDispatcher
+from safety_samples import CHIEF, SETTING, heard, relative
+from vtff_control.safety.formation_safety import MODE_EVADE, FormationSafety, compile_kernels
+
+def signatures():
+    return {
+        item.py_func.__qualname__: len(item.signatures)
+        for item in gc.get_objects()
+        if isinstance(item, CPUDispatcher) and item.signatures
+    }
+
+compile_kernels(SETTING)
+before = signatures()
+safety = FormationSafety("chief", ("deputy",), SETTING)
+modes = set()
+state = relative(t=600.0, vt=-20.0)
+for _ in range(40):
+    modes.add(safety.step({"deputy": heard(state)}).decisions["deputy"].mode)
+    state[1] -= 20.0
+assert MODE_EVADE in modes, modes
+assert before and signatures() == before, (before, signatures())
+"""
+
+
+def test_nothing_is_left_to_compile_for_the_first_step():
+    """In a process of its own: other tests have compiled everything here."""
+    folder = pathlib.Path(safety_samples.__file__).parent
+    result = subprocess.run(
+        [sys.executable, "-c", COMPILED_BEFORE_THE_FIRST_STEP],
+        env={**os.environ, "PYTHONPATH": f"{folder}:{os.environ.get('PYTHONPATH', '')}"},
+        capture_output=True,
+        text=True,
+    )
+    assert result.returncode == 0, result.stderr

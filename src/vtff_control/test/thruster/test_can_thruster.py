@@ -292,6 +292,32 @@ def test_multicast_bus_between_processes() -> None:
     assert "50 commands, 0 rejected frames, 0 sequence gaps" in log
 
 
+def test_a_second_emulator_on_a_bus_is_refused_with_one_line() -> None:
+    port = free_port()
+    require_multicast(port)
+    command = [sys.executable, "-m", "vtff_sim_bridge.thruster.can_thruster_emulator"]
+    command += ["--dbc", str(DBC_FILE), "--port", str(port)]
+    first = subprocess.Popen(command, stderr=subprocess.DEVNULL)
+    link = ThrusterLink(
+        ThrusterFrames(DBC_FILE),
+        functools.partial(open_bus, "udp_multicast", MULTICAST_GROUP, port),
+    )
+    try:
+        fly(link)  # the first one has the bus
+        second = subprocess.run(
+            command, capture_output=True, text=True, timeout=PATIENCE, check=False
+        )
+    finally:
+        link.close()
+        first.terminate()
+        first.wait(PATIENCE)
+    assert second.returncode == 1
+    assert len(second.stderr.splitlines()) == 1
+    assert (
+        f"another emulated thruster is on udp_multicast 239.74.163.2 port {port}" in second.stderr
+    )
+
+
 def test_socketcan_bus() -> None:
     open_one = functools.partial(open_bus, "socketcan", "vcan0")
     try:

@@ -16,6 +16,7 @@ manoeuvre, planned anew every step, and zero while every pair is clear.
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -25,6 +26,7 @@ from scipy.special import ndtri
 from vtff_control.safety.escape import ClearBounds, find_escape
 from vtff_control.safety.prediction import FreeMotion, PairPrediction, predict_free_motion
 from vtff_control.safety.thrust_monitor import ThrustMonitor
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
 from vtff_dynamics.orbit.gravity import predict_state
@@ -41,6 +43,7 @@ __all__ = [
     "FormationSafety",
     "SafetySetting",
     "SafetyStep",
+    "compile_kernels",
 ]
 
 MODE_MONITOR = 0
@@ -632,6 +635,30 @@ def _error_after(seconds: float, covariance: FloatArray) -> float:
     position = float(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     velocity = float(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return math.sqrt(max(position, 0.0)) + seconds * math.sqrt(max(velocity, 0.0))
+
+
+def compile_kernels(setting: SafetySetting) -> float:
+    """Compile the loops of a monitor, or load them from the cache; return the time taken, s.
+
+    The first predictions and manoeuvres do this too; a node calls it before the first step is due.
+    A monitor of its own judges a deputy that runs into the chief.
+
+    Parameters
+    ----------
+    setting
+        Setting of the monitor.
+    """
+    begin = time.perf_counter()
+    radius = 7.0e6
+    chief = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
+    distance = 2.0 * setting.bounds.clear_radius
+    state = np.array([0.0, distance, 0.0, 0.0, -0.1 * distance, 0.0])
+    covariance = 1e-4 * np.eye(6)
+    safety = FormationSafety("chief", ("deputy",), setting)
+    heard = DeputyInput(state, covariance, chief, np.zeros(3), np.zeros(3))
+    for values in (heard, DeputyInput(reported_rtn=np.zeros(3))):
+        safety.step({"deputy": values})
+    return time.perf_counter() - begin
 
 
 def _away(motion: FreeMotion, index: int, moment: float) -> FloatArray:

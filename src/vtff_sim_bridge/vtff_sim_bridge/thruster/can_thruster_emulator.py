@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import logging
 import math
+import socket
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -385,7 +386,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.watchdog_timeout,
             options.clock,
         )
-        serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
+        with _lock_bus(options):
+            serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
     except (ValueError, can.CanInterfaceNotImplementedError) as error:
         LOGGER.error("%s", error)
         return 1
@@ -397,6 +399,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
         thruster.watchdog_trips,
     )
     return 0
+
+
+def _lock_bus(options: argparse.Namespace) -> socket.socket:
+    """Return what keeps other emulators of this machine from the bus until it is closed.
+
+    Two thrusters on one bus, perhaps of two runs, would both answer every command.
+
+    Raises
+    ------
+    ValueError
+        If another emulator has the bus.
+    """
+    lock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    bus = f"{options.interface} {options.channel} port {options.port}"
+    try:
+        lock.bind(f"\0vtff thruster {bus}")
+    except OSError:
+        lock.close()
+        raise ValueError(
+            f"another emulated thruster is on {bus}; each thruster needs a bus of its own"
+        ) from None
+    return lock
 
 
 def _open_bus(options: argparse.Namespace) -> can.BusABC:
