@@ -307,7 +307,7 @@ def _prepare_can(folder: pathlib.Path) -> Parse:
 
 def _repair_can(content: bytes, generator: random.Random) -> bytes:
     """Write known identifiers and right lengths and checksums into most frames."""
-    from vtff_control.thruster.can_frames import checksum
+    from vtff_control.bus.checksum import checksum
 
     repaired = bytearray(content)
     for start in range(0, len(content) - _CAN_FRAME.size + 1, _CAN_FRAME.size):

@@ -31,6 +31,8 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "adcs_can = vtff_control.adcs_can_node:main",
+            "attitude_controller = vtff_control.attitude_controller_node:main",
             "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",

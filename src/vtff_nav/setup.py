@@ -29,6 +29,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "attitude_estimator = vtff_nav.attitude_estimator_node:main",
             "receiver_driver = vtff_nav.receiver_driver_node:main",
             "reference_orbit = vtff_nav.reference_orbit_node:main",
             "relative_ekf = vtff_nav.relative_ekf_node:main",

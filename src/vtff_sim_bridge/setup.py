@@ -32,6 +32,7 @@ setup(
     license="Apache-2.0",
     entry_points={
         "console_scripts": [
+            "adcs_emulator = vtff_sim_bridge.adcs_emulator_node:main",
             "can_thruster_emulator = vtff_sim_bridge.thruster.can_thruster_emulator:main",
             "laser_emulator = vtff_sim_bridge.laser_emulator_node:main",
             "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",

@@ -13,8 +13,9 @@ import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 
+from vtff_control.bus.connection import open_bus
 from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
-from vtff_control.thruster.can_thruster import ThrusterLink, open_bus
+from vtff_control.thruster.can_thruster import ThrusterLink
 from vtff_control.thruster.isolation import isolated_axes, isolated_text
 from vtff_control.thruster.late_commands import LateCommands
 from vtff_control.thruster.thruster import AppliedThrust, Thruster

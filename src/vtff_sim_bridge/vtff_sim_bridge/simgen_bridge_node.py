@@ -15,13 +15,21 @@ from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_msgs.msg import OrbitState, RelativeState, SimulatorStatus
+from vtff_msgs.msg import (
+    AdcsCommand,
+    AdcsReport,
+    AttitudeState,
+    OrbitState,
+    RelativeState,
+    SimulatorStatus,
+)
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.step_source import StepSource, StepSourceParameters
+from vtff_sim_bridge.attitude import adcs_module
 from vtff_sim_bridge.bridge.lateness import Lateness
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
@@ -67,6 +75,9 @@ class SimgenBridgeParameters(StepSourceParameters):
     coasting: list[str] = parameter(
         [], "deputies without a thruster: no step waits for their thrust"
     )
+    turning_free: list[str] = parameter(
+        [], "spacecraft with an attitude in the scenario and without a controller of it"
+    )
     chief_thrusts: bool = parameter(
         False, "the chief has a thruster too: each step waits for its thrust"
     )
@@ -81,7 +92,9 @@ class SimgenBridgeNode(VtffNode):
     """Truth of all spacecraft, client of SimREMOTE, and the step source of a simulated run.
 
     Publishes /clock, <craft>/truth/orbit, <deputy>/relative_state_truth and sim/status once a
-    step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. With lockstep:=true
+    step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. Of spacecraft with an
+    attitude it publishes <craft>/truth/attitude and, at the end of each period of the ADCS, the
+    <craft>/adcs/module_report, and takes <craft>/adcs/actuation. With lockstep:=true
     a step begins when every participant has finished the step before; otherwise the wall clock
     begins the steps and the newest thrust is used.
     """
@@ -104,6 +117,16 @@ class SimgenBridgeNode(VtffNode):
             name: ThrustBuffer(self._scenario.step)
             for name in self._truth.names[0 if given.chief_thrusts else 1 :]
             if name not in given.coasting
+        }
+        self._attitudes = self._scenario.attitude_truths()
+        for name in given.turning_free:
+            if name not in self._attitudes:
+                raise ParameterError(
+                    f"parameter 'turning_free': no spacecraft {name!r} has an attitude in the "
+                    "scenario"
+                )
+        self._actuations: dict[str, dict[int, AdcsCommand]] = {
+            name: {} for name in self._attitudes if name not in given.turning_free
         }
         self._simgen = self._make_link(given)
         self._thrust_in_force: dict[str, np.ndarray] = {}
@@ -135,6 +158,29 @@ class SimgenBridgeNode(VtffNode):
             relative.header.frame_id = f"{self._truth.chief}/rtn"
             publisher = self.publisher(RelativeState, f"{name}/relative_state_truth")
             self._relative_messages[name] = (publisher, relative)
+        self._attitude_messages: dict[str, tuple[Any, AttitudeState]] = {}
+        self._report_messages: dict[str, tuple[Any, AdcsReport]] = {}
+        for name, attitude in self._attitudes.items():
+            state = AttitudeState(child_frame_id=name, source=AttitudeState.SOURCE_TRUTH)
+            state.header.frame_id = "gcrf"
+            state.valid = state.wheel_follows = state.field_valid = True
+            state.normalised_innovation_squared = math.nan
+            self._attitude_messages[name] = (
+                self.publisher(AttitudeState, f"{name}/truth/attitude"),
+                state,
+            )
+            report = AdcsReport(child_frame_id=name, heard=True)
+            report.header.frame_id = f"{name}/body"
+            report.pulse_step = attitude.setting.module.pulse_step
+            report.sample_times = list(attitude.setting.module.sample_times)
+            self._report_messages[name] = (
+                self.publisher(AdcsReport, f"{name}/adcs/module_report"),
+                report,
+            )
+        for name in self._actuations:
+            self.subscribe(
+                AdcsCommand, f"{name}/adcs/actuation", functools.partial(self._on_actuation, name)
+            )
         self._status_publisher = self.publisher(SimulatorStatus, "sim/status")
         self._status = SimulatorStatus(
             scenario=self._scenario.name,
@@ -155,7 +201,7 @@ class SimgenBridgeNode(VtffNode):
             self,
             self.parameters,
             self._advance_when_complete,
-            awaited_data=self._awaited_thrust,
+            awaited_data=self._awaited_data,
             preparing=self.parameters.lockstep_preparing,
         )
 
@@ -272,8 +318,64 @@ class SimgenBridgeNode(VtffNode):
             relative.position_chief_gcrf = state_chief[:3]
             relative.velocity_chief_gcrf = state_chief[3:]
             publisher.publish(relative)
+        self._publish_attitudes(stamp)
         self._publish_status(stamp)
         self._show_progress()
+
+    def _publish_attitudes(self, stamp: Any) -> None:
+        """Publish true attitudes, and reports of the modules whose period has ended."""
+        for name, attitude in self._attitudes.items():
+            publisher, message = self._attitude_messages[name]
+            state = attitude.state
+            message.header.stamp = stamp
+            message.quaternion = state.quaternion_gcrf
+            message.rate_body = state.rate_body
+            message.dipole = attitude.dipole
+            message.wheel_speed_rpm = attitude.wheel_speed_rpm
+            orbit = self._truth.state_gcrf(name)
+            message.position_gcrf, message.velocity_gcrf = orbit[:3], orbit[3:]
+            publisher.publish(message)
+            if not attitude.begins_period:
+                continue
+            publisher, message = self._report_messages[name]
+            report = attitude.report
+            message.header.stamp = stamp
+            message.period = attitude.period_done
+            message.pulse_steps = report.pulse_steps
+            message.wheel_command_rpm = float(report.wheel_command_rpm)
+            message.wheel_speed_rpm = report.wheel_speed_rpm
+            message.field_body = report.field_body.ravel()
+            publisher.publish(message)
+
+    def _begin_periods(self) -> None:
+        """Hand on the commands of the periods that begin now."""
+        for name, attitude in self._attitudes.items():
+            if not attitude.begins_period:
+                continue
+            of_name = self._actuations.get(name, {})
+            message = of_name.get(self.scenario_nanoseconds)
+            for stamp in [stamp for stamp in of_name if stamp <= self.scenario_nanoseconds]:
+                del of_name[stamp]
+            if message is None or not message.accepted:
+                attitude.begin_period(None)
+                continue
+            pulse_step = attitude.setting.module.pulse_step
+            x, y, z = (int(steps) for steps in message.pulse_steps)
+            attitude.begin_period(
+                adcs_module.AdcsCommand((x, y, z), message.wheel_speed_rpm),
+                pulse_step * message.firing_start_steps,
+                pulse_step * message.firing_steps,
+            )
+
+    def _on_actuation(self, name: str, message: AdcsCommand) -> None:
+        if not math.isfinite(message.wheel_speed_rpm):
+            self.get_logger().warning(
+                f"actuation of {name} is not finite: none is applied", throttle_duration_sec=5.0
+            )
+            message.accepted = False
+        self._actuations[name][to_nanoseconds(message.header.stamp)] = message
+        if self.lockstep:
+            self._advance_when_complete()
 
     def _advance(self) -> None:
         """Integrate one step with the thrust that starts now, then publish the next step."""
@@ -283,7 +385,10 @@ class SimgenBridgeNode(VtffNode):
         if self.lockstep:
             # All thrust of the step has arrived by now, also that of a thruster without delay.
             self._thrust_in_force = self._thrust_now(self.scenario_nanoseconds)
+        self._begin_periods()
         self._truth.advance(self._thrust_in_force)
+        for name, attitude in self._attitudes.items():
+            attitude.advance(self._truth.state_gcrf(name))
         self._publish_step()
 
     def _thrust_now(self, stamp_nanoseconds: int) -> dict[str, np.ndarray]:
@@ -309,15 +414,20 @@ class SimgenBridgeNode(VtffNode):
         if self.lockstep:
             self._advance_when_complete()
 
-    def _awaited_thrust(self) -> list[str]:
-        """Return the topics on which the thrust of the current step has not come yet.
+    def _awaited_data(self) -> list[str]:
+        """Return the topics on which data of the current step have not come yet.
 
-        Topics are not ordered among each other: an acknowledgement may overtake the thrust.
+        Topics are not ordered among each other: an acknowledgement may overtake the data.
         """
-        return [
+        thrust = [
             f"thrust on /{name}/propulsion/thrust_applied"
             for name, buffer in self._thrust.items()
             if buffer.received <= self._step_source.step
+        ]
+        return thrust + [
+            f"actuation on /{name}/adcs/actuation"
+            for name, actuations in self._actuations.items()
+            if self._attitudes[name].begins_period and self.scenario_nanoseconds not in actuations
         ]
 
     def _advance_when_complete(self) -> None:

@@ -108,7 +108,7 @@ def test_attitude_that_stays_lost_ends_in_detumbling(track):
     while loop.number < 450:
         modes.append(loop.step().command.mode)
         if loop.number == 160:  # nothing is known any more, not even by prediction
-            loop.determination = type(loop.determination)(
+            loop.estimator = type(loop.estimator)(
                 loop.configuration.believed_body, loop.configuration.filter
             )
     assert modes[0] == "point" and modes[-1] == "detumble"

@@ -1,7 +1,7 @@
 """Closed loop of one spacecraft's attitude without ROS: truth, module, estimator, controller.
 
 One call of `step` is one period of the ADCS. The parts are those of the graph: the emulated module
-gives samples, `AttitudeDetermination` the attitude, `AttitudeController` the next command.
+gives samples, `OnboardAttitudeEstimator` the attitude, `AttitudeController` the next command.
 """
 
 from __future__ import annotations
@@ -19,20 +19,16 @@ from vtff_control.attitude.controller import (
     AttitudeKnowledge,
     ControlMode,
 )
-from vtff_control.attitude.detumble import field_motion
 from vtff_control.attitude.pointing import pointing_errors
 from vtff_dynamics.attitude.orbit_track import OrbitTrack
 from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
 from vtff_dynamics.attitude.rigid_body import AttitudeState
 from vtff_dynamics.attitude.spacecraft import AttitudePropagator, SpacecraftBody, TorqueWindow
 from vtff_dynamics.vectors import FloatArray
-from vtff_nav.attitude.attitude_filter import AttitudeEstimate, FilterPeriod
+from vtff_nav.attitude.attitude_filter import AttitudeEstimate
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
-from vtff_nav.attitude.determination import (
-    AttitudeDetermination,
-    DeterminationConfiguration,
-    DeterminationStatus,
-)
+from vtff_nav.attitude.determination import DeterminationConfiguration, DeterminationStatus
+from vtff_nav.attitude.onboard import ModuleReport, OnboardAttitude, OnboardAttitudeEstimator
 from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
 from vtff_sim_bridge.attitude.adcs_module import (
     AdcsCommand,
@@ -125,13 +121,16 @@ class AttitudeLoop:
         self.module = AdcsModule(
             configuration.module, self.spacecraft, self.magnetometer, (seed, 2)
         )
-        self.determination = AttitudeDetermination(
-            configuration.believed_body, configuration.filter, configuration.determination
-        )
         self.controller = AttitudeController(configuration.control, requested, first)
         speed = configuration.body.wheel_speed_rpm(start.wheel_momentum)
-        self.wheel = WheelObserver(
+        self._wheel = WheelObserver(
             WheelObserverConfiguration(configuration.believed_body.wheel_inertia), speed
+        )
+        self.estimator = OnboardAttitudeEstimator(
+            configuration.believed_body,
+            configuration.filter,
+            configuration.determination,
+            wheel_speed_rpm=speed,
         )
         self._estimates = estimates
         self._command = AttitudeCommand((0, 0, 0), speed, first)
@@ -144,56 +143,46 @@ class AttitudeLoop:
 
     def step(self, windows: Sequence[TorqueWindow] = ()) -> LoopStep:
         """Fly one period; `windows` are torques of thrusters in it."""
-        number, period = self.number, self.track.period
+        number = self.number
         command = AdcsCommand(self._command.pulse_steps, self._command.wheel_speed_rpm)
         report = self.module.run_period(self.track.interval(number), command, windows)
-        wheel_start = self.wheel.momentum
-        wheel_end = self.wheel.predict(command.wheel_speed_rpm, period)
-        sample = report.field_body[-1] if len(report.field_body) else None
-        status = DeterminationStatus(False, False, 0, 0, math.nan, "no estimator")
-        if self._estimates:
-            state = self.track.state_gcrf(number)
-            status = self.determination.process(
-                FilterPeriod(
-                    period,
-                    self.track.field_gcrf(number),
-                    self.track.field_gcrf(number + 1),
-                    state[:3] + 0.5 * period * state[3:],
-                    wheel_start,
-                    wheel_end,
-                    self.configuration.module.pulse_step
-                    * np.array(report.pulse_steps, dtype=float),
-                ),
-                sample,
-                self._rate_across(report),
-            )
-        self.wheel.update(report.wheel_speed_rpm)
-        estimate = self.determination.estimate
-        self._command = self.controller.command(self._knowledge(report, status, estimate))
+        known = self._know(report)
+        self._command = self.controller.command(self._knowledge(report, known))
         self.number = number + 1
-        return LoopStep(self.spacecraft.state, report, status, estimate, self._command)
+        return LoopStep(self.spacecraft.state, report, known.status, known.estimate, self._command)
 
-    def _rate_across(self, report: AdcsReport) -> float:
-        """Return the rate across the field that the samples of a period show, rad/s."""
-        samples = report.field_body
-        if len(samples) < 2:
-            return 0.0
-        times = self.configuration.module.sample_times
-        return field_motion(samples[0], samples[-1], times[0] - times[-1]).rate_across
+    def _know(self, report: AdcsReport) -> OnboardAttitude:
+        """Return what is known on board after a report; without estimator, of the wheel alone."""
+        number, track = self.number, self.track
+        module = self.configuration.module
+        if not self._estimates:
+            self._wheel.predict(report.wheel_command_rpm, track.period)
+            self._wheel.update(report.wheel_speed_rpm)
+            status = DeterminationStatus(False, False, 0, 0, math.nan, "no estimator")
+            return OnboardAttitude(status, None, self._wheel.speed_rpm, self._wheel.follows, True)
+        return self.estimator.process(
+            ModuleReport(
+                track.period,
+                report.field_body,
+                module.sample_times,
+                report.wheel_speed_rpm,
+                report.wheel_command_rpm,
+                module.pulse_step * np.array(report.pulse_steps, dtype=float),
+            ),
+            track.state_gcrf(number),
+            track.field_gcrf(number),
+            track.field_gcrf(number + 1),
+        )
 
-    def _knowledge(
-        self,
-        report: AdcsReport,
-        status: DeterminationStatus,
-        estimate: AttitudeEstimate | None,
-    ) -> AttitudeKnowledge:
+    def _knowledge(self, report: AdcsReport, known: OnboardAttitude) -> AttitudeKnowledge:
         times = self.configuration.module.sample_times
+        estimate = known.estimate
         return AttitudeKnowledge(
             samples_body=report.field_body,
             sample_interval=times[0] - times[-1],
-            wheel_speed_rpm=self.wheel.speed_rpm,
-            wheel_follows=self.wheel.follows,
-            attitude_is_valid=status.valid and estimate is not None,
+            wheel_speed_rpm=known.wheel_speed_rpm,
+            wheel_follows=known.wheel_follows,
+            attitude_is_valid=known.status.valid and estimate is not None,
             quaternion_gcrf=(
                 np.array([0.0, 0.0, 0.0, 1.0]) if estimate is None else estimate.quaternion_gcrf
             ),
@@ -201,7 +190,7 @@ class AttitudeLoop:
             dipole=np.zeros(3) if estimate is None else estimate.dipole,
             dipole_sigma=math.inf if estimate is None else float(estimate.dipole_sigma.max()),
             state_gcrf=self.track.state_gcrf(self.number + 1),
-            field_is_valid=not status.reason.startswith("magnetometer"),
+            field_is_valid=known.field_is_valid,
         )
 
     def fly(self, periods: int) -> AttitudeHistory:

@@ -10,7 +10,6 @@ import pytest
 from vtff_control.attitude.detumble import (
     ThomsonGains,
     b_dot_moment,
-    field_motion,
     thomson_moment,
 )
 from vtff_control.attitude.pointing import (
@@ -22,6 +21,7 @@ from vtff_control.attitude.pointing import (
     pitch_wheel_torque,
     pointing_errors,
 )
+from vtff_dynamics.attitude.field_motion import field_motion
 from vtff_dynamics.attitude.orbit_axes import (
     orbit_rate,
     quaternion_from_roll_pitch_yaw,

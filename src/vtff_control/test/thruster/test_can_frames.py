@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vtff_control.bus.checksum import checksum
 from vtff_control.thruster.can_frames import (
     MODE_OFF,
     MODE_THRUST,
@@ -16,7 +17,6 @@ from vtff_control.thruster.can_frames import (
     ThrusterFrames,
     ThrusterHeartbeat,
     ThrustReport,
-    checksum,
 )
 from vtff_dynamics.time.timescales import GpsTime
 

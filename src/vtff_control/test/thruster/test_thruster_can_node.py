@@ -16,7 +16,7 @@ from geometry_msgs.msg import AccelStamped  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from vtff_control.thruster.can_thruster import open_bus  # noqa: E402
+from vtff_control.bus.connection import open_bus  # noqa: E402
 from vtff_control.thruster_can_node import ThrusterCanNode  # noqa: E402
 from vtff_msgs.msg import StepDone  # noqa: E402
 from vtff_node import diagnostics, qos  # noqa: E402

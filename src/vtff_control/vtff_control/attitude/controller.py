@@ -17,10 +17,8 @@ import numpy.typing as npt
 
 from vtff_control.attitude.compensation import check_compensation, compensate_dipole
 from vtff_control.attitude.detumble import (
-    FieldMotion,
     ThomsonGains,
     b_dot_moment,
-    field_motion,
     thomson_moment,
 )
 from vtff_control.attitude.pointing import (
@@ -32,6 +30,7 @@ from vtff_control.attitude.pointing import (
     pointing_errors,
 )
 from vtff_control.attitude.torquers import TorquerLimits, shift_along_field
+from vtff_dynamics.attitude.field_motion import FieldMotion, field_motion
 from vtff_dynamics.attitude.quaternion import rotation_matrix
 from vtff_dynamics.attitude.rigid_body import check_inertia
 from vtff_dynamics.checks import check_vector

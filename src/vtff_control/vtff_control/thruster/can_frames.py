@@ -10,14 +10,13 @@ from __future__ import annotations
 
 import pathlib
 from dataclasses import dataclass
-from typing import Any
 
 import can
-import cantools
 import numpy as np
 import numpy.typing as npt
-from crccheck.crc import Crc8SaeJ1850
 
+from vtff_control.bus.checksum import checksum
+from vtff_control.bus.database import load_messages
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
@@ -25,8 +24,6 @@ MODE_OFF = 0
 MODE_THRUST = 1
 
 _NANOSECONDS_PER_MILLISECOND = 1_000_000
-# Remainder after one byte. crccheck goes bit by bit, which would cost a third of a round trip.
-_CHECKSUM_STEP = bytes(Crc8SaeJ1850.calc(bytes([x]), initvalue=0) ^ 0xFF for x in range(256))
 _SIGNALS = {
     "ThrustCommandRT": ("Checksum", "Sequence", "GpsWeek", "AccelerationR", "AccelerationT"),
     "ThrustCommandN": ("Checksum", "Sequence", "AccelerationN", "TimeOfWeek", "Mode"),
@@ -97,23 +94,6 @@ class ThrusterHeartbeat:
     uptime: int
 
 
-def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
-    """Return the checksum of a frame: CRC-8 SAE J1850 over identifier and payload.
-
-    Parameters
-    ----------
-    frame_identifier
-        CAN identifier; it is part of the sum (two bytes, low one first), so that a frame is
-        never taken for another one.
-    payload
-        All bytes of the frame; the first, which holds the checksum, is left out.
-    """
-    remainder = 0xFF
-    for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:
-        remainder = _CHECKSUM_STEP[remainder ^ byte]
-    return remainder ^ 0xFF
-
-
 class ThrusterFrames:
     """Encoder of commands, decoder of reports and heartbeats.
 
@@ -138,7 +118,7 @@ class ThrusterFrames:
     """
 
     def __init__(self, dbc_file: str | pathlib.Path) -> None:
-        self._messages = _load(dbc_file)
+        self._messages = load_messages(dbc_file, _SIGNALS)
         self._by_identifier = {
             self._messages[name].frame_id: self._messages[name]
             for name in ("ThrustReportRT", "ThrustReportN", "ThrusterHeartbeat")
@@ -289,19 +269,3 @@ class ThrusterFrames:
 def time_of_week_milliseconds(time: GpsTime) -> int:
     """Return the GPS time of week in whole milliseconds, the rest cut off."""
     return time.time_of_week_nanoseconds // _NANOSECONDS_PER_MILLISECOND
-
-
-def _load(dbc_file: str | pathlib.Path) -> dict[str, Any]:
-    """Return the messages by name, with all their signals checked to be there."""
-    try:
-        database: Any = cantools.database.load_file(str(dbc_file), database_format="dbc")
-    except (OSError, UnicodeDecodeError, cantools.database.Error) as error:
-        raise ValueError(f"{dbc_file}: cannot be read as a DBC file: {error}") from error
-    messages = {message.name: message for message in database.messages}
-    for name, signals in _SIGNALS.items():
-        if name not in messages:
-            raise ValueError(f"{dbc_file}: has no message {name}")
-        missing = set(signals) - {signal.name for signal in messages[name].signals}
-        if missing:
-            raise ValueError(f"{dbc_file}: message {name} has no signal {min(missing)}")
-    return {name: messages[name] for name in _SIGNALS}

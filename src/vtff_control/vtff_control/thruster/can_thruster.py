@@ -10,6 +10,7 @@ import can
 import numpy as np
 import numpy.typing as npt
 
+from vtff_control.bus.connection import FIRST_RETRY, BusConnection
 from vtff_control.thruster.can_frames import (
     MODE_THRUST,
     FrameError,
@@ -19,13 +20,8 @@ from vtff_control.thruster.can_frames import (
     time_of_week_milliseconds,
 )
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_node.loopback_can_bus import LoopbackCanBus
 
 RESEND_INTERVAL = 0.2  # s without an answer after which a command is sent again
-FIRST_RETRY = 0.1  # s from a loss of the bus to the first attempt to open it again
-LONGEST_RETRY = 2.0  # s, bound of the doubling pause between attempts
-
-_BUS_ERRORS = (can.CanError, OSError)
 
 
 @dataclass
@@ -57,29 +53,6 @@ class LinkCounters:
     bus_errors: int = 0
 
 
-def open_bus(interface: str, channel: str, port: int = 0) -> can.BusABC:
-    """Open a CAN bus.
-
-    Parameters
-    ----------
-    interface
-        Interface of python-can: virtual (within a process), socketcan, that of an adapter, or
-        udp_multicast, which reaches the programs of this machine only.
-    channel
-        Name of the bus: any text, vcan0, or an address of a multicast group.
-    port
-        UDP port of udp_multicast, 0 for its default; of no meaning otherwise.
-
-    Raises
-    ------
-    can.CanError or OSError
-        If it cannot be opened; `can.CanInterfaceNotImplementedError` if it never can.
-    """
-    if interface == "udp_multicast":
-        return LoopbackCanBus(channel, port)
-    return can.Bus(channel, interface)
-
-
 class ThrusterLink:
     """Exchange of commands and reports with one thruster, from one thread.
 
@@ -97,14 +70,10 @@ class ThrusterLink:
 
     Attributes
     ----------
-    counters
-        What has happened so far.
     heartbeat
         Newest sign of life, or None.
     heard_at
         ``clock()`` at the newest report or heartbeat, or None.
-    problem
-        Why the bus is not there, one line; empty if it is.
     watchdog_trips
         Reports that told of a cut by the thruster's watchdog.
     """
@@ -115,22 +84,29 @@ class ThrusterLink:
         open_bus: Callable[[], can.BusABC],
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.counters = LinkCounters()
+        self._counters = LinkCounters()
         self.heartbeat: ThrusterHeartbeat | None = None
         self.heard_at: float | None = None
-        self.problem = ""
         self.watchdog_trips = 0
         self._frames = frames
-        self._open_bus = open_bus
+        self._bus = BusConnection(open_bus, clock)
         self._clock = clock
-        self._bus: can.BusABC | None = None
-        self._retry_at = -float("inf")
-        self._retry_pause = FIRST_RETRY
         self._sequence = frames.sequence_modulus - 1
         self._isolation: tuple[can.Message, ...] = ()
         self._open_command: tuple[can.Message, ...] | None = None
         self._open_time_of_week = 0
         self._resend_at = 0.0
+
+    @property
+    def problem(self) -> str:
+        """Why the bus is not there, one line; empty if it is."""
+        return self._bus.problem
+
+    @property
+    def counters(self) -> LinkCounters:
+        """Counts of events."""
+        self._counters.bus_errors = self._bus.errors
+        return self._counters
 
     def connect(self) -> bool:
         """Open the bus if it is not open and the next attempt is due; return whether it is open.
@@ -140,17 +116,7 @@ class ThrusterLink:
         can.CanInterfaceNotImplementedError
             If the interface does not exist: no later attempt can help.
         """
-        if self._bus is None and self._clock() >= self._retry_at:
-            try:
-                self._bus = self._open_bus()
-            except can.CanInterfaceNotImplementedError:
-                raise
-            except _BUS_ERRORS as error:
-                self._lose_bus(error)
-            else:
-                self.problem = ""
-                self._retry_pause = FIRST_RETRY
-        return self._bus is not None
+        return self._bus.connect()
 
     def send_command(
         self, start: GpsTime, acceleration_rtn: npt.ArrayLike, mode: int = MODE_THRUST
@@ -223,7 +189,7 @@ class ThrusterLink:
             if not self.connect():
                 time.sleep(min(deadline - now, FIRST_RETRY))
                 continue
-            frame = self._receive(min(deadline, self._resend_at) - now)
+            frame = self._bus.receive(min(deadline, self._resend_at) - now)
             report = None if frame is None else self._take(frame)
             if report is not None and self._is_awaited(report):
                 self._open_command = None
@@ -239,7 +205,7 @@ class ThrusterLink:
 
     def poll(self) -> None:
         """Take all waiting frames unless a command is open: its report must not be lost."""
-        while self._open_command is None and (frame := self._receive(0.0)) is not None:
+        while self._open_command is None and (frame := self._bus.receive(0.0)) is not None:
             report = self._take(frame)
             # A second answer to a repeated command is expected; a watchdog report comes unasked.
             if report is not None and report.sequence != self._sequence:
@@ -247,9 +213,7 @@ class ThrusterLink:
 
     def close(self) -> None:
         """Close the bus."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        self._bus.close()
 
     def _is_awaited(self, report: ThrustReport) -> bool:
         """Return whether a report answers the open command; count one that answers another."""
@@ -281,33 +245,4 @@ class ThrusterLink:
         return None
 
     def _send(self, command: tuple[can.Message, ...]) -> None:
-        if not self.connect():
-            return
-        assert self._bus is not None
-        try:
-            for frame in command:
-                self._bus.send(frame, timeout=RESEND_INTERVAL)
-        except _BUS_ERRORS as error:
-            self._lose_bus(error)
-
-    def _receive(self, timeout: float) -> can.Message | None:
-        if not self.connect():
-            return None
-        assert self._bus is not None
-        try:
-            return self._bus.recv(timeout)
-        except _BUS_ERRORS as error:
-            self._lose_bus(error)
-            return None
-
-    def _lose_bus(self, error: Exception) -> None:
-        self.counters.bus_errors += 1
-        self.problem = str(error) or type(error).__name__
-        bus, self._bus = self._bus, None
-        self._retry_at = self._clock() + self._retry_pause
-        self._retry_pause = min(2.0 * self._retry_pause, LONGEST_RETRY)
-        if bus is not None:
-            try:
-                bus.shutdown()
-            except _BUS_ERRORS as close_error:
-                self.problem += f"; closing it failed too: {close_error}"
+        self._bus.send(command, RESEND_INTERVAL)

@@ -11,12 +11,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vtff_control.bus.checksum import checksum
 from vtff_control.thruster.can_frames import (
     MODE_OFF,
     ThrusterFrames,
     ThrusterHeartbeat,
     ThrustReport,
-    checksum,
 )
 from vtff_control.thruster.thruster import Thruster
 from vtff_dynamics.time.timescales import GpsTime

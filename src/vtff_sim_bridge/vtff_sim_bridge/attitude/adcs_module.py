@@ -22,6 +22,8 @@ from vtff_sim_bridge.attitude.magnetometer import Magnetometer
 
 __all__ = ["AdcsCommand", "AdcsModule", "AdcsModuleModel", "AdcsReport"]
 
+_TIME_RESOLUTION = 1e-9  # s; times that are closer are one
+
 
 @dataclass(frozen=True)
 class AdcsModuleModel:
@@ -88,11 +90,14 @@ class AdcsReport:
         Measured speed.
     pulse_steps
         Pulses that it gave.
+    wheel_command_rpm
+        Speed that the wheel was told to have now.
     """
 
     field_body: FloatArray
     wheel_speed_rpm: float
     pulse_steps: tuple[int, int, int]
+    wheel_command_rpm: float
 
 
 class AdcsModule:
@@ -119,6 +124,13 @@ class AdcsModule:
         self.magnetometer = magnetometer
         self.wheel_is_stuck = False
         self._generator = np.random.default_rng(seed)
+        self._period = self._elapsed = 0.0
+        self._command = AdcsCommand()
+        self._windows: tuple[TorqueWindow, ...] = ()
+        self._steps = (0, 0, 0)
+        self._motor_torque = 0.0
+        self._samples: list[FloatArray] = []
+        self._sample_times: list[float] = []
 
     def limit_pulses(self, pulse_steps: npt.ArrayLike, period: float) -> tuple[int, int, int]:
         """Return pulses that leave the quiet window free."""
@@ -142,32 +154,71 @@ class AdcsModule:
         windows : sequence of TorqueWindow
             Torques of thrusters and others.
         """
-        period = interval.duration
-        steps = self.limit_pulses(command.pulse_steps, period)
-        pulses = self.model.pulse_step * np.array(steps, dtype=float)
+        self.begin_period(interval.duration, command, windows)
+        self.advance(interval)
+        return self.end_period()
+
+    def begin_period(
+        self, period: float, command: AdcsCommand, windows: Sequence[TorqueWindow] = ()
+    ) -> None:
+        """Take the command of a period, s, which begins now.
+
+        Parameters
+        ----------
+        period : float
+            s.
+        command : AdcsCommand
+        windows : sequence of TorqueWindow
+            Torques of thrusters and others, from the start of the period.
+        """
+        self._period, self._elapsed = period, 0.0
+        self._command = command
+        self._windows = tuple(windows)
+        self._steps = self.limit_pulses(command.pulse_steps, period)
         body = self.spacecraft.body
         largest = body.wheel_largest_speed_rpm
         wanted = body.wheel_momentum(min(max(command.wheel_speed_rpm, -largest), largest))
-        torque = (wanted - self.spacecraft.state.wheel_momentum) / period
-        if self.wheel_is_stuck:
-            torque = 0.0
-        samples = []
+        self._motor_torque = (wanted - self.spacecraft.state.wheel_momentum) / period
+        self._samples = []
+        self._sample_times = [period - before_end for before_end in self.model.sample_times]
+
+    def advance(self, interval: OrbitInterval) -> None:
+        """Fly through an interval of the period, which may be a part of it or all of it."""
+        torque = 0.0 if self.wheel_is_stuck else self._motor_torque
+        begin, end = self._elapsed, self._elapsed + interval.duration
+        pulses = self.model.pulse_step * np.array(self._steps, dtype=float)
+        left = np.sign(pulses) * np.maximum(np.abs(pulses) - begin, 0.0)
+        windows = [
+            TorqueWindow(window.start - begin, window.end - begin, window.torque_body)
+            for window in self._windows
+        ]
         time = 0.0
-        for before_end in self.model.sample_times:
-            at = period - before_end
-            self.spacecraft.advance(interval, pulses, torque, windows, start=time, end=at)
+        while self._sample_times and self._sample_times[0] <= end + _TIME_RESOLUTION:
+            at = min(max(self._sample_times.pop(0) - begin, time), interval.duration)
+            self.spacecraft.advance(interval, left, torque, windows, start=time, end=at)
             time = at
             sample = self.magnetometer.sample(
-                self.field_body(interval, at), self.spacecraft.torquer_moment(pulses, at)
+                self.field_body(interval, at), self.spacecraft.torquer_moment(left, at)
             )
             if sample is not None:
-                samples.append(sample)
-        if time < period:
-            self.spacecraft.advance(interval, pulses, torque, windows, start=time, end=period)
+                self._samples.append(sample)
+        if time < interval.duration:
+            self.spacecraft.advance(
+                interval, left, torque, windows, start=time, end=interval.duration
+            )
+        self._elapsed = end
+
+    def end_period(self) -> AdcsReport:
+        """Return what the module says at the end of its period."""
         error = self.model.wheel_speed_error_rpm
-        speed = body.wheel_speed_rpm(self.spacecraft.state.wheel_momentum)
+        speed = self.spacecraft.body.wheel_speed_rpm(self.spacecraft.state.wheel_momentum)
         measured = speed + error * self._generator.uniform(-1.0, 1.0)
-        return AdcsReport(np.array(samples).reshape(-1, 3), measured, steps)
+        return AdcsReport(
+            np.array(self._samples).reshape(-1, 3),
+            measured,
+            self._steps,
+            self._command.wheel_speed_rpm,
+        )
 
     def field_body(self, interval: OrbitInterval, time: float) -> FloatArray:
         """Return the field of the Earth at a time of an interval, T, body axes, shape (3,)."""

@@ -184,7 +184,7 @@ class CanThruster:
         if (
             frame.is_remote_frame
             or len(payload) != message.length
-            or payload[0] != _checksum(frame.arbitration_id, payload)
+            or payload[0] != checksum(frame.arbitration_id, payload)
         ):
             self.rejected_frames += 1
             return []
@@ -318,11 +318,11 @@ class CanThruster:
     def _frame(self, name: str, values: dict[str, int]) -> can.Message:
         message = self._messages[name]
         payload = bytearray(message.encode({"Checksum": 0, **values}, scaling=False, strict=False))
-        payload[0] = _checksum(message.frame_id, payload)
+        payload[0] = checksum(message.frame_id, payload)
         return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
 
 
-def _checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
+def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
     """Return the CRC-8 SAE J1850 of identifier (low byte first) and bytes 1 to 7."""
     remainder = 0xFF
     for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:

@@ -18,6 +18,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.attitude.spacecraft import SpacecraftBody
 from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames.earth import right_ascension_from_longitude
 from vtff_dynamics.frames.rtn import deputy_state_gcrf
@@ -25,6 +26,16 @@ from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_me
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_dynamics.vectors import FloatArray
+from vtff_sim_bridge.attitude.adcs_module import AdcsModuleModel
+from vtff_sim_bridge.attitude.attitude_setting import (
+    AttitudeEnvironment,
+    AttitudeFault,
+    AttitudeSetting,
+    AttitudeStart,
+    AttitudeThruster,
+)
+from vtff_sim_bridge.attitude.attitude_truth import AttitudeTruth
+from vtff_sim_bridge.attitude.magnetometer import MagnetometerModel
 from vtff_sim_bridge.truth.drawn_geometry import GeometryDraw
 from vtff_sim_bridge.truth.formation_truth import FormationTruth
 from vtff_sim_bridge.truth.repeated_spacecraft import repeat_spacecraft
@@ -45,6 +56,15 @@ __all__ = [
     "read_scenario",
     "state_ahead_on_orbit",
 ]
+
+_PARTS_OF_ATTITUDE: dict[str, type] = {
+    "body": SpacecraftBody,
+    "magnetometer": MagnetometerModel,
+    "module": AdcsModuleModel,
+    "start": AttitudeStart,
+    "environment": AttitudeEnvironment,
+    "thruster": AttitudeThruster,
+}
 
 INTEGRATORS = ("rk4", "euler")
 """Names accepted by the field ``integrator``."""
@@ -69,6 +89,8 @@ class Spacecraft:
         Forces on it where they differ from those of the scenario, else None.
     thruster_errors
         Errors of its thruster; None for a thruster that gives what it reports.
+    attitude
+        Its attitude and ADCS module; None for a spacecraft that does not turn.
     """
 
     name: str
@@ -77,6 +99,7 @@ class Spacecraft:
     target_rtn: FloatArray | None = None
     force_model: ForceModel | None = None
     thruster_errors: ThrusterErrorModel | None = None
+    attitude: AttitudeSetting | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +164,26 @@ class Scenario:
             },
         )
 
+    def attitude_truths(self) -> dict[str, AttitudeTruth]:
+        """Return the true attitude of every spacecraft that has one, standing at the epoch.
+
+        Raises
+        ------
+        ValueError
+            If an attitude does not fit epoch or step; the message names spacecraft and field.
+        """
+        truths = {}
+        for index, craft in enumerate(self.spacecraft):
+            if craft.attitude is None:
+                continue
+            try:
+                truths[craft.name] = AttitudeTruth(
+                    craft.attitude, craft.name, self.seed, self.epoch, craft.state_gcrf, self.step
+                )
+            except ValueError as error:
+                raise ValueError(f"spacecraft[{index}].attitude: {error}") from None
+        return truths
+
 
 def load_scenario(
     path: str | Path, seed: int | None = None, number_of_deputies: int = 0
@@ -177,6 +220,14 @@ def load_scenario(
               velocity_relative_rtn: [3] (optional, zero)
             force_model        (optional) fields of the force model that are different for it
             thruster_errors    (optional) fields of truth.thruster_errors.ThrusterErrorModel
+            attitude           (optional) that of a spacecraft that turns, see
+                               attitude.attitude_setting
+              period           s, of the ADCS; a whole number of steps
+              body             fields of vtff_dynamics.attitude.spacecraft.SpacecraftBody
+              magnetometer, module, start, environment, thruster
+                               fields of MagnetometerModel, AdcsModuleModel, AttitudeStart,
+                               AttitudeEnvironment, AttitudeThruster
+              faults           a list: {kind, start, end}
 
     Elements are osculating, in GCRF. ``longitude_of_ascending_node_deg`` is the Earth-fixed
     longitude of the node at the epoch.
@@ -260,6 +311,7 @@ def read_scenario(
     )
     root.finish()
     _check_separations(root, scenario)
+    root.convert("", scenario.attitude_truths)
     return scenario
 
 
@@ -391,11 +443,30 @@ def _all_spacecraft(
         thruster_errors = None
         if "thruster_errors" in section:
             thruster_errors = section.section("thruster_errors").make_dataclass(ThrusterErrorModel)
+        attitude = None
+        if "attitude" in section:
+            attitude = _attitude(section.section("attitude"))
         section.finish()
         spacecraft.append(
-            Spacecraft(name, role, state_gcrf, target, own_force_model, thruster_errors)
+            Spacecraft(name, role, state_gcrf, target, own_force_model, thruster_errors, attitude)
         )
     return tuple(spacecraft)
+
+
+def _attitude(section: Section) -> AttitudeSetting:
+    """Return the attitude of a spacecraft."""
+    parts: dict[str, typing.Any] = {}
+    for name, kind in _PARTS_OF_ATTITUDE.items():
+        if name in section:
+            parts[name] = section.section(name).make_dataclass(kind)
+    if "faults" in section:
+        parts["faults"] = tuple(
+            fault.make_dataclass(AttitudeFault) for fault in section.sections("faults")
+        )
+    if "period" in section:
+        parts["period"] = section.number("period", minimum=1e-3)
+    section.finish()
+    return section.convert("", lambda: AttitudeSetting(**parts))
 
 
 def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatArray:

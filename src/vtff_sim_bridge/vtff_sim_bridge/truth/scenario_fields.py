@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 import yaml
 
 from vtff_dynamics.vectors import FloatArray
@@ -187,6 +188,10 @@ class Section:
     def value_of_type(self, name: str, hint: Any) -> Any:
         """Return a field that has the type of a dataclass field."""
         value = self.value(name)
+        if npt.ArrayLike in (hint, *typing.get_args(hint)) or hint == npt.ArrayLike | None:
+            if not _is_array(value):
+                raise self.error(name, f"a list of numbers expected, got {value!r}")
+            return value
         accepted = _types_of(hint)
         if isinstance(value, list) and tuple in accepted:
             return tuple(value)
@@ -222,6 +227,11 @@ def _types_of(hint: Any) -> tuple[type, ...]:
     if typing.get_origin(hint) in (typing.Union, types.UnionType):
         return tuple(kind for part in typing.get_args(hint) for kind in _types_of(part))
     return (typing.get_origin(hint) or hint,)
+
+
+def _is_array(value: Any) -> bool:
+    """Return whether a value is a list of numbers, or of such lists."""
+    return isinstance(value, list) and all(_is_number(item) or _is_array(item) for item in value)
 
 
 def _is_number(value: Any) -> bool:

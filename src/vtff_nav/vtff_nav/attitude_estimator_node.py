@@ -1,0 +1,269 @@
+"""Node `attitude_estimator`: attitude, rate and dipole of a spacecraft from its magnetometer."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+
+import numpy as np
+
+from vtff_dynamics.attitude.magnetic_field import check_field_year
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_msgs.msg import AdcsReport, AttitudeState, OrbitState
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.determination import DeterminationConfiguration
+from vtff_nav.attitude.observability import dipole_observability
+from vtff_nav.attitude.onboard import ModuleReport, OnboardAttitude, OnboardAttitudeEstimator
+from vtff_nav.attitude.orbit_memory import OrbitMemory, OrbitPoint
+from vtff_node import diagnostics
+from vtff_node.main import run_node
+from vtff_node.node import VtffNode
+from vtff_node.parameters import ParameterError, parameter
+from vtff_node.stamps import StampOrder, to_nanoseconds
+
+_FILTER = AttitudeFilterConfiguration
+_WATCH = DeterminationConfiguration
+_BODY = BodyModel()
+
+
+@dataclass(frozen=True)
+class AttitudeEstimatorParameters:
+    """Parameters of `attitude_estimator`: what it believes of spacecraft and sensor."""
+
+    spacecraft: str = parameter("spacecraft", "spacecraft whose attitude is estimated")
+    inertia: list[float] = parameter(
+        np.diag(_BODY.inertia_matrix).tolist(), "principal moments, x y z", unit="kg m^2"
+    )
+    wheel_axis: list[float] = parameter(
+        np.asarray(_BODY.wheel_axis).tolist(), "axis of the wheel in the body"
+    )
+    wheel_inertia: float = parameter(BodyModel.wheel_inertia, "momentum over rate", unit="kg m^2")
+    torquer_moment: float = parameter(BodyModel.torquer_moment, "of a rod that is on", unit="A m^2")
+    magnetometer_sigma: float = parameter(
+        _FILTER.magnetometer_sigma, "white noise of each axis", unit="T"
+    )
+    magnetometer_range: float = parameter(
+        _WATCH.largest_field, "a sample there is saturated", unit="T", minimum=1e-9
+    )
+    initial_dipole: list[float] = parameter([0.0, 0.0, 0.0], "at the start", unit="A m^2")
+    initial_dipole_sigma: float = parameter(
+        _FILTER.initial_dipole_sigma, "of each axis", unit="A m^2", minimum=0.0
+    )
+    dipole_walk: float = parameter(
+        _FILTER.dipole_walk, "random walk of the dipole", unit="A m^2/sqrt(s)", minimum=0.0
+    )
+    torque_noise: float = parameter(
+        _FILTER.torque_noise, "white torque that no model knows", unit="N m sqrt(s)", minimum=0.0
+    )
+    bias_sigma: float = parameter(
+        _FILTER.bias_sigma, "magnetometer bias; 0: not estimated", unit="T", minimum=0.0
+    )
+    bias_walk: float = parameter(
+        _FILTER.bias_walk, "random walk of the bias", unit="T/sqrt(s)", minimum=0.0
+    )
+    inertia_sigma: float = parameter(
+        _FILTER.inertia_sigma,
+        "share by which each principal moment may be wrong; 0: not estimated",
+        minimum=0.0,
+    )
+    field_sigma: float = parameter(
+        _FILTER.field_sigma,
+        "error of the field model on each axis; 0: the model is perfect",
+        unit="T",
+        minimum=0.0,
+    )
+    field_time_constant: float = parameter(
+        _FILTER.field_time_constant, "of that error along the orbit", unit="s", minimum=1e-3
+    )
+    converged_deg: float = parameter(
+        _WATCH.converged_deg, "sigma up to which an attitude may steer", unit="deg", minimum=1e-3
+    )
+    starting_rate: float = parameter(
+        _WATCH.starting_rate, "rate up to which a start is tried", unit="rad/s", minimum=0.0
+    )
+
+
+class AttitudeEstimatorNode(VtffNode):
+    """Attitude of one spacecraft, run in its namespace.
+
+    Subscribes to adcs/report (vtff_msgs/AdcsReport) and orbit (vtff_msgs/OrbitState, in GCRF); for
+    each report it publishes attitude (vtff_msgs/AttitudeState) with the same stamp, once the orbit
+    of that time is there. An orbit that does not come is predicted when the next report has come.
+    """
+
+    Parameters = AttitudeEstimatorParameters
+
+    def __init__(self, **node_arguments: object) -> None:
+        super().__init__("attitude_estimator", **node_arguments)
+        given: AttitudeEstimatorParameters = self.parameters
+        try:
+            body = BodyModel(
+                given.inertia, given.wheel_axis, given.wheel_inertia, given.torquer_moment
+            )
+            configuration = AttitudeFilterConfiguration(
+                magnetometer_sigma=given.magnetometer_sigma,
+                initial_dipole=given.initial_dipole,
+                initial_dipole_sigma=given.initial_dipole_sigma,
+                dipole_walk=given.dipole_walk,
+                torque_noise=given.torque_noise,
+                bias_sigma=given.bias_sigma,
+                bias_walk=given.bias_walk,
+                inertia_sigma=given.inertia_sigma,
+                field_sigma=given.field_sigma,
+                field_time_constant=given.field_time_constant,
+            )
+        except ValueError as error:
+            raise ParameterError(f"parameter {error}") from error
+        watch = DeterminationConfiguration(
+            largest_field=given.magnetometer_range,
+            converged_deg=given.converged_deg,
+            starting_rate=given.starting_rate,
+        )
+        self._estimator = OnboardAttitudeEstimator(body, configuration, watch)
+        self._orbit = OrbitMemory()
+        self._order = StampOrder()
+        self._waiting: list[AdcsReport] = []
+        self._known: OnboardAttitude | None = None
+        self._counts = {"reports": 0, "without a report": 0, "orbits predicted": 0}
+        self._publisher = self.publisher(AttitudeState, "attitude")
+        self.subscribe(OrbitState, "orbit", self._on_orbit)
+        self.subscribe(AdcsReport, "adcs/report", self._on_report)
+
+    def _on_orbit(self, message: OrbitState) -> None:
+        stamp = to_nanoseconds(message.header.stamp)
+        self._orbit.add(stamp, np.concatenate((message.position, message.velocity)))
+        self._work()
+
+    def _on_report(self, message: AdcsReport) -> None:
+        if not self.is_of_deputy(message, self.parameters.spacecraft, "adcs/report"):
+            return
+        if not self._order.accepts(to_nanoseconds(message.header.stamp)):
+            return
+        self._waiting.append(message)
+        self._work()
+
+    def _work(self) -> None:
+        """Process the reports whose orbit is there; the last waits for its orbit."""
+        while self._waiting:
+            stamp = to_nanoseconds(self._waiting[0].header.stamp)
+            if not self._orbit.has(stamp):
+                if len(self._waiting) < 2:
+                    return
+                self._counts["orbits predicted"] += 1
+            self._process(self._waiting.pop(0))
+
+    def _process(self, message: AdcsReport) -> None:
+        started = time.perf_counter()
+        stamp = to_nanoseconds(message.header.stamp)
+        end = self._orbit.at(stamp)
+        start = self._orbit.at(stamp - round(message.period * NANOSECONDS_PER_SECOND))
+        answer = AttitudeState(
+            child_frame_id=message.child_frame_id, source=AttitudeState.SOURCE_ESTIMATE
+        )
+        answer.header.stamp = message.header.stamp
+        answer.header.frame_id = "gcrf"
+        answer.quaternion = np.array([0.0, 0.0, 0.0, 1.0])
+        answer.normalised_innovation_squared = math.nan
+        answer.wheel_speed_rpm = message.wheel_speed_rpm
+        answer.wheel_follows = True
+        self._counts["reports"] += 1
+        self._counts["without a report"] += not message.heard
+        if start is None or end is None:
+            answer.reason = "orbit not known"
+        else:
+            self._fill(answer, message, start, end)
+        self._publisher.publish(answer)
+        self.acknowledge_step(message.header.stamp, started)
+
+    def _fill(
+        self, answer: AttitudeState, message: AdcsReport, start: OrbitPoint, end: OrbitPoint
+    ) -> None:
+        """Process a report and write what is known into the message."""
+        try:
+            check_field_year("orbit", GpsTime.from_unix_nanoseconds(end.stamp_nanoseconds))
+        except ValueError as error:
+            answer.reason = str(error)
+            return
+        report = ModuleReport(
+            message.period,
+            np.array(message.field_body).reshape(-1, 3),
+            tuple(message.sample_times),
+            message.wheel_speed_rpm,
+            message.wheel_command_rpm,
+            message.pulse_step * np.array(message.pulse_steps, dtype=float),
+            message.heard,
+        )
+        known = self._estimator.process(report, start.state_gcrf, start.field_gcrf, end.field_gcrf)
+        self._known = known
+        answer.position_gcrf, answer.velocity_gcrf = end.state_gcrf[:3], end.state_gcrf[3:]
+        answer.valid = known.status.valid
+        answer.wheel_speed_rpm = known.wheel_speed_rpm
+        answer.wheel_follows = known.wheel_follows
+        answer.field_valid = known.field_is_valid
+        answer.normalised_innovation_squared = known.status.normalised_innovation_squared
+        answer.restarts = known.status.restarts
+        answer.reason = known.status.reason
+        estimate = known.estimate
+        if estimate is not None:
+            answer.quaternion = estimate.quaternion_gcrf
+            answer.rate_body = estimate.rate_body
+            answer.dipole = estimate.dipole
+            answer.covariance = np.ascontiguousarray(estimate.covariance[:9, :9]).ravel()
+            answer.magnetometer_bias = estimate.magnetometer_bias
+
+    def health(self) -> list[diagnostics.DiagnosticStatus]:
+        """Report attitude, dipole and wheel."""
+        known = self._known
+        name = self.get_name()
+        level, text, values = diagnostics.WARN, "no report yet", dict(self._counts)
+        if known is None or known.estimate is None:
+            text = known.status.reason if known is not None else text
+            return [diagnostics.status(f"{name}: attitude", level, text, values)]
+        estimate, status = known.estimate, known.status
+        level, text = diagnostics.OK, "attitude known"
+        if status.reason or not status.valid:
+            level, text = diagnostics.WARN, status.reason
+        dipole = dipole_observability(
+            estimate.covariance[6:9, 6:9], self.parameters.initial_dipole_sigma
+        )
+        return [
+            diagnostics.status(
+                f"{name}: attitude",
+                level,
+                text,
+                {
+                    **values,
+                    "sigma (deg)": round(math.degrees(estimate.rotation_sigma), 3),
+                    "starts left": status.members,
+                    "new starts": status.restarts,
+                },
+                hardware_id=self.parameters.spacecraft,
+            ),
+            diagnostics.status(
+                f"{name}: dipole",
+                diagnostics.WARN if dipole.reason else diagnostics.OK,
+                dipole.reason or "dipole known",
+                {
+                    f"{axis} (mA m2)": f"{1e3 * value:.1f} +- {1e3 * sigma:.1f}"
+                    for axis, value, sigma in zip("xyz", estimate.dipole, dipole.sigma, strict=True)
+                },
+                hardware_id=self.parameters.spacecraft,
+            ),
+            diagnostics.status(
+                f"{name}: wheel",
+                diagnostics.OK if known.wheel_follows else diagnostics.ERROR,
+                "follows" if known.wheel_follows else "wheel does not follow its command",
+                {"speed (rpm)": round(known.wheel_speed_rpm, 1)},
+                hardware_id=self.parameters.spacecraft,
+            ),
+        ]
+
+
+NODE_CLASS = AttitudeEstimatorNode
+
+
+def main() -> None:
+    """Run the node."""
+    run_node(AttitudeEstimatorNode)

@@ -1,0 +1,134 @@
+"""Attitude over the graph: CAN bus, estimator and controller, faults, equal bytes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import yaml
+from graph_support import ROOT, assert_equal_messages, run_vtff, topics
+
+from vtff_bag.file.reader import BagReader
+from vtff_control.adcs.frames import AdcsFrames
+from vtff_control.adcs.log import read_reports
+from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
+from vtff_node.stamps import to_nanoseconds
+
+DETUMBLED = {"tumble_rpm": 0.0, "wheel_speed_rpm": 0.0}
+TIMELINE = "attitude_controller.timeline:=['0 compass', '400 point']"
+
+
+@pytest.fixture(scope="module")
+def scenario_file(tmp_path_factory):
+    """Return the scenario of SNAP-1 at rest, so that the attitude is found within minutes."""
+    fields = yaml.safe_load((ROOT / "config/scenario/snap1.yaml").read_text(encoding="utf-8"))
+    attitude = fields["spacecraft"][0]["attitude"]
+    attitude["start"] = DETUMBLED
+    attitude["faults"] = [
+        {"kind": "magnetometer_stuck", "start": 600.0, "end": 660.0},
+        {"kind": "magnetometer_saturated", "start": 700.0, "end": 740.0},
+    ]
+    path = tmp_path_factory.mktemp("attitude") / "at_rest.yaml"
+    path.write_text(yaml.safe_dump(fields), encoding="utf-8")
+    return path
+
+
+def messages(run, topic):
+    """Return the messages of a topic by time since the start, s."""
+    found = [decoded.message for decoded in BagReader(run).messages(topic)]
+    stamps = [to_nanoseconds(message.header.stamp) for message in found]
+    return {
+        (stamp - stamps[0]) / 1e9: message for stamp, message in zip(stamps, found, strict=True)
+    }
+
+
+@pytest.fixture(scope="module")
+def flight(runs, scenario_file):
+    return runs.make(
+        "attitude", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 800,
+        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=100", "--no-report",
+    )[0]  # fmt: skip
+
+
+def test_equal_runs_are_equal_byte_for_byte_also_in_one_process(flight, runs, scenario_file):
+    again = runs.make(
+        "attitude_again", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 800,
+        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=100",
+        "--no-report", "--composed",
+    )[0]  # fmt: skip
+    assert assert_equal_messages(flight, again, topics(flight)) > 1500
+
+
+def test_the_attitude_is_found_and_its_sigma_is_true(flight):
+    truth = messages(flight, "/snap1/truth/attitude")
+    estimates = messages(flight, "/snap1/attitude")
+    for time in (590.0, 800.0):
+        true, estimate = truth[time], estimates[time]
+        error = rotation_vector(
+            multiply(conjugate(np.array(estimate.quaternion)), np.array(true.quaternion))
+        )
+        covariance = np.array(estimate.covariance).reshape(9, 9)[:3, :3]
+        assert np.degrees(np.linalg.norm(error)) < 5.0
+        assert error @ np.linalg.solve(covariance, error) < 16.3  # 0.1 % of chi squared
+
+
+def test_a_bus_that_is_off_means_rods_off_and_is_said(flight):
+    reports = messages(flight, "/snap1/adcs/report")
+    actuations = messages(flight, "/snap1/adcs/actuation")
+    silent = [time for time, report in reports.items() if not report.heard]
+    assert silent == [300.0 + 5.0 * number for number in range(20)]
+    for time in silent:
+        assert not actuations[time].accepted
+        assert not np.array(actuations[time].pulse_steps).any()
+    assert all(actuations[time].accepted for time in actuations if time not in silent)
+    truth = messages(flight, "/snap1/truth/attitude")
+    speeds = [truth[time].wheel_speed_rpm for time in silent[1:]]
+    assert max(speeds) == min(speeds)
+
+
+@pytest.mark.parametrize(
+    ("start", "end", "reason"),
+    [(615.0, 660.0, "magnetometer stuck"), (705.0, 740.0, "magnetometer saturated")],
+)
+def test_a_magnetometer_that_lies_is_named_and_not_steered_by(flight, start, end, reason):
+    estimates = messages(flight, "/snap1/attitude")
+    commands = messages(flight, "/snap1/adcs/command")
+    for time in np.arange(start, end + 1.0, 5.0):
+        assert estimates[time].reason.startswith(reason)
+        assert not np.array(commands[time].pulse_steps).any()
+    after = [end + 5.0 * number for number in range(2, 8)]
+    assert not any(estimates[time].reason.startswith("magnetometer") for time in after)
+    assert np.array([commands[time].pulse_steps for time in after]).any()
+
+
+def test_the_log_of_the_bus_holds_what_the_bag_holds(flight):
+    frames = AdcsFrames(ROOT / "config/can/vtff_adcs.dbc")
+    reports = messages(flight, "/snap1/adcs/report")
+    heard = {time: report for time, report in reports.items() if report.heard}
+    logged = list(read_reports(flight / "adcs.log", frames))
+    assert len(logged) == len(heard)
+    start = logged[0][0]
+    for stamp, report in logged:
+        message = heard[(stamp - start) / 1e9]
+        np.testing.assert_array_equal(report.field_body.ravel(), np.array(message.field_body))
+        assert report.wheel_speed_rpm == message.wheel_speed_rpm
+
+
+def test_diagnostics_name_the_faults(flight):
+    text = {
+        f"{status.name}: {status.message}"
+        for decoded in BagReader(flight).messages("/diagnostics")
+        for status in decoded.message.status
+    }
+    assert any("CAN link: nothing from the ADCS module" in line for line in text), sorted(text)
+
+
+def test_bad_settings_end_the_run_in_one_line(tmp_path):
+    result = run_vtff(
+        "run", "snap1", "attitude_controller.compensation:=fixed",
+        "attitude_controller.fixed_compensation:=[0.0, 0.0, 0.2]", "--out", tmp_path / "run",
+    )  # fmt: skip
+    assert result.returncode == 2, result.stdout + result.stderr
+    assert "fixed_compensation: the torquers give at most 0.1016 A m2" in (
+        result.stdout + result.stderr
+    )
+    assert "Traceback" not in result.stdout + result.stderr
