@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import logging
 from typing import Any
 
 from vtff_bag.file.errors import UnknownTypeError
@@ -42,6 +43,7 @@ class FoxgloveServer:
                 "python -m pip install foxglove-sdk (in .venv)"
             ) from error
         self._foxglove = foxglove
+        _silence(foxglove)
         # An own context: topics of other servers in this process are not offered.
         self._context = foxglove.Context()
         self._server = foxglove.start_server(
@@ -90,3 +92,16 @@ class FoxgloveServer:
     def stop(self) -> None:
         """Close all connections."""
         self._server.stop()
+
+
+def _silence(foxglove: Any) -> None:
+    """Keep the threads of the SDK from logging through Python, for good.
+
+    `stop` holds the interpreter's lock while it waits for those threads; a thread that has a line
+    to log waits for that lock, and neither goes on.
+    """
+    root = logging.getLogger()
+    handlers, level = list(root.handlers), root.level
+    foxglove.set_log_level("CRITICAL")  # the SDK logs nothing from this level on
+    # The SDK gives the root logger a handler, which is not its business here.
+    root.handlers[:], root.level = handlers, level
