@@ -24,6 +24,7 @@ from rich.console import Console  # noqa: E402
 
 from vtff_analysis.report import write_report  # noqa: E402
 from vtff_analysis.view.bag_scene import read_scene  # noqa: E402
+from vtff_analysis.view.page_file import write_page  # noqa: E402
 from vtff_analysis.view.server import ViewerServer, cesium_is_installed  # noqa: E402
 
 SAMPLE = pathlib.Path(__file__).resolve().parents[4] / "bags/sample"
@@ -166,6 +167,260 @@ def test_controls_move_the_time(visit_without_cesium):
     visit.page.keyboard.press(" ")
     visit.wait(f"{now} === window.vtff.scene.duration")
     visit.wait("!window.vtff.timeline.playing")  # it stops at the end
+
+
+def test_keys_work_wherever_the_focus_is(visit_without_cesium):
+    visit = visit_without_cesium
+    now = "window.vtff.timeline.time"
+    for focused in ("#picture", "#scrub", "#speed", "#colour"):
+        visit.page.focus(focused)
+        visit.page.keyboard.press("Home")
+        assert visit.value(now) == 0, focused
+        visit.page.keyboard.press("ArrowRight")
+        visit.page.keyboard.press("Shift+ArrowRight")
+        assert visit.value(now) == 11, focused
+        visit.page.keyboard.press(" ")
+        visit.wait(f"{now} > 12")
+        visit.page.keyboard.press(" ")
+        assert visit.value("window.vtff.timeline.playing") is False, focused
+    visit.page.keyboard.press("Home")
+    events = visit.value("window.vtff.scene.events.map((event) => event.time)")
+    visit.page.keyboard.press("n")
+    assert visit.value(now) == min(time for time in events if time > 0.01)
+    visit.page.keyboard.press("End")
+    visit.page.keyboard.press("p")
+    assert visit.value(now) == max(events)
+    visit.page.keyboard.press("?")
+    assert visit.page.get_by_role("dialog").is_visible()
+    assert visit.errors == []
+
+
+def test_marks_of_events_go_there(visit_without_cesium):
+    visit = visit_without_cesium
+    mark = visit.page.locator(".mark.manoeuvre").first
+    assert "deputy: thrust for" in mark.get_attribute("title")
+    mark.dispatch_event("click")
+    assert visit.value("window.vtff.timeline.time") == 1
+
+
+def test_plots_zoom_and_their_values_fit_what_is_shown(visit_without_cesium):
+    visit = visit_without_cesium
+    plot = visit.page.locator('[data-plot="relative/deputy/estimate"]')
+    box = plot.bounding_box()
+    middle = box["y"] + box["height"] / 2
+    visit.wait("window.vtff.plots.plots[0].picture")
+    whole = visit.value("window.vtff.plots.plots[0].picture.range")
+    visit.page.mouse.move(box["x"] + 0.6 * box["width"], middle)
+    visit.page.mouse.down()
+    visit.page.mouse.move(box["x"] + 0.9 * box["width"], middle, steps=4)
+    visit.page.mouse.up()
+    visit.wait("window.vtff.plots.window && window.vtff.plots.plots[0].picture")
+    shown = visit.value("window.vtff.plots.plots[0].picture.range")
+    assert shown["x"][0] > 60 and shown["x"][1] < 140
+    size = [limits["y"][1] - limits["y"][0] for limits in (whole, shown)]
+    assert size[0] > 1000 and size[1] < 150  # the approach is out of view
+    assert visit.value("window.vtff.timeline.time") == 0  # a drag is no click
+    visit.page.mouse.wheel(0, -200)
+    visit.wait("window.vtff.plots.plots[0].picture")
+    closer = visit.value("window.vtff.plots.range")
+    assert closer[1] - closer[0] < shown["x"][1] - shown["x"][0]
+    plot.dblclick()
+    assert visit.value("window.vtff.plots.window") is None
+    visit.page.keyboard.press("+")
+    assert visit.value("window.vtff.plots.window") is not None
+    assert visit.errors == []
+
+
+def test_the_formation_plane_zooms_about_the_pointer(visit_without_cesium):
+    visit = visit_without_cesium
+    visit.wait("window.vtff.hill.frames.length === 2")
+    before = visit.value("window.vtff.hill.fit().scale")
+    box = visit.page.locator("#hill").bounding_box()
+    visit.page.mouse.move(box["x"] + 0.25 * box["width"], box["y"] + 0.4 * box["height"])
+    visit.page.mouse.wheel(0, -100)
+    assert visit.value("window.vtff.hill.fit().scale") < before
+    visit.page.locator("#hill").dblclick()
+    assert visit.value("window.vtff.hill.fit().scale") == before
+
+
+def test_an_address_brings_the_view_back(browser, visit_without_cesium):
+    visit = visit_without_cesium
+    visit.value("window.vtff.timeline.seek(42.5)")
+    visit.value("window.vtff.plots.show([30, 70])")
+    visit.page.get_by_role("button", name="Link").click()
+    again = Visit(browser, visit.page.url)
+    again.wait("window.vtff && window.vtff.globe && window.vtff.timeline.time === 42.5")
+    assert again.value("window.vtff.plots.window") == [30, 70]
+    again.page.close()
+
+
+def test_the_rate_that_is_shown_is_measured(visit_without_cesium):
+    visit = visit_without_cesium
+    visit.page.get_by_label("Speed").select_option("10")
+    visit.page.keyboard.press(" ")
+    visit.wait("document.getElementById('rate').textContent.startsWith('measured')")
+    assert 0 < visit.value("window.vtff.timeline.trueRate") < 12
+
+
+def test_pictures_and_videos_are_saved(visit_without_cesium):
+    visit = visit_without_cesium
+    with visit.page.expect_download() as download:
+        visit.page.keyboard.press("s")
+    picture = Image.open(download.value.path())
+    assert picture.width == 1200 and len(picture.convert("RGB").getcolors(1 << 24)) > 500
+    visit.page.get_by_role("button", name="Video").click()
+    visit.page.keyboard.press(" ")
+    visit.page.wait_for_timeout(700)
+    with visit.page.expect_download() as download:
+        visit.page.get_by_role("button", name="Video").click()
+    assert pathlib.Path(download.value.path()).read_bytes()[:4] == b"\x1aE\xdf\xa3"  # Matroska
+    assert download.value.suggested_filename == "sample.webm"
+
+
+def test_a_second_run_is_shown_behind_the_first(browser):
+    scene = read_scene(SAMPLE)
+    scene.beside = read_scene(SAMPLE)
+    scene.beside.name = "the other"
+    for visit in viewed(browser, scene.as_json()):
+        assert visit.page.locator("#name").inner_text() == "sample beside the other"
+        assert visit.value("window.vtff.plots.plots[0].lines.filter((l) => l.beside).length") == 3
+        assert "the other" in visit.page.locator("#legend").inner_text()
+        assert visit.errors == []
+
+
+@pytest.mark.skipif(not cesium_is_installed(), reason="needs Cesium: tools/install_viewer.sh")
+def test_the_formation_is_drawn_close_up(visit):
+    visit.value("window.vtff.timeline.seek(60)")
+    visit.page.keyboard.press("4")
+    visit.wait("window.vtff.globe.formation.deputies.get('deputy').length.text.startsWith('110.9')")
+    deputy = "window.vtff.globe.formation.deputies.get('deputy')"
+    assert visit.value(f"{deputy}.label.text").startswith("deputy\n3 sigma ")
+    assert visit.value(f"{deputy}.arrow.show") and visit.value(f"{deputy}.ellipsoid.show")
+    # The wheel and drags of the user stay when the time goes on.
+    away = visit.value("window.vtff.globe.widget.scene.camera.position.x")
+    visit.page.mouse.move(300, 300)
+    visit.page.mouse.wheel(0, 300)
+    visit.wait(f"window.vtff.globe.widget.scene.camera.position.x !== {away}")
+    visit.page.wait_for_timeout(300)
+    chosen = visit.value("window.vtff.globe.widget.scene.camera.position.x")
+    visit.value("window.vtff.timeline.seek(61)")
+    visit.page.wait_for_timeout(300)
+    assert visit.value("window.vtff.globe.widget.scene.camera.position.x") == pytest.approx(chosen)
+    assert visit.errors == []
+
+
+def test_an_exported_file_needs_nothing_else(browser, scene, tmp_path):
+    write_page(scene, tmp_path / "run.html")
+    visit = Visit(browser, (tmp_path / "run.html").as_uri())
+    visit.wait("window.vtff && window.vtff.globe")
+    visit.value("window.vtff.timeline.seek(60)")
+    visit.wait("window.vtff.globe.counts.links >= 16")
+    assert visit.page.get_by_role("status").inner_text() == ""
+    assert visit.colours("#map") > 50 and visit.colours("#hill") > 20
+    assert visit.errors == []
+    assert [url for url in visit.requests if not re.match("file:|data:", url)] == []
+    assert len([url for url in visit.requests if url.startswith("file:")]) == 1
+    visit.page.close()
+
+
+def test_data_cannot_end_the_script_that_holds_it(browser, scene, tmp_path):
+    name = "</script><script>window.broken = true;</script>"
+    write_page({**scene, "name": name}, tmp_path / "run.html")
+    visit = Visit(browser, (tmp_path / "run.html").as_uri())
+    visit.wait("window.vtff && window.vtff.globe")
+    assert visit.page.locator("#name").inner_text() == name
+    assert visit.value("window.broken === undefined")
+    visit.page.close()
+
+
+@pytest.mark.parametrize("width", [1440, 390])
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_nothing_overlaps_or_is_cut(browser, scene, width, scheme, monkeypatch):
+    monkeypatch.setattr("vtff_analysis.view.server.cesium_is_installed", lambda: False)
+    server = ViewerServer(lambda: scene)
+    server.start()
+    try:
+        page = browser.new_page(viewport={"width": width, "height": 844}, color_scheme=scheme)
+        page.goto(server.address)
+        page.wait_for_selector(".mark")
+        assert page.evaluate("document.documentElement.scrollWidth") <= width
+        boxes = page.evaluate(
+            "[...document.querySelectorAll('header > *, #tools > *, footer > *')]"
+            ".filter((e) => e.checkVisibility() && e.getBoundingClientRect().width"
+            " && !e.querySelector(':scope > button')).map((e) => [e.id || e.tagName,"
+            " ...Object.values(e.getBoundingClientRect().toJSON()).slice(0, 4)])"
+        )
+        for number, (name, x, y, wide, high) in enumerate(boxes):
+            assert x >= 0 and x + wide <= width + 0.5, name
+            for other, left, top, across, down in boxes[number + 1 :]:
+                apart = (
+                    x + wide <= left + 0.5
+                    or left + across <= x + 0.5
+                    or y + high <= top + 0.5
+                    or top + down <= y + 0.5
+                )
+                assert apart, (name, other)
+        background = page.evaluate("getComputedStyle(document.body).backgroundColor")
+        assert background == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 28)")
+        page.close()
+    finally:
+        server.stop()
+
+
+def grow(scene, seconds):
+    """A live scene as the server sends it: what is new since the last news, by `seconds`."""
+    whole = scene["series"]
+
+    def upto(part, first, last):
+        keep = [i for i, time in enumerate(part["time"]) if first < time <= last]
+        return {
+            name: [value[i] for i in keep] if isinstance(value, list) else value
+            for name, value in part.items()
+        }
+
+    def news(first, last):
+        series = [upto(part, first, last) for part in whole]
+        series = [part for part in series if part["time"]]
+        events = [event for event in scene["events"] if event["time"] <= last]
+        return {**scene, "live": True, "duration": last, "events": events, "series": series}
+
+    begin = time.monotonic()
+
+    def now():
+        return min(time.monotonic() - begin + 1.0, seconds)
+
+    def later(sent):
+        last = now()
+        return news(sent.get("", -1.0), last), {"": last}
+
+    return lambda: news(-1.0, 0.0), later
+
+
+@pytest.mark.parametrize(
+    "seconds", [4.0, pytest.param(120.0, marks=pytest.mark.slow)], ids=["short", "long"]
+)
+def test_a_live_run_is_followed(browser, scene, seconds, monkeypatch):
+    monkeypatch.setattr("vtff_analysis.view.server.cesium_is_installed", lambda: False)
+    first, news = grow(scene, seconds)
+    server = ViewerServer(first, news, lambda name, value: "taken")
+    server.start()
+    try:
+        visit = Visit(browser, server.address)
+        visit.wait("window.vtff && window.vtff.globe")
+        deadline = time.monotonic() + seconds + LIMIT
+        while visit.value("window.vtff.timeline.time") < seconds:
+            assert time.monotonic() < deadline
+            assert visit.value("window.vtff.timeline.following")
+            visit.page.wait_for_timeout(500)
+        assert visit.value("window.vtff.scene.series.get('orbit/chief/truth').time.length") > 3
+        visit.page.get_by_role("button", name="Play or pause").click()
+        assert visit.value("window.vtff.timeline.following") is False
+        visit.page.get_by_role("button", name="Live").click()
+        assert visit.value("window.vtff.timeline.following") is True
+        assert visit.errors == []
+        visit.page.close()
+    finally:
+        server.stop()
 
 
 def test_ionosphere_is_shown(browser, tmp_path):

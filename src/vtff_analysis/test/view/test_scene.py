@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vtff_analysis.view.scene import COLUMNS, Scene
+from vtff_analysis.view.scene import COLUMNS, Scene, Series, find_manoeuvres
 
 ROOT = pathlib.Path(__file__).resolve().parents[4]
 SAMPLE = ROOT / "bags/sample"
@@ -81,6 +81,7 @@ pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 import full_run_samples  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
 
 from vtff_analysis.recordings.orbits import read_orbits  # noqa: E402
 from vtff_analysis.view.bag_scene import read_scene  # noqa: E402
@@ -92,7 +93,13 @@ from vtff_bag.run.description import RunDescription  # noqa: E402
 from vtff_dynamics.constants import SPEED_OF_LIGHT  # noqa: E402
 from vtff_dynamics.time.timescales import GpsTime  # noqa: E402
 from vtff_gnss.signals import satellite_name  # noqa: E402
-from vtff_msgs.msg import GnssObservations  # noqa: E402
+from vtff_msgs.msg import (  # noqa: E402
+    ElectronDensity,
+    FormationSafety,
+    GnssObservations,
+    RelativeState,
+)
+from vtff_node.stamps import to_stamp  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -155,8 +162,9 @@ def test_times_count_from_the_first_message(sample):
 def test_everything_of_a_run_is_shown(tmp_path):
     scene = read_scene(full_run_samples.write_full_run(tmp_path / "bag", seconds=130))
     kinds = {series.kind for series in scene.series.values()}
-    assert kinds == set(COLUMNS)
+    assert kinds == set(COLUMNS) - {"density", "safety"}
     assert scene.notes == []
+    assert len(scene.dip_equator) == 73
     vertical = scene.series["pierce/deputy/G07"].at(100.0)
     assert vertical["vtec_tecu"] == pytest.approx(14.0, abs=1e-4)
     assert math.isnan(vertical["latitude_deg"])  # that program has left the column out
@@ -207,3 +215,73 @@ def test_region_stands_still_relative_to_the_sun():
 @pytest.mark.parametrize("named", [None, "", "<none>", "/not/here.yaml"])
 def test_without_the_file_there_is_no_region(named):
     assert irregularity_regions(RunDescription(arguments={"gnss": named}), START) == ()
+
+
+def deputy_state(solution, position=(0.0, 100.0, 0.0)):
+    message = RelativeState(child_frame_id="deputy", solution=solution)
+    message.position = np.array(position)
+    message.covariance = np.diag([1e-6, 4e-6, 9e-6, 1.0, 1.0, 1.0]).ravel()
+    return message
+
+
+def test_a_fix_that_is_lost_for_one_second_of_a_long_run_is_an_event():
+    builder = SceneBuilder(Scene("run", START), interval=20.0)
+    for second in range(100):
+        fixed = second != 47
+        state = deputy_state(RelativeState.SOLUTION_FIXED if fixed else RelativeState.SOLUTION_CODE)
+        state.header.stamp = to_stamp(START + second * SECOND)
+        stamp = START + second * SECOND
+        assert builder.claim_slot("/deputy/relative_state", stamp)
+        builder.add("/deputy/relative_state", stamp, state)
+    scene = builder.scene
+    assert [(event.time, event.text) for event in scene.events] == [
+        (0.0, "deputy: integers fixed"),
+        (47.0, "deputy: integers lost, codes only"),
+        (48.0, "deputy: integers fixed"),
+    ]
+    assert len(scene.series["relative/deputy/estimate"].time) == 6  # thinned as all series are
+    assert scene.series["covariance/deputy"].at(0.0) == {
+        "rr": 1e-6, "rt": 0.0, "rn": 0.0, "tt": 4e-6, "tn": 0.0, "nn": 9e-6,
+    }  # fmt: skip
+
+
+def test_safety_faults_and_densities_are_shown():
+    builder = SceneBuilder(Scene("run", START))
+    safety = FormationSafety(hard_radius=30.0, deputy=["deputy"], reason=["thruster stuck on"])
+    for second, mode in enumerate((0, 0, 2, 2)):
+        safety.mode, safety.isolated_axes = [mode], [0]
+        safety.header.stamp = to_stamp(START + second * SECOND)
+        builder.add("/formation/safety", START + second * SECOND, safety)
+    status = DiagnosticStatus(name="relative_ekf", level=DiagnosticStatus.ERROR, message="no fix")
+    array = DiagnosticArray(status=[status])
+    array.header.stamp = to_stamp(START + 5 * SECOND)
+    builder.add("/diagnostics", START, array)
+    builder.add("/diagnostics", START, array)  # still the same fault
+    density = ElectronDensity(
+        system=[0, 255], prn=[7, 0], density=[9e11, 1e12], density_sigma=[1e11, 2e10]
+    )
+    density.position = np.array([6_778_137.0, 0.0, 0.0])
+    density.header.stamp = to_stamp(START + 6 * SECOND)
+    builder.add("/deputy/iono/electron_density", START, density)
+    scene = builder.scene
+    assert scene.hard_radius == 30.0
+    assert [(event.time, event.kind, event.text) for event in scene.events] == [
+        (2.0, "safety", "deputy: evades: thruster stuck on"),
+        (5.0, "fault", "relative_ekf: no fix"),
+    ]
+    sample = scene.series["density/deputy"].at(6.0)
+    assert sample["altitude"] == pytest.approx(400e3)
+    assert (sample["per_cm3"], sample["sigma"]) == (pytest.approx(1e6), pytest.approx(2e4))
+
+
+def test_manoeuvres_are_burns_with_pauses_between():
+    thrust = Series("thrust", {"deputy": "deputy", "source": "applied"})
+    for second in range(300):
+        burns = 10 <= second < 20 or 25 <= second < 30 or 200 <= second < 210
+        thrust.time.append(float(second))
+        for column, value in zip(thrust.values, (0.0, 0.02 if burns else 1e-5, 0.0), strict=True):
+            column.append(value)
+    first, second = find_manoeuvres(thrust)
+    assert (first.time, first.text) == (10.0, "deputy: thrust for 20 s, 0.3 m/s")
+    assert (second.time, second.text) == (200.0, "deputy: thrust for 10 s, 0.2 m/s")
+    assert find_manoeuvres(Series("thrust", {"deputy": "deputy", "source": "applied"})) == []

@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from vtff_analysis.view.regions import irregularity_regions
+from vtff_analysis.view.regions import add_dip_equator, irregularity_regions
 from vtff_analysis.view.scene import Scene
 from vtff_analysis.view.scene_builder import SceneBuilder, sample_interval
 from vtff_bag.file.errors import UnknownTypeError
@@ -70,6 +70,7 @@ def read_scene(path: str | os.PathLike[str], progress: Progress | None = None) -
         scene.regions = irregularity_regions(described, scene.start)
     except ValueError as error:
         scene.notes.append(f"irregularity regions are left out: {error}")
+    add_dip_equator(scene)
     return scene
 
 

@@ -1,17 +1,19 @@
-"""Irregularity regions of a run, from the configuration of its GNSS simulator."""
+"""Where plasma bubbles are: regions of the GNSS simulator's configuration, and the dip equator."""
 
 from __future__ import annotations
 
 import math
 import pathlib
 
-from vtff_analysis.view.scene import Region
+from vtff_analysis.view.scene import Region, Scene
 from vtff_bag.run.description import RunDescription
+from vtff_dynamics.attitude.dip_equator import dip_equator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 
 GNSS_ARGUMENT = "gnss"
 _STEP = 60.0  # s; over this time the motion of the sides is computed
+_IONOSPHERE = 350e3  # m; altitude of the dip equator that is drawn
 
 
 def irregularity_regions(described: RunDescription, start: int) -> tuple[Region, ...]:
@@ -61,3 +63,13 @@ def irregularity_regions(described: RunDescription, start: int) -> tuple[Region,
             )
         )
     return tuple(regions)
+
+
+def add_dip_equator(scene: Scene) -> None:
+    """Put the dip equator at the start of a scene into it; without a model of the field, a note."""
+    try:
+        points = dip_equator(GpsTime.from_unix_nanoseconds(scene.start), _IONOSPHERE)
+    except ValueError as error:
+        scene.notes.append(f"the dip equator is left out: {error}")
+        return
+    scene.dip_equator = points.round(2).tolist()

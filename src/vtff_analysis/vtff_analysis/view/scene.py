@@ -14,7 +14,7 @@ from typing import Any
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 
-SCENE_VERSION = 1
+SCENE_VERSION = 2
 
 #: Columns of each kind of series, with the decimals that are sent.
 COLUMNS: dict[str, dict[str, int]] = {
@@ -22,10 +22,14 @@ COLUMNS: dict[str, dict[str, int]] = {
     "satellite": {"x": 0, "y": 0, "z": 0},
     "link": {"cn0_dbhz": 1},
     "pierce": {"latitude_deg": 4, "longitude_deg": 4, "stec_tecu": 3, "vtec_tecu": 3},
-    "relative": {"radial": 4, "in_track": 4, "cross_track": 4},
-    "thrust": {"radial": 6, "in_track": 6, "cross_track": 6},
+    "relative": {"radial": 7, "in_track": 7, "cross_track": 7},
+    "covariance": {"rr": 14, "rt": 14, "rn": 14, "tt": 14, "tn": 14, "nn": 14},
+    "solution": {"solution": 0},
+    "thrust": {"radial": 9, "in_track": 9, "cross_track": 9},
     "scintillation": {"s4": 4, "sigma_phi": 4},
+    "density": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "per_cm3": 1, "sigma": 1},
     "boundary": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "entry": 0},
+    "safety": {"mode": 0, "isolated_axes": 0},
 }
 _TIME_DECIMALS = 3
 _TIME_TOLERANCE = 1e-6  # s
@@ -45,7 +49,8 @@ class Series:
         s after the start of the scene, increasing.
     values
         One list for each column of the kind, as long as `time`; in m, m/s, m/s2 or the unit in the
-        name of the column. Relative positions and thrust are in the RTN axes of the chief.
+        name of the column. Relative positions, their covariance (m2) and thrust are in the RTN axes
+        of the chief; a density has its sigma in the same unit.
     """
 
     kind: str
@@ -129,6 +134,26 @@ class Region:
     s4: float
 
 
+@dataclasses.dataclass(frozen=True)
+class Event:
+    """A thing that happened at a time, as a mark of the timeline.
+
+    Attributes
+    ----------
+    time
+        s after the start of the scene.
+    kind
+        ``manoeuvre``, ``solution`` (navigation lost its fix or has it again), ``edge``, ``safety``
+        or ``fault``.
+    text
+        One line for the user.
+    """
+
+    time: float
+    kind: str
+    text: str
+
+
 @dataclasses.dataclass
 class Scene:
     """A run in the form that the page shows.
@@ -147,6 +172,15 @@ class Scene:
         Irregularities of the simulated ionosphere.
     notes
         One line for each thing that is missing or could not be read.
+    events
+        What happened, in the order in which it was seen; without manoeuvres, which `all_events`
+        finds in the series of thrust.
+    hard_radius
+        Distance in m below which no pair of spacecraft may come; 0 if nothing says it.
+    dip_equator
+        Longitude and latitude, deg, of points where the magnetic field of the Earth is level.
+    beside
+        A second run to compare with.
     """
 
     name: str
@@ -155,6 +189,10 @@ class Scene:
     live: bool = False
     regions: tuple[Region, ...] = ()
     notes: list[str] = dataclasses.field(default_factory=list)
+    events: list[Event] = dataclasses.field(default_factory=list)
+    hard_radius: float = 0.0
+    dip_equator: list[list[float]] = dataclasses.field(default_factory=list)
+    beside: Scene | None = None
     series: dict[str, Series] = dataclasses.field(default_factory=dict)
 
     def add(self, kind: str, stamp: int, row: Sequence[float], **labels: str) -> None:
@@ -189,6 +227,10 @@ class Scene:
         for column, value in zip(series.values, row, strict=True):
             column.append(value)
 
+    def note_event(self, stamp: int, kind: str, text: str) -> None:
+        """Add an event at a time, ns since 1970."""
+        self.events.append(Event(round(self.seconds(stamp), _TIME_DECIMALS), kind, text))
+
     def seconds(self, stamp: int) -> float:
         """Return the time of a stamp (ns since 1970) in s after the start."""
         return (stamp - self.start) / NANOSECONDS_PER_SECOND
@@ -206,7 +248,9 @@ class Scene:
             Number of samples of each series that the page has; none if it is not given.
         """
         counts = sent or {}
+        beside = {} if self.beside is None else {"beside": self.beside.as_json()}
         return {
+            **beside,
             "version": SCENE_VERSION,
             "name": self.name,
             "start_unix": self.start / NANOSECONDS_PER_SECOND,
@@ -214,6 +258,9 @@ class Scene:
             "live": self.live,
             "regions": [dataclasses.asdict(region) for region in self.regions],
             "notes": list(self.notes),
+            "hard_radius": self.hard_radius,
+            "dip_equator": self.dip_equator,
+            "events": [dataclasses.asdict(event) for event in all_events(self)],
             "series": [
                 series.as_json(counts.get(name, 0))
                 for name, series in sorted(self.series.items())
@@ -224,3 +271,52 @@ class Scene:
     def counts(self) -> dict[str, int]:
         """Return the number of samples by series, which `as_json` takes as `sent`."""
         return {name: len(series.time) for name, series in self.series.items()}
+
+
+#: A manoeuvre is thrust above this share of the largest thrust of the spacecraft in the scene; it
+#: ends with a pause of this length, s.
+_MANOEUVRE_SHARE, _MANOEUVRE_PAUSE = 0.1, 30.0
+
+
+def find_manoeuvres(series: Series) -> list[Event]:
+    """Return the manoeuvres in a series of thrust: begin, length and velocity change.
+
+    Parameters
+    ----------
+    series
+        Accelerations of a thruster, m/s2; each holds until the next sample.
+    """
+    sizes = [math.hypot(*row) for row in zip(*series.values, strict=True)]
+    largest = max(sizes, default=0.0)
+    burning = [
+        index
+        for index, size in enumerate(sizes)
+        if largest > 0.0 and size > _MANOEUVRE_SHARE * largest
+    ]
+    groups: list[list[int]] = []
+    for index in burning:
+        if groups and series.time[index] - series.time[groups[-1][-1]] <= _MANOEUVRE_PAUSE:
+            groups[-1].append(index)
+        else:
+            groups.append([index])
+    events = []
+    for group in groups:
+        first, last = group[0], min(group[-1] + 1, len(sizes) - 1)
+        change = sum(
+            sizes[index] * (series.time[index + 1] - series.time[index])
+            for index in range(first, last)
+        )
+        text = (
+            f"{series.labels['deputy']}: thrust for "
+            f"{series.time[last] - series.time[first]:.0f} s, {change:.3g} m/s"
+        )
+        events.append(Event(series.time[first], "manoeuvre", text))
+    return events
+
+
+def all_events(scene: Scene) -> list[Event]:
+    """Return the events of a scene with the manoeuvres of every thruster, in order of time."""
+    thrusts = scene.of_kind("thrust")
+    applied = [series for series in thrusts if series.labels["source"] == "applied"]
+    manoeuvres = [event for series in applied for event in find_manoeuvres(series)]
+    return sorted([*scene.events, *manoeuvres], key=lambda event: event.time)

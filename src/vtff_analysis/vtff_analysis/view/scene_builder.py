@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 
 from vtff_analysis.recordings.topics import relative_state_topic
 from vtff_analysis.view.satellites import SatellitePositions
@@ -19,7 +20,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.fix import STATUS_NONE
 from vtff_gnss.signals import satellite_name
-from vtff_msgs.msg import RelativeState
+from vtff_msgs.msg import FormationSafety, RelativeState
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
 
@@ -29,11 +30,33 @@ _CRAFT_TOPIC = re.compile(
 )
 _BOUNDARY_TOPIC = re.compile(r"boundar")
 
-#: Topics of which every message is kept, whatever the interval of the samples.
-_NEVER_THINNED = re.compile(r"(/gnss/ephemeris|boundar\w*|/target)$")
+_SAFETY_TOPIC = "/formation/safety"
+_DENSITY_TOPIC = re.compile(r"^/(?P<deputy>.+)/iono/electron_density$")
+_DIAGNOSTICS_TOPIC = "/diagnostics"
+
+#: Topics of which every message is taken, whatever the interval of the samples: nothing that
+#: happens for a second only is missed.
+_NEVER_THINNED = re.compile(
+    r"(/gnss/ephemeris|boundar\w*|/target|/relative_state|/formation/safety|/diagnostics)$"
+)
 
 _EPHEMERIS = "/gnss/ephemeris"
 _EARTH_FRAME = "earth"
+_ALL_SATELLITES = 255  # system of the row of all satellites combined, ElectronDensity.msg
+_PER_CM3 = 1e-6  # per cm3 in 1/m3
+
+_SOLUTIONS = {
+    RelativeState.SOLUTION_NONE: "no solution",
+    RelativeState.SOLUTION_PREDICTED: "predicted only",
+    RelativeState.SOLUTION_CODE: "codes only",
+    RelativeState.SOLUTION_FLOAT: "float",
+}
+_MODES = {
+    FormationSafety.MODE_MONITOR: "clear",
+    FormationSafety.MODE_WATCH: "watched",
+    FormationSafety.MODE_EVADE: "evades",
+    FormationSafety.MODE_HOLD: "taken over, thrust off",
+}
 
 #: Shortest time between samples, s, and the number of samples beyond which this time grows: plots
 #: are a few hundred pixels wide, and the globe interpolates.
@@ -68,6 +91,8 @@ class SceneBuilder:
         self._slot = round(interval * NANOSECONDS_PER_SECOND)
         self._newest: dict[str, int] = {}
         self._satellites = SatellitePositions(scene)
+        self._solutions: dict[str, int] = {}
+        self._faults: dict[str, bytes] = {}
 
     def handler(self, topic: str) -> Handler | None:
         """Return the function of (ns since 1970, message) for a topic; None if it is not shown."""
@@ -88,9 +113,15 @@ class SceneBuilder:
                 "iono/scintillation": self._add_scintillation,
             }[match["what"]]
             return lambda stamp, message: add(craft, stamp, message)
+        match = _DENSITY_TOPIC.match(topic)
+        if match is not None:
+            return functools.partial(self._add_density, match["deputy"])
         if _BOUNDARY_TOPIC.search(topic):
             return self._add_boundary
-        return None
+        return {
+            _SAFETY_TOPIC: self._add_safety,
+            _DIAGNOSTICS_TOPIC: self._add_diagnostics,
+        }.get(topic)
 
     def claim_slot(self, topic: str, time: int) -> bool:
         """Return whether a message of this time is kept; its slot is then taken.
@@ -179,11 +210,66 @@ class SceneBuilder:
             if note not in self.scene.notes:
                 self.scene.notes.append(note)
             return
-        unusable = source == "estimate" and message.solution == RelativeState.SOLUTION_NONE
+        estimated = source == "estimate"
+        if estimated:
+            self._note_solution(deputy, stamp, message.solution)
+            slot = (stamp + round(_EARLY * self._slot)) // self._slot
+            if self._newest.get(f"relative/{deputy}") == slot:
+                return
+            self._newest[f"relative/{deputy}"] = slot
+        unusable = estimated and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(message.position).all():
             return
         row = [float(value) for value in message.position]
         self.scene.add("relative", stamp, row, deputy=deputy, source=source)
+        covariance = np.asarray(message.covariance).reshape(6, 6)[:3, :3]
+        if estimated and np.isfinite(covariance).all():
+            upper = covariance[np.triu_indices(3)].tolist()
+            self.scene.add("covariance", stamp, upper, deputy=deputy)
+
+    def _note_solution(self, deputy: str, stamp: int, solution: int) -> None:
+        """Keep changes of the kind of solution; a fix that is lost or found again is an event."""
+        before = self._solutions.get(deputy)
+        if before == solution:
+            return
+        self._solutions[deputy] = solution
+        self.scene.add("solution", stamp, [float(solution)], deputy=deputy)
+        fixed = RelativeState.SOLUTION_FIXED
+        if before == fixed:
+            text = f"{deputy}: integers lost, {_SOLUTIONS.get(solution, 'unknown')}"
+            self.scene.note_event(stamp, "solution", text)
+        elif solution == fixed:
+            self.scene.note_event(stamp, "solution", f"{deputy}: integers fixed")
+
+    def _add_density(self, deputy: str, stamp: int, message: Any) -> None:
+        columns = zip(message.system, message.density, message.density_sigma, strict=True)
+        combined = [(value, sigma) for system, value, sigma in columns if system == _ALL_SATELLITES]
+        if not combined or not np.isfinite(message.position).all():
+            return
+        latitude, longitude, altitude = geodetic_from_itrf(np.asarray(message.position))
+        place = [float(np.degrees(latitude)), float(np.degrees(longitude)), float(altitude)]
+        values = [float(value) * _PER_CM3 for value in combined[-1]]
+        self.scene.add("density", stamp, [*place, *values], deputy=deputy)
+
+    def _add_safety(self, stamp: int, message: Any) -> None:
+        self.scene.hard_radius = float(message.hard_radius)
+        columns = (message.deputy, message.mode, message.isolated_axes, message.reason)
+        for deputy, mode, axes, reason in zip(*columns, strict=True):
+            series = self.scene.series.get(f"safety/{deputy}")
+            if series is not None and [column[-1] for column in series.values] == [mode, axes]:
+                continue
+            self.scene.add("safety", stamp, [float(mode), float(axes)], deputy=deputy)
+            if series is not None or mode or axes:
+                text = f"{deputy}: {_MODES.get(mode, 'unknown mode')}"
+                self.scene.note_event(stamp, "safety", f"{text}: {reason}" if reason else text)
+
+    def _add_diagnostics(self, stamp: int, message: Any) -> None:
+        for status in message.status:
+            before = self._faults.get(status.name)
+            self._faults[status.name] = status.level
+            failed = status.level >= DiagnosticStatus.ERROR
+            if failed and before != status.level:
+                self.scene.note_event(stamp, "fault", f"{status.name}: {status.message}")
 
     def _add_slant_tec(self, craft: str, stamp: int, message: Any) -> None:
         names = ("pierce_latitude_deg", "pierce_longitude_deg", "stec_tecu", "vtec_tecu")
@@ -214,6 +300,9 @@ class SceneBuilder:
             position = [float(np.degrees(latitude)), float(np.degrees(longitude)), float(altitude)]
         craft = message.spacecraft or "formation"
         self.scene.add("boundary", stamp, [*position, float(message.entry)], craft=craft)
+        what = "enters" if message.entry else "leaves"
+        text = f"{craft}: {what} an irregularity at {position[2] / 1e3:.1f} km"
+        self.scene.note_event(stamp, "edge", text)
 
 
 def _column(message: Any, name: str) -> list[float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import os
 import pathlib
 import time
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
+from rich.progress import Progress, TaskID
 
 from vtff_bag.file.errors import BagError
 from vtff_bringup.run.errors import exit_with_error, print_note
@@ -38,6 +39,14 @@ def view(
     text: Annotated[
         bool, typer.Option("--text", help="Lines of text in the terminal instead of a page.")
     ] = False,
+    beside: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="A second run, grey behind the first in the plots and the formation."),
+    ] = None,
+    export: Annotated[
+        Optional[pathlib.Path],  # noqa: UP045
+        typer.Option(help="Write the page with the run in it to one HTML file, and end."),
+    ] = None,
     no_open: Annotated[
         bool, typer.Option("--no-open", help="Print the address, start no browser.")
     ] = False,
@@ -57,19 +66,24 @@ def view(
     """Show a run: spacecraft, orbits, GNSS links, pierce points and TEC on a globe, and plots.
 
     The page is served by this program to this machine only and loads nothing from elsewhere, so
-    that it works offline. Space plays and pauses, the arrows go 10 s back and forward, a click in
-    a plot goes to its time. With --live the page follows a run or a `vtff replay` in the same
-    ROS_DOMAIN_ID; its controls also move the replay. Ctrl-C ends.
+    that it works offline. Space plays and pauses, the arrows go 10 s back and forward, n and p go
+    through the events, a click in a plot goes to its time, a drag there zooms; ? shows all keys.
+    With --live the page follows a run or a `vtff replay` in the same ROS_DOMAIN_ID; its controls
+    also move the replay. Ctrl-C ends. An exported file has a map in place of the globe.
 
-    Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live
+    Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live;
+    vtff view RUN --beside OTHER;  vtff view RUN --export run.html
     """
     console = Console(highlight=False)
     if (bag is None) == (not live):
-        console.print("[red]error:[/red] give a bag, or --live for a run that goes on")
-        raise typer.Exit(EXIT_USAGE)
+        raise exit_with_error(console, "give a bag, or --live for a run that goes on", EXIT_USAGE)
+    if live and (beside is not None or export is not None):
+        raise exit_with_error(console, "--beside and --export are for recorded runs", EXIT_USAGE)
     try:
-        if bag is not None:
-            code = _view_bag(console, bag, text, not no_open, port, foxglove, foxglove_port)
+        if bag is not None and export is not None:
+            code = _export(console, bag, beside, export)
+        elif bag is not None:
+            code = _view_bag(console, bag, beside, text, not no_open, port, foxglove, foxglove_port)
         else:
             code = _view_live(console, text, not no_open, port, foxglove, foxglove_port)
     except BagError as error:
@@ -79,23 +93,52 @@ def view(
     raise typer.Exit(code)
 
 
+def _read(console: Console, bag: pathlib.Path, beside: pathlib.Path | None) -> Scene:
+    """Read a bag and the run beside it, with progress, and print what is missing."""
+    from vtff_analysis.view.bag_scene import read_scene
+
+    scenes = []
+    with Progress(console=console, transient=True, disable=not console.is_terminal) as progress:
+        for path in filter(None, (bag, beside)):
+            task = progress.add_task(f"reading {path}", total=1.0)
+            scenes.append(read_scene(path, functools.partial(_show_progress, progress, task)))
+    scene = scenes[0]
+    if len(scenes) > 1:
+        scene.beside = scenes[1]
+    for read in scenes:
+        for note in read.notes:
+            print_note(console, note)
+    return scene
+
+
+def _show_progress(progress: Progress, task: TaskID, part: float) -> None:
+    progress.update(task, completed=part)
+
+
+def _export(
+    console: Console, bag: pathlib.Path, beside: pathlib.Path | None, file: pathlib.Path
+) -> int:
+    from vtff_analysis.view.page_file import write_page
+
+    write_page(_read(console, bag, beside).as_json(), file)
+    size = file.stat().st_size / 1e6
+    console.print(f"{file}: {size:.1f} MB, opens in any browser", markup=False, soft_wrap=True)
+    return 0
+
+
 def _view_bag(
     console: Console,
     bag: pathlib.Path,
+    beside: pathlib.Path | None,
     text: bool,
     opens: bool,
     port: int,
     foxglove: bool,
     foxglove_port: int,
 ) -> int:
-    from vtff_analysis.view.bag_scene import read_scene
     from vtff_analysis.view.text import scene_text
 
-    with Progress(console=console, transient=True) as progress:
-        task = progress.add_task("reading the bag", total=1.0)
-        scene = read_scene(bag, lambda fraction: progress.update(task, completed=fraction))
-    for note in scene.notes:
-        print_note(console, note)
+    scene = _read(console, bag, beside)
     if text:
         print(scene_text(scene))
         return 0

@@ -1,5 +1,7 @@
 // Drawing on canvases: sharp on any screen, ticks at round numbers, lines with gaps.
 
+import { page } from "./colours.js";
+
 // Fit a canvas to its place; tells whether it was cleared by that.
 export function prepare(canvas) {
   const scale = window.devicePixelRatio || 1;
@@ -33,8 +35,9 @@ export function drawAxes(context, frame, range, ticks, labels = {}) {
   context.font = "11px system-ui, sans-serif";
   context.lineWidth = 1;
   context.setLineDash([]);
-  context.strokeStyle = "#e3e7eb";
-  context.fillStyle = "#3c444d";
+  const colours = page();
+  context.strokeStyle = colours.grid;
+  context.fillStyle = colours.faint;
   context.textAlign = "center";
   const toX = (value) => frame.x + ((value - range.x[0]) / (range.x[1] - range.x[0])) * frame.width;
   const toY = (value) => frame.y + frame.height
@@ -48,7 +51,7 @@ export function drawAxes(context, frame, range, ticks, labels = {}) {
     line(context, frame.x, toY(tick), frame.x + frame.width, toY(tick));
     context.fillText(ticks.y.text(tick), frame.x - 5, toY(tick) + 4);
   }
-  context.strokeStyle = "#9aa4af";
+  context.strokeStyle = colours.frame;
   context.strokeRect(frame.x, frame.y, frame.width, frame.height);
   if (labels.x) {
     context.textAlign = "center";
@@ -63,6 +66,44 @@ export function drawAxes(context, frame, range, ticks, labels = {}) {
     context.restore();
   }
   return { toX, toY };
+}
+
+// A number with as many digits as are told, without a trail of zeros; small and large ones as powers.
+export function format(value, digits) {
+  if (value === null || value === undefined || !Number.isFinite(value)) return "–";
+  const size = Math.abs(value);
+  if (size === 0) return "0";
+  if (size >= 1e6 || size < 1e-4) return value.toExponential(Math.min(digits - 1, 3));
+  if (size >= 10 ** digits) return value.toFixed(0);
+  const text = value.toPrecision(digits);
+  return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
+}
+
+// A length in the unit in which it is easily read.
+export function lengthText(metres, digits = 4) {
+  const size = Math.abs(metres);
+  if (size >= 1e4) return `${format(metres / 1e3, digits)} km`;
+  if (size > 0 && size < 0.01) return `${format(metres * 1e3, digits)} mm`;
+  return `${format(metres, digits)} m`;
+}
+
+// Small box of lines beside a point, within the canvas.
+export function drawTip(context, x, y, lines, width, height) {
+  const colours = page();
+  context.font = "11px system-ui, sans-serif";
+  const wide = Math.max(...lines.map((line) => context.measureText(line).width)) + 12;
+  const high = 15 * lines.length + 6;
+  const left = x + 12 + wide < width ? x + 12 : Math.max(0, x - 12 - wide);
+  const top = Math.min(Math.max(0, y - high / 2), height - high);
+  context.setLineDash([]);
+  context.fillStyle = colours.paper;
+  context.strokeStyle = colours.frame;
+  context.lineWidth = 1;
+  context.fillRect(left, top, wide, high);
+  context.strokeRect(left, top, wide, high);
+  context.fillStyle = colours.ink;
+  context.textAlign = "left";
+  lines.forEach((line, index) => context.fillText(line, left + 6, top + 15 + 15 * index));
 }
 
 // A line over time with gaps where values are missing; as steps where a value holds.

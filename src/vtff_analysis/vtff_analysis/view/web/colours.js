@@ -1,15 +1,41 @@
 // Colours that are told apart with any colour vision: Okabe-Ito for names, cividis for amounts.
+// What is drawn on the page itself has two sets, for a light and for a dark page.
 
 export const CHIEF = "#56b4e9";
 export const DEPUTY = "#e69f00";
 export const OTHERS = ["#cc79a7", "#009e73", "#f0e442"];
-// On white the same order, darker: radial, in-track, cross-track.
-export const AXES = ["#0072b2", "#d55e00", "#007a5a"];
 export const AXIS_DASHES = [[], [], [6, 3]];
 export const REGION = "#cc79a7";
-export const LINES = ["#0072b2", "#d55e00", "#007a5a", "#cc79a7", "#56b4e9", "#8a6d00", "#444444"];
+export const BESIDE = "#8a929b"; // the second run
 
 export const CN0_RANGE = [30, 50]; // dB-Hz
+export const S4_RANGE = [0, 1];
+
+const PAGES = {
+  light: {
+    ink: "#1b1f24", faint: "#5b6470", grid: "#e3e7eb", frame: "#9aa4af", paper: "#ffffff",
+    past: "#c5ccd3", cursor: "#444444",
+    axes: ["#0072b2", "#d55e00", "#007a5a"], // radial, in-track, cross-track
+    lines: ["#0072b2", "#d55e00", "#007a5a", "#cc79a7", "#56b4e9", "#8a6d00", "#444444"],
+  },
+  dark: {
+    ink: "#e8ecf0", faint: "#a3adb8", grid: "#2c343c", frame: "#66707b", paper: "#14181c",
+    past: "#4c555f", cursor: "#cfd6dd",
+    axes: ["#56b4e9", "#f0913c", "#2fc79a"],
+    lines: ["#56b4e9", "#f0913c", "#2fc79a", "#e3a1c4", "#9ad3f5", "#e3c94a", "#c9cfd6"],
+  },
+};
+
+const darkness = window.matchMedia("(prefers-color-scheme: dark)");
+
+// Colours of the page as it is shown now.
+export function page() {
+  return darkness.matches ? PAGES.dark : PAGES.light;
+}
+
+export function onPageChange(listener) {
+  darkness.addEventListener("change", listener);
+}
 
 // Colour of a spacecraft by its place among all, the chief being the first.
 export function craftColour(index) {

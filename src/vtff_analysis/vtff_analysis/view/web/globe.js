@@ -1,12 +1,17 @@
 // The globe: CesiumJS with the imagery that comes with it; nothing is asked of other machines.
 
-import { CN0_RANGE, REGION, cividis, craftColour, partOf } from "./colours.js";
+import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, partOf } from "./colours.js";
+import { FormationView } from "./formation.js";
 import { Scene, geodetic } from "./scene.js";
 
 const BASE = "cesium/";
 const TEC_RANGE_ROOM = 1; // TECU: a flat ionosphere is no full scale of colours
 const ORBIT_REFRESH = 20; // s of scene time between osculating ellipses
 const MOST_RIBBON_POINTS = 1500;
+// Distance of the camera from the centre of the Earth, m: the Earth fills the pane; all GNSS orbits.
+const EARTH_RANGE = 1.5e7;
+const LINKS_RANGE = 9e7;
+const FAR_LIGHT = 1e10; // m: day and night are drawn at any distance
 
 // Load Cesium; rejects where it is not installed or the browser has no WebGL.
 export async function makeGlobe(container, scene) {
@@ -30,6 +35,8 @@ class Globe {
     this.satellites = new Map();
     this.crafts = new Map();
     this.regions = [];
+    this.edges = new Map();
+    this.quantity = "cn0_dbhz"; // by which links are coloured
     this.orbitTime = null;
     this.widget = new Cesium.CesiumWidget(container, {
       baseLayer: Cesium.ImageryLayer.fromProviderAsync(
@@ -45,14 +52,22 @@ class Globe {
       useBrowserRecommendedResolution: true,
     });
     const { scene: view } = this.widget;
-    view.globe.enableLighting = false;
+    view.globe.enableLighting = true; // the terminator
+    view.globe.lightingFadeOutDistance = FAR_LIGHT;
+    view.globe.lightingFadeInDistance = 2 * FAR_LIGHT;
+    view.globe.nightFadeOutDistance = FAR_LIGHT;
+    view.globe.nightFadeInDistance = 2 * FAR_LIGHT;
     view.globe.showGroundAtmosphere = false;
     view.skyAtmosphere.show = false;
     if (view.moon) view.moon.show = false;
     view.screenSpaceCameraController.maximumZoomDistance = 2e8;
+    view.screenSpaceCameraController.minimumZoomDistance = 0.5;
+    view.camera.frustum.near = 0.1;
     this.lines = view.primitives.add(new Cesium.PolylineCollection());
     this.points = view.primitives.add(new Cesium.PointPrimitiveCollection());
     this.names = view.primitives.add(new Cesium.LabelCollection());
+    this.formation = new FormationView(Cesium, scene, view);
+    this.addDipEquator();
     this.update();
     this.look("earth");
   }
@@ -69,6 +84,7 @@ class Globe {
       this.crafts.get(craft).track.positions = this.groundTrack(craft);
     });
     this.addRegions();
+    this.formation.update();
     this.orbitTime = null;
     if (this.ribbon) this.widget.scene.primitives.remove(this.ribbon);
     this.ribbon = this.makeRibbon();
@@ -110,6 +126,16 @@ class Globe {
       places.push(this.Cesium.Cartesian3.fromDegrees(longitude, latitude, 8000));
     }
     return places.length > 1 ? places : [];
+  }
+
+  addDipEquator() {
+    const { Cesium } = this;
+    if (!this.scene.dipEquator.length) return;
+    const material = Cesium.Material.fromType("PolylineDash", {
+      color: Cesium.Color.WHITE.withAlpha(0.8), dashLength: 12,
+    });
+    const positions = this.scene.dipEquator.map(([lon, lat]) => Cesium.Cartesian3.fromDegrees(lon, lat, 15e3));
+    this.lines.add({ width: 1.5, material, positions });
   }
 
   addRegions() {
@@ -172,10 +198,12 @@ class Globe {
     this.drawCrafts(time);
     this.drawLinks(time);
     this.drawPierces(time);
+    this.drawEdges(time);
     this.widget.clock.currentTime = this.Cesium.JulianDate.fromDate(
       new Date((this.scene.startUnix + time) * 1000),
     );
-    if (this.following) this.followChief();
+    this.follow();
+    this.formation.draw(time, this.Cesium.Cartesian3.magnitude(this.widget.scene.camera.position));
     this.widget.scene.requestRender();
   }
 
@@ -207,8 +235,10 @@ class Globe {
         this.links.set(link.name, line);
       }
       line.positions = [this.cartesian(link.from), this.cartesian(link.to)];
-      const [red, green, blue] = cividis(partOf(link.cn0, CN0_RANGE));
-      line.material.uniforms.color = Cesium.Color.fromBytes(red, green, blue, 230);
+      const value = this.scene.linkValue(link, time, this.quantity);
+      const [red, green, blue] = value === null ? [150, 150, 150] : cividis(partOf(value, this.colourRange));
+      const alpha = this.camera === "formation" ? 90 : value === null ? 120 : 230;
+      line.material.uniforms.color = Cesium.Color.fromBytes(red, green, blue, alpha);
     }
     for (const satellite of seen.keys()) {
       if (!this.satellites.has(satellite)) this.satellites.set(satellite, this.addSatellite(satellite));
@@ -260,6 +290,46 @@ class Globe {
     }
   }
 
+  // Edges of irregularities that were found up to a time; the regions are the true ones.
+  drawEdges(time) {
+    const { Cesium } = this;
+    for (const series of this.scene.ofKind("boundary")) {
+      series.time.forEach((at, index) => {
+        const key = `${series.name}/${index}`;
+        let parts = this.edges.get(key);
+        if (!parts) {
+          const column = (name) => series.columns[name][index];
+          const position = Cesium.Cartesian3.fromDegrees(column("longitude_deg"), column("latitude_deg"), column("altitude"));
+          parts = [
+            this.points.add({
+              pixelSize: 9, color: Cesium.Color.TRANSPARENT, outlineColor: Cesium.Color.fromCssColorString(REGION),
+              outlineWidth: 3, position,
+            }),
+            this.names.add({
+              text: `${column("entry") ? "in" : "out"} ${(column("altitude") / 1e3).toFixed(1)} km`,
+              font: "11px sans-serif", fillColor: Cesium.Color.WHITE, outlineColor: Cesium.Color.BLACK,
+              outlineWidth: 3, style: Cesium.LabelStyle.FILL_AND_OUTLINE, position,
+              pixelOffset: new Cesium.Cartesian2(9, 4),
+              distanceDisplayCondition: new Cesium.DistanceDisplayCondition(0, 6e6), // else they cover each other
+            }),
+          ];
+          this.edges.set(key, parts);
+        }
+        for (const part of parts) part.show = at <= time;
+      });
+    }
+  }
+
+  // Quantity by which the links are coloured, and its range.
+  colourBy(quantity) {
+    this.quantity = quantity;
+  }
+
+  get colourRange() {
+    if (this.quantity === "s4") return S4_RANGE;
+    return this.quantity === "vtec_tecu" ? this.tecRange ?? [0, 50] : CN0_RANGE;
+  }
+
   // The message does not tell the height: above the orbit, where a ray leaves towards the satellite.
   pierceHeight(craft, time) {
     const orbit = this.scene.orbit(craft);
@@ -271,47 +341,78 @@ class Globe {
     return new this.Cesium.Cartesian3(x, y, z);
   }
 
-  // Turn the camera: to the whole Earth with the links, after the chief, or to a region.
+  // Turn the camera: the Earth below the formation, the Earth with all links, after the chief, into
+  // the formation, or to a region. All but the last follow; the user may turn and zoom meanwhile.
   look(where) {
     const { Cesium } = this;
     const { camera } = this.widget.scene;
-    this.following = where === "chief";
-    camera.lookAtTransform(Cesium.Matrix4.IDENTITY);
-    const [first] = this.scene.spacecraft();
+    this.camera = where;
+    this.offset = null;
+    this.formation.show(where === "formation");
+    // Close up the marks of spacecraft on the globe would stand in the way.
+    for (const parts of this.crafts.values()) {
+      for (const part of [parts.point, parts.name, parts.orbit]) part.show = where !== "formation";
+    }
     if (where === "region" && this.scene.regions.length) {
       const [region] = this.scene.regions;
       const west = Scene.westOf(region, this.time);
       const destination = Cesium.Cartesian3.fromDegrees(
         west + region.width_deg / 2, region.latitude_south_deg - 32, 3.2e6,
       );
+      camera.lookAtTransform(Cesium.Matrix4.IDENTITY);
       camera.setView({ destination, orientation: { heading: 0, pitch: -0.75, roll: 0 } });
-    } else if (where === "chief") {
-      this.range = null;
-      this.followChief();
-    } else {
-      const place = first ? geodetic(this.scene.orbit(first).positionAt(this.time)) : null;
-      camera.setView({
-        destination: Cesium.Cartesian3.fromDegrees(
-          place?.longitude ?? 0, (place?.latitude ?? 0) * 0.6 + 4, 8.5e7,
-        ),
-      });
     }
+    this.follow();
     this.widget.scene.requestRender();
   }
 
-  // Keep the chief in the middle and let the user turn about it.
-  followChief() {
+  // Keep what the camera looks at in the middle.
+  follow() {
     const { Cesium } = this;
-    const { camera } = this.widget.scene;
     const [first] = this.scene.spacecraft();
-    if (!first) return;
-    const place = this.cartesian(this.scene.orbit(first).positionAt(this.time));
-    const offset = this.range === null
-      ? new Cesium.HeadingPitchRange(0.4, -0.6, 2.5e6)
-      : Cesium.Cartesian3.clone(camera.position);
-    camera.lookAtTransform(Cesium.Transforms.eastNorthUpToFixedFrame(place), offset);
-    this.range = 1;
+    const orbit = first && this.scene.orbit(first);
+    if (!orbit || this.camera === "region") return;
+    const place = this.cartesian(orbit.positionAt(this.time));
+    if (this.camera === "chief") {
+      this.lookAlong(Cesium.Transforms.eastNorthUpToFixedFrame(place), new Cesium.HeadingPitchRange(0.4, -0.6, 2.5e6));
+    } else if (this.camera === "formation") {
+      const frame = this.formation.frame(this.time);
+      // Axes for the camera: N to the right, T into the picture, R up.
+      const turned = frame && Cesium.Matrix4.multiplyByMatrix3(
+        frame, new Cesium.Matrix3(0, 0, 1, 0, 1, 0, -1, 0, 0), new Cesium.Matrix4(),
+      );
+      if (turned) this.lookAlong(turned, new Cesium.HeadingPitchRange(-0.9, -0.35, this.formation.fittingRange(this.time)));
+    } else {
+      const [up, east, north] = upEastNorth(Cesium, place);
+      const rotation = new Cesium.Matrix3(up.x, east.x, north.x, up.y, east.y, north.y, up.z, east.z, north.z);
+      const transform = Cesium.Matrix4.fromRotationTranslation(rotation, Cesium.Cartesian3.ZERO);
+      const range = this.camera === "links" ? LINKS_RANGE : EARTH_RANGE;
+      this.lookAlong(transform, new Cesium.Cartesian3(range, 0, 0));
+    }
   }
+
+  // Look at the origin of a frame from where the user has turned to, first from `start`.
+  lookAlong(transform, start) {
+    const { camera } = this.widget.scene;
+    const offset = this.offset ? this.Cesium.Cartesian3.clone(camera.position) : start;
+    camera.lookAtTransform(transform, offset);
+    this.offset = true;
+  }
+
+  // Draw now and return the canvas: WebGL forgets its picture after the frame.
+  picture() {
+    this.widget.scene.render();
+    return this.widget.canvas;
+  }
+}
+
+// Unit vectors up, east and north at a position.
+function upEastNorth(Cesium, place) {
+  const frame = Cesium.Transforms.eastNorthUpToFixedFrame(place);
+  return [2, 0, 1].map((column) => {
+    const { x, y, z } = Cesium.Matrix4.getColumn(frame, column, new Cesium.Cartesian4());
+    return new Cesium.Cartesian3(x, y, z);
+  });
 }
 
 // Median over the satellites of the vertical TEC above a spacecraft, over time.

@@ -1,116 +1,233 @@
-// The formation in the chief's RTN (Hill) frame, at its own scale: from the side and from above.
+// The formation in the chief's RTN (Hill) frame: from the side and from above, both to one scale.
+// It shows what the plots show of time. The wheel zooms, a drag moves, a double click fits again.
 
-import { CHIEF, craftColour } from "./colours.js";
-import { drawAxes, niceTicks, prepare } from "./canvas.js";
+import { BESIDE, CHIEF, craftColour, page } from "./colours.js";
+import { drawAxes, drawTip, format, niceTicks, prepare } from "./canvas.js";
+import { indexAt } from "./scene.js";
 
 const VIEWS = [
   { across: "in_track", up: "radial", names: ["in-track (m)", "radial (m)"] },
   { across: "in_track", up: "cross_track", names: ["in-track (m)", "cross-track (m)"] },
 ];
+const NEAR = 14; // pixels from which a sample is told
 
 export class HillPanel {
-  constructor(canvas, scene) {
+  constructor(canvas, scene, shownTimes) {
     this.canvas = canvas;
     this.scene = scene;
+    this.shownTimes = shownTimes; // function: [from, to] in s, or null for all
+    this.fitted = null; // { scale, centre: { axis: m } } chosen by hand; null: all that is shown
+    this.hover = null;
+    this.frames = [];
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", "Deputies relative to the chief, in-track, radial and cross-track");
+    this.listen();
     this.update();
+  }
+
+  listen() {
+    const { canvas } = this;
+    let drag = null;
+    canvas.addEventListener("pointerdown", (event) => {
+      canvas.setPointerCapture(event.pointerId);
+      drag = { x: event.offsetX, y: event.offsetY, view: this.viewAt(event.offsetX) };
+    });
+    canvas.addEventListener("pointermove", (event) => {
+      this.hover = { x: event.offsetX, y: event.offsetY };
+      if (!drag || !drag.view) return;
+      const fit = this.fit();
+      fit.centre[drag.view.across] -= (event.offsetX - drag.x) * fit.scale;
+      fit.centre[drag.view.up] += (event.offsetY - drag.y) * fit.scale;
+      this.fitted = fit;
+      Object.assign(drag, { x: event.offsetX, y: event.offsetY });
+    });
+    const end = () => { drag = null; };
+    canvas.addEventListener("pointerup", end);
+    canvas.addEventListener("pointercancel", end);
+    canvas.addEventListener("pointerleave", () => { this.hover = null; });
+    canvas.addEventListener("dblclick", () => { this.fitted = null; });
+    canvas.addEventListener("wheel", (event) => {
+      event.preventDefault();
+      this.zoom(event.deltaY > 0 ? 1.2 : 1 / 1.2, event.offsetX, event.offsetY);
+    }, { passive: false });
+  }
+
+  // Zoom about a point of the canvas, by default about the chief.
+  zoom(factor, x = null, y = null) {
+    const fit = this.fit();
+    const place = this.frames.find(({ frame }) => x >= frame.x && x <= frame.x + frame.width);
+    const keep = (axis, value) => {
+      fit.centre[axis] = value + (fit.centre[axis] - value) * factor;
+    };
+    if (x !== null && place) {
+      keep(place.view.across, place.fromX(x));
+      keep(place.view.up, place.fromY(y));
+    } else {
+      for (const axis of Object.keys(fit.centre)) keep(axis, 0);
+    }
+    fit.scale *= factor;
+    this.fitted = fit;
+  }
+
+  viewAt(x) {
+    return this.frames.find(({ frame }) => x >= frame.x && x <= frame.x + frame.width)?.view;
   }
 
   update() {
     const { scene } = this;
     const deputies = [...new Set(scene.ofKind("relative").map((series) => series.deputy))];
     const crafts = scene.spacecraft();
+    this.chief = crafts.find((craft) => !deputies.includes(craft)) ?? "chief";
     this.tracks = deputies.map((deputy, index) => ({
       deputy,
       colour: craftColour(crafts.includes(deputy) ? crafts.indexOf(deputy) : index + 1),
       series: scene.get("relative", deputy, "truth") ?? scene.get("relative", deputy, "estimate"),
-      estimate: scene.get("relative", deputy, "estimate"),
       target: scene.get("relative", deputy, "target"),
+      beside: scene.beside?.get("relative", deputy, "truth") ?? scene.beside?.get("relative", deputy, "estimate"),
     })).filter((track) => track.series);
-    this.largest = {};
+  }
+
+  // Scale in m a pixel and centre in m of both views: those chosen by hand, or that of all shown.
+  fit() {
+    if (this.fitted) return { scale: this.fitted.scale, centre: { ...this.fitted.centre } };
+    const [from, to] = this.shownTimes() ?? [-Infinity, Infinity];
+    const limits = {};
     for (const axis of ["radial", "in_track", "cross_track"]) {
-      let [low, high] = [0, 0]; // the chief is always in view
+      limits[axis] = [0, 0]; // the chief is always in view
       for (const { series } of this.tracks) {
-        for (const value of series.columns[axis]) {
-          low = Math.min(low, value);
-          high = Math.max(high, value);
+        const last = indexAt(series.time, to);
+        for (let index = Math.max(indexAt(series.time, from), 0); index <= last; index += 1) {
+          const value = series.columns[axis][index];
+          limits[axis] = [Math.min(limits[axis][0], value), Math.max(limits[axis][1], value)];
         }
       }
-      this.largest[axis] = [low, high];
     }
+    const size = (axis) => limits[axis][1] - limits[axis][0];
+    const { width, height } = this.frameSize();
+    const scale = 1.25 * Math.max(size("in_track") / width, size("radial") / height,
+      size("cross_track") / height, 1e-7);
+    const centre = {};
+    for (const axis of Object.keys(limits)) centre[axis] = (limits[axis][0] + limits[axis][1]) / 2;
+    return { scale, centre };
+  }
+
+  frameSize() {
+    const { clientWidth: width, clientHeight: height } = this.canvas;
+    return { width: Math.max(width / 2 - 80, 40), height: Math.max(height - 48, 40) };
   }
 
   draw(time) {
     const { context, width, height } = prepare(this.canvas);
     context.clearRect(0, 0, width, height);
     if (!this.tracks.length) {
-      context.fillStyle = "#5b6470";
+      context.fillStyle = page().faint;
       context.font = "13px system-ui, sans-serif";
-      context.fillText("no relative states", 12, 24);
+      context.textAlign = "left";
+      context.fillText("no relative states in this run", 12, 24);
       return;
     }
-    VIEWS.forEach((view, index) => {
-      const frame = { x: 62 + (index * width) / 2, y: 10, width: width / 2 - 76, height: height - 48 };
-      this.drawView(context, view, frame, time);
+    const fit = this.fit();
+    const size = this.frameSize();
+    this.frames = VIEWS.map((view, index) => {
+      const frame = { x: 66 + (index * width) / 2, y: 10, ...size };
+      return this.drawView(context, view, frame, time, fit);
     });
+    this.drawNearest(context, width, height);
   }
 
-  drawView(context, view, frame, time) {
-    // One scale on both axes: circles stay circles.
-    const [left, right] = this.largest[view.across];
-    const [bottom, top] = this.largest[view.up];
-    const scale = Math.max((right - left) / frame.width, (top - bottom) / frame.height, 1e-3) * 1.25;
-    const [middle, centre] = [(left + right) / 2, (bottom + top) / 2];
-    const range = {
-      x: [middle - (scale * frame.width) / 2, middle + (scale * frame.width) / 2],
-      y: [centre - (scale * frame.height) / 2, centre + (scale * frame.height) / 2],
-    };
-    const ticks = { x: niceTicks(...range.x, 5), y: niceTicks(...range.y, 6) };
+  drawView(context, view, frame, time, { scale, centre }) {
+    const middle = (axis, length) => [centre[axis] - (scale * length) / 2, centre[axis] + (scale * length) / 2];
+    const range = { x: middle(view.across, frame.width), y: middle(view.up, frame.height) };
+    const ticks = { x: niceTicks(...range.x, Math.min(5, Math.max(1, Math.floor(frame.width / 75)))), y: niceTicks(...range.y, 6) };
     const labels = { x: view.names[0], y: view.names[1] };
     const { toX, toY } = drawAxes(context, frame, range, ticks, labels);
     context.save();
     context.beginPath();
     context.rect(frame.x, frame.y, frame.width, frame.height);
     context.clip();
-    for (const track of this.tracks) {
-      this.drawTrack(context, track, view, toX, toY, time, frame);
-    }
-    marker(context, toX(0), toY(0), CHIEF, "chief", "square", frame);
+    this.drawHardRadius(context, toX, toY, scale);
+    for (const track of this.tracks) this.drawTrack(context, track, view, toX, toY, time, frame);
+    marker(context, toX(0), toY(0), CHIEF, this.chief, "square", frame);
     context.restore();
+    return {
+      view, frame, toX, toY,
+      fromX: (x) => range.x[0] + ((x - frame.x) / frame.width) * (range.x[1] - range.x[0]),
+      fromY: (y) => range.y[1] - ((y - frame.y) / frame.height) * (range.y[1] - range.y[0]),
+    };
+  }
+
+  drawHardRadius(context, toX, toY, scale) {
+    const radius = this.scene.hardRadius / scale;
+    if (!(radius > 2)) return;
+    context.strokeStyle = page().axes[1];
+    context.setLineDash([4, 3]);
+    context.lineWidth = 1;
+    context.beginPath();
+    context.arc(toX(0), toY(0), radius, 0, 2 * Math.PI);
+    context.stroke();
+    context.setLineDash([]);
   }
 
   drawTrack(context, track, view, toX, toY, time, frame) {
     const { series, colour } = track;
     const last = series.indexAt(time);
-    const [across, up] = [series.columns[view.across], series.columns[view.up]];
-    const trace = (from, to, style, width) => {
+    const trace = (from, to, style, width, traced) => {
+      const [across, up] = [traced.columns[view.across], traced.columns[view.up]];
       context.strokeStyle = style;
       context.lineWidth = width;
       context.beginPath();
       for (let index = from; index <= to; index += 1) context.lineTo(toX(across[index]), toY(up[index]));
       context.stroke();
     };
-    trace(0, series.time.length - 1, "#c5ccd3", 1);
-    trace(0, last, colour, 2);
+    if (track.beside) {
+      context.setLineDash([3, 3]);
+      trace(0, track.beside.time.length - 1, BESIDE, 1.5, track.beside);
+      context.setLineDash([]);
+    }
+    const [from, to] = this.shownTimes() ?? [-Infinity, Infinity];
+    const first = Math.max(series.indexAt(from), 0);
+    trace(first, series.indexAt(to), page().past, 1, series);
+    trace(first, last, colour, 2, series);
     const target = track.target?.sampleAt(time);
     if (target) cross(context, toX(target[view.across]), toY(target[view.up]));
     if (last >= 0) {
-      marker(context, toX(across[last]), toY(up[last]), colour, track.deputy, "circle", frame);
+      const sample = series.sampleAt(time);
+      marker(context, toX(sample[view.across]), toY(sample[view.up]), colour, track.deputy, "circle", frame);
     }
+  }
+
+  // Time and coordinates of the sample next to the pointer.
+  drawNearest(context, width, height) {
+    const { hover } = this;
+    const place = hover && this.frames.find(({ frame }) => hover.x >= frame.x
+      && hover.x <= frame.x + frame.width);
+    if (!place) return;
+    let nearest = null;
+    for (const { deputy, series } of this.tracks) {
+      const [across, up] = [series.columns[place.view.across], series.columns[place.view.up]];
+      for (let index = 0; index < series.time.length; index += 1) {
+        const distance = Math.hypot(place.toX(across[index]) - hover.x, place.toY(up[index]) - hover.y);
+        if (distance < (nearest?.distance ?? NEAR)) nearest = { distance, deputy, series, index };
+      }
+    }
+    if (!nearest) return;
+    const { deputy, series, index } = nearest;
+    const text = (axis) => `${axis.replace("_", "-")} ${format(series.columns[axis][index], 7)} m`;
+    drawTip(context, hover.x, hover.y, [`${deputy}, ${format(series.time[index], 6)} s`,
+      ...["radial", "in_track", "cross_track"].map(text)], width, height);
   }
 }
 
 function marker(context, x, y, colour, name, shape, frame) {
   context.fillStyle = colour;
-  context.strokeStyle = "#1b1f24";
+  context.strokeStyle = page().ink;
   context.lineWidth = 1;
   context.beginPath();
   if (shape === "square") context.rect(x - 5, y - 5, 10, 10);
   else context.arc(x, y, 5.5, 0, 2 * Math.PI);
   context.fill();
   context.stroke();
-  context.fillStyle = "#1b1f24";
+  context.fillStyle = page().ink;
   context.font = "12px system-ui, sans-serif";
   const left = x < frame.x + 0.8 * frame.width; // else its name would be cut off
   context.textAlign = left ? "left" : "right";
@@ -118,7 +235,7 @@ function marker(context, x, y, colour, name, shape, frame) {
 }
 
 function cross(context, x, y) {
-  context.strokeStyle = "#1b1f24";
+  context.strokeStyle = page().ink;
   context.lineWidth = 1.5;
   context.beginPath();
   context.moveTo(x - 6, y - 6);

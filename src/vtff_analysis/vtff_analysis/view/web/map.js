@@ -1,20 +1,54 @@
 // Map of the ground tracks on a plain canvas: what is shown where Cesium is not installed.
 
-import { CN0_RANGE, REGION, cividis, craftColour, css, partOf } from "./colours.js";
+import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, css, partOf } from "./colours.js";
 import { prepare } from "./canvas.js";
 import { Scene, geodetic } from "./scene.js";
+
+// Tiles of the Earth that come with Cesium, from the north west: 4 by 2 pictures.
+const TILES = [4, 2];
+const NIGHT = "rgba(4, 8, 20, .5)";
 
 export class GroundMap {
   constructor(canvas, scene) {
     this.canvas = canvas;
     this.scene = scene;
     this.linkCount = 0;
+    this.quantity = "cn0_dbhz";
+    this.tiles = this.loadTiles();
     canvas.hidden = false;
   }
 
   update() {}
 
   look() {}
+
+  colourBy(quantity) {
+    this.quantity = quantity;
+  }
+
+  picture() {
+    return this.canvas;
+  }
+
+  get colourRange() {
+    return { s4: S4_RANGE, vtec_tecu: [0, 50] }[this.quantity] ?? CN0_RANGE;
+  }
+
+  // Pictures of the Earth, where they are installed or came with an exported page.
+  loadTiles() {
+    const { scene } = this;
+    if (!scene.cesium && !scene.coast) return [];
+    const tiles = [];
+    for (let column = 0; column < TILES[0]; column += 1) {
+      for (let row = 0; row < TILES[1]; row += 1) {
+        const image = new Image();
+        const name = `1/${column}/${TILES[1] - 1 - row}.jpg`; // rows of tiles count from the south
+        image.src = scene.coast?.[name] ?? `cesium/Assets/Textures/NaturalEarthII/${name}`;
+        tiles.push({ image, column, row });
+      }
+    }
+    return tiles;
+  }
 
   get counts() {
     return { spacecraft: this.scene.spacecraft().length, links: this.linkCount };
@@ -26,7 +60,14 @@ export class GroundMap {
     const toY = (latitude) => ((90 - latitude) / 180) * height;
     context.fillStyle = "#10202e";
     context.fillRect(0, 0, width, height);
+    for (const { image, column, row } of this.tiles) {
+      if (!image.complete || !image.naturalWidth) continue;
+      const [wide, high] = [width / TILES[0], height / TILES[1]];
+      context.drawImage(image, column * wide, row * high, wide + 0.5, high + 0.5);
+    }
+    this.drawNight(context, time, toX, toY, width, height);
     this.drawGrid(context, toX, toY, width, height);
+    this.drawDipEquator(context, toX, toY);
     for (const region of this.scene.regions) {
       context.fillStyle = "rgba(204, 121, 167, .35)";
       context.strokeStyle = REGION;
@@ -38,15 +79,57 @@ export class GroundMap {
     }
     const links = this.scene.linksAt(time);
     this.linkCount = links.length;
-    for (const link of links) this.drawLink(context, link, toX, toY);
+    for (const link of links) this.drawLink(context, link, time, toX, toY);
+    this.drawEdges(context, time, toX, toY);
     this.scene.spacecraft().forEach((craft, index) => {
-      this.drawCraft(context, craft, index, time, toX, toY);
+      this.drawCraft(context, craft, index, time, toX, toY, width);
     });
   }
 
+  // The side of the Earth on which the Sun is below the horizon.
+  drawNight(context, time, toX, toY, width, height) {
+    const { longitude, latitude } = this.scene.subsolar(time);
+    const turn = Math.PI / 180;
+    const tilt = Math.abs(latitude) < 0.05 ? 0.05 * Math.sign(latitude || 1) : latitude;
+    context.fillStyle = NIGHT;
+    context.beginPath();
+    const dark = tilt > 0 ? height : 0; // the pole where it is night
+    context.moveTo(0, dark);
+    for (let degrees = -180; degrees <= 180; degrees += 2) {
+      const edge = Math.atan(-Math.cos((degrees - longitude) * turn) / Math.tan(tilt * turn)) / turn;
+      context.lineTo(toX(degrees), toY(edge));
+    }
+    context.lineTo(width, dark);
+    context.fill();
+  }
+
+  drawDipEquator(context, toX, toY) {
+    context.strokeStyle = "rgba(255, 255, 255, .7)";
+    context.setLineDash([6, 5]);
+    context.lineWidth = 1.2;
+    context.beginPath();
+    for (const [longitude, latitude] of this.scene.dipEquator) context.lineTo(toX(longitude), toY(latitude));
+    context.stroke();
+    context.setLineDash([]);
+  }
+
+  drawEdges(context, time, toX, toY) {
+    context.strokeStyle = REGION;
+    context.lineWidth = 2;
+    for (const series of this.scene.ofKind("boundary")) {
+      series.time.forEach((at, index) => {
+        if (at > time) return;
+        const [x, y] = [toX(series.columns.longitude_deg[index]), toY(series.columns.latitude_deg[index])];
+        context.beginPath();
+        context.arc(x, y, 4, 0, 2 * Math.PI);
+        context.stroke();
+      });
+    }
+  }
+
   drawGrid(context, toX, toY, width, height) {
-    context.strokeStyle = "#2b4256";
-    context.fillStyle = "#93a8ba";
+    context.strokeStyle = "rgba(160, 185, 205, .3)";
+    context.fillStyle = "#d5e0ea";
     context.font = "11px system-ui, sans-serif";
     context.textAlign = "left";
     context.lineWidth = 1;
@@ -62,9 +145,10 @@ export class GroundMap {
     }
   }
 
-  drawLink(context, link, toX, toY) {
+  drawLink(context, link, time, toX, toY) {
     const [from, to] = [geodetic(link.from), geodetic(link.to)];
-    context.strokeStyle = css(cividis(partOf(link.cn0, CN0_RANGE)));
+    const value = this.scene.linkValue(link, time, this.quantity);
+    context.strokeStyle = value === null ? "#8a929b" : css(cividis(partOf(value, this.colourRange)));
     context.lineWidth = 1.2;
     // The short way round.
     const turn = ((to.longitude - from.longitude + 540) % 360) - 180;
@@ -78,7 +162,7 @@ export class GroundMap {
     context.fillText(link.satellite, toX(to.longitude) + 4, toY(to.latitude) + 3);
   }
 
-  drawCraft(context, craft, index, time, toX, toY) {
+  drawCraft(context, craft, index, time, toX, toY, width) {
     const orbit = this.scene.orbit(craft);
     const colour = craftColour(index);
     context.strokeStyle = colour;
@@ -101,7 +185,10 @@ export class GroundMap {
     context.arc(toX(now.longitude), toY(now.latitude), 6 - index, 0, 2 * Math.PI);
     context.fill();
     context.font = "13px system-ui, sans-serif";
-    context.fillText(craft, toX(now.longitude) + 9, toY(now.latitude) + (index ? 18 : -8));
+    const right = toX(now.longitude) < 0.9 * width; // else the name would be cut off
+    context.textAlign = right ? "left" : "right";
+    context.fillText(craft, toX(now.longitude) + (right ? 9 : -9), toY(now.latitude) + (index ? 18 : -8));
+    context.textAlign = "left";
   }
 }
 

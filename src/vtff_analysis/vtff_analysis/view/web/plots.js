@@ -1,12 +1,16 @@
-// Plots over time on canvases: labelled axes, a cursor at the time of the scene, a click jumps there.
+// Plots over time on canvases. All share the times that are shown: the wheel and a drag zoom, a
+// double click shows everything, a click goes to its time, hovering tells the values there.
 
-import { AXES, AXIS_DASHES, LINES } from "./colours.js";
-import { drawAxes, niceTicks, prepare, traceLine } from "./canvas.js";
+import { AXIS_DASHES, BESIDE, page } from "./colours.js";
+import { drawAxes, drawTip, format, niceTicks, prepare, traceLine } from "./canvas.js";
 import { indexAt } from "./scene.js";
 
 const AXIS_NAMES = ["radial", "in_track", "cross_track"];
 const MARGIN = { left: 62, right: 22, top: 40, bottom: 22 };
 const MOST_LINES = 7; // one for each colour: more are not told apart
+const SHORTEST_WINDOW = 2; // s
+const DRAG_LEAST = 6; // pixels: less is a click
+const DIGITS = 6; // of values at the cursor: a micrometre in a metre
 
 export class PlotPanel {
   constructor(container, scene, timeline) {
@@ -14,6 +18,9 @@ export class PlotPanel {
     this.scene = scene;
     this.timeline = timeline;
     this.plots = [];
+    this.window = null; // [from, to] in s; null: everything
+    this.hover = null; // { plot, x, y }
+    this.drag = null; // { plot, from, to } in pixels
     this.update();
   }
 
@@ -26,7 +33,35 @@ export class PlotPanel {
     } else {
       described.forEach((plot, index) => Object.assign(this.plots[index], plot));
     }
+    this.renew();
+  }
+
+  renew() {
     for (const plot of this.plots) plot.picture = null;
+  }
+
+  // Times that are shown, s.
+  get range() {
+    return this.window ?? [0, Math.max(this.scene.duration, 1)];
+  }
+
+  // Show only some times; null shows all.
+  show(window) {
+    if (window) {
+      const all = Math.max(this.scene.duration, 1);
+      const width = Math.min(Math.max(window[1] - window[0], SHORTEST_WINDOW), all);
+      const from = Math.min(Math.max(window[0], 0), all - width);
+      this.window = width >= all ? null : [from, from + width];
+    } else {
+      this.window = null;
+    }
+    this.renew();
+    this.timeline.changed();
+  }
+
+  zoom(factor, about) {
+    const [from, to] = this.range;
+    this.show([about - (about - from) * factor, about + (to - about) * factor]);
   }
 
   addCanvas(plot) {
@@ -34,17 +69,57 @@ export class PlotPanel {
     canvas.dataset.plot = plot.key;
     canvas.setAttribute("role", "img");
     canvas.setAttribute("aria-label", plot.title);
-    canvas.addEventListener("click", (event) => {
-      const width = canvas.clientWidth - MARGIN.left - MARGIN.right;
-      const part = (event.offsetX - MARGIN.left) / width;
-      this.timeline.seek(part * this.scene.duration);
+    if (plot.profile) { // has no axis of time
+      canvas.className = "profile";
+      this.container.append(canvas);
+      return canvas;
+    }
+    const toTime = (x) => {
+      const [from, to] = this.range;
+      const part = (x - MARGIN.left) / (canvas.clientWidth - MARGIN.left - MARGIN.right);
+      return from + Math.min(Math.max(part, 0), 1) * (to - from);
+    };
+    canvas.addEventListener("pointerdown", (event) => {
+      if (event.button) return;
+      canvas.setPointerCapture(event.pointerId);
+      this.drag = { canvas, from: event.offsetX, to: event.offsetX };
     });
+    canvas.addEventListener("pointermove", (event) => {
+      this.hover = { canvas, x: event.offsetX, y: event.offsetY };
+      if (this.drag?.canvas === canvas) this.drag.to = event.offsetX;
+    });
+    canvas.addEventListener("pointerup", () => {
+      const drag = this.drag;
+      this.drag = null;
+      if (!drag) return;
+      const ends = [toTime(drag.from), toTime(drag.to)].sort((a, b) => a - b);
+      if (Math.abs(drag.to - drag.from) < DRAG_LEAST) this.timeline.seek(toTime(drag.to));
+      else this.show(ends);
+    });
+    canvas.addEventListener("pointercancel", () => { this.drag = null; });
+    canvas.addEventListener("pointerleave", () => { this.hover = null; });
+    canvas.addEventListener("dblclick", () => this.show(null));
+    canvas.addEventListener("wheel", (event) => {
+      if (!event.ctrlKey && !event.shiftKey && event.deltaY > 0 && !this.window) return; // scrolls
+      event.preventDefault();
+      this.zoom(event.deltaY > 0 ? 1.25 : 0.8, toTime(event.offsetX));
+    }, { passive: false });
     this.container.append(canvas);
     return canvas;
   }
 
   draw(time) {
-    for (const plot of this.plots) drawPlot(plot, time, Math.max(this.scene.duration, 1));
+    if (this.window && this.timeline.moving && (time < this.window[0] || time > this.window[1])) {
+      const width = this.window[1] - this.window[0]; // the time that plays stays in view
+      this.window = [Math.max(0, time - 0.1 * width), Math.max(0, time - 0.1 * width) + width];
+      this.renew();
+    }
+    const range = this.range;
+    const hovered = this.hover;
+    for (const plot of this.plots) {
+      const drag = this.drag?.canvas === plot.canvas ? this.drag : null;
+      drawPlot(plot, time, range, hovered, drag);
+    }
   }
 }
 
@@ -56,13 +131,18 @@ function describePlots(scene) {
     if (series.source === "truth" && navigated.has(series.deputy)) continue;
     const what = series.source === "estimate" ? "navigated" : "true";
     plots.push({
-      key: series.name, unit: "m", lines: axisLines(series),
+      key: series.name, unit: "m",
+      lines: [...besideLines(scene.beside?.series.get(series.name)), ...axisLines(series)],
       title: `Position of ${series.deputy} relative to the chief, ${what}`,
     });
   }
   for (const series of scene.ofKind("relative").filter((s) => s.source === "estimate")) {
-    const truth = scene.get("relative", series.deputy, "truth");
-    if (truth) plots.push(errorPlot(series, truth));
+    const plot = errorPlot(scene, series);
+    if (!plot) continue;
+    const other = scene.beside?.series.get(series.name);
+    const beside = other ? errorPlot(scene.beside, other) : null;
+    if (beside) plot.lines.unshift(...besideLines(beside.errors));
+    plots.push(plot);
   }
   const thrust = scene.ofKind("thrust");
   for (const series of thrust) {
@@ -72,6 +152,7 @@ function describePlots(scene) {
       title: `Thrust acceleration of ${series.deputy}, ${series.source}`,
     });
   }
+  for (const series of scene.ofKind("density")) plots.push(densityPlot(series), profilePlot(series));
   plots.push(...satellitePlots(scene, "pierce", "vtec_tecu", "TECU", "Vertical TEC above"));
   plots.push(...satellitePlots(scene, "scintillation", "s4", "", "S4 at"));
   if (plots.length < 5) {
@@ -83,12 +164,21 @@ function describePlots(scene) {
 // A line for each axis of the chief's frame.
 function axisLines(series) {
   return AXIS_NAMES.map((column, axis) => ({
-    name: column.replace("_", "-"), series, column, colour: AXES[axis], dash: AXIS_DASHES[axis],
+    name: column.replace("_", "-"), series, column, colour: page().axes[axis], dash: AXIS_DASHES[axis],
   }));
 }
 
+// The same of the second run, grey behind the first.
+function besideLines(series) {
+  return series ? AXIS_NAMES.map((column, axis) => ({
+    series, column, colour: BESIDE, dash: AXIS_DASHES[axis], beside: true,
+  })) : [];
+}
+
 // Navigated minus true position where both are at the same time.
-function errorPlot(estimate, truth) {
+function errorPlot(scene, estimate) {
+  const truth = scene.get("relative", estimate.deputy, "truth");
+  if (!truth) return null;
   const time = [];
   const columns = { radial: [], in_track: [], cross_track: [] };
   estimate.time.forEach((at, index) => {
@@ -96,12 +186,37 @@ function errorPlot(estimate, truth) {
     if (other < 0 || Math.abs(truth.time[other] - at) > 1e-3) return;
     time.push(at);
     for (const name of AXIS_NAMES) {
-      columns[name].push(estimate.columns[name][index] - truth.columns[name][other]);
+      columns[name].push(1e3 * (estimate.columns[name][index] - truth.columns[name][other]));
     }
   });
+  const errors = { time, columns };
   return {
-    key: `error/${estimate.deputy}`, unit: "m", title: `Navigation error of ${estimate.deputy}`,
-    lines: axisLines({ time, columns }),
+    key: `error/${estimate.deputy}`, unit: "mm", title: `Navigation error of ${estimate.deputy}`,
+    lines: axisLines(errors), errors,
+  };
+}
+
+// Electron density on the way of the pair, with its stated sigma as a band of two thin lines.
+function densityPlot(series) {
+  const { per_cm3: density, sigma } = series.columns;
+  const edge = (sign) => ({ time: series.time,
+    columns: { edge: density.map((value, i) => (value === null ? null : value + sign * sigma[i])) } });
+  const [blue, , green] = page().axes;
+  return {
+    key: series.name, unit: "1/cm\u00b3", title: `Electron density at chief and ${series.deputy}`,
+    lines: [
+      { name: "density", series, column: "per_cm3", colour: blue, dash: [] },
+      { name: "+1 sigma", series: edge(1), column: "edge", colour: green, dash: [2, 3] },
+      { name: "-1 sigma", series: edge(-1), column: "edge", colour: green, dash: [2, 3] },
+    ],
+  };
+}
+
+// The same density over altitude, up to the time of the scene.
+function profilePlot(series) {
+  return {
+    key: `profile/${series.deputy}`, profile: series, lines: [],
+    title: `Electron density over altitude, chief and ${series.deputy}, so far`,
   };
 }
 
@@ -117,40 +232,84 @@ function satellitePlots(scene, kind, column, unit, title) {
     return {
       key: `${kind}/${craft}`, unit, title: `${title} ${craft}${count}`,
       lines: chosen.map((series, index) => ({
-        name: series.satellite, series, column, colour: LINES[index], dash: index % 2 ? [5, 3] : [],
+        name: series.satellite, series, column, colour: page().lines[index],
+        dash: index % 2 ? [5, 3] : [],
       })),
     };
   }).filter((plot) => plot.lines.length);
 }
 
-function drawPlot(plot, time, duration) {
-  const { context, width, height, changed } = prepare(plot.canvas);
-  if (changed || !plot.picture) plot.picture = drawLines(plot, context, width, height, duration);
-  else context.putImageData(plot.picture.image, 0, 0);
-  drawCursor(plot, context, time, width);
+function drawProfile(plot, time) {
+  const { context, width, height } = prepare(plot.canvas);
+  const colours = page();
+  const { time: times, columns } = plot.profile;
+  const frame = { x: MARGIN.left, y: 24, width: width - MARGIN.left - MARGIN.right, height: height - 24 - 36 };
+  const used = times.map((_, index) => index).filter((index) => columns.per_cm3[index] !== null);
+  const limits = (values) => {
+    let [low, high] = [Infinity, -Infinity];
+    for (const value of values) [low, high] = [Math.min(low, value), Math.max(high, value)];
+    const room = 0.05 * (high - low) || 1;
+    return low <= high ? [low - room, high + room] : [0, 1];
+  };
+  const kilometres = columns.altitude.map((value) => value / 1e3);
+  const range = { x: limits(used.map((i) => columns.per_cm3[i])), y: limits(used.map((i) => kilometres[i])) };
+  context.clearRect(0, 0, width, height);
+  const ticks = { x: niceTicks(...range.x, width < 450 ? 3 : 5), y: niceTicks(...range.y, 4) };
+  ticks.x.text = (value) => value.toExponential(1);
+  const { toX, toY } = drawAxes(context, frame, range, ticks, { x: "1/cm\u00b3", y: "altitude (km)" });
+  context.save();
+  context.beginPath();
+  context.rect(frame.x, frame.y, frame.width, frame.height);
+  context.clip();
+  for (const index of used) {
+    if (times[index] > time) break;
+    const [x, y] = [toX(columns.per_cm3[index]), toY(kilometres[index])];
+    context.strokeStyle = colours.past;
+    const wide = Math.abs(toX(range.x[0] + (columns.sigma[index] ?? 0)) - toX(range.x[0]));
+    context.beginPath();
+    context.moveTo(x - wide, y);
+    context.lineTo(x + wide, y);
+    context.stroke();
+    context.fillStyle = colours.axes[0];
+    context.fillRect(x - 1.5, y - 1.5, 3, 3);
+  }
+  context.restore();
+  context.fillStyle = colours.ink;
+  context.font = "600 12px system-ui, sans-serif";
+  context.textAlign = "left";
+  context.fillText(`${plot.title} (bars: 1 sigma)`, 8, 15, width - 16);
 }
 
-function drawLines(plot, context, width, height, duration) {
+function drawPlot(plot, time, range, hover, drag) {
+  if (plot.profile) {
+    drawProfile(plot, time);
+    return;
+  }
+  const { context, width, height, changed } = prepare(plot.canvas);
+  if (changed || !plot.picture) plot.picture = drawLines(plot, context, width, height, range);
+  else context.putImageData(plot.picture.image, 0, 0);
+  const { frame, toX, toTime } = plot.picture;
+  const hoverTime = hover && hover.canvas.clientWidth === width ? toTime(hover.x) : null;
+  drawCursor(plot, context, time, width, hoverTime);
+  if (drag && Math.abs(drag.to - drag.from) >= DRAG_LEAST) {
+    context.fillStyle = "rgba(0, 114, 178, .2)";
+    context.fillRect(Math.min(drag.from, drag.to), frame.y, Math.abs(drag.to - drag.from), frame.height);
+  } else if (hover?.canvas === plot.canvas && hoverTime !== null) {
+    const texts = valuesAt(plot, hoverTime).map(({ line, value }) => `${line.name} ${format(value, DIGITS)}`);
+    drawTip(context, toX(hoverTime), hover.y, [`${format(hoverTime, DIGITS)} s`, ...texts], width, height);
+  }
+}
+
+function drawLines(plot, context, width, height, [from, to]) {
   const frame = { x: MARGIN.left, y: MARGIN.top, width: width - MARGIN.left - MARGIN.right,
     height: height - MARGIN.top - MARGIN.bottom };
-  let [low, high] = [Infinity, -Infinity];
-  for (const { series, column } of plot.lines) {
-    for (const value of series.columns[column]) {
-      if (value === null) continue;
-      if (value < low) low = value;
-      if (value > high) high = value;
-    }
-  }
-  if (!(low <= high)) [low, high] = [0, 1];
+  const [low, high] = visibleRange(plot.lines, from, to);
   const room = 0.06 * (high - low) || Math.max(Math.abs(high) * 0.05, 1e-3);
-  const range = { x: [0, duration], y: [low - room, high + room] };
+  const range = { x: [from, to], y: [low - room, high + room] };
   context.clearRect(0, 0, width, height);
-  const x = niceTicks(0, duration, 6);
+  const x = niceTicks(from, to, width < 450 ? 3 : 6);
   const seconds = { ...x, text: (value) => `${x.text(value)} s` };
-  drawAxes(context, frame, range, { x: seconds, y: niceTicks(...range.y, 4) });
-  const toX = (value) => frame.x + (value / duration) * frame.width;
-  const toY = (value) => frame.y + frame.height
-    - ((value - range.y[0]) / (range.y[1] - range.y[0])) * frame.height;
+  const { toX, toY } = drawAxes(context, frame, range, { x: seconds, y: niceTicks(...range.y, 4) });
   context.save();
   context.beginPath();
   context.rect(frame.x, frame.y, frame.width, frame.height);
@@ -158,28 +317,61 @@ function drawLines(plot, context, width, height, duration) {
   for (const line of plot.lines) traceLine(context, line, toX, toY, plot.steps);
   context.restore();
   const image = context.getImageData(0, 0, plot.canvas.width, plot.canvas.height);
-  return { image, toX, toY, frame };
+  const toTime = (pixel) => {
+    const time = from + ((pixel - frame.x) / frame.width) * (to - from);
+    return time < from || time > to ? null : time;
+  };
+  return { image, toX, toY, toTime, frame, range };
+}
+
+// Smallest and largest value between two times, with the samples that hold at their begin.
+function visibleRange(lines, from, to) {
+  let [low, high] = [Infinity, -Infinity];
+  for (const { series, column } of lines) {
+    const last = indexAt(series.time, to);
+    for (let index = Math.max(indexAt(series.time, from), 0); index <= last; index += 1) {
+      const value = series.columns[column][index];
+      if (value === null) continue;
+      if (value < low) low = value;
+      if (value > high) high = value;
+    }
+  }
+  return low <= high ? [low, high] : [0, 1];
+}
+
+function valuesAt(plot, time) {
+  return plot.lines.filter((line) => !line.beside).map((line) => {
+    const at = indexAt(line.series.time, time);
+    return { line, value: at < 0 ? null : line.series.columns[line.column][at] };
+  });
 }
 
 // Title, legend with the values at the cursor, and the cursor itself: they change with time.
-function drawCursor(plot, context, time, width) {
-  const { frame, toX } = plot.picture;
-  context.fillStyle = "#1b1f24";
+function drawCursor(plot, context, time, width, hoverTime) {
+  const { frame, toX, range } = plot.picture;
+  const colours = page();
+  context.fillStyle = colours.ink;
   context.font = "600 12px system-ui, sans-serif";
   context.textAlign = "left";
   const unit = plot.unit ? ` (${plot.unit})` : "";
-  context.fillText(`${plot.title}${unit}`, 8, 15);
-  context.strokeStyle = "#444";
+  context.fillText(`${plot.title}${unit}`, 8, 15, width - 16);
   context.lineWidth = 1;
   context.setLineDash([]);
-  context.beginPath();
-  context.moveTo(toX(time), frame.y);
-  context.lineTo(toX(time), frame.y + frame.height);
-  context.stroke();
+  const upright = (at, colour) => {
+    if (at < range.x[0] || at > range.x[1]) return;
+    context.strokeStyle = colour;
+    context.beginPath();
+    context.moveTo(toX(at), frame.y);
+    context.lineTo(toX(at), frame.y + frame.height);
+    context.stroke();
+  };
+  if (hoverTime !== null) upright(hoverTime, colours.past);
+  upright(time, colours.cursor);
   context.font = "11px system-ui, sans-serif";
-  const room = (width - 16) / plot.lines.length;
-  plot.lines.forEach((line, index) => {
-    const place = 8 + index * Math.min(room, 150);
+  const values = valuesAt(plot, time);
+  const room = (width - 16) / Math.max(values.length, 1);
+  values.forEach(({ line, value }, index) => {
+    const place = 8 + index * Math.min(room, 165);
     context.strokeStyle = line.colour;
     context.lineWidth = 2.5;
     context.setLineDash(line.dash);
@@ -187,18 +379,9 @@ function drawCursor(plot, context, time, width) {
     context.moveTo(place, 27);
     context.lineTo(place + 13, 27);
     context.stroke();
-    const at = indexAt(line.series.time, time);
-    const value = at < 0 ? null : line.series.columns[line.column][at];
-    const digits = room < 100 ? 3 : 4;
-    const text = room < 75 ? line.name : `${line.name} ${value === null ? "–" : format(value, digits)}`;
-    context.fillText(text, place + 16, 31);
+    const digits = room < 100 ? 3 : room < 140 ? 4 : DIGITS;
+    const text = room < 75 ? line.name : `${line.name} ${format(value, digits)}`;
+    context.fillText(text, place + 16, 31, Math.max(room - 18, 20));
   });
   context.setLineDash([]);
-}
-
-function format(value, digits) {
-  const size = Math.abs(value);
-  if (size === 0) return "0";
-  if (size >= 1e6 || size < 0.01) return value.toExponential(1);
-  return size >= 10 ** digits ? value.toFixed(0) : value.toPrecision(digits);
 }

@@ -67,6 +67,9 @@ export class Scene {
   constructor(content) {
     this.series = new Map();
     this.cesium = content.cesium; // whether the server has it
+    this.exported = "coast" in content; // the page is a file with its own pictures of the Earth
+    this.coast = content.coast ?? null;
+    this.beside = content.beside ? new Scene(content.beside) : null; // a second run
     this.merge(content);
   }
 
@@ -78,6 +81,9 @@ export class Scene {
     this.live = content.live;
     this.regions = content.regions;
     this.notes = content.notes;
+    this.events = content.events ?? [];
+    this.hardRadius = content.hard_radius ?? 0;
+    this.dipEquator = content.dip_equator ?? [];
     for (const part of content.series) {
       const known = this.series.get(part.name);
       if (known) known.append(part);
@@ -126,6 +132,49 @@ export class Scene {
       });
     }
     return found;
+  }
+
+  // Deputies with relative states, with the series that is nearest to the truth.
+  deputies() {
+    const names = [...new Set(this.ofKind("relative").map((series) => series.deputy))];
+    return names.map((deputy) => ({
+      deputy, series: this.get("relative", deputy, "truth") ?? this.get("relative", deputy, "estimate"),
+    })).filter(({ series }) => series);
+  }
+
+  // Value of a link by which it is coloured: cn0_dbhz, s4 or vtec_tecu; null where there is none.
+  linkValue(link, time, quantity) {
+    if (quantity === "cn0_dbhz") return link.cn0;
+    const kind = quantity === "s4" ? "scintillation" : "pierce";
+    const hold = quantity === "s4" ? 90 : 10; // s: S4 comes once a minute
+    return this.get(kind, link.craft, link.satellite)?.sampleAt(time, hold)?.[quantity] ?? null;
+  }
+
+  // Radial, in-track and normal unit vectors of an orbit in ITRF at a time.
+  static rtnAxes(series, time) {
+    const sample = series.sampleAt(time) ?? series.sampleAt(series.time[0]);
+    const place = series.positionAt(time);
+    if (!place || sample?.vx === undefined) return null;
+    const velocity = [sample.vx - EARTH_RATE * place[1], sample.vy + EARTH_RATE * place[0], sample.vz];
+    const radial = unit(place);
+    const normal = unit(cross(place, velocity));
+    return [radial, cross(normal, radial), normal];
+  }
+
+  // Geodetic place below the Sun at a time, deg (Astronomical Almanac, low precision: 0.01 deg).
+  subsolar(time) {
+    const degrees = 180 / Math.PI;
+    const days = (this.startUnix + time) / 86400 + 2440587.5 - 2451545.0;
+    const anomaly = (357.528 + 0.9856003 * days) / degrees;
+    const longitude = (280.460 + 0.9856474 * days + 1.915 * Math.sin(anomaly)
+      + 0.020 * Math.sin(2 * anomaly)) / degrees;
+    const obliquity = (23.439 - 0.0000004 * days) / degrees;
+    const ascension = Math.atan2(Math.cos(obliquity) * Math.sin(longitude), Math.cos(longitude)) * degrees;
+    const sidereal = 280.46062 + 360.985647366 * days;
+    return {
+      longitude: (((ascension - sidereal + 180) % 360) + 360) % 360 - 180,
+      latitude: Math.asin(Math.sin(obliquity) * Math.sin(longitude)) * degrees,
+    };
   }
 
   // Local time does not turn with the Earth: western side of a region at a time, deg.
@@ -181,6 +230,11 @@ export function geodetic([x, y, z]) {
 
 function cross(a, b) {
   return [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+}
+
+function unit(a) {
+  const size = Math.hypot(...a);
+  return a.map((value) => value / size);
 }
 
 function dot(a, b) {

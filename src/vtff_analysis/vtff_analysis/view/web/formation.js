@@ -1,0 +1,269 @@
+// The formation close up, drawn by Cesium in the chief's RTN frame: axes with a round length,
+// baselines with theirs, spacecraft, thrust, 3-sigma ellipsoids, keep-out sphere, trails.
+// Spacecraft and ellipsoids are drawn larger than they are, so that they are seen at any distance.
+
+import { lengthText, niceTicks } from "./canvas.js";
+import { CHIEF, craftColour } from "./colours.js";
+import { Scene } from "./scene.js";
+
+const CRAFT_SHARE = 1 / 18; // of the distance of the camera: size of a spacecraft
+const ELLIPSOID_SHARE = 1 / 6; // largest half axis of an ellipsoid
+const THRUST_SHARE = 1 / 5; // the largest thrust of the scene
+const AXIS_SHARE = 1 / 4;
+const LARGEST_RANGE = 4e5; // m: formations of 100 km still fit
+const AXIS_COLOURS = ["#5fb3ff", "#ff9a4d", "#4fd8a8"]; // radial, in-track, cross-track; before the sky
+const SIGMAS = 3;
+
+export class FormationView {
+  constructor(Cesium, scene, view) {
+    this.Cesium = Cesium;
+    this.scene = scene;
+    this.view = view;
+    this.shown = false;
+    this.lines = view.primitives.add(new Cesium.PolylineCollection());
+    this.labels = view.primitives.add(new Cesium.LabelCollection());
+    this.solids = view.primitives.add(new Cesium.PrimitiveCollection());
+    this.deputies = new Map();
+    this.largestThrust = 0;
+    this.axes = AXIS_COLOURS.map((colour) => this.makeArrow(colour, 7));
+    this.axisLabels = AXIS_COLOURS.map((colour) => this.makeLabel(colour));
+    this.chief = this.makeCraft(CHIEF);
+    this.keepOut = this.makeSphere("#ff6b6b");
+    this.update();
+    this.show(false);
+  }
+
+  show(shown) {
+    this.shown = shown;
+    this.lines.show = shown;
+    this.labels.show = shown;
+    this.solids.show = shown;
+  }
+
+  update() {
+    const crafts = this.scene.spacecraft();
+    for (const { deputy, series } of this.scene.deputies()) {
+      if (!this.deputies.has(deputy)) {
+        const colour = craftColour(crafts.includes(deputy) ? crafts.indexOf(deputy) : 1);
+        this.deputies.set(deputy, {
+          colour, craft: this.makeCraft(colour), arrow: this.makeArrow("#ffffff", 10),
+          baseline: this.makeLine("#ffffff", 0.55, 1.5), trail: this.makeLine(colour, 0.9, 2),
+          ellipsoid: this.makeSphere(colour), label: this.makeLabel(colour),
+          length: this.makeLabel("#ffffff"),
+        });
+      }
+      const parts = this.deputies.get(deputy);
+      parts.series = series;
+      parts.trail.positions = this.trail(series);
+      const thrust = this.thrust(deputy);
+      const { radial, in_track: along, cross_track: across } = thrust?.columns ?? { radial: [] };
+      radial.forEach((value, index) => {
+        this.largestThrust = Math.max(this.largestThrust, Math.hypot(value, along[index], across[index]));
+      });
+    }
+  }
+
+  thrust(deputy) {
+    return this.scene.get("thrust", deputy, "applied") ?? this.scene.get("thrust", deputy, "command");
+  }
+
+  // Distance in m from which the whole formation is seen at a time.
+  fittingRange(time) {
+    let largest = 1;
+    for (const { series } of this.scene.deputies()) {
+      const place = placeAt(series, time);
+      if (place) largest = Math.max(largest, Math.hypot(...place));
+    }
+    const { clientWidth, clientHeight } = this.view.canvas;
+    const narrow = Math.max(1, clientHeight / Math.max(clientWidth, 1)); // a phone sees less to the sides
+    return Math.min(2.6 * narrow * largest, LARGEST_RANGE);
+  }
+
+  // Matrix from the RTN frame of the chief to ITRF at a time; null where there is no orbit.
+  frame(time) {
+    const { Cesium } = this;
+    const [chief] = this.scene.spacecraft();
+    const orbit = chief && this.scene.orbit(chief);
+    const axes = orbit && Scene.rtnAxes(orbit, time);
+    if (!axes) return null;
+    const [r, t, n] = axes;
+    const rotation = new Cesium.Matrix3(r[0], t[0], n[0], r[1], t[1], n[1], r[2], t[2], n[2]);
+    return Cesium.Matrix4.fromRotationTranslation(rotation, new Cesium.Cartesian3(...orbit.positionAt(time)));
+  }
+
+  // Draw at a time, seen from a distance in m.
+  draw(time, range) {
+    const { Cesium } = this;
+    const frame = this.shown ? this.frame(time) : null;
+    if (!frame) return;
+    this.lines.modelMatrix = frame;
+    this.labels.modelMatrix = frame;
+    const size = CRAFT_SHARE * range;
+    this.drawAxes(range);
+    this.placeCraft(this.chief, frame, [0, 0, 0], size);
+    this.keepOut.show = this.scene.hardRadius > 0 && this.scene.hardRadius < range;
+    place(Cesium, this.keepOut, frame, [0, 0, 0], this.scene.hardRadius);
+    for (const [deputy, parts] of this.deputies) {
+      const at = placeAt(parts.series, time);
+      if (at) this.drawDeputy(deputy, parts, frame, at, time, range);
+    }
+  }
+
+  drawAxes(range) {
+    const { ticks } = niceTicks(0, AXIS_SHARE * range, 1.5);
+    const length = ticks.at(-1) || AXIS_SHARE * range;
+    ["R", "T", "N"].forEach((name, axis) => {
+      const end = [0, 0, 0];
+      end[axis] = length;
+      this.axes[axis].positions = this.cartesians([[0, 0, 0], end]);
+      this.axisLabels[axis].position = this.cartesians([end])[0];
+      this.axisLabels[axis].text = axis ? name : `${name} ${lengthText(length)}`;
+    });
+  }
+
+  drawDeputy(deputy, parts, frame, at, time, range) {
+    const { Cesium } = this;
+    const size = CRAFT_SHARE * range;
+    this.placeCraft(parts.craft, frame, at, size);
+    parts.baseline.positions = this.cartesians([[0, 0, 0], at]);
+    const [position, middle] = this.cartesians([at, at.map((value) => value / 2)]);
+    parts.length.position = middle;
+    parts.length.text = lengthText(Math.hypot(...at), 6);
+    parts.label.position = position;
+    const thrust = this.thrust(deputy)?.sampleAt(time, 30);
+    const force = thrust ? [thrust.radial, thrust.in_track, thrust.cross_track] : [0, 0, 0];
+    const strength = Math.hypot(...force);
+    parts.arrow.show = strength > 1e-3 * this.largestThrust;
+    if (parts.arrow.show) {
+      const scale = (THRUST_SHARE * range) / this.largestThrust;
+      parts.arrow.positions = this.cartesians([at, at.map((value, axis) => value + scale * force[axis])]);
+    }
+    const ellipsoid = this.covariance(deputy, time);
+    parts.ellipsoid.show = ellipsoid !== null;
+    let text = deputy;
+    if (ellipsoid) {
+      const largest = SIGMAS * Math.sqrt(Math.max(...ellipsoid.variances));
+      const factor = magnification(ELLIPSOID_SHARE * range, largest);
+      const radii = ellipsoid.variances.map((value) => Math.max(factor * SIGMAS * Math.sqrt(Math.max(value, 0)), 1e-3 * size));
+      const local = Cesium.Matrix4.fromRotationTranslation(ellipsoid.axes, position);
+      const scaled = Cesium.Matrix4.multiplyByScale(local, new Cesium.Cartesian3(...radii), new Cesium.Matrix4());
+      parts.ellipsoid.modelMatrix = Cesium.Matrix4.multiply(frame, scaled, new Cesium.Matrix4());
+      text += `\n3 sigma ${lengthText(largest, 3)}${factor > 1 ? `, drawn x ${factor}` : ""}`;
+    }
+    parts.label.text = text;
+  }
+
+  // Variances along their axes and the axes of the covariance of a deputy at a time; or null.
+  covariance(deputy, time) {
+    const { Cesium } = this;
+    const sample = this.scene.get("covariance", deputy)?.sampleAt(time, 30);
+    if (!sample || sample.rr === null) return null;
+    const { rr, rt, rn, tt, tn, nn } = sample;
+    const scale = Math.max(rr, tt, nn);
+    if (!(scale > 0)) return null;
+    const matrix = new Cesium.Matrix3(...[rr, rt, rn, rt, tt, tn, rn, tn, nn].map((value) => value / scale));
+    const { unitary, diagonal } = Cesium.Matrix3.computeEigenDecomposition(matrix);
+    return { variances: [0, 4, 8].map((index) => scale * diagonal[index]), axes: unitary };
+  }
+
+  trail(series) {
+    const { radial, in_track: along, cross_track: across } = series.columns;
+    const step = Math.max(1, Math.floor(radial.length / 1500));
+    const points = [];
+    for (let index = 0; index < radial.length; index += step) points.push([radial[index], along[index], across[index]]);
+    return points.length > 1 ? this.cartesians(points) : [];
+  }
+
+  cartesians(points) {
+    return points.map(([x, y, z]) => new this.Cesium.Cartesian3(x, y, z));
+  }
+
+  makeLine(colour, alpha, width) {
+    const { Cesium } = this;
+    const material = Cesium.Material.fromType("Color", {
+      color: Cesium.Color.fromCssColorString(colour).withAlpha(alpha),
+    });
+    return this.lines.add({ width, material });
+  }
+
+  makeArrow(colour, width) {
+    const { Cesium } = this;
+    const material = Cesium.Material.fromType("PolylineArrow", { color: Cesium.Color.fromCssColorString(colour) });
+    return this.lines.add({ width, material });
+  }
+
+  makeLabel(colour) {
+    const { Cesium } = this;
+    return this.labels.add({
+      text: "", font: "600 13px sans-serif", fillColor: Cesium.Color.fromCssColorString(colour),
+      outlineColor: Cesium.Color.BLACK, outlineWidth: 3, style: Cesium.LabelStyle.FILL_AND_OUTLINE,
+      pixelOffset: new Cesium.Cartesian2(10, -10), disableDepthTestDistance: Infinity,
+    });
+  }
+
+  // A wire sphere of radius 1.
+  makeSphere(colour) {
+    const { Cesium } = this;
+    return this.solids.add(new Cesium.Primitive({
+      asynchronous: false,
+      geometryInstances: new Cesium.GeometryInstance({
+        geometry: new Cesium.EllipsoidOutlineGeometry({
+          radii: new Cesium.Cartesian3(1, 1, 1), stackPartitions: 8, slicePartitions: 10,
+        }),
+        attributes: { color: Cesium.ColorGeometryInstanceAttribute.fromColor(
+          Cesium.Color.fromCssColorString(colour).withAlpha(0.6)) },
+      }),
+      appearance: new Cesium.PerInstanceColorAppearance({ flat: true, translucent: true }),
+    }));
+  }
+
+  // A body with two solar panels, of size 1 along the in-track axis.
+  makeCraft(colour) {
+    const { Cesium } = this;
+    const box = (size, centre, shade) => new Cesium.GeometryInstance({
+      geometry: Cesium.BoxGeometry.fromDimensions({
+        dimensions: new Cesium.Cartesian3(...size),
+        vertexFormat: Cesium.PerInstanceColorAppearance.VERTEX_FORMAT,
+      }),
+      modelMatrix: Cesium.Matrix4.fromTranslation(new Cesium.Cartesian3(...centre)),
+      attributes: { color: Cesium.ColorGeometryInstanceAttribute.fromColor(shade) },
+    });
+    const body = Cesium.Color.fromCssColorString(colour);
+    const panel = Cesium.Color.fromCssColorString("#23406e");
+    return this.solids.add(new Cesium.Primitive({
+      asynchronous: false,
+      geometryInstances: [
+        box([0.35, 0.45, 0.35], [0, 0, 0], body), box([0.02, 0.4, 0.6], [0, 0, 0.52], panel),
+        box([0.02, 0.4, 0.6], [0, 0, -0.52], panel),
+      ],
+      appearance: new Cesium.PerInstanceColorAppearance({ flat: false, translucent: false, closed: true }),
+    }));
+  }
+
+  placeCraft(craft, frame, at, size) {
+    place(this.Cesium, craft, frame, at, size);
+  }
+}
+
+function place(Cesium, primitive, frame, at, size) {
+  const local = Cesium.Matrix4.fromTranslation(new Cesium.Cartesian3(...at));
+  Cesium.Matrix4.multiplyByUniformScale(local, Math.max(size, 1e-6), local);
+  primitive.modelMatrix = Cesium.Matrix4.multiply(frame, local, new Cesium.Matrix4());
+}
+
+// Relative position at a time, straight between samples; null before the first.
+function placeAt(series, time) {
+  const index = series.indexAt(time);
+  if (index < 0) return null;
+  const next = Math.min(index + 1, series.time.length - 1);
+  const part = next > index ? Math.min((time - series.time[index]) / (series.time[next] - series.time[index]), 1) : 0;
+  return ["radial", "in_track", "cross_track"].map((axis) => {
+    const column = series.columns[axis];
+    return column[index] + part * (column[next] - column[index]);
+  });
+}
+
+// Power of ten by which a length is enlarged to be about as long as wished; at least 1.
+function magnification(wished, length) {
+  return length > 0 ? 10 ** Math.max(0, Math.floor(Math.log10(wished / length))) : 1;
+}
