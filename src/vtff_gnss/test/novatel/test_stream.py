@@ -18,6 +18,8 @@ from gnss_test_support import (
     range_frame,
     range_records,
 )
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from novatel_edie import oem
 
 import vtff_gnss
@@ -183,6 +185,48 @@ def test_epoch_columns():
     for name, kind in OBSERVATION_COLUMNS.items():
         column = epoch.columns()[name]
         assert column.dtype == kind and column.shape == (4,), name
+
+
+@settings(max_examples=60)
+@given(st.data())
+def test_range_logs_decoded_together_are_what_they_are_one_by_one(data):
+    records = range_records(data.draw(st.integers(0, 6)), seed=1)
+    frames, milliseconds = [], 345_600_000
+    for _ in range(data.draw(st.integers(1, 12))):
+        change = data.draw(
+            st.sampled_from(
+                ["nothing", "restart", "flags", "prn", "signal", "unnamed", "twice", "fewer", "fix"]
+            )
+        )
+        records = records.copy()
+        records["lock_time"] += 0.05
+        records["pseudorange"] += 17.25
+        if len(records) > 1:
+            if change == "restart":
+                records["lock_time"][1] = 0.0
+            elif change == "flags":
+                records["tracking_status"][1] ^= 1 << 12 | 1 << 28 | 5
+            elif change in ("prn", "unnamed"):
+                records["prn"][1] = 9 if change == "prn" else 77
+            elif change == "signal":
+                records["tracking_status"][1] = L2C
+            elif change == "twice":
+                records[1] = records[0]
+                records["lock_time"][1] = 3.0
+            elif change == "fewer":
+                records = records[1:]
+        if change == "fix":
+            frames.append(xyz(milliseconds))
+        milliseconds += data.draw(st.sampled_from([50, 50, 50, 0, 1000, -200]))
+        frames.append(range_frame(records, milliseconds))
+    raw_logs = data.draw(st.sampled_from(["none", "all"]))
+    together, one_by_one = (ReceiverLogStream(raw_logs=raw_logs) for _ in range(2))
+    events = together.feed(b"".join(frames)) + together.close()
+    assert events == [e for frame in frames for e in one_by_one.feed(frame)] + one_by_one.close()
+    assert together.counters == one_by_one.counters
+    epochs = [event for event in events if isinstance(event, ObservationEpoch) and len(event)]
+    addresses = [column.ctypes.data for epoch in epochs for column in epoch.columns().values()]
+    assert len(set(addresses)) == len(addresses)  # no epoch changes another
 
 
 def test_signals_without_a_rinex_name_are_left_out_and_counted():

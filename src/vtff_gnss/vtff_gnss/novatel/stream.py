@@ -6,6 +6,7 @@ A further log: see `vtff_gnss.novatel`; here it needs its number in `_DECODED_ID
 
 from __future__ import annotations
 
+import itertools
 import os
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -24,11 +25,17 @@ from vtff_gnss.novatel.range.lock_time import LockTimeTracker
 from vtff_gnss.novatel.range.range_logs import (
     GlonassChannels,
     decode_range,
+    decode_range_series,
     decode_rangecmp,
 )
 from vtff_gnss.novatel.range.rangecmp2 import decode_rangecmp2
 from vtff_gnss.novatel.range.rangecmp45 import RangeCmp4Decoder, decode_rangecmp5
-from vtff_gnss.novatel.range.signal_records import SignalRecords, epoch_from_records
+from vtff_gnss.novatel.range.signal_records import (
+    EpochHeader,
+    SignalRecords,
+    epoch_from_records,
+    epochs_from_records,
+)
 from vtff_gnss.novatel.solution_logs import (
     fix_from_bestxyz,
     galileo_ephemeris,
@@ -45,6 +52,7 @@ RawLogs = Literal["none", "undecoded", "all"]
 """Which logs also, or only, appear as `RawLog`."""
 
 _CHUNK_LENGTH = 1 << 16
+_RANGE_ID = ids.ID_RANGE.to_bytes(2, "little")
 _EPHEMERIS_DECODERS = {
     ids.ID_GPSEPHEM: gps_ephemeris,
     ids.ID_GALINAVEPHEMERIS: galileo_ephemeris,
@@ -95,7 +103,14 @@ class ReceiverLogStream:
 
     def feed(self, chunk: bytes | bytearray | memoryview) -> list[Event]:
         """Take the next bytes and return the events that they complete, in stream order."""
-        return [event for frame in self._scanner.feed(chunk) for event in self._decode(frame)]
+        events: list[Event] = []
+        for is_range, group in itertools.groupby(self._scanner.feed(chunk), _is_range):
+            frames = list(group)
+            series = self._decode_range_series(frames) if is_range and len(frames) > 1 else None
+            if series is None:
+                series = [event for frame in frames for event in self._decode(frame)]
+            events += series
+        return events
 
     def close(self) -> list[Event]:
         """End the stream and return what it still held back."""
@@ -127,6 +142,41 @@ class ReceiverLogStream:
         if self._raw_logs == "all":
             events.append(_raw_log(frame, log.message_id, log.time))
         return events
+
+    def _decode_range_series(self, frames: list[Frame]) -> list[Event] | None:
+        """Decode RANGE logs that follow each other at once, which is many times cheaper.
+
+        None where that gives other events than `_decode` log by log, which then has to do it.
+        """
+        logs = [parse_binary_log(frame.content) for frame in frames]
+        headers = [
+            EpochHeader(log.time, log.time_status, log.receiver_status)
+            for log in logs
+            if log.time is not None and not log.is_response
+        ]
+        records = decode_range_series([log.payload for log in logs])
+        if records is None or len(headers) < len(logs):
+            return None
+        log_name = ids.OBSERVATION_LOG_NAMES[ids.ID_RANGE]
+        decoded = epochs_from_records(records, headers, log_name, self._lock_times_of(ids.ID_RANGE))
+        if decoded is None:
+            return None
+        epochs, unnamed_count = decoded
+        self.counters.signals_unnamed += unnamed_count * len(epochs)
+        events: list[Event] = []
+        for frame, epoch in zip(frames, epochs, strict=True):
+            events += self._solutions.advance(epoch.time)
+            events.append(epoch)
+            if self._raw_logs == "all":
+                events.append(_raw_log(frame, ids.ID_RANGE, epoch.time))
+        return events
+
+    def _lock_times_of(self, message_id: int) -> LockTimeTracker:
+        # Logs of one epoch in two formats are two series of lock times.
+        lock_times = self._lock_times.get(message_id)
+        if lock_times is None:
+            lock_times = self._lock_times[message_id] = LockTimeTracker()
+        return lock_times
 
     def _count_undecoded(
         self, frame: Frame, log_id: int | None, time: GpsTime | None = None
@@ -160,17 +210,13 @@ class ReceiverLogStream:
         return self._if_new(_EPHEMERIS_DECODERS[log.message_id](message, log.time))
 
     def _observations(self, log: BinaryLog, time: GpsTime) -> list[Event]:
-        # Logs of one epoch in two formats are two series of lock times.
-        lock_times = self._lock_times.get(log.message_id)
-        if lock_times is None:
-            lock_times = self._lock_times[log.message_id] = LockTimeTracker()
         epoch, unnamed_count = epoch_from_records(
             self._records(log, time),
             time,
             log.time_status,
             log.receiver_status,
             ids.OBSERVATION_LOG_NAMES[log.message_id],
-            lock_times,
+            self._lock_times_of(log.message_id),
         )
         self.counters.signals_unnamed += unnamed_count
         return [epoch]
@@ -308,6 +354,10 @@ def _with_clock(fix: Fix, time: ReceiverTime) -> Fix:
     if not time.is_valid:
         return fix
     return replace(fix, clock_offset=time.clock_offset, clock_offset_sigma=time.clock_offset_sigma)
+
+
+def _is_range(frame: Frame) -> bool:
+    return frame.format is FrameFormat.BINARY and frame.content[4:6] == _RANGE_ID
 
 
 def _command_response(log: BinaryLog) -> CommandResponse:

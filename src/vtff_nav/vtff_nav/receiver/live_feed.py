@@ -113,8 +113,20 @@ class LiveFeed:
                 self._clock_to_acknowledge = None
         elif not self._node.lockstep:
             self._node.scenario_nanoseconds = self.statistics.newest_nanoseconds
-        if self._port is not None:
+        if self._port is not None and self._awaits_bytes():
             self._watch.arm()
+
+    def _awaits_bytes(self) -> bool:
+        """Return whether arriving bytes have to be read at once.
+
+        In lockstep all bytes of a second are sent before /clock names it. Until then they wait in
+        the port for one read of them all; the timer reads what waits longer.
+        """
+        return (
+            not self._node.lockstep
+            or self._clock_to_acknowledge is not None
+            or not self._session.is_running
+        )
 
     def _wake(self) -> None:
         """Let the executor read the port; called in the thread of the watch."""

@@ -260,30 +260,43 @@ class ReceiverSession:
 
     def _read(self) -> list[Event]:
         """Read and decode; answers to commands go to the dialogue."""
+        content = self._read_port()
+        if not content:
+            return []
+        self.bytes_received += len(content)
+        self._heard_at = self._now
+        self._has_sent_since_configured |= self.is_running
+        self._bytes_since_understood += len(content)
         events: list[Event] = []
-        for _ in range(READS_PER_CALL):
-            chunk = b"" if self._port is None else self._port.read()
-            if not chunk:
-                break
-            self.bytes_received += len(chunk)
-            self._heard_at = self._now
-            self._has_sent_since_configured |= self.is_running
-            self._bytes_since_understood += len(chunk)
-            for event in self._stream.feed(chunk):
-                if isinstance(event, CommandResponse):
-                    self._dialogue.take_answer(event)
-                    continue
-                if isinstance(event, ReceiverVersion):
-                    self.version = event
-                events.append(event)
-            understood = self._stream.counters.frames_good + self._stream.counters.responses
-            if understood > self._understood_count:
-                self._understood_count = understood
-                self._understood_at = self._now
-                self._bytes_since_understood = 0
-                if not self._settings.commands:
-                    self.problem = ""
+        for event in self._stream.feed(content):
+            if isinstance(event, CommandResponse):
+                self._dialogue.take_answer(event)
+                continue
+            if isinstance(event, ReceiverVersion):
+                self.version = event
+            events.append(event)
+        understood = self._stream.counters.frames_good + self._stream.counters.responses
+        if understood > self._understood_count:
+            self._understood_count = understood
+            self._understood_at = self._now
+            self._bytes_since_understood = 0
+            if not self._settings.commands:
+                self.problem = ""
         return events
+
+    def _read_port(self) -> bytes:
+        """Return all bytes that have arrived: a pseudo-terminal gives 4 kB at a time."""
+        chunks: list[bytes] = []
+        try:
+            while self._port is not None and len(chunks) < READS_PER_CALL:
+                chunk = self._port.read()
+                if not chunk:
+                    break
+                chunks.append(chunk)
+        except PortError:
+            if not chunks:  # otherwise the next call tells it again
+                raise
+        return b"".join(chunks)
 
     # ---- procedures --------------------------------------------------------------------------
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -59,14 +61,45 @@ class LockTimeTracker:
         ndarray of bool, shape (n,)
             Lock was lost since the signal was last seen. False for a signal seen first.
         """
-        seconds = time.nanoseconds * 1e-9
-        elapsed = seconds - self._seconds[key]
+        is_lost = self.update_series(
+            [time], key, lock_time[np.newaxis, :], lock_time_bound[np.newaxis, :]
+        )
+        return np.asarray(is_lost[0])
+
+    def update_series(
+        self,
+        times: Sequence[GpsTime],
+        key: npt.NDArray[np.intp],
+        lock_time: npt.NDArray[np.floating],
+        lock_time_bound: npt.NDArray[np.floating],
+    ) -> npt.NDArray[np.bool_]:
+        """Take the lock times of k epochs of the same signals, as `update` epoch by epoch.
+
+        Parameters
+        ----------
+        times : sequence of GpsTime
+            The k epochs.
+        key : ndarray of int, shape (n,)
+            The signals, each once.
+        lock_time, lock_time_bound : ndarray of float, shape (k, n)
+
+        Returns
+        -------
+        ndarray of bool, shape (k, n)
+        """
+        seconds = np.array([[time.nanoseconds * 1e-9] for time in times])
+        previous_seconds, previous_lock_time = self._seconds[key], self._lock_time[key]
+        elapsed = seconds - previous_seconds
+        growth = lock_time_bound - previous_lock_time
+        if len(times) > 1:
+            elapsed[1:] = seconds[1:] - seconds[:-1]
+            growth[1:] = lock_time_bound[1:] - lock_time[:-1].astype(np.float64)
         # Half of the step at most, or a slip between two 20 Hz epochs would go unseen.
         tolerance = np.minimum(np.maximum(0.5 * elapsed, 0.0), MAX_TOLERANCE)
         # RANGE has float32 lock times, which grow in coarse steps after some days.
         tolerance += np.spacing(lock_time.astype(np.float32))
         # False where nothing is known, because no comparison with NaN holds.
-        is_lost = lock_time_bound - self._lock_time[key] + tolerance <= elapsed
-        self._seconds[key] = seconds
-        self._lock_time[key] = lock_time
+        is_lost = growth + tolerance <= elapsed
+        self._seconds[key] = seconds[-1, 0]
+        self._lock_time[key] = lock_time[-1]
         return np.asarray(is_lost)

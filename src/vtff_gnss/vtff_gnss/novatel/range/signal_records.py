@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -15,7 +16,7 @@ from vtff_gnss.novatel.range.lock_time import LockTimeTracker, lock_key
 from vtff_gnss.novatel.range.tracking_status import rinex_prn, rinex_signal
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationEpoch
 
-__all__ = ["SignalRecords", "epoch_from_records"]
+__all__ = ["EpochHeader", "SignalRecords", "epoch_from_records", "epochs_from_records"]
 
 _MEASURED_COLUMNS = (
     "pseudorange", "carrier_phase_cycles", "doppler_hz", "cn0_dbhz", "pseudorange_sigma",
@@ -90,12 +91,77 @@ def epoch_from_records(
     return epoch, names.unnamed_count
 
 
+@dataclass(frozen=True)
+class EpochHeader:
+    """Fields of the header of a range log."""
+
+    time: GpsTime
+    time_status: int
+    receiver_status: int
+
+
+def epochs_from_records(
+    records: SignalRecords,
+    headers: Sequence[EpochHeader],
+    log_name: str,
+    lock_times: LockTimeTracker,
+) -> tuple[list[ObservationEpoch], int] | None:
+    """Build the epochs of k logs of the same signals, as `epoch_from_records` one by one.
+
+    Parameters
+    ----------
+    records : SignalRecords
+        Columns `system` to `glonass_channel` of shape (n,), the others of shape (k, n).
+
+    Returns
+    -------
+    epochs : list of ObservationEpoch
+    unnamed_count : int
+        Records left out of each log.
+
+    None if a signal is in the logs twice: `lock_times` then has to take one epoch after another.
+    """
+    names = _names_of(
+        records.system.tobytes(),
+        records.signal.tobytes(),
+        np.asarray(records.prn_novatel, dtype=np.intp).tobytes(),
+        np.asarray(records.glonass_channel, dtype=np.int64).tobytes(),
+    )
+    if names.has_repetition:
+        return None
+    chosen = (slice(None), names.chosen)
+    is_lost = lock_times.update_series(
+        [header.time for header in headers],
+        names.lock_key,
+        records.lock_time[chosen],
+        records.lock_time_bound[chosen],
+    )
+    columns: dict[str, npt.NDArray[Any]] = {
+        name: np.tile(column, (len(headers), 1)) for name, column in names.columns.items()
+    }
+    for name in _MEASURED_COLUMNS:
+        columns[name] = getattr(records, name)[chosen].astype(OBSERVATION_COLUMNS[name])
+    columns["flags"][is_lost] |= FLAG_LOCK_LOST
+    epochs = [
+        ObservationEpoch(
+            time=header.time,
+            time_status=header.time_status,
+            receiver_status=header.receiver_status,
+            log_name=log_name,
+            **dict(zip(columns, rows, strict=True)),
+        )
+        for header, *rows in zip(headers, *columns.values(), strict=True)
+    ]
+    return epochs, names.unnamed_count
+
+
 class _Names(NamedTuple):
     """RINEX names of the signals of a log; arrays are read-only."""
 
     chosen: npt.NDArray[np.bool_] | slice
     unnamed_count: int
     lock_key: npt.NDArray[np.intp]
+    has_repetition: bool
     columns: dict[str, npt.NDArray[Any]]
 
 
@@ -118,9 +184,11 @@ def _names_of(system: bytes, signal: bytes, prn_novatel: bytes, glonass_channel:
         "attribute": attribute,
         "glonass_channel": np.where(systems == SYSTEM_GLONASS, channel, 0),
     }
+    key = lock_key(systems[chosen], prn[chosen], signals[chosen])
     return _Names(
         chosen,
         unnamed_count,
-        lock_key(systems[chosen], prn[chosen], signals[chosen]),
+        key,
+        len(np.unique(key)) < len(key),
         {name: c[chosen].astype(OBSERVATION_COLUMNS[name]) for name, c in columns.items()},
     )
