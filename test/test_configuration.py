@@ -17,6 +17,7 @@ import yaml
 from vtff_bringup.system.extension import join_system
 from vtff_node.executables import node_class
 from vtff_node.parameters import default_of
+from vtff_node.plugins.loading import load_plugin
 from vtff_sim_bridge.simremote.language import DEFAULT_PORT
 
 CONFIG = pathlib.Path(__file__).resolve().parents[1] / "config"
@@ -43,8 +44,16 @@ def nodes_of(path: pathlib.Path) -> list[dict[str, Any]]:
 
 
 def defaults_of(node: dict[str, Any]) -> dict[str, Any]:
-    table = node_class(node["package"], node["executable"]).Parameters
-    return {field.name: default_of(field) for field in dataclasses.fields(table)}
+    kind = node_class(node["package"], node["executable"])
+    defaults = {field.name: default_of(field) for field in dataclasses.fields(kind.Parameters)}
+    if kind.Plugins is not None:
+        # A plug-in's parameters are those of its node.
+        name = kind.Plugins.parameter
+        chosen = node.get("parameters", {}).get(name, defaults[name])
+        table = load_plugin(kind.Plugins, chosen).parameter_table
+        if table is not None:
+            defaults |= {field.name: default_of(field) for field in dataclasses.fields(table)}
+    return defaults
 
 
 def users_of(parameter_file: pathlib.Path) -> list[dict[str, Any]]:

@@ -64,7 +64,8 @@ OFFICIAL = set(KEYS.values()) - {
 }
 #: ROS packages of apt ROS 2 Jazzy that may be named.
 ROS_PACKAGES = {
-    *("ament_cmake", "ament_index_python", "builtin_interfaces", "diagnostic_msgs"),
+    *("action_msgs", "ament_cmake", "ament_index_python", "builtin_interfaces"),
+    *("diagnostic_msgs",),
     *("domain_coordinator", "geometry_msgs", "launch", "launch_ros", "nav_msgs", "rcl_interfaces"),
     *("rclpy", "rosgraph_msgs", "rosidl_default_generators", "rosidl_default_runtime"),
     *("sensor_msgs", "std_msgs", "std_srvs"),

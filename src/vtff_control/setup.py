@@ -33,6 +33,7 @@ setup(
         "console_scripts": [
             "adcs_can = vtff_control.adcs_can_node:main",
             "attitude_controller = vtff_control.attitude_controller_node:main",
+            "formation_guidance = vtff_control.formation_guidance_node:main",
             "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",
@@ -43,6 +44,9 @@ setup(
             "navigation_aware = vtff_control.tracking.designs:NavigationAwareController",
             "paper = vtff_control.tracking.designs:PaperController",
             "state_dependent = vtff_control.tracking.designs:StateDependentController",
+        ],
+        "vtff.guidances": [
+            "formation = vtff_control.guidance.formation_guidance:FormationGuidance",
         ],
     },
 )

@@ -32,7 +32,7 @@ def make_app() -> typer.Typer:
         tec,
         view,
     )
-    from vtff_bringup.discover import list_installed, node, topic, version
+    from vtff_bringup.discover import guidance, list_installed, node, topic, version
 
     app = typer.Typer(
         name="vtff",
@@ -56,6 +56,7 @@ def make_app() -> typer.Typer:
     app.command("list")(list_installed.list_installed)
     app.command("node", no_args_is_help=True, add_help_option=False)(node.node)
     app.add_typer(topic.app, name="topic")
+    app.add_typer(guidance.app, name="guidance")
     app.add_typer(bag.app, name="bag")
     app.add_typer(study.app, name="study")
     return app

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 import pathlib
 import time
 from collections.abc import Iterator
@@ -13,6 +11,7 @@ import typer
 from rich.console import Console
 
 from vtff_bag.file.errors import BagError, UnknownTypeError
+from vtff_bringup.discover.running_graph import domain_text, running_graph
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -46,7 +45,7 @@ def list_topics(bag: Bag = None) -> None:
             text = f"{name:40} {topic.type:36} {topic.message_count:8d} {rate:9.3f} Hz"
             console.print(text, markup=False, soft_wrap=True)
         return
-    with _graph() as (node, _, stop):
+    with running_graph() as (node, _, stop):
         deadline = time.monotonic() + DISCOVERY_TIME
         while time.monotonic() < deadline and not stop.requested:
             time.sleep(0.05)
@@ -56,7 +55,7 @@ def list_topics(bag: Bag = None) -> None:
             if node.count_publishers(name) and name not in ("/parameter_events", "/rosout")
         ]
     if not topics:
-        raise exit_with_error(console, f"no topic in {_domain_text()}", EXIT_FAILURE)
+        raise exit_with_error(console, f"no topic in {domain_text()}", EXIT_FAILURE)
     for name, types in topics:
         console.print(f"{name:40} {', '.join(types)}", markup=False, soft_wrap=True)
 
@@ -128,7 +127,7 @@ def _messages(console: Console, topic: str, bag: pathlib.Path | None) -> Iterato
         except BagError as error:
             raise exit_with_error(console, error, EXIT_FAILURE) from error
         return
-    with _graph() as (node, executor, stop):
+    with running_graph() as (node, executor, stop):
         message_type = _wait_for_type(console, node, topic, stop)
         if message_type is None:
             return
@@ -159,39 +158,10 @@ def _wait_for_type(console: Console, node: Any, topic: str, stop: StopRequest) -
         if topic in types and node.count_publishers(topic):
             return str(types[topic][0])
         if time.monotonic() > deadline:
-            text = f"{_no_topic(topic, types)}; looked in {_domain_text()} for {WAIT:g} s"
+            text = f"{_no_topic(topic, types)}; looked in {domain_text()} for {WAIT:g} s"
             raise exit_with_error(console, text, EXIT_FAILURE)
         time.sleep(0.05)
     return None
-
-
-@contextlib.contextmanager
-def _graph() -> Iterator[tuple[Any, Any, StopRequest]]:
-    """Yield a node that listens in the graph, its executor, and a request to end by a signal."""
-    from vtff_bringup.run.domain import add_dds_settings
-
-    environment = dict(os.environ)
-    add_dds_settings(environment)
-    os.environ.update(environment)
-    import rclpy
-    from rclpy.signals import SignalHandlerOptions
-
-    from vtff_node.main import make_executor
-    from vtff_node.process.stop_signals import StopRequest
-
-    stop = StopRequest()
-    stop.install()
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    name = f"_vtff_topic_{os.getpid()}"
-    node = rclpy.create_node(name, start_parameter_services=False, enable_rosout=False)
-    executor = make_executor()
-    executor.add_node(node)
-    try:
-        yield node, executor, stop
-    finally:
-        executor.shutdown()
-        node.destroy_node()
-        rclpy.try_shutdown()
 
 
 def _open(console: Console, bag: pathlib.Path) -> Any:
@@ -208,7 +178,3 @@ def _no_topic(topic: str, topics: Any) -> str:
 
     near = difflib.get_close_matches(topic, list(topics), n=3)
     return f"no topic '{topic}'" + (f"; did you mean: {', '.join(near)}?" if near else "")
-
-
-def _domain_text() -> str:
-    return f"ROS_DOMAIN_ID {os.environ.get('ROS_DOMAIN_ID', '0') or '0'}"

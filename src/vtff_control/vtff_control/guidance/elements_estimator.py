@@ -102,8 +102,10 @@ class ElementsEstimator:
         effect = control_matrix(self.mean_motion, float(self.chief_mean[1]))
         self.covariance += self._density**2 * duration * effect @ effect.T
 
-    def add_thrust(self, acceleration_rtn: npt.ArrayLike, duration: float) -> None:
-        """Take thrust that acted before the next update, for a short time after the last one.
+    def add_thrust(
+        self, acceleration_rtn: npt.ArrayLike, duration: float, elapsed: float = 0.0
+    ) -> None:
+        """Take thrust that acts before the next update, for a short time.
 
         Parameters
         ----------
@@ -111,10 +113,16 @@ class ElementsEstimator:
             m/s2, shape (3,).
         duration
             s.
+        elapsed
+            From the last update to the middle of the thrust, s.
         """
         velocity = duration * np.asarray(acceleration_rtn, dtype=float)
         if not velocity.any() or math.isnan(self.time):
             return
-        effect = control_matrix(self.mean_motion, float(self.chief_mean[1])) @ velocity
+        latitude = float(self.chief_mean[1]) + self.mean_motion * elapsed
+        effect = control_matrix(self.mean_motion, latitude) @ velocity
+        if elapsed:
+            # The next prediction begins at the last update.
+            effect = j2_transition_matrix(self.chief_mean, -elapsed) @ effect
         self.elements = self.elements + effect
         self.covariance = self.covariance + self._thrust_share**2 * np.outer(effect, effect)

@@ -44,6 +44,29 @@ class KeepingEngine:
                 f"{self.step:g}, {self.smallest:g}, {self.largest:g} N"
             )
 
+    def acceleration(self, wanted: npt.ArrayLike, mass: float) -> FloatArray:
+        """Return the acceleration that the engine gives for a wanted one, m/s2, of any shape.
+
+        Below half of the smallest thrust an axis is off.
+
+        Parameters
+        ----------
+        wanted
+            m/s2 on each axis.
+        mass
+            kg.
+        """
+        thrust = mass * np.asarray(wanted, dtype=float)
+        size = np.abs(thrust)
+        # Whole steps within the limits, which need not be whole themselves.
+        fewest = math.ceil(self.smallest / self.step - 1e-9)
+        most = math.floor(self.largest / self.step + 1e-9)
+        fired = self.step * np.clip(np.rint(size / self.step), fewest, max(fewest, most))
+        given: FloatArray = np.where(
+            size < 0.5 * self.smallest, 0.0, np.copysign(fired, thrust) / mass
+        )
+        return given
+
 
 T5_ENGINE = KeepingEngine(largest=25e-3, smallest=1e-3, step=12e-6)
 """QinetiQ T5: continuous throttling from 1 mN in steps of 12 uN (Edwards, Wallace, Tato and van Put
@@ -68,6 +91,14 @@ class FormationKeeper:
         Between decisions, in orbits.
     longest_pulse
         s.
+    estimator
+        Filter of the relative elements; default a new one.
+
+    Attributes
+    ----------
+    centre
+        Relative elements of the orbit that the design is relative to, m, shape (6,); zero for that
+        of the chief.
     """
 
     def __init__(
@@ -78,9 +109,11 @@ class FormationKeeper:
         step: float,
         interval: float = 0.5,
         longest_pulse: float = 300.0,
+        estimator: ElementsEstimator | None = None,
     ) -> None:
         self.design = np.asarray(design, dtype=float)
-        self.estimator = ElementsEstimator()
+        self.estimator = ElementsEstimator() if estimator is None else estimator
+        self.centre = np.zeros(6)
         self._engine = engine
         self._mass = mass
         self._step = step
@@ -91,7 +124,8 @@ class FormationKeeper:
 
     def target(self) -> FloatArray:
         """Return the relative state of the design at the last update, m and m/s, shape (6,)."""
-        return relative_state_of_mean_elements(self.estimator.chief_mean, self.design)
+        wanted = self.design + self.centre
+        return relative_state_of_mean_elements(self.estimator.chief_mean, wanted)
 
     def command(self, time: float) -> FloatArray:
         """Return the thrust from a time on for one step, m/s2 in RTN, shape (3,).
@@ -121,7 +155,7 @@ class FormationKeeper:
         centred[0] -= drift[1] / transition[1, 0]
         drift = transition @ centred - centred
         wanted = centred - 0.5 * drift
-        change = wanted - transition @ estimator.elements
+        change = wanted - transition @ (estimator.elements - self.centre)
         latitude = float(estimator.chief_mean[1])
         turn = 2.0 * math.pi * self._interval
         impulses = least_impulses(

@@ -1,0 +1,102 @@
+"""Flying a reconfiguration plan: the thrust of its steps, and the return to its path.
+
+The plan is relative to a virtual reference orbit; only the states of the spacecraft relative to
+each other are measured well. So the deviations from the plan are taken about their mean, and the
+formation as a whole is left where it drifts.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.interpolate import CubicHermiteSpline
+
+from vtff_control.guidance.reconfiguration_plan import ReconfigurationPlan
+from vtff_dynamics.relative.separation import closest_on_path
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["PlanFlight"]
+
+_DAMPING = 0.7
+
+
+class PlanFlight:
+    """One reconfiguration under way.
+
+    Parameters
+    ----------
+    plan
+        The plan.
+    start
+        Its beginning, s.
+    formation
+        Where it leads.
+    bandwidth
+        Natural frequency of the return to the path, rad/s.
+    """
+
+    def __init__(
+        self, plan: ReconfigurationPlan, start: float, formation: str, bandwidth: float
+    ) -> None:
+        self.plan = plan
+        self.start = start
+        self.formation = formation
+        self.closest_seen = math.inf
+        self._bandwidth = bandwidth
+        times = start + plan.step * np.arange(plan.states.shape[1])
+        self.end = float(times[-1])
+        self._paths = [
+            CubicHermiteSpline(times, states[:, :3], states[:, 3:]) for states in plan.states
+        ]
+        self._before: FloatArray | None = None
+
+    def planned_states(self, time: float) -> FloatArray:
+        """Return the states relative to the reference at a time, m and m/s, shape (m, 6)."""
+        moment = min(max(time, self.start), self.end)
+        return np.array([[*path(moment), *path(moment, 1)] for path in self._paths])
+
+    def planned_accelerations(self, time: float) -> FloatArray:
+        """Return the thrust of the plan at a time, m/s2, shape (m, 3); zero outside of it."""
+        # The slack keeps a time that is the start of a step.
+        index = math.floor((time - self.start) / self.plan.step + 1e-6)
+        if not 0 <= index < self.plan.accelerations.shape[1]:
+            return np.zeros(self.plan.accelerations[:, 0].shape)
+        accelerations: FloatArray = self.plan.accelerations[:, index]
+        return accelerations
+
+    def velocity_changes_left(self, time: float) -> FloatArray:
+        """Return what the plan has from a time on, m/s, shape (m,)."""
+        steps = self.plan.accelerations.shape[1]
+        begins = self.start + self.plan.step * np.arange(steps)
+        left = np.clip(begins + self.plan.step - time, 0.0, self.plan.step)
+        changes: FloatArray = np.linalg.norm(self.plan.accelerations, axis=2) @ left
+        return changes
+
+    def correction(self, time: float, states: Sequence[FloatArray]) -> FloatArray:
+        """Return the thrust that leads back to the path, m/s2, shape (m, 3).
+
+        Parameters
+        ----------
+        time
+            Time of the states, s.
+        states
+            States of all spacecraft relative to one of them, m and m/s, shape (m, 6).
+        """
+        deviations = np.array(states) - self.planned_states(time)
+        deviations -= deviations.mean(axis=0)
+        return (
+            -(self._bandwidth**2) * deviations[:, :3]
+            - 2.0 * _DAMPING * self._bandwidth * deviations[:, 3:]
+        )
+
+    def watch(self, states: Sequence[FloatArray]) -> None:
+        """Take the states of all spacecraft for `closest_seen`, m."""
+        positions = np.array(states)[:, :3]
+        before = positions if self._before is None else self._before
+        for first, second in itertools.combinations(range(len(positions)), 2):
+            path = np.array([before[second] - before[first], positions[second] - positions[first]])
+            self.closest_seen = min(self.closest_seen, closest_on_path(path))
+        self._before = positions

@@ -1,0 +1,216 @@
+"""What a formation guidance is asked for: modes, reconfigurations, and a timeline of both."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from vtff_control.guidance.reconfiguration_plan import OBJECTIVES
+
+__all__ = [
+    "MODES",
+    "ModeRequest",
+    "ReconfigurationRequest",
+    "Request",
+    "RequestError",
+    "TimelineEntry",
+    "read_timeline",
+]
+
+MODES = ("hold", "keep", "reconfigure", "phase", "free_drift", "abort")
+
+
+class RequestError(ValueError):
+    """A request is refused; one line that says why."""
+
+
+@dataclass(frozen=True)
+class ModeRequest:
+    """A change of the mode.
+
+    Parameters
+    ----------
+    mode
+        One of `MODES` but ``reconfigure``.
+    formation
+        For ``keep``.
+    angle_deg, orbits
+        For ``phase``: angle ahead on the orbit (negative: behind) and duration.
+
+    Raises
+    ------
+    RequestError
+        If something is missing or does not belong to the mode.
+    """
+
+    mode: str
+    formation: str = ""
+    angle_deg: float = 0.0
+    orbits: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        modes = [mode for mode in MODES if mode != "reconfigure"]
+        if self.mode not in modes:
+            raise RequestError(f"mode: one of {', '.join(modes)} expected, got '{self.mode}'")
+        if bool(self.formation) != (self.mode == "keep"):
+            raise RequestError(
+                "formation: a name expected with mode 'keep'"
+                if self.mode == "keep"
+                else f"formation: mode '{self.mode}' takes none, got '{self.formation}'"
+            )
+        if self.mode == "phase":
+            if not (math.isfinite(self.angle_deg) and self.angle_deg != 0.0):
+                raise RequestError(f"angle_deg: not zero expected, got {self.angle_deg:g}")
+            if not (math.isfinite(self.orbits) and self.orbits > 0.0):
+                raise RequestError(f"orbits: more than 0 expected, got {self.orbits:g}")
+        elif self.angle_deg or self.orbits:
+            raise RequestError(f"angle_deg, orbits: mode '{self.mode}' takes none")
+
+
+@dataclass(frozen=True)
+class ReconfigurationRequest:
+    """A reconfiguration.
+
+    Parameters
+    ----------
+    formation
+        Name of the formation to reach.
+    duration
+        From the request to the arrival, s.
+    closest_approach
+        Smallest distance of any pair, m; 0: as the guidance is set.
+    acceleration_cap
+        On each axis, m/s2; 0: as the guidance is set.
+    axes
+        With thrust, some of R, T and N.
+    objective
+        One of `vtff_control.guidance.reconfiguration_plan.OBJECTIVES`.
+    passive_safety_orbits
+        Orbits of drift in which a loss of thrust is safe; 0: not asked.
+    preempt
+        Whether it ends a reconfiguration that runs.
+
+    Raises
+    ------
+    RequestError
+        If a value is impossible.
+    """
+
+    formation: str
+    duration: float
+    closest_approach: float = 0.0
+    acceleration_cap: float = 0.0
+    axes: str = "RTN"
+    objective: str = "norms"
+    passive_safety_orbits: float = 0.0
+    preempt: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        if not self.formation:
+            raise RequestError("formation: a name expected")
+        if not (math.isfinite(self.duration) and self.duration > 0.0):
+            raise RequestError(f"duration: more than 0 s expected, got {self.duration:g}")
+        for name in ("closest_approach", "acceleration_cap", "passive_safety_orbits"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise RequestError(f"{name}: 0 or more expected, got {value:g}")
+        if not self.axes or set(self.axes) - set("RTN") or len(set(self.axes)) != len(self.axes):
+            raise RequestError(f"axes: some of R, T and N expected, got '{self.axes}'")
+        if self.objective not in OBJECTIVES:
+            raise RequestError(
+                f"objective: one of {', '.join(OBJECTIVES)} expected, got '{self.objective}'"
+            )
+
+
+Request = ModeRequest | ReconfigurationRequest
+
+
+@dataclass(frozen=True)
+class TimelineEntry:
+    """A request and its time.
+
+    Attributes
+    ----------
+    time
+        s after the first states.
+    request
+        What is asked for then.
+    """
+
+    time: float
+    request: Request
+
+
+def read_timeline(lines: Sequence[str]) -> list[TimelineEntry]:
+    """Return the requests of a timeline in the order of their times.
+
+    Parameters
+    ----------
+    lines
+        One request each: time in s, mode, the formation where the mode has one, and fields of
+        `ModeRequest` or `ReconfigurationRequest` as ``name=value``, such as
+        ``120 reconfigure pco duration=4500 axes=TN``.
+
+    Raises
+    ------
+    RequestError
+        If a line has another form; the text names the line.
+    """
+    entries = []
+    for line in lines:
+        try:
+            entries.append(_read_line(line))
+        except RequestError as error:
+            raise RequestError(f"timeline, '{line}': {error}") from error
+    return sorted(entries, key=lambda entry: entry.time)
+
+
+def _read_line(line: str) -> TimelineEntry:
+    words = line.split()
+    if len(words) < 2:
+        raise RequestError("time and mode expected, such as '120 keep pco'")
+    time = _number("time", words[0])
+    if time < 0.0:
+        raise RequestError(f"time: 0 s or more expected, got {words[0]}")
+    mode, settings = words[1], words[2:]
+    if mode not in MODES:
+        raise RequestError(f"mode: one of {', '.join(MODES)} expected, got '{mode}'")
+    kind = ReconfigurationRequest if mode == "reconfigure" else ModeRequest
+    values: dict[str, object] = {} if mode == "reconfigure" else {"mode": mode}
+    if settings and "=" not in settings[0]:
+        values["formation"] = settings.pop(0)
+    fields = {field.name: str(field.type) for field in dataclasses.fields(kind)}
+    for setting in settings:
+        name, equals, text = setting.partition("=")
+        if not equals or name not in fields or name == "mode":
+            raise RequestError(f"'{setting}': name=value expected, of {', '.join(fields)}")
+        values[name] = _value(name, fields[name], text)
+    try:
+        return TimelineEntry(time, kind(**values))  # type: ignore[arg-type]
+    except TypeError as error:
+        required = "formation and duration" if mode == "reconfigure" else "mode"
+        raise RequestError(f"{required} expected") from error
+
+
+def _value(name: str, kind: str, text: str) -> object:
+    if kind == "float":
+        return _number(name, text)
+    if kind == "bool":
+        if text not in ("true", "false"):
+            raise RequestError(f"{name}: true or false expected, got '{text}'")
+        return text == "true"
+    return text
+
+
+def _number(name: str, text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RequestError(f"{name}: a number expected, got '{text}'")
+    return value
