@@ -111,6 +111,8 @@ class BagRecorderNode(VtffNode):
         self.create_timer(SEARCH_INTERVAL, self._recorder.tick, clock=self.steady_clock)
 
     def _acknowledge(self, stamp_nanoseconds: int) -> None:
+        # What is acknowledged is in the file, also if this process is killed at once.
+        self._recorder.flush()
         self.acknowledge_step(to_stamp(stamp_nanoseconds), time.perf_counter())
 
     def _end_recording(self, error: BagWriteError) -> None:

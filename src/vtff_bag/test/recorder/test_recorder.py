@@ -365,6 +365,9 @@ PUBLISHER = textwrap.dedent(
         step(index)
         if index % 10 == 0:
             wait_for(1458521983 + index)
+        if index == 30 and "acknowledged" in sys.argv:
+            print("acknowledged", flush=True)
+            sys.stdin.read()
     step(666)
     step(667)  # a clock alone: 668 + 667 + 667 messages
     for publisher in (clock, state, text):
@@ -478,6 +481,21 @@ def test_a_run_that_ends_after_its_first_step_is_whole_though_discovery_was_late
     assert recorder.returncode == 0, errors
     counts = {name: found.message_count for name, found in BagReader(bag).topics.items()}
     assert counts["/clock"] == counts["/deputy/state"] == counts["/text"] == 1
+
+
+def test_what_is_acknowledged_is_in_the_file_of_a_killed_node(tmp_path, ros_environment):
+    bag = tmp_path / "bag"
+    source = start(["-c", PUBLISHER, "acknowledged"], ros_environment)
+    recorder = start([*RECORDER, "-p", f"output:={bag}", *LOCKSTEP], ros_environment)
+    try:
+        assert source.stdout.readline() == "acknowledged\n"
+        recorder.kill()
+        recorder.wait()
+    finally:
+        for process in (source, recorder):
+            process.kill()
+            process.communicate()
+    assert recover(bag).message_counts["/clock"] == 31
 
 
 def test_killed_node_leaves_everything_it_had_flushed(tmp_path, ros_environment):

@@ -140,6 +140,11 @@ class Recorder:
             on_full_disk, self._on_full_disk = self._on_full_disk, None
             on_full_disk(self._writer.disk_alarm)
 
+    def flush(self) -> None:
+        """Hand what has been recorded to the operating system."""
+        if not self._failed:
+            self._write_or_fail(self._writer.flush)
+
     def finish(self) -> None:
         """Write the messages that still wait for a scenario time; the writer stays open."""
         self._release_held(self._scenario_time.nanoseconds or time.time_ns())
