@@ -9,6 +9,7 @@ import pytest
 from graph_support import assert_equal_messages, topics
 
 from vtff_bag.file.reader import BagReader
+from vtff_msgs.msg import FormationSafety
 
 SOFTWARE = "formation_software.yaml"
 
@@ -71,7 +72,15 @@ def test_three_spacecraft_with_receivers_in_the_realistic_world(runs):
 
 @pytest.mark.slow
 def test_a_chief_that_thrusts_keeps_its_place(runs):
+    """The safety monitor stands between all deputies and their thrusters, and takes none over."""
     run, _ = runs.make("all_thrust", "formation_all_thrust.yaml", "--duration", 300, "--composed")
+    judged = [item.message for item in BagReader(run).messages("/formation/safety")]
+    assert len(judged) >= 300 and all(list(m.deputy) == ["bravo", "charlie"] for m in judged)
+    modes = {mode for message in judged for mode in message.mode}
+    assert modes <= {FormationSafety.MODE_MONITOR, FormationSafety.MODE_WATCH}
+    assert not any(axes for message in judged for axes in message.isolated_axes)
+    pairs = {("alpha", "bravo"), ("alpha", "charlie"), ("bravo", "charlie")}
+    assert set(zip(judged[-1].first, judged[-1].second, strict=True)) == pairs
     states = [item.message for item in BagReader(run).messages("/alpha/reference_state")]
     distances = [np.linalg.norm(state.position) for state in states if state.solution]
     assert len(distances) > 230 and max(distances) < 10.0

@@ -82,12 +82,13 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 import full_run_samples  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus  # noqa: E402
+from geometry_msgs.msg import AccelStamped  # noqa: E402
 
 from vtff_analysis.recordings.orbits import read_orbits  # noqa: E402
 from vtff_analysis.view.bag_scene import read_scene  # noqa: E402
 from vtff_analysis.view.regions import irregularity_regions  # noqa: E402
 from vtff_analysis.view.scene_builder import SceneBuilder, sample_interval  # noqa: E402
-from vtff_analysis.view.text import scene_text  # noqa: E402
+from vtff_analysis.view.text import scene_lines, scene_text  # noqa: E402
 from vtff_bag.file.reader import BagReader  # noqa: E402
 from vtff_bag.run.description import RunDescription  # noqa: E402
 from vtff_dynamics.constants import SPEED_OF_LIGHT  # noqa: E402
@@ -97,6 +98,7 @@ from vtff_msgs.msg import (  # noqa: E402
     ElectronDensity,
     FormationSafety,
     GnssObservations,
+    OrbitState,
     RelativeState,
 )
 from vtff_node.stamps import to_stamp  # noqa: E402
@@ -170,6 +172,46 @@ def test_everything_of_a_run_is_shown(tmp_path):
     assert math.isnan(vertical["latitude_deg"])  # that program has left the column out
     assert scene.series["boundary/deputy"].values[0] == [-11.5]
     assert "in-trk" in scene_text(scene) and len(scene_text(scene, rows=7).splitlines()) == 10
+
+
+def test_every_deputy_of_a_formation_is_shown(tmp_path):
+    """Whatever the spacecraft are called, each has its orbit, place and thrust."""
+    bag = full_run_samples.BagOfMessages(tmp_path / "bag")
+    names = ("alpha", "bravo", "charlie", "deputy_7")
+    for second in range(0, 60, 10):
+        time = full_run_samples.START + second * SECOND
+        for number, name in enumerate(names):
+            orbit = OrbitState(child_frame_id=name, source=OrbitState.SOURCE_TRUTH)
+            orbit.header.frame_id = "gcrf"
+            orbit.position, orbit.velocity = full_run_samples.orbit(second, 1e-4 * number)
+            bag.add(f"/{name}/truth/orbit", time, orbit)
+            if name == "alpha":
+                continue
+            for topic, along in (("relative_state_truth", 100.0), ("relative_state", 101.0)):
+                state = RelativeState(child_frame_id=name, solution=RelativeState.SOLUTION_FIXED)
+                state.header.frame_id = "alpha/rtn"
+                state.position = [0.0, along * number, 0.0]
+                bag.add(f"/{name}/{topic}", time, state)
+            thrust = AccelStamped()
+            thrust.header.frame_id = "alpha/rtn"
+            thrust.accel.linear.y = 0.01 * number
+            bag.add(f"/{name}/propulsion/thrust_applied", time, thrust)
+    bag.writer.close()
+    scene = read_scene(tmp_path / "bag")
+    assert scene.notes == []
+    sent = {series["name"]: series for series in scene.as_json()["series"]}
+    for number, name in enumerate(names):
+        assert len(sent[f"orbit/{name}/truth"]["time"]) == 6
+        if number:
+            assert sent[f"relative/{name}/truth"]["in_track"] == [100.0 * number] * 6
+            assert sent[f"relative/{name}/estimate"]["in_track"] == [101.0 * number] * 6
+            assert sent[f"thrust/{name}/applied"]["in_track"] == [0.01 * number] * 6
+            table = scene_text(scene).split(f"deputy {name}\n")[1].split("\n\n")[0]
+            assert f"{101.0 * number:.2f}" in table and f"{0.01 * number:.3f}" in table
+    lines = scene_lines(scene, scene.duration)
+    assert [line.split()[-1] for line in lines] == list(names[1:])
+    assert [float(line.split()[5]) for line in lines] == [101.0, 202.0, 303.0]
+    assert not any("alpha" in name for name in sent if name.startswith("relative/"))
 
 
 def test_a_topic_that_does_not_decode_is_named(tmp_path):

@@ -38,14 +38,33 @@ def heading() -> str:
     return " ".join(names) + "\n" + " ".join(units)
 
 
-def scene_line(scene: Scene, time: float) -> str:
-    """Return the row of a time, s after the start of the scene, as one line."""
-    widths = (width for _, _, width in COLUMNS)
-    return " ".join(v.rjust(w) for v, w in zip(scene_row(scene, time), widths, strict=True))
+def deputies_of(scene: Scene) -> list[str]:
+    """Return the names of the deputies that have a relative position, in alphabetical order.
+
+    Without any of these, the names of the spacecraft that thrust.
+    """
+    names = [
+        {series.labels["deputy"] for series in scene.of_kind(kind)}
+        for kind in ("relative", "thrust")
+    ]
+    return sorted(names[0] or names[1])
+
+
+def scene_lines(scene: Scene, time: float) -> list[str]:
+    """Return the rows of a time, s after the start of the scene: one line for each deputy.
+
+    Where there are several, a line ends with the name of its deputy.
+    """
+    deputies = deputies_of(scene)
+    if len(deputies) < 2:
+        return [_scene_line(scene, time, "".join(deputies))]
+    return [f"{_scene_line(scene, time, deputy)}  {deputy}" for deputy in deputies]
 
 
 def scene_text(scene: Scene, rows: int = 25) -> str:
     """Return the run as a table: chief's position, deputy's relative position, links, thrust, TEC.
+
+    Each deputy of several has a table of its own.
 
     Parameters
     ----------
@@ -55,28 +74,40 @@ def scene_text(scene: Scene, rows: int = 25) -> str:
         Number of times, evenly spaced from the first to the last.
     """
     times = np.linspace(0.0, scene.duration, max(rows, 2))
-    lines = [f"{scene.name}, {scene.duration:.0f} s", heading()]
-    return "\n".join([*lines, *(scene_line(scene, float(time)) for time in times)])
+    lines = [f"{scene.name}, {scene.duration:.0f} s"]
+    deputies = deputies_of(scene)
+    for deputy in deputies or [""]:
+        if len(deputies) > 1:
+            lines += ["", f"deputy {deputy}"]
+        lines.append(heading())
+        lines += [_scene_line(scene, float(time), deputy) for time in times]
+    return "\n".join(lines)
 
 
-def scene_row(scene: Scene, time: float) -> list[str]:
-    """Return the texts of `COLUMNS` at a time in s; '-' where there is no sample."""
-    deputies = {series.labels["deputy"] for series in scene.of_kind("relative")}
+def _scene_line(scene: Scene, time: float, deputy: str) -> str:
+    widths = (width for _, _, width in COLUMNS)
+    row = _scene_row(scene, time, deputy)
+    return " ".join(text.rjust(width) for text, width in zip(row, widths, strict=True))
+
+
+def _scene_row(scene: Scene, time: float, deputy: str) -> list[str]:
+    """Return the texts of `COLUMNS` at a time in s; '-' where there is no sample.
+
+    Links, contents and scintillation are those of all spacecraft.
+    """
+    deputies = deputies_of(scene)
     crafts = sorted(
         {series.labels["craft"] for series in scene.of_kind("orbit")},
         key=lambda craft: (craft in deputies, craft != CHIEF, craft),
     )
     texts = [f"{time:.1f}"]
     texts += _position_texts(scene, crafts[0], time) if crafts else ["-"] * 3
-    states = scene.of_kind("relative")
-    best = next((s for s in states if s.labels["source"] == "estimate"), None) or next(
-        (s for s in states if s.labels["source"] == "truth"), None
-    )
+    sources = (scene.series.get(f"relative/{deputy}/{name}") for name in ("estimate", "truth"))
+    best = next((series for series in sources if series is not None), None)
     texts += _value_texts(best, time, ("radial", "in_track", "cross_track"))
     cn0 = _current_values(scene.of_kind("link"), time, "cn0_dbhz")
     texts += [str(len(cn0)), _mean_text(cn0, ".1f")]
-    thrust = scene.of_kind("thrust")
-    applied = next((s for s in thrust if s.labels["source"] == "applied"), None)
+    applied = scene.series.get(f"thrust/{deputy}/applied")
     sample = applied.at(time) if applied is not None else None
     texts.append("-" if sample is None else f"{math.hypot(*sample.values()):.3f}")
     texts.append(_mean_text(_current_values(scene.of_kind("pierce"), time, "vtec_tecu"), ".1f"))

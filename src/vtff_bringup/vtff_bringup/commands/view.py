@@ -213,8 +213,8 @@ def _view_live(
 
 
 def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -> None:
-    """Print a line each second while the scene grows."""
-    from vtff_analysis.view.text import heading, scene_line
+    """Print a line for each deputy each second while the scene grows."""
+    from vtff_analysis.view.text import heading, scene_lines
 
     print(heading())
     shown, due = -1.0, time.monotonic()
@@ -223,7 +223,7 @@ def _print_live(console: Console, live: Any, executor: Any, stop: StopRequest) -
         scene: Scene = live.scene
         if time.monotonic() >= due and scene.duration != shown and scene.series:
             due, shown = time.monotonic() + TEXT_INTERVAL, scene.duration
-            print(scene_line(scene, scene.duration), flush=True)
+            print(*scene_lines(scene, scene.duration), sep="\n", flush=True)
 
 
 def _start_foxglove(console: Console, foxglove: bool, port: int) -> FoxgloveServer | None:
