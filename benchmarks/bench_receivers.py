@@ -68,7 +68,7 @@ def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
     """Return epochs a second and observations of an epoch."""
     from vtff_gnss.novatel import ReceiverLogStream
     from vtff_gnss.observations import ObservationEpoch
-    from vtff_node.conversions.gnss import observations_to_message
+    from vtff_node.conversions.observation_bytes import serialize_observations
 
     best, epochs = float("inf"), []
     for _ in range(REPEATS):
@@ -80,7 +80,7 @@ def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
                 if isinstance(event, ObservationEpoch):
                     epochs.append(len(event))
                     if to_messages:
-                        observations_to_message(event, "antenna")
+                        serialize_observations(event, "antenna")
         best = min(best, time.process_time() - begun)
     return len(epochs) / best, min(epochs)
 

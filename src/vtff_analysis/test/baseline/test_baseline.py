@@ -173,8 +173,8 @@ def test_epochs_of_a_bag_give_what_the_files_give(tmp_path, sample):
 def write_sample_bag(directory, sources, count):
     from rclpy.serialization import serialize_message
 
-    from vtff_node.conversions.gnss import ephemeris_to_message, observations_to_message
-    from vtff_node.stamps import to_nanoseconds
+    from vtff_node.conversions.gnss import ephemeris_to_message
+    from vtff_node.conversions.observation_bytes import serialize_observations
 
     writer = BagWriter(directory, {})
 
@@ -189,14 +189,15 @@ def write_sample_bag(directory, sources, count):
     first = None
     for index in range(count):
         for name, table in tables.items():
-            message = observations_to_message(table.epoch(index), f"{name}/gnss_antenna")
-            stamp = to_nanoseconds(message.header.stamp)
+            epoch = table.epoch(index)
+            stamp = epoch.time.to_unix_nanoseconds()
             if first is None:
                 first = stamp
                 for ephemeris in sources.ephemerides:
                     content = serialize_message(ephemeris_to_message(ephemeris))
                     writer.write(ephemerides, content, first)
-            writer.write(epochs[name], serialize_message(message), stamp)
+            content = serialize_observations(epoch, f"{name}/gnss_antenna")
+            writer.write(epochs[name], content, stamp)
     writer.close()
 
 

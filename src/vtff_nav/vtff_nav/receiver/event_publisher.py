@@ -25,9 +25,9 @@ from vtff_node.conversions.gnss import (
     glonass_ephemeris_to_message,
     ism_scintillation_to_message,
     ism_slant_tec_to_message,
-    observations_to_message,
     raw_log_to_message,
 )
+from vtff_node.conversions.observation_bytes import serialize_observations
 from vtff_node.node import VtffNode
 
 __all__ = ["EventPublisher"]
@@ -69,7 +69,7 @@ class EventPublisher:
         self._node = node
         self._frame_id = frame_id
         self._holds_epoch = holds_epoch
-        self._held: tuple[int, GnssObservations] | None = None
+        self._held: tuple[int, bytes] | None = None
         self._last_epoch: ObservationEpoch | None = None
         self.published = {"epochs": 0, "fixes": 0, "ephemerides": 0, "raw logs": 0}
         self.left_out = {"epochs repeated": 0}
@@ -137,7 +137,7 @@ class EventPublisher:
         self.release_epoch()
         self._last_epoch = epoch
         self.published["epochs"] += 1
-        message = observations_to_message(epoch, self._frame_id)
+        message = serialize_observations(epoch, self._frame_id)
         self._confirm_ephemerides()
         self._high_rate.publish(message)
         second, remainder = divmod(epoch.time.nanoseconds, NANOSECONDS_PER_SECOND)

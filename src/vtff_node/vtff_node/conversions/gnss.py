@@ -46,34 +46,6 @@ _FIX_FIELDS = tuple(field.name for field in dataclasses.fields(Fix) if field.nam
 _VECTOR_FIELDS = ("position", "velocity", "position_sigma", "velocity_sigma")
 
 
-def observations_to_message(epoch: ObservationEpoch, frame_id: str) -> GnssObservations:
-    """Return the message of one receiver epoch; columns are copied without a loop.
-
-    Raises
-    ------
-    ValueError
-        If the columns are not all of one length, or the time does not fit a stamp.
-    TypeError
-        If a column has another element type than the message, which ROS would not notice.
-    """
-    message = GnssObservations(
-        gps_week=epoch.gps_week,
-        gps_time_of_week=epoch.gps_time_of_week,
-        time_status=epoch.time_status,
-        receiver_status=epoch.receiver_status,
-    )
-    message.header.stamp = to_stamp(epoch.time.to_unix_nanoseconds())
-    message.header.frame_id = frame_id
-    columns = epoch.columns()
-    _check_lengths(columns)
-    for name, column in columns.items():
-        if column.dtype != OBSERVATION_COLUMNS[name]:
-            wanted = np.dtype(OBSERVATION_COLUMNS[name])
-            raise TypeError(f"observation column '{name}' is {column.dtype}; it must be {wanted}")
-        setattr(message, name, array.array(column.dtype.char, column.tobytes()))
-    return message
-
-
 def observations_from_message(message: GnssObservations, log_name: str = "") -> ObservationEpoch:
     """Return the columns of a message as numpy arrays that own their values.
 
