@@ -1,4 +1,4 @@
-"""Controllers and estimators of a package outside the tree: they fly; broken ones are named."""
+"""Plug-ins of a package outside the tree fly; broken ones are named."""
 
 from __future__ import annotations
 
@@ -69,6 +69,7 @@ def messages(run: pathlib.Path, topic: str):
 def mylab(tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
     folder = tmp_path_factory.mktemp("packages")
     files = documented_files()
+    del files["guided.yaml"]
     groups = re.findall(
         r'\[project\.entry-points\."(.*?)"\]\n(.*?)\n\n', files.pop("pyproject.toml"), re.DOTALL
     )
@@ -115,6 +116,90 @@ def test_documented_estimator_flies(mylab, tmp_path):
     ]
     assert len(errors) > 10
     assert np.median(errors) < 10.0  # m, of codes
+
+
+def guided_system(folder: pathlib.Path) -> pathlib.Path:
+    """Write the system file of the document, which has a guidance, and return its path."""
+    text = documented_files()["guided.yaml"]
+    path = folder / "guided.yaml"
+    path.write_text(text.replace("SYSTEMS", str(ROOT / "config" / "system")))
+    return path
+
+
+def test_documented_guidance_flies(mylab, tmp_path):
+    result = fly(
+        mylab,
+        tmp_path / "run",
+        str(guided_system(tmp_path)),
+        "--duration=30",
+        "formation_guidance.speed:=2.0",
+    )
+    assert result.returncode == 0, result.stdout + result.stderr
+    targets = messages(tmp_path / "run", "/deputy/target")
+    along_track = [target.position[1] for target in targets]
+    # The target moves at the given speed, and the controller's command follows from it.
+    np.testing.assert_allclose(np.diff(along_track), -2.0, rtol=1e-12)
+    assert targets[5].velocity[1] == -2.0
+    stamps = [
+        [message.header.stamp for message in messages(tmp_path / "run", topic)]
+        for topic in ("/deputy/control/thrust_command", "/deputy/target")
+    ]
+    assert stamps[0] == stamps[1]
+
+
+BROKEN_GUIDANCE = """
+import time
+
+import numpy as np
+
+from vtff_control.guidance.interface import GuidanceResult, SpacecraftTarget
+
+
+class Broken:
+    def __init__(self, setting):
+        self.setting = setting
+        self.calls = 0
+
+    def reset(self):
+        pass
+
+    def step(self, state):
+        self.calls += 1
+        target = SpacecraftTarget(np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0]), np.full(3, 0.01))
+        if self.calls > 5:
+            {statement}
+        return GuidanceResult(dict.fromkeys(self.setting.spacecraft, target))
+"""
+
+
+@pytest.mark.parametrize(
+    ("statement", "reason"),
+    [
+        ("target = SpacecraftTarget(np.zeros(3), np.zeros(3))", "6 numbers expected, got shape"),
+        pytest.param(
+            "1 / 0",
+            "step: ZeroDivisionError: division by zero (broken.py, line 21)",
+            marks=pytest.mark.slow,
+        ),
+        ("time.sleep(60.0)", "step: too slow, no answer within 2 s"),
+    ],
+)
+def test_broken_guidance_is_named_and_the_run_ends_with_zero_feedforward(
+    tmp_path, statement, reason
+):
+    packages = tmp_path / "packages"
+    source = BROKEN_GUIDANCE.format(statement=statement)
+    install(packages, {"broken.py": source}, "[vtff.guidances]\nbroken = mylab.broken:Broken\n")
+    run = tmp_path / "run"
+    settings = ("formation_guidance.guidance:=broken", "formation_guidance.compute_limit:=2.0")
+    result = fly(packages, run, str(guided_system(tmp_path)), "--duration=30", *settings)
+    assert result.returncode == 1, result.stdout + result.stderr
+    lines = [line for line in (result.stdout + result.stderr).splitlines() if "mylab 1.0" in line]
+    assert len(lines) == 1, result.stdout + result.stderr
+    assert "guidance 'broken' (mylab 1.0, mylab.broken:Broken): " in lines[0]
+    assert reason in lines[0]
+    feedforward = messages(run, "/deputy/control/feedforward")
+    assert [command.accel.linear.y for command in feedforward] == [0.01] * 5 + [0.0]
 
 
 BROKEN = """
@@ -242,6 +327,7 @@ def test_what_cannot_be_made_is_named(tmp_path, monkeypatch, body, error, reason
 def test_shipped_ones_come_through_the_same_door():
     assert set(plugin_names("vtff.controllers")) >= set(DESIGNS)
     assert set(plugin_names("vtff.estimators")) >= {"cdgps", "paper"}
+    assert "formation" in plugin_names("vtff.guidances")
     for name in DESIGNS:
         loaded: Plugin = load_plugin(CONTROLLERS, name)
         assert loaded.make(ControllerSetting(delay_steps=2), None).design.design == name

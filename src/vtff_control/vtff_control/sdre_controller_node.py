@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import AccelStamped
@@ -28,6 +30,7 @@ from vtff_control.tracking.sdre import (
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import RelativeState
 from vtff_node import diagnostics
+from vtff_node.epoch_join import EpochJoin
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
@@ -35,6 +38,7 @@ from vtff_node.plugins.groups import CONTROLLERS
 from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
+GUIDANCE_WAIT = 0.3  # s of wall time, outside lockstep
 REFUSED = ControlResult(np.zeros(3), False, False)
 
 
@@ -128,6 +132,9 @@ class SdreControllerParameters:
         unit="s",
         minimum=0.0,
     )
+    guided: bool = parameter(
+        False, "wait for the target and the feedforward that formation_guidance has for each state"
+    )
     compute_limit: float = parameter(
         10.0, "longest wall time of one call of the controller", unit="s", minimum=0.001
     )
@@ -146,9 +153,11 @@ class SdreControllerNode(VtffNode):
     (vtff_msgs/RelativeState); publishes control/thrust_command (geometry_msgs/AccelStamped, m/s^2
     in chief/rtn, stamped with the time of the state it answers). A state that is stale, not finite
     or marked unusable gives zero thrust and a diagnostic; one that is repeated or out of order has
-    been answered already and is reported. A prediction is acted on as far as its covariance allows.
-    After a jump back in time control starts anew. A controller that fails, is too slow or answers
-    with something unusable is named, its command is zero thrust and the node ends.
+    been answered already and is reported. With guided:=true each state is answered with the target
+    and the control/feedforward of its own time, which is added to the command. A prediction is
+    acted on as far as its covariance allows. After a jump back in time control starts anew. A
+    controller that fails, is too slow or answers with something unusable is named, its command is
+    zero thrust and the node ends.
     """
 
     Parameters = SdreControllerParameters
@@ -191,9 +200,17 @@ class SdreControllerNode(VtffNode):
         self._now_nanoseconds: int | None = None
         self._command = AccelStamped()
         self._publisher = self.publisher(AccelStamped, "control/thrust_command")
+        self._guided: EpochJoin | None = None
+        self._newest_guided = 0
+        if given.guided:
+            patience = math.inf if self.lockstep else GUIDANCE_WAIT
+            self._guided = EpochJoin(("state", "target", "feedforward"), patience)
+            self.subscribe(AccelStamped, "control/feedforward", self._on_feedforward)
+            if not self.lockstep:
+                self.create_timer(GUIDANCE_WAIT, self._answer_guided, clock=self.steady_clock)
         self.subscribe(RelativeState, "relative_state", self._on_relative_state)
         # Without a publisher the target stays that of the parameters.
-        self.subscribe(RelativeState, "target", self._on_target, required=False)
+        self.subscribe(RelativeState, "target", self._on_target, required=given.guided)
         if not self.lockstep:
             # In lockstep no state can be old: nobody goes on before it is answered.
             self.subscribe(Clock, "/clock", self._on_clock)
@@ -202,6 +219,39 @@ class SdreControllerNode(VtffNode):
         self._now_nanoseconds = to_nanoseconds(message.clock)
 
     def _on_target(self, message: RelativeState) -> None:
+        if self._guided is None:
+            self._take_target(message)
+        else:
+            self._join("target", message)
+
+    def _on_feedforward(self, message: AccelStamped) -> None:
+        self._join("feedforward", message)
+
+    def _join(self, source: str, message: Any) -> None:
+        """Keep what belongs to a state until all of it is here."""
+        assert self._guided is not None
+        stamp = to_nanoseconds(message.header.stamp)
+        if self._newest_guided - stamp >= StampOrder.JUMP_BACK:
+            self._guided.restart()
+        self._newest_guided = stamp
+        self._guided.add(source, stamp, message, time.monotonic())
+        self._answer_guided()
+
+    def _answer_guided(self) -> None:
+        """Answer the states whose target and feedforward are here, or awaited in vain."""
+        assert self._guided is not None
+        while (epoch := self._guided.take(time.monotonic())) is not None:
+            measured = epoch.measured
+            if "target" in measured:
+                self._take_target(measured["target"])
+            thrust = np.zeros(3)
+            if "feedforward" in measured:
+                linear = measured["feedforward"].accel.linear
+                thrust = np.array([linear.x, linear.y, linear.z])
+            if "state" in measured:
+                self._answer(measured["state"], thrust)
+
+    def _take_target(self, message: RelativeState) -> None:
         if not self.is_of_deputy(message, self.parameters.deputy, "target"):
             return
         target = np.concatenate((message.position, message.velocity))
@@ -218,6 +268,13 @@ class SdreControllerNode(VtffNode):
             self.get_logger().warning("ignored a target that is not finite")
 
     def _on_relative_state(self, message: RelativeState) -> None:
+        if self._guided is None:
+            self._answer(message, np.zeros(3))
+        else:
+            self._join("state", message)
+
+    def _answer(self, message: RelativeState, feedforward: FloatArray) -> None:
+        """Publish the command for a state, with a feedforward in m/s2 in RTN, shape (3,)."""
         started = time.perf_counter()
         deputy = self.parameters.deputy
         if self.finished or not self.is_of_deputy(message, deputy, "relative_state"):
@@ -234,7 +291,11 @@ class SdreControllerNode(VtffNode):
             self._result, self._reason = REFUSED, plugin_problem
         self._refused += not self._result.valid
         linear = self._command.accel.linear
-        linear.x, linear.y, linear.z = self._result.acceleration_rtn.tolist()
+        command = self._result.acceleration_rtn
+        if self._result.valid and feedforward.any():
+            cap = self.parameters.acceleration_cap
+            command = np.clip(command + feedforward, -cap, cap)
+        linear.x, linear.y, linear.z = command.tolist()
         self._command.header.stamp = message.header.stamp
         self._command.header.frame_id = message.header.frame_id
         self._publisher.publish(self._command)

@@ -139,3 +139,38 @@ def test_a_controller_without_covariance_acts_within_the_bounds(
     node._on_relative_state(state(0, RelativeState.SOLUTION_PREDICTED, sigma))
     assert in_track(commands) == thrust
     assert text in node.health()[0].message
+
+
+def test_guided_it_waits_for_target_and_feedforward_of_the_same_time(make_node: NodeMaker) -> None:
+    node, commands = make_node(guided=True, acceleration_cap=50.0)
+    target = state(0, RelativeState.SOLUTION_PREDICTED, 0.0)
+    target.header.frame_id = "chief/rtn"
+    target.position, target.velocity = CLOSING[:3] - [0.0, 10.0, 0.0], CLOSING[3:]
+    thrust = AccelStamped()
+    thrust.header.stamp = target.header.stamp
+    thrust.accel.linear.z = 0.25
+    measured = state(0, RelativeState.SOLUTION_TRUTH, 0.0)
+    measured.header.frame_id = "chief/rtn"
+    node._on_relative_state(measured)
+    node._on_target(target)
+    # The feedforward of another time is not that of this state.
+    early = AccelStamped()
+    early.header.stamp = to_stamp(EPOCH - 10**9)
+    node._on_feedforward(early)
+    assert not commands
+    node._on_feedforward(thrust)
+    expected = SdreController(SdreDesign("paper", acceleration_cap=50.0)).control(
+        CLOSING, CHIEF, np.concatenate((target.position, target.velocity))
+    )
+    linear = commands[-1].accel.linear
+    np.testing.assert_allclose(
+        [linear.x, linear.y, linear.z], expected.acceleration_rtn + [0.0, 0.0, 0.25], atol=1e-15
+    )
+    assert len(commands) == 1
+    # Without a solution there is no feedforward either.
+    target.header.stamp = thrust.header.stamp = to_stamp(EPOCH + 10**9)
+    node._on_relative_state(state(1, RelativeState.SOLUTION_NONE, 0.0))
+    node._on_target(target)
+    node._on_feedforward(thrust)
+    assert len(commands) == 2
+    assert commands[-1].accel.linear.z == 0.0

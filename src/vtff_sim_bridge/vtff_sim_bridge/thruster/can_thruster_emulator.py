@@ -82,6 +82,9 @@ class CanThruster:
     clock_mode
         lockstep: the watchdog measures time by the start times in the commands; realtime: by the
         wall clock.
+    smallest
+        Acceleration below which the engine cannot be throttled, m/s2: an axis gives at least that,
+        or nothing for a command below half of it.
 
     Attributes
     ----------
@@ -101,6 +104,7 @@ class CanThruster:
         quantum: float = QUANTUM,
         watchdog_timeout: float = WATCHDOG_TIMEOUT,
         clock_mode: str = "lockstep",
+        smallest: float = 0.0,
     ) -> None:
         try:
             database: Any = cantools.database.load_file(str(dbc_file), database_format="dbc")
@@ -121,7 +125,9 @@ class CanThruster:
         sequence = self._messages["ThrustReportRT"].get_signal_by_name("Sequence")
         self._sequence_modulus = 2**sequence.length
         resolution = float(acceleration.scale)
-        self._set_limits(acceleration_cap, quantum, resolution, 2 ** (acceleration.length - 1) - 1)
+        self._set_limits(
+            acceleration_cap, quantum, resolution, 2 ** (acceleration.length - 1) - 1, smallest
+        )
         self._realtime = clock_mode == "realtime"
         self._watchdog_timeout = watchdog_timeout
         self.commands = 0
@@ -140,7 +146,12 @@ class CanThruster:
         self._started_at: float | None = None
 
     def _set_limits(
-        self, acceleration_cap: float, quantum: float, resolution: float, largest_count: int
+        self,
+        acceleration_cap: float,
+        quantum: float,
+        resolution: float,
+        largest_count: int,
+        smallest: float,
     ) -> None:
         """Turn cap and quantum into counts: on the bus, accelerations are whole numbers."""
         if not 0.0 < acceleration_cap <= largest_count * resolution:
@@ -158,6 +169,10 @@ class CanThruster:
         # 1.4 / 1e-5 is 139999.99...: the slack keeps a cap that is a multiple of the quantum.
         self._cap = math.floor(acceleration_cap / resolution * (1.0 + 1e-12))
         self._limit = self._cap // self._quantum * self._quantum
+        if not 0.0 <= smallest <= acceleration_cap:
+            raise ValueError(f"smallest: 0 to {acceleration_cap:g} m/s2 expected, got {smallest}")
+        fewest = math.ceil(smallest / resolution / self._quantum - 1e-9)
+        self._smallest = min(fewest * self._quantum, self._limit)
 
     def receive(self, frame: can.Message, now: float) -> list[can.Message]:
         """Take a frame of the bus.
@@ -269,10 +284,13 @@ class CanThruster:
         return self._last_answer
 
     def _achievable(self, count: int) -> int:
-        """Return the nearest multiple of the quantum (a tie: the even one) within the cap."""
+        """Return the nearest multiple of the quantum (a tie: the even one) within the limits."""
+        if 2 * abs(count) < self._smallest:
+            return 0
         capped = max(-self._cap, min(self._cap, count))
         rounded = round(capped / self._quantum) * self._quantum
-        return max(-self._limit, min(self._limit, rounded))
+        size = max(self._smallest, min(self._limit, abs(rounded)))
+        return int(math.copysign(size, count))
 
     def _cut(self) -> None:
         self._state = STATE_WATCHDOG
@@ -385,6 +403,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             options.quantum,
             options.watchdog_timeout,
             options.clock,
+            options.smallest,
         )
         with _lock_bus(options):
             serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
@@ -459,6 +478,13 @@ def _parser() -> argparse.ArgumentParser:
         default=QUANTUM,
         metavar="M/S2",
         help="smallest change of the acceleration (%(default)s)",
+    )
+    parser.add_argument(
+        "--smallest",
+        type=float,
+        default=0.0,
+        metavar="M/S2",
+        help="smallest acceleration on an axis but none (%(default)s)",
     )
     parser.add_argument(
         "--watchdog-timeout",
