@@ -32,7 +32,7 @@ from fault_injection import (
 )
 
 from vtff_bag.bag_recorder_node import BagRecorderParameters
-from vtff_control.thruster.can_thruster import open_bus
+from vtff_control.bus.connection import open_bus
 from vtff_node.step_source import StepSourceParameters
 
 LARGEST_LOSS = 2  # s of scenario that a fault may cost

@@ -21,7 +21,7 @@ from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.orbit.mean_elements import osculating_elements, state_from_elements
 from vtff_dynamics.relative.relative_elements import mean_relative_elements
 from vtff_dynamics.relative.separation import closest_on_path
-from vtff_msgs.msg import FormationGuidance, FormationSafety
+from vtff_msgs.msg import FormationGuidance
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 MASS = 1600.0
@@ -137,36 +137,17 @@ def test_reconfiguration_and_a_day_of_keeping(tmp_path, formation, seed):
         assert closest(radial_normal) >= 12.0
 
 
-GUARDED = {
-    "description": "FFLAS in the software loop, guarded, with a plan that is passively safe",
+PASSIVELY_SAFE = {
+    "description": "FFLAS in the software loop with a plan that is passively safe",
     "extends": str(SYSTEMS / "fflas_software.yaml"),
     "nodes": [
         {
+            "package": "vtff_control",
             "executable": "formation_guidance",
             "parameters": {
                 "timeline": ["0 reconfigure pco duration=4560 passive_safety_orbits=1"],
+                "plan_step": 120.0,  # half the steps: a passively safe plan takes long
                 "planning_limit": 50.0,
-            },
-        },
-        {
-            "package": "vtff_control",
-            "executable": "thruster_model",
-            "name": "thruster",
-            "namespace": "${deputy}",
-            "remaps": {"control/thrust_command": "control/thrust_command_checked"},
-        },
-        {
-            "package": "vtff_control",
-            "executable": "formation_safety",
-            "parameters": {
-                "chief": "${chief}",
-                "deputies": "${deputies}",
-                "relative_state": "relative_state_truth",
-                "hard_radius": 4.0,
-                "margin": 0.5,
-                "orbits": 1.0,
-                "acceleration_cap": T5_ENGINE.largest / MASS,
-                "step": "${scenario.step}",
             },
         },
     ],
@@ -177,8 +158,8 @@ GUARDED = {
 def test_killed_guidance_leaves_a_formation_that_drifts_clear(tmp_path, monkeypatch):
     words = {"formation_guidance": "parameters/formation_guidance.yaml"}
     monkeypatch.setattr(fault_injection, "PROCESSES", words)
-    system = tmp_path / "guarded.yaml"
-    system.write_text(yaml.safe_dump(GUARDED), encoding="utf-8")
+    system = tmp_path / "safe.yaml"
+    system.write_text(yaml.safe_dump(PASSIVELY_SAFE), encoding="utf-8")
     flight = Flight(tmp_path / "flight", system=str(system))
     flight.wait_for_steps(200_000)
     with flight.fault():
@@ -189,13 +170,11 @@ def test_killed_guidance_leaves_a_formation_that_drifts_clear(tmp_path, monkeypa
     reports = messages(flight.run, "/formation/guidance")
     assert reports[-1].mode == FormationGuidance.MODE_RECONFIGURE
     assert sum(reports[-1].velocity_change_left) > 0.0
-    # The safety monitor has never taken over, and what it predicts is what would come: an orbit
-    # without thrust from the last states, by another model of the motion.
-    decisions = messages(flight.run, "/formation/safety")
-    assert max(max(decision.mode) for decision in decisions) <= FormationSafety.MODE_WATCH
+    # What would come: an orbit without thrust from the last states, by another model of the motion.
+    # Without thrust the triangle itself drifts to 6.2 m.
     states = []
     for name in SPACECRAFT:
         last = messages(flight.run, f"/{name}/truth/orbit")[-1]
         states.append(np.concatenate((last.position, last.velocity)))
     drift = free_flight(states, np.arange(0.0, 6000.0, 10.0))[..., :3]
-    assert closest(drift) >= 6.0
+    assert closest(drift) >= 10.0

@@ -86,6 +86,23 @@ def test_with_the_quantum_of_the_frames_thrust_is_the_same_to_the_last_bit(
     assert report.acceleration_rtn.tolist() == expected.acceleration_rtn.tolist()
 
 
+def test_an_engine_gives_its_smallest_thrust_or_none() -> None:
+    # 84 steps of 12 uN are the first that are not below 1 mN.
+    file = DBC_FILE.with_name("t5_thruster.dbc")
+    frames = ThrusterFrames(file)
+    unit = CanThruster(file, 1.5625e-5, 7.5e-9, smallest=6.25e-7)
+    given = []
+    for sequence, wanted in enumerate(
+        ([3.0e-7, 3.3e-7, -3.3e-7], [6.3e-7, -6.6e-7, 1.0], [0.0, -1.0, 7.5e-6])
+    ):
+        first, second = frames.encode_command(sequence, START, np.clip(wanted, -2e-5, 2e-5))
+        unit.receive(first, 0.0)
+        answers = [frames.decode(frame) for frame in unit.receive(second, 0.0)]
+        given += [answer for answer in answers if isinstance(answer, ThrustReport)]
+    counts = [np.rint(report.acceleration_rtn / 7.5e-9).tolist() for report in given]
+    assert counts == [[0, 84, -84], [84, -88, 2083], [0, -2083, 1000]]
+
+
 def test_report_echoes_the_command_and_tells_of_the_cap() -> None:
     report = command(thruster(), 9, START, [0.0, -1.5, 0.0])
     assert (report.sequence, report.time_of_week_milliseconds) == (9, 90_000_000)
@@ -203,6 +220,8 @@ def test_heartbeat_comes_once_a_second_with_the_counters() -> None:
         ("quantum", 1.5e-5),
         ("quantum", -1e-5),
         ("quantum", float("nan")),
+        ("smallest", -1e-5),
+        ("smallest", 2.0),
         ("watchdog_timeout", 0.0),
         ("clock_mode", "sidereal"),
     ],
