@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.evaluation.attitude import summarise_attitude
 from vtff_analysis.evaluation.deputy_pairs import normalised_error, summarise_pairs
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.gnss_summary import summarise_receiver
@@ -78,6 +79,7 @@ def summarise_run(
         summary.update({prefix + key: value for key, value in numbers.items()})
     summary.update(_summarise_receiver_logs(history.health))
     summary.update(summarise_safety(history.safety, history.start_time))
+    summary.update(summarise_attitude(history.attitude, history.start_time))
     summary["message_count"] = sum(history.message_counts.values())
     for topic, count in sorted(history.message_counts.items()):
         summary[f"message_count_{key_part(topic)}"] = count

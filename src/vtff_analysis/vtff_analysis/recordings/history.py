@@ -9,6 +9,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.safety import SafetyHistory
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -364,6 +365,8 @@ class RunHistory:
         Reports on /diagnostics in the order of their names.
     safety
         What the safety monitor has said; None in a run without one.
+    attitude
+        Attitude of each spacecraft that has one, by name.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
     notes
@@ -386,6 +389,7 @@ class RunHistory:
     pairs: dict[str, PairIonosphere] = dataclasses.field(default_factory=dict)
     health: tuple[HealthItem, ...] = ()
     safety: SafetyHistory | None = None
+    attitude: dict[str, AttitudeRecording] = dataclasses.field(default_factory=dict)
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
 

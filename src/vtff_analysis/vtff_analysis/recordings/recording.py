@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.recordings.attitude import AttitudeCollector
 from vtff_analysis.recordings.history import (
     AccelerationHistory,
     DeputyHistory,
@@ -76,9 +77,14 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     collector = _Collector()
     details = DetailCollector()
     safety = SafetyCollector()
+    attitude = AttitudeCollector()
     decoders: dict[str, Callable[[RawMessage], None]] = {}
     for topic in reader.topics.values():
-        handler = collector.handler(topic.name) or details.handler(topic.name)
+        handler = (
+            collector.handler(topic.name)
+            or details.handler(topic.name)
+            or attitude.handler(topic.name)
+        )
         if topic.name == SAFETY_TOPIC:
             handler = safety.add
         if handler is None:
@@ -109,6 +115,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         pairs=pairs,
         health=details.health(),
         safety=safety.history,
+        attitude=attitude.recordings(),
         compute_time=details.compute_time(),
         notes=tuple([*reader.notes, *collector.notes]),
     )

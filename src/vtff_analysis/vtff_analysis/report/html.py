@@ -62,7 +62,8 @@ class Picture:
     caption
         One or two sentences.
     section
-        Section of the report: ``formation``, ``navigation``, ``gnss``, ``ionosphere``, ``timing``.
+        Section of the report: ``formation``, ``navigation``, ``attitude``, ``gnss``,
+        ``ionosphere``, ``timing``.
     """
 
     path: pathlib.Path
@@ -103,6 +104,7 @@ def render_report(
             _render_formation(summary, deputies) + render_figures(pictures, "formation"),
         ),
         ("Navigation", render_figures(pictures, "navigation")),
+        ("Attitude", render_figures(pictures, "attitude")),
         (
             "GNSS",
             _render_receivers(summary, list(history.receivers)) + render_figures(pictures, "gnss"),

@@ -9,6 +9,7 @@ from functools import partial
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
+from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.history import (
     DeputyHistory,
     ReceiverHistory,
@@ -21,6 +22,7 @@ from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.forked import run_forked, usable_processors
 from vtff_analysis.report.html import Picture
 from vtff_analysis.report.plots import plot_formation, plot_receiver
+from vtff_analysis.report.plots_attitude import plot_attitude, plot_dipole
 from vtff_analysis.report.plots_details import (
     plot_compute_time,
     plot_navigation_error,
@@ -101,6 +103,10 @@ def draw_pictures(
             partial(_draw_navigation_error, deputy, folder, prefix, run_name),
             partial(_draw_navigation_quality, deputy, folder, prefix, run_name),
         ]
+    for name, attitude in history.attitude.items():
+        prefix = f"{key_part(name)}_" if len(history.attitude) > 1 else ""
+        title = f"{run_name}: attitude of {name}"
+        tasks.append(partial(_draw_attitude, attitude, history.start_time, folder, prefix, title))
     for receiver in history.receivers.values():
         tasks += [
             partial(_draw_tracking, receiver, folder, run_name),
@@ -129,6 +135,27 @@ def _draw_formation(
     captions = (_FORMATION_CAPTIONS[path.stem.removeprefix(prefix)] for path in paths)
     return [
         Picture(path, caption, "formation") for path, caption in zip(paths, captions, strict=True)
+    ]
+
+
+def _draw_attitude(
+    recording: AttitudeRecording, start_time: int, folder: pathlib.Path, prefix: str, title: str
+) -> list[Picture]:
+    attitude, dipole = folder / f"{prefix}attitude.png", folder / f"{prefix}dipole.png"
+    plot_attitude(recording, start_time, attitude, title)
+    plot_dipole(recording, start_time, dipole, title)
+    return [
+        Picture(
+            attitude,
+            "Roll, pitch and yaw to the orbit axes, error of the estimate beside its sigma, rates; "
+            "dotted lines: changes of mode.",
+            "attitude",
+        ),
+        Picture(
+            dipole,
+            "Residual dipole as estimated, speed of the wheel, pulses of the rods.",
+            "attitude",
+        ),
     ]
 
 

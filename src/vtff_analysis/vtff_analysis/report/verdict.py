@@ -27,11 +27,12 @@ HONEST_NEES = (0.5, 1.5)
 
 #: Subjects of runs; the sections of the report in the order of their weight.
 SECTIONS = {
-    "formation": ("Formation", "Navigation", "Ionosphere", "GNSS"),
-    "navigation": ("Navigation", "GNSS", "Formation", "Ionosphere"),
-    "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation"),
-    "log": ("GNSS", "Ionosphere", "Navigation", "Formation"),
-    "messages": ("GNSS", "Navigation", "Formation", "Ionosphere"),
+    "formation": ("Formation", "Navigation", "Attitude", "Ionosphere", "GNSS"),
+    "navigation": ("Navigation", "GNSS", "Formation", "Attitude", "Ionosphere"),
+    "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation", "Attitude"),
+    "attitude": ("Attitude", "Formation", "Navigation", "GNSS", "Ionosphere"),
+    "log": ("GNSS", "Ionosphere", "Navigation", "Formation", "Attitude"),
+    "messages": ("GNSS", "Navigation", "Formation", "Attitude", "Ionosphere"),
 }
 
 #: Measured figures of the ionosphere: label, end of the key, unit, decimals.
@@ -122,6 +123,8 @@ def subject_of(summary: Summary, deputies: Sequence[str]) -> str:
         return "navigation"
     if any(key.endswith("_gnss_epochs") for key in summary):
         return "log"
+    if not deputies and any("attitude_" in key for key in summary):
+        return "attitude"
     return "formation" if deputies else "messages"
 
 
@@ -153,6 +156,8 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
         figures += [dataclasses.replace(figure, label=label + figure.label) for figure in shown]
     if subject in ("log", "messages"):
         sentences, figures = _log(summary)
+    elif subject == "attitude":
+        sentences, figures = _attitude(summary)
     warnings = _warnings(summary, deputies)
     return Verdict(
         subject,
@@ -207,6 +212,36 @@ def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
     if summary.get("run_complete") is False:
         warnings.append("The run was ended before its planned end.")
     return warnings
+
+
+def _attitude(summary: Summary) -> tuple[list[str], list[Figure]]:
+    """Return sentences and figures of the spacecraft that turn."""
+    sentences, figures = [], []
+    ends = [key for key in summary if key.endswith("attitude_mode")]
+    for key in ends:
+        prefix = key.removesuffix("attitude_mode")
+        numbers = {
+            name.removeprefix(prefix): value
+            for name, value in summary.items()
+            if name.startswith(prefix)
+        }
+        craft = prefix.rstrip("_") or "the spacecraft"
+        begin, error = numbers.get("attitude_point_time_s"), numbers.get("attitude_error_rms_deg")
+        told = f"{craft} ended in mode {summary[key]}"
+        if begin is not None and math.isfinite(begin):
+            told = f"{craft} points at the Earth from {begin:.0f} s on"
+        if "attitude_roll_sigma_deg" in numbers:
+            angles = [numbers[f"attitude_{name}_sigma_deg"] for name in ("roll", "pitch", "yaw")]
+            told += f" (roll / pitch / yaw {' / '.join(f'{a:.2f}' for a in angles)} deg, one sigma)"
+            for name, angle in zip(("roll", "pitch", "yaw"), angles, strict=True):
+                figures.append(Figure(f"{name}, one sigma", f"{angle:.2f} deg"))
+        sentences.append(f"{told[0].upper()}{told[1:]}.")
+        if error is not None:
+            figures.append(Figure("attitude error, RMS", f"{error:.2f} deg"))
+            figures.append(Figure("its NEES", f"{numbers['attitude_error_nees']:.2f}"))
+            dipole = 1e3 * numbers["attitude_dipole_error_rms_a_m2"]
+            figures.append(Figure("dipole error, RMS", f"{dipole:.2f} mA m2"))
+    return sentences, figures
 
 
 def _formation(
