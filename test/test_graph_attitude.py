@@ -7,10 +7,14 @@ import pytest
 import yaml
 from graph_support import ROOT, assert_equal_messages, run_vtff, topics
 
+from vtff_analysis.attitude.log_estimation import estimate_from_log
 from vtff_bag.file.reader import BagReader
 from vtff_control.adcs.frames import AdcsFrames
 from vtff_control.adcs.log import read_reports
 from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.onboard import OnboardAttitudeEstimator
+from vtff_nav.attitude.orbit_memory import OrbitMemory
 from vtff_node.stamps import to_nanoseconds
 
 DETUMBLED = {"tumble_rpm": 0.0, "wheel_speed_rpm": 0.0}
@@ -111,6 +115,31 @@ def test_the_log_of_the_bus_holds_what_the_bag_holds(flight):
         message = heard[(stamp - start) / 1e9]
         np.testing.assert_array_equal(report.field_body.ravel(), np.array(message.field_body))
         assert report.wheel_speed_rpm == message.wheel_speed_rpm
+
+
+def test_the_estimator_alone_on_the_log_says_what_the_node_said(flight):
+    """Until the bus is off: how the node bridges a silence is not in the log."""
+    orbit = OrbitMemory(kept=1000)
+    for decoded in BagReader(flight).messages("/snap1/truth/orbit"):
+        message = decoded.message
+        state = np.concatenate((message.position, message.velocity))
+        orbit.add(to_nanoseconds(message.header.stamp), state)
+    estimator = OnboardAttitudeEstimator(
+        BodyModel(), AttitudeFilterConfiguration(field_sigma=3e-7, field_time_constant=300.0)
+    )
+    frames = AdcsFrames(ROOT / "config/can/vtff_adcs.dbc")
+    known = list(estimate_from_log(flight / "adcs.log", frames, orbit, estimator))
+    estimates = messages(flight, "/snap1/attitude")
+    assert len(known) == len(estimates)
+    start = known[0][0]
+    for stamp, attitude in known:
+        time = (stamp - start) / 1e9
+        if 5.0 <= time < 300.0:
+            np.testing.assert_array_equal(
+                attitude.estimate.quaternion_gcrf, np.array(estimates[time].quaternion)
+            )
+    end = known[-1][1].estimate
+    assert np.degrees(end.rotation_sigma) < 5.0
 
 
 def test_diagnostics_name_the_faults(flight):

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
+from vtff_analysis.attitude.pendulum import swing_peak
 from vtff_control.attitude.compensation import (
     PAPER_COMPENSATION_FINAL,
     PAPER_COMPENSATION_FIRST,
@@ -335,7 +336,10 @@ class KickResult:
     peak_deg
         Largest swing after each firing.
     formula_deg
-        Undamped pendulum with the field at the place of the firing: 2 asin(w / 2 w_d).
+        Undamped pendulum at rest, with the field at the place of the firing: 2 asin(w / 2 w_d).
+    actual_deg
+        Undamped pendulum from the state just after each firing, with the swing that was left before
+        it and the turn of the field along the orbit.
     after_an_orbit_deg
         Swing that is left one orbit after the first firing; nan without damping.
     swing_deg
@@ -346,6 +350,7 @@ class KickResult:
 
     peak_deg: FloatArray
     formula_deg: FloatArray
+    actual_deg: FloatArray
     after_an_orbit_deg: float
     swing_deg: FloatArray
     history: AttitudeHistory
@@ -378,7 +383,7 @@ def fly_kick(
     firings = [number + orbits_between * orbit * index for index in range(len(strengths))]
     periods = firings[-1] + round(1.2 * orbit)
     history = AttitudeHistory.empty(periods, track.period)
-    swing, formula = np.empty(periods), []
+    swing, formula, actual = np.empty(periods), [], []
     inertia = float(np.asarray(body.inertia)[1, 1])
     for row in range(periods):
         windows = []
@@ -392,12 +397,31 @@ def fly_kick(
         if not damped and row == firings[0] - 1:
             loop.controller.request("off")
         history.set_row(row, loop, loop.step(windows))
+        if row in firings:
+            actual.append(math.degrees(_swing_peak_now(loop)))
         field = loop.spacecraft.state.rotation_gcrf_from_body.T @ track.true_field_gcrf(row + 1)
         swing[row] = math.degrees(math.acos(max(-1.0, min(1.0, -field[2] / norm(field)))))
     peaks = np.array([swing[first : first + orbit // 5].max() for first in firings])
     after = swing[firings[0] + orbit : firings[0] + orbit + orbit // 10]
     left = float(after.max()) if damped and len(after) else math.nan
-    return KickResult(peaks, np.array(formula), left, swing, history)
+    return KickResult(peaks, np.array(formula), np.array(actual), left, swing, history)
+
+
+def _swing_peak_now(loop: AttitudeLoop) -> float:
+    """Return how far the dipole along -z swings from now on without damping, rad."""
+    track, number = loop.track, loop.number
+    before, now, after = (track.true_field_gcrf(number + step) for step in (-1, 0, 1))
+    # The field turns along the orbit: twice in an orbit and faster over the equator.
+    turn = cross(before / norm(before), after / norm(after)) / (2.0 * track.period)
+    rotation = loop.spacecraft.state.rotation_gcrf_from_body
+    inertia = np.asarray(loop.spacecraft.body.inertia)
+    return swing_peak(
+        -rotation[:, 2],
+        rotation @ loop.spacecraft.state.rate_body - turn,
+        now,
+        norm(loop.spacecraft.dipole),
+        0.5 * float(inertia[0, 0] + inertia[1, 1]),
+    )
 
 
 @dataclass(frozen=True)

@@ -192,6 +192,12 @@ def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
             _numbers(free.formula_deg, "deg", 1),
         ),
         ComparisonRow(
+            subject,
+            "pendulum from the state after the firing",
+            "-",
+            _numbers(free.actual_deg, "deg", 1),
+        ),
+        ComparisonRow(
             subject, "peaks with damping, five firings", "-", _numbers(damped.peak_deg, "deg", 1)
         ),
         ComparisonRow(

@@ -13,7 +13,6 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["OrbitMemory", "OrbitPoint"]
 
-_KEPT = 64
 _STEP = 5.0  # s
 
 
@@ -43,11 +42,17 @@ class OrbitMemory:
         s after which an orbit is no longer predicted.
     force_model : ForceModel, optional
         Forces of the prediction; JGM-3 8x8 by default.
+    kept : int
+        Number of states that are kept, the newest.
     """
 
     def __init__(
-        self, longest_prediction: float = 6000.0, force_model: ForceModel | None = None
+        self,
+        longest_prediction: float = 6000.0,
+        force_model: ForceModel | None = None,
+        kept: int = 64,
     ) -> None:
+        self._kept = kept
         self._longest = longest_prediction
         self._force_model = force_model
         self._points: dict[int, OrbitPoint] = {}
@@ -57,7 +62,7 @@ class OrbitMemory:
         state = np.array(state_gcrf, dtype=float)
         if state.shape == (6,) and np.isfinite(state).all():
             self._points[stamp_nanoseconds] = OrbitPoint(stamp_nanoseconds, state)
-        while len(self._points) > _KEPT:
+        while len(self._points) > self._kept:
             del self._points[min(self._points)]
 
     def has(self, stamp_nanoseconds: int) -> bool:
