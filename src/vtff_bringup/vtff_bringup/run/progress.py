@@ -63,7 +63,8 @@ class RunProgress:
             self._bar.update(self._task, completed=done, total=total, description=text)
         elif total > 0.0 and done / total >= self._next_line:
             self._next_line += LINE_FRACTION
-            self._console.print(f"  {text}")
+            # A line of its own in a file or a pipe, however long it is.
+            self._console.print(f"  {text}", soft_wrap=True)
 
     def _describe(self, done: float, total: float, report: dict[str, Any]) -> str:
         assert self._started is not None

@@ -14,6 +14,7 @@ from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.observations import ObservationEpoch
 from vtff_nav.receiver.live_port import PortError
 from vtff_nav.receiver.receiver_session import (
+    OPENING_PATIENCE,
     ReceiverSession,
     SessionSettings,
     SessionState,
@@ -231,6 +232,26 @@ def test_unplugged_and_plugged_in_again_with_growing_pauses():
     bench.port.is_lost = True
     bench.run(0.5)
     assert bench.session.is_running  # the pauses begin anew after a success
+
+
+def test_a_port_that_comes_while_the_nodes_start_is_no_problem_to_tell():
+    bench = Bench()
+    bench.is_plugged = False
+    bench.run(0.5 * OPENING_PATIENCE)
+    assert bench.session.problem == "cannot open fake: no such device"
+    assert not any(is_problem for is_problem, _ in bench.reports)
+    bench.is_plugged = True
+    bench.until_running()
+    assert not any(is_problem for is_problem, _ in bench.reports)
+    assert bench.session.problem == ""
+
+
+def test_a_port_that_stays_absent_is_told_once():
+    bench = Bench()
+    bench.is_plugged = False
+    bench.run(4.0 * OPENING_PATIENCE)
+    problems = [text for is_problem, text in bench.reports if is_problem]
+    assert problems == ["cannot open fake: no such device"]
 
 
 def test_a_receiver_that_sends_but_does_not_hear_is_used_as_it_is():

@@ -24,6 +24,9 @@ STANDARD_BAUDS = (9600, 115200, 460800, 230400, 921600, 57600, 38400, 19200, 480
 PROBE_COMMAND = "LOG VERSIONB ONCE"
 #: Time that a receiver needs to change its rate, s.
 BAUD_CHANGE_TIME = 0.1
+#: Time for which a port may be absent before it is a problem, s: emulators make their ports while
+#: the drivers start.
+OPENING_PATIENCE = 5.0
 #: Numbers of bytes without an intact log that indicate another baud rate: the first at any time,
 #: the second after the time-out.
 UNINTELLIGIBLE_BYTES = 32768
@@ -139,6 +142,7 @@ class ReceiverSession:
         self.state = SessionState.ABSENT
         self.problem = ""
         self.last_problem = ""
+        self._told_problem = ""
         self.refused: dict[str, str] = {}
         self.version: ReceiverVersion | None = None
         self.connections = 0
@@ -148,6 +152,7 @@ class ReceiverSession:
         self._nominal_baud: int | None = None
         self._now = 0.0
         self._open_next = 0.0
+        self._first_attempt: float | None = None
         self._pause = settings.shortest_pause
         self._dialogue = CommandDialogue()
         self._wanted_again = ""
@@ -228,7 +233,10 @@ class ReceiverSession:
         try:
             self._port = self._open_port()
         except PortError as error:
-            self._note_problem(str(error))
+            if self._first_attempt is None:
+                self._first_attempt = self._now
+            is_late = self._now - self._first_attempt >= OPENING_PATIENCE
+            self._note_problem(str(error), is_told=self.connections > 0 or is_late)
             self._back_off()
             return False
         self.connections += 1
@@ -281,7 +289,7 @@ class ReceiverSession:
             self._understood_at = self._now
             self._bytes_since_understood = 0
             if not self._settings.commands:
-                self.problem = ""
+                self.problem = self._told_problem = ""
         return events
 
     def _read_port(self) -> bytes:
@@ -352,6 +360,7 @@ class ReceiverSession:
         self._pause = self._settings.shortest_pause
         self._forget_silence()
         self.problem = "; ".join(f"'{c}': {text}" for c, text in self.refused.items())
+        self._told_problem = self.problem
         rate = "" if self.baud is None else f" at {self.baud} baud"
         self._report(False, f"receiver is running{rate}, configured {self.configurations} times")
 
@@ -429,8 +438,8 @@ class ReceiverSession:
         if self._request is not None and self._now >= self._request.deadline:
             self._request.is_over = True
 
-    def _note_problem(self, text: str) -> None:
-        is_news = text != self.problem
+    def _note_problem(self, text: str, *, is_told: bool = True) -> None:
         self.problem = self.last_problem = text
-        if is_news:
+        if is_told and text != self._told_problem:
+            self._told_problem = text
             self._report(True, text)
