@@ -130,4 +130,4 @@ def test_simremote_has_one_port():
 def test_emulated_devices_have_their_properties_from_their_own_defaults(path):
     for process in join_system(path, read).get("processes", ()):
         options = {str(text) for text in process["arguments"]}
-        assert not options & {"--acceleration-cap", "--quantum", "--watchdog-timeout"}
+        assert not options & {"--acceleration-cap", "--quantum", "--smallest", "--watchdog-timeout"}

@@ -1,5 +1,6 @@
 """The emulated thruster, frame by frame: cap, quantum, watchdog, counters."""
 
+import dataclasses
 import functools
 import pathlib
 from unittest import mock
@@ -20,7 +21,7 @@ from vtff_control.thruster.can_frames import (
 )
 from vtff_control.thruster.thruster import Thruster
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_sim_bridge.thruster.can_thruster_emulator import CanThruster
+from vtff_sim_bridge.thruster.can_thruster_emulator import DEVICES, CanThruster
 
 DBC_FILE = pathlib.Path(__file__).resolve().parents[4] / "config" / "can" / "vtff_thruster.dbc"
 FRAMES = ThrusterFrames(DBC_FILE)
@@ -90,7 +91,7 @@ def test_an_engine_gives_its_smallest_thrust_or_none() -> None:
     # 84 steps of 12 uN are the first that are not below 1 mN.
     file = DBC_FILE.with_name("t5_thruster.dbc")
     frames = ThrusterFrames(file)
-    unit = CanThruster(file, 1.5625e-5, 7.5e-9, smallest=6.25e-7)
+    unit = CanThruster(file, **dataclasses.asdict(DEVICES["t5"]))
     given = []
     for sequence, wanted in enumerate(
         ([3.0e-7, 3.3e-7, -3.3e-7], [6.3e-7, -6.6e-7, 1.0], [0.0, -1.0, 7.5e-6])

@@ -8,6 +8,7 @@ once a second, and cuts the thrust when no command has come for two seconds.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import logging
 import math
 import socket
@@ -47,6 +48,26 @@ _LARGEST_COUNTER = 0xFFFF
 # Remainder of the checksum after one byte; crccheck itself goes bit by bit, which is slow.
 _CHECKSUM_STEP = bytes(Crc8SaeJ1850.calc(bytes([x]), initvalue=0) ^ 0xFF for x in range(256))
 _NO_THRUST = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class Device:
+    """What a thruster can give, m/s2 on each axis.
+
+    Parameters
+    ----------
+    acceleration_cap, quantum, smallest
+        As in `CanThruster`.
+    """
+
+    acceleration_cap: float = ACCELERATION_CAP
+    quantum: float = QUANTUM
+    smallest: float = 0.0
+
+
+#: Thrusters by name. The QinetiQ T5 gives 1 to 25 mN in steps of 12 uN (Edwards and others 2004,
+#: ESA SP-569), here on 1600 kg.
+DEVICES = {"reference": Device(), "t5": Device(25e-3 / 1600.0, 7.5e-9, 1e-3 / 1600.0)}
 
 
 @dataclass(frozen=True)
@@ -387,6 +408,13 @@ def _serve_bus(thruster: CanThruster, bus: can.BusABC, stopped: Callable[[], boo
             bus.send(answer)
 
 
+def _limits(options: argparse.Namespace) -> dict[str, float]:
+    """Return the limits of the device, with those that are given in their place."""
+    limits = dataclasses.asdict(DEVICES[options.device])
+    given = {name: getattr(options, name) for name in limits}
+    return limits | {name: value for name, value in given.items() if value is not None}
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the emulator until SIGINT, SIGTERM or SIGHUP; return the exit code."""
     options = _parser().parse_args(arguments)
@@ -399,11 +427,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         thruster = CanThruster(
             options.dbc,
-            options.acceleration_cap,
-            options.quantum,
-            options.watchdog_timeout,
-            options.clock,
-            options.smallest,
+            watchdog_timeout=options.watchdog_timeout,
+            clock_mode=options.clock,
+            **_limits(options),
         )
         with _lock_bus(options):
             serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
@@ -466,26 +492,19 @@ def _parser() -> argparse.ArgumentParser:
         "--port", type=int, default=0, help="UDP port of udp_multicast, 0 = its default"
     )
     parser.add_argument(
-        "--acceleration-cap",
-        type=float,
-        default=ACCELERATION_CAP,
-        metavar="M/S2",
-        help="largest acceleration on each axis (%(default)s)",
+        "--device",
+        choices=DEVICES,
+        default="reference",
+        help="cap, quantum and smallest acceleration are those of this thruster (%(default)s)",
     )
-    parser.add_argument(
-        "--quantum",
-        type=float,
-        default=QUANTUM,
-        metavar="M/S2",
-        help="smallest change of the acceleration (%(default)s)",
-    )
-    parser.add_argument(
-        "--smallest",
-        type=float,
-        default=0.0,
-        metavar="M/S2",
-        help="smallest acceleration on an axis but none (%(default)s)",
-    )
+    for name, meaning in (
+        ("acceleration-cap", "largest acceleration on each axis"),
+        ("quantum", "smallest change of the acceleration"),
+        ("smallest", "smallest acceleration on an axis but none"),
+    ):
+        parser.add_argument(
+            f"--{name}", type=float, metavar="M/S2", help=f"{meaning}, in place of the device's"
+        )
     parser.add_argument(
         "--watchdog-timeout",
         type=float,
