@@ -62,14 +62,16 @@ class EphemerisStore:
         healthy_only: bool = True,
     ) -> None:
         self._healthy_only = healthy_only
-        # With their validity, which is asked for at every change of any satellite.
-        self._sets: dict[tuple[int, int], list[tuple[GpsTime, GpsTime, BroadcastEphemeris]]] = {}
+        # With their validity (ns), which is asked for at every change of any satellite.
+        self._sets: dict[tuple[int, int], list[tuple[int, int, BroadcastEphemeris]]] = {}
         changes: set[GpsTime] = set()
         for ephemeris in ephemerides:
             if ephemeris.source in sources:
                 start, end = validity_interval(ephemeris)
                 satellite = (ephemeris.system, ephemeris.prn)
-                self._sets.setdefault(satellite, []).append((start, end, ephemeris))
+                self._sets.setdefault(satellite, []).append(
+                    (start.nanoseconds, end.nanoseconds, ephemeris)
+                )
                 changes.update((start, end))
         for sets in self._sets.values():
             sets.sort(
@@ -89,8 +91,9 @@ class EphemerisStore:
 
     def ephemeris(self, system: int, prn: int, time: GpsTime) -> BroadcastEphemeris | None:
         """Return the set of one satellite to be used at `time`, or None."""
+        nanoseconds = time.nanoseconds
         for start, end, ephemeris in reversed(self._sets.get((system, prn), [])):
-            if start <= time < end:
+            if start <= nanoseconds < end:
                 return None if self._healthy_only and ephemeris.health else ephemeris
         return None
 

@@ -18,8 +18,9 @@ Geophys. Res. Lett. 24(18), 2283-2286.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -135,50 +136,60 @@ class RateOfTecMonitor:
         """Return ROTI of the links in a window that ends at a time, ns."""
         order = np.argsort(window["link"], kind="stable")
         starts = np.flatnonzero(np.diff(window["link"][order], prepend=-1))
-        links, roti, mean_rate, counts = [], [], [], []
-        for rows in np.split(order, starts[1:]):
-            link = int(window["link"][rows[0]])
-            rates = self._rates(
-                link,
-                window["time"][rows],
-                window["arc"][rows],
-                window["content"][rows],
-                window["doubtful"][rows],
-            )
-            links.append(link)
-            roti.append(float(rates.std(ddof=1)) if len(rates) >= _FEWEST_RATES else np.nan)
-            mean_rate.append(float(rates.mean()) if len(rates) else np.nan)
-            counts.append(len(rates))
+        window = {name: column[order] for name, column in window.items()}
+        rates, is_used = self._rates(window, starts)
+        ends = [*starts[1:].tolist(), len(order)]
+        roti, mean_rate, counts = [], [], []
+        for start, stop in zip(starts.tolist(), ends, strict=True):
+            used = rates[start:stop][is_used[start:stop]]
+            roti.append(float(used.std(ddof=1)) if len(used) >= _FEWEST_RATES else np.nan)
+            mean_rate.append(float(used.mean()) if len(used) else np.nan)
+            counts.append(len(used))
         return RateOfTecWindow(
             time=end,
             interval=self._interval,
-            link=np.array(links, dtype=np.int64),
+            link=window["link"][starts].astype(np.int64),
             roti_tecu_per_minute=np.array(roti, dtype=float),
             mean_rate_tecu_per_minute=np.array(mean_rate, dtype=float),
             rates=np.array(counts, dtype=np.int64),
         )
 
     def _rates(
-        self,
-        link: int,
-        time: npt.NDArray[np.int64],
-        arc: npt.NDArray[np.int64],
-        content: FloatArray,
-        is_doubtful: npt.NDArray[np.bool_],
-    ) -> FloatArray:
-        """Return the rates of a link, TECU/min; the first rate begins in the previous window."""
-        last_time, last_arc, last_content = self._last_sample.get(link, (0, -1, np.nan))
-        self._last_sample[link] = (int(time[-1]), int(arc[-1]), float(content[-1]))
-        elapsed = np.diff(time, prepend=last_time) / NANOSECONDS_PER_SECOND
+        self, window: Columns, starts: npt.NDArray[np.intp]
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_]]:
+        """Return the rates to the samples of a window, TECU/min, and which of them are used.
+
+        The samples of a link stand together from its index in `starts` on. The first rate of a link
+        begins in the previous window.
+        """
+        time, arc, content = window["time"], window["arc"], window["content"]
+        ends = np.append(starts[1:], len(time))
+        links = window["link"][starts].tolist()
+        before = [self._last_sample.get(link, (0, -1, np.nan)) for link in links]
+        last = zip(
+            time[ends - 1].tolist(), arc[ends - 1].tolist(), content[ends - 1].tolist(), strict=True
+        )
+        self._last_sample.update(zip(links, last, strict=True))
+
+        def steps(column: npt.NDArray[Any], last_values: Sequence[float]) -> npt.NDArray[Any]:
+            previous = np.empty_like(column)
+            previous[1:] = column[:-1]
+            previous[starts] = last_values
+            return np.asarray(column - previous)
+
+        elapsed = steps(time, [sample[0] for sample in before]) / NANOSECONDS_PER_SECOND
         is_next = elapsed < _LONGEST_STEP_INTERVALS * self._interval
-        new_arcs = np.diff(arc, prepend=last_arc)
+        new_arcs = steps(arc, [sample[1] for sample in before])
         is_used = is_next & (new_arcs == 0)
-        is_doubtful_rate = is_next & (new_arcs == 1) & is_doubtful
+        is_doubtful = is_next & (new_arcs == 1) & window["doubtful"]
         with np.errstate(invalid="ignore", divide="ignore"):
-            rates = np.diff(content, prepend=last_content) / elapsed * _SECONDS_PER_MINUTE
-        if is_doubtful_rate.any():
-            is_used |= is_doubtful_rate & _may_belong_to(rates, rates[is_used])
-        return np.asarray(rates[is_used])
+            step = steps(content, [sample[2] for sample in before])
+            rates = step / elapsed * _SECONDS_PER_MINUTE
+        for number in np.unique(np.searchsorted(starts, np.flatnonzero(is_doubtful), "right") - 1):
+            rows = slice(starts[number], ends[number])
+            belongs = _may_belong_to(rates[rows], rates[rows][is_used[rows]])
+            is_used[rows] |= is_doubtful[rows] & belongs
+        return rates, is_used
 
 
 def _may_belong_to(values: FloatArray, sample: FloatArray) -> npt.NDArray[np.bool_]:
