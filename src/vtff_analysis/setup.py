@@ -12,7 +12,16 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/" + package_name]),
         ("share/" + package_name, ["package.xml"]),
     ],
-    package_data={package_name: ["py.typed", "report/report.css", "studies/*.j2", "view/web/**"]},
+    package_data={
+        package_name: [
+            "py.typed",
+            "page/*.css",
+            "page/*.j2",
+            "page/*.js",
+            "studies/*.j2",
+            "view/web/**",
+        ]
+    },
     install_requires=[
         "numpy>=1.26,<3",
         "brahe>=1.8,<1.9",

@@ -9,6 +9,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
+from vtff_analysis.page.line_data import write_lines
+
 DPI = 125
 WIDTH = 12.8  # inch, 1600 pixels
 STYLE: Any = {
@@ -50,7 +52,7 @@ def make_figure(height: float) -> Figure:
 
 
 def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
-    """Write a figure as PNG under its title; return the path."""
+    """Write a figure as PNG under its title, and its lines beside it; return the path."""
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
     figure.set_dpi(DPI)
     layout = figure.get_layout_engine()
@@ -61,6 +63,7 @@ def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     canvas.print_png(path)
+    write_lines(figure, path)
     return path
 
 

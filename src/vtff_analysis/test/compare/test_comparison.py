@@ -125,7 +125,7 @@ def test_command_prints_writes_and_draws(runs, tmp_path):
     assert set(content) == {"good", "biased"}
     page = (tmp_path / "out" / "comparison.html").read_text()
     assert page.count("data:image/png") == 3 and "epochs that all have" in page
-    assert "paper software" in page and "<script" not in page
+    assert "paper software" in page and "<script src" not in page
     pictures = sorted(path.name for path in (tmp_path / "out").glob("*.png"))
     assert pictures == [
         "compare_delta_v.png",

@@ -442,7 +442,28 @@ def test_report_opens_without_errors_and_with_every_figure(browser, tmp_path):
     )
     assert len(pictures) == len(list(folder.glob("*.png"))) >= 9
     for complete, width, shown, name in pictures:
-        assert complete and width > 1000 and shown > 300 and name
+        assert complete and width > 1000 and name
+        assert shown > 300 or visit.value("document.querySelectorAll('.panels').length")
+    # Figures of lines can be zoomed; the others stay pictures.
+    figures = visit.value("document.querySelectorAll('figure').length")
+    assert 5 <= visit.value("document.querySelectorAll('.panels').length") < figures
+    panel = "document.querySelector('[data-name=relative_position]').panels[0]"
+    whole = visit.value(f"{panel}.drawn")
+    canvas = visit.page.locator("[data-name=relative_position] canvas").first
+    canvas.scroll_into_view_if_needed()
+    box = canvas.bounding_box()
+    visit.page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 100)
+    visit.page.mouse.down()
+    visit.page.mouse.move(box["x"] + 0.7 * box["width"], box["y"] + 100, steps=3)
+    visit.page.mouse.up()
+    closer = visit.value(f"{panel}.drawn")
+    assert whole["x"][0] < closer["x"][0] < closer["x"][1] < whole["x"][1]
+    others = "document.querySelector('[data-name=relative_position]').panels[2].drawn"
+    assert visit.value(others)["x"] == closer["x"]  # panels of one time zoom together
+    canvas.dblclick()
+    assert visit.value(f"{panel}.drawn") == whole
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    assert visit.value("document.documentElement.scrollWidth") <= 390
     assert visit.errors == []
     assert [url for url in visit.requests if not re.match("file:|data:", url)] == []
     visit.page.close()

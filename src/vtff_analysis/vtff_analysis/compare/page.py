@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
-import html
 import pathlib
 from collections.abc import Sequence
 
 from vtff_analysis.compare.comparison import ComparedRun, comparison_table
-from vtff_analysis.report.html import STYLE_FILE, Picture, render_figures, render_table
+from vtff_analysis.page.page import (
+    Picture,
+    escape,
+    render_figures,
+    render_page,
+    render_table,
+)
 
 __all__ = ["render_comparison"]
 
@@ -33,21 +38,15 @@ def render_comparison(runs: Sequence[ComparedRun], pictures: Sequence[pathlib.Pa
     for heading, section in sections:
         rows.append(heading)
         rows.extend([label, *texts] for label, texts in section)
-    names = html.escape(", ".join(run.name for run in runs))
     plots = [
         Picture(path, path.stem.removeprefix("compare_").replace("_", " "), "compare")
         for path in pictures
     ]
     notes = [f"{run.name}: {note}" for run in runs for note in run.history.notes]
-    remarks = "".join(f'<p class="note">{html.escape(note)}</p>' for note in notes)
-    return (
-        "<!DOCTYPE html>\n"
-        '<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        '<link rel="icon" href="data:,">'
-        f"<title>{names}</title><style>{STYLE_FILE.read_text(encoding='utf-8')}</style></head>"
-        f"<body><header><h1>{names}</h1>{remarks}</header><main>"
+    remarks = "".join(f'<p class="note">{escape(note)}</p>' for note in notes)
+    body = (
         f"<section>{render_table(['', *heads], rows)}"
-        f'<p class="small">{html.escape(_REMARK)}</p></section>'
-        f"<section>{render_figures(plots, 'compare')}</section></main></body></html>\n"
+        f'<p class="small">{escape(_REMARK)}</p></section>'
+        f"<section>{render_figures(plots, 'compare')}</section>"
     )
+    return render_page(", ".join(run.name for run in runs), remarks, body, ["000"])

@@ -1,4 +1,4 @@
-"""The report as one HTML file that holds its pictures and needs nothing else.
+"""The report of a run as one HTML file that holds its pictures and needs nothing else.
 
 It is written for a reader who did not see the run: what was flown and with which system, how well,
 beside the paper's numbers, and what went wrong.
@@ -6,10 +6,6 @@ beside the paper's numbers, and what went wrong.
 
 from __future__ import annotations
 
-import base64
-import dataclasses
-import html
-import pathlib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -21,7 +17,14 @@ from vtff_analysis.evaluation.receiver_comparison import (
     compare_with_receiver,
 )
 from vtff_analysis.evaluation.summary import utc_text
-from vtff_analysis.paper_reference import formation_columns
+from vtff_analysis.page.page import (
+    Picture,
+    escape,
+    render_figures,
+    render_page,
+    render_table,
+)
+from vtff_analysis.paper_reference import formation_columns, paper_columns
 from vtff_analysis.recordings.history import HealthItem, RunHistory
 from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.ionosphere_table import (
@@ -41,34 +44,12 @@ from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_gnss.signals import satellite_name
 
-STYLE_FILE = pathlib.Path(__file__).with_name("report.css")
-
 _LEVEL_NAMES = ("ok", "warning", "error", "stale")
 
 _AXES_TEXT = (
     "Positions are those of the deputy relative to the chief in the chief's rotating frame: "
     "radial (outward), in-track (along the motion) and cross-track (along the orbit normal)."
 )
-
-
-@dataclasses.dataclass(frozen=True)
-class Picture:
-    """A plot and its explanation.
-
-    Attributes
-    ----------
-    path
-        PNG file.
-    caption
-        One or two sentences.
-    section
-        Section of the report: ``formation``, ``navigation``, ``attitude``, ``gnss``,
-        ``ionosphere``, ``timing``.
-    """
-
-    path: pathlib.Path
-    caption: str
-    section: str
 
 
 def render_report(
@@ -121,27 +102,30 @@ def render_report(
         ("Recorded topics", _render_topics(history)),
     ]
     filled = [(title, body) for title, body in sections if body]
-    contents = " · ".join(f'<a href="#{key_part(t)}">{_escape(t)}</a>' for t, _ in filled)
-    remarks = "".join(f'<p class="note">{_escape(note)}</p>' for note in notes)
+    contents = " · ".join(f'<a href="#{key_part(t)}">{escape(t)}</a>' for t, _ in filled)
+    remarks = "".join(f'<p class="note">{escape(note)}</p>' for note in notes)
     body = "".join(
-        f'<section id="{key_part(title)}"><h2>{_escape(title)}</h2>{content}</section>'
+        f'<section id="{key_part(title)}"><h2>{escape(title)}</h2>{content}</section>'
         for title, content in filled
     )
-    return (
-        "<!DOCTYPE html>\n"
-        '<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        # Without an icon a browser asks for one, also of a page on the disk.
-        '<link rel="icon" href="data:,">'
-        f"<title>{_escape(name)}</title><style>{STYLE_FILE.read_text(encoding='utf-8')}</style>"
-        f"</head><body><header><h1>{_escape(name)}</h1>{_render_verdict(verdict)}"
-        f"{_render_lead(summary, history, deputies)}{remarks}<nav>{contents}</nav>"
-        f"</header><main>{body}</main></body></html>\n"
+    head = (
+        f"{_render_verdict(verdict)}{_render_lead(summary, history, deputies)}{remarks}"
+        f"<nav>{contents}</nav>"
     )
+    return render_page(name, head, body, _papers(summary, verdict), _command(summary, described))
 
 
-def _escape(value: Any) -> str:
-    return html.escape(str(value))
+def _papers(summary: Mapping[str, Any], verdict: Verdict) -> list[str]:
+    """Return the paper whose numbers stand beside those of the run, if any does."""
+    printed = formation_columns(summary.get("scenario")) or paper_columns(summary.get("scenario"))
+    compared = verdict.subject in ("formation", "navigation", "ionosphere")
+    return ["000"] if printed and compared else []
+
+
+def _command(summary: Mapping[str, Any], described: RunDescription) -> str:
+    """Return the command that flies the run again, without parameters that its user gave."""
+    system = described.arguments.get("system")
+    return f"vtff run {system} --duration {summary['run_duration_s']:.0f}" if system else ""
 
 
 def _render_lead(summary: Mapping[str, Any], history: RunHistory, deputies: Sequence[str]) -> str:
@@ -161,7 +145,7 @@ def _render_lead(summary: Mapping[str, Any], history: RunHistory, deputies: Sequ
         sentences.append("The run was ended before its planned end.")
     if "run_start_utc" in summary:
         sentences.append(f"Scenario time begins at {summary['run_start_utc']}.")
-    return f"<p>{_escape(' '.join(sentences))}</p>"
+    return f"<p>{escape(' '.join(sentences))}</p>"
 
 
 def _render_verdict(verdict: Verdict) -> str:
@@ -178,8 +162,8 @@ def _render_verdict(verdict: Verdict) -> str:
     table = render_table([head for head, _ in filled], rows) if rows else ""
     state = "good" if verdict.is_good else "bad"
     return (
-        f'<div class="verdict {state}"><p class="sentence">{_escape(verdict.sentence)}</p>'
-        f'<p class="small">{_escape(verdict.conditions)}</p>{table}</div>'
+        f'<div class="verdict {state}"><p class="sentence">{escape(verdict.sentence)}</p>'
+        f'<p class="small">{escape(verdict.conditions)}</p>{table}</div>'
     )
 
 
@@ -201,10 +185,10 @@ def _render_formation(summary: Mapping[str, Any], deputies: Sequence[str]) -> st
         for heading, section in formation_rows(numbers, columns):
             rows.append(heading)
             rows.extend([label, measured, *printed] for label, measured, printed in section)
-        title = f"<h3>{_escape(name)}</h3>" if len(deputies) > 1 else ""
+        title = f"<h3>{escape(name)}</h3>" if len(deputies) > 1 else ""
         remarks = " ".join(_as_sentence(line) for line in formation_remarks(numbers, columns))
-        blocks.append(f"{title}{render_table(heads, rows)}<p class='small'>{_escape(remarks)}</p>")
-    return f"<p>{_escape(_AXES_TEXT)}</p>{''.join(blocks)}" if blocks else ""
+        blocks.append(f"{title}{render_table(heads, rows)}<p class='small'>{escape(remarks)}</p>")
+    return f"<p>{escape(_AXES_TEXT)}</p>{''.join(blocks)}" if blocks else ""
 
 
 def _as_sentence(line: str) -> str:
@@ -225,9 +209,9 @@ def _render_ionosphere(
     for deputy, prefix in ionosphere_prefixes(list(history.pairs)):
         rows = ionosphere_rows(summary, prefix)
         if rows:
-            table += f"<h3>Ionosphere{_escape(deputy)}</h3>" if deputy else ""
+            table += f"<h3>Ionosphere{escape(deputy)}</h3>" if deputy else ""
             table += render_table(IONOSPHERE_HEADS, rows)
-    remark = f"<p class='small'>{_escape(IONOSPHERE_REMARK)}</p>" if table else ""
+    remark = f"<p class='small'>{escape(IONOSPHERE_REMARK)}</p>" if table else ""
     comparisons = _render_comparisons(compare_with_receiver(history))
     return (
         table
@@ -270,7 +254,7 @@ def _render_boundaries(history: RunHistory) -> str:
         for edge in history.boundaries
     ]
     heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude", "altitude"]
-    pair = f": {_escape(history.deputy)}" if len(history.pairs) > 1 else ""
+    pair = f": {escape(history.deputy)}" if len(history.pairs) > 1 else ""
     table = render_table(heads, rows)
     listed = f"<details><summary>{len(rows)} edges</summary>{table}</details>"
     return f"<h3>Edges of irregularities{pair}</h3>{listed}"
@@ -286,8 +270,8 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
         values = ", ".join(f"{key} {value}" for key, value in item.values.items())
         not_ok = sum(item.counts[1:])
         rows.append(
-            f"<tr><td>{_escape(item.name)}</td><td class='{level}'>{level}</td>"
-            f"<td>{_escape(item.message)}<br><span class='small'>{_escape(values)}</span></td>"
+            f"<tr><td>{escape(item.name)}</td><td class='{level}'>{level}</td>"
+            f"<td>{escape(item.message)}<br><span class='small'>{escape(values)}</span></td>"
             f"<td class='number'>{sum(item.counts)}</td><td class='number'>{not_ok}</td></tr>"
         )
     table = (
@@ -356,11 +340,11 @@ def _render_parameters(described: RunDescription) -> str:
         for node, values in sorted(node_parameters(text).items()):
             rows = [[name, _format_value(value)] for name, value in sorted(values.items())]
             table = render_table(["parameter", "value"], rows, numbers=False)
-            blocks.append(f"<details><summary>{_escape(node)}</summary>{table}</details>")
+            blocks.append(f"<details><summary>{escape(node)}</summary>{table}</details>")
     if described.scenario_text:
         blocks.append(
             "<details><summary>scenario file</summary>"
-            f"<pre>{_escape(described.scenario_text)}</pre></details>"
+            f"<pre>{escape(described.scenario_text)}</pre></details>"
         )
     return "".join(blocks)
 
@@ -374,41 +358,3 @@ def _format_value(value: Any) -> str:
 def _render_topics(history: RunHistory) -> str:
     rows = [[name, str(count)] for name, count in sorted(history.message_counts.items())]
     return render_table(["topic", "messages"], rows)
-
-
-def render_figures(pictures: Sequence[Picture], section: str) -> str:
-    """Return the pictures of a section with their captions."""
-    return "".join(
-        f'<figure><img src="data:image/png;base64,{_encode_file(picture.path)}" '
-        f'alt="{_escape(picture.caption)}"><figcaption>{_escape(picture.caption)}</figcaption></figure>'
-        for picture in pictures
-        if picture.section == section
-    )
-
-
-def _encode_file(path: pathlib.Path) -> str:
-    return base64.b64encode(path.read_bytes()).decode("ascii")
-
-
-def render_table(
-    heads: Sequence[str], rows: Sequence[Sequence[str]], *, numbers: bool = True
-) -> str:
-    """Return a table; a row that is a text is a heading.
-
-    Columns after the first are set as numbers unless `numbers` is False.
-    """
-
-    def cell(tag: str, column: int, value: str) -> str:
-        style = ' class="number"' if numbers and column else ""
-        return f"<{tag}{style}>{_escape(value)}</{tag}>"
-
-    head = "".join(cell("th", column, value) for column, value in enumerate(heads))
-    lines = []
-    for row in rows:
-        if isinstance(row, str):
-            lines.append(f'<tr class="part"><th colspan="{len(heads)}">{_escape(row)}</th>')
-        else:
-            lines.append("<tr>" + "".join(cell("td", column, v) for column, v in enumerate(row)))
-        lines.append("</tr>")
-    shown = f"<thead><tr>{head}</tr></thead>" if any(heads) else ""
-    return f"<table>{shown}<tbody>{''.join(lines)}</tbody></table>"

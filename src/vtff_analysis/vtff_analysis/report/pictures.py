@@ -9,6 +9,7 @@ from functools import partial
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
+from vtff_analysis.page.page import Picture
 from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.history import (
     DeputyHistory,
@@ -20,7 +21,6 @@ from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.settings import RunSettings
 from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.forked import run_forked, usable_processors
-from vtff_analysis.report.html import Picture
 from vtff_analysis.report.plots import plot_formation, plot_receiver
 from vtff_analysis.report.plots_attitude import plot_attitude, plot_dipole
 from vtff_analysis.report.plots_details import (

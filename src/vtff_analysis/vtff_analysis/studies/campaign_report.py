@@ -7,11 +7,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import jinja2
 import numpy as np
 import pyarrow as pa
 
-from vtff_analysis.report import html as run_report
+from vtff_analysis.page.page import render_template
 from vtff_analysis.studies.bounds import Bound, Verdict
 from vtff_analysis.studies.campaign_charts import (
     Column,
@@ -88,18 +87,13 @@ def render_campaign_report(table: pa.Table, description: CampaignDescription) ->
     figures = [_column(complete, name, unit_of(name)) for name in description.figures]
     drivers = [_column(complete, name, unit) for name, unit in description.inputs.items()]
     drivers = [column for column in drivers if len(np.unique(column.values)) > 1]
-    environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(pathlib.Path(__file__).parent),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-    )
     filled = [figure for figure in figures if np.isfinite(figure.values).any()]
     pairs = [pair for pair in (_strongest(drivers, figure) for figure in filled) if pair]
-    return environment.get_template(_TEMPLATE).render(
+    return render_template(
+        _TEMPLATE,
+        pathlib.Path(__file__).resolve().parent,
+        title=description.name,
         campaign=description,
-        style=run_report.STYLE_FILE.read_text(encoding="utf-8"),
         complete=complete.num_rows,
         failed=_failed(table, description),
         failed_count=table.num_rows - complete.num_rows,

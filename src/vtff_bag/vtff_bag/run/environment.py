@@ -23,7 +23,7 @@ def describe_environment() -> dict[str, Any]:
     """
     commit, modified = _read_git_state()
     return {
-        "vtff_version": _read_version(),
+        "vtff_version": vtff_version(),
         "git_commit": commit,
         "git_modified": modified,
         "machine_cpu_model": _read_cpu_model(),
@@ -33,7 +33,8 @@ def describe_environment() -> dict[str, Any]:
     }
 
 
-def _read_version() -> str | None:
+def vtff_version() -> str | None:
+    """Return the version of vtff; None where it is not installed."""
     try:
         return importlib.metadata.version(PACKAGE)
     except importlib.metadata.PackageNotFoundError:

@@ -28,9 +28,16 @@ const PAGES = {
 
 const darkness = window.matchMedia("(prefers-color-scheme: dark)");
 
+let alwaysLight = false;
+
+// Draw on white in dark browsers too: the lines have the colours of printed figures.
+export function stayLight() {
+  alwaysLight = true;
+}
+
 // Colours of the page as it is shown now.
 export function page() {
-  return darkness.matches ? PAGES.dark : PAGES.light;
+  return darkness.matches && !alwaysLight ? PAGES.dark : PAGES.light;
 }
 
 export function onPageChange(listener) {

@@ -1,0 +1,105 @@
+"""Lines of figures as data: nothing of them is lost, other figures stay pictures."""
+
+import base64
+import json
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from vtff_analysis.page.line_data import line_data, lines_path
+from vtff_analysis.plot_style import make_figure, save_figure
+
+
+def unpacked(packed):
+    return packed["middle"] + np.frombuffer(base64.b64decode(packed["float32"]), "<f4")
+
+
+def drawn(draw, rows=1, columns=1):
+    figure = make_figure(4.0)
+    draw(figure.subplots(rows, columns, squeeze=False))
+    figure.get_layout_engine().execute(figure)
+    return line_data(figure)
+
+
+def test_a_line_keeps_micrometres_of_kilometres():
+    x = np.linspace(0.0, 3600.0, 1001)
+    y = -15_000.0 + 1e-3 * np.sin(x)
+    data = drawn(lambda axes: axes[0, 0].plot(x, y, color="#D55E00", linestyle="--", label="a"))
+    (line,) = data["rows"][0][0]["lines"]
+    assert (line["name"], line["colour"], line["dash"]) == ("a", "#d55e00", [5, 3])
+    np.testing.assert_allclose(unpacked(line["x"]), x, atol=2e-4)
+    np.testing.assert_allclose(unpacked(line["y"]), y, atol=1e-9)
+
+
+def test_panels_are_in_their_rows_with_their_labels():
+    def draw(axes):
+        for number, panel in enumerate(axes.flat):
+            panel.plot([0, 1], [0, number])
+            panel.set_title(str(number), loc="left")
+            panel.set_ylabel("m")
+        axes[1, 0].set_yscale("log")
+
+    data = drawn(draw, 2, 2)
+    assert [[panel["title"] for panel in row] for row in data["rows"]] == [["0", "1"], ["2", "3"]]
+    assert data["rows"][1][0]["log"] == [False, True]
+    assert data["rows"][1][1]["y"] == "m"
+
+
+def test_lines_through_the_panel_and_areas():
+    def draw(axes):
+        axes[0, 0].plot([0, 10], [1, 2])
+        axes[0, 0].axvline(4.0)
+        axes[0, 0].axhline(1.5, linestyle=":")
+        axes[0, 0].fill_between([0, 10], [0, 1], [2, 3], color="0.85", label="band")
+
+    lines = drawn(draw)["rows"][0][0]["lines"]
+    assert [line.get("upright") for line in lines] == [None, None, 4.0, None]
+    assert [line.get("across") for line in lines] == [None, None, None, 1.5]
+    (band,) = [line for line in lines if line.get("area")]
+    corners = np.column_stack((unpacked(band["x"]), unpacked(band["y"])))
+    for corner in ((0, 0), (10, 1), (10, 3), (0, 2)):
+        assert (np.abs(corners - corner).max(axis=1) < 1e-6).any()
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [
+        lambda axes: axes[0, 0].scatter([0, 1], [0, 1], c=[0.0, 1.0]),
+        lambda axes: axes[0, 0].imshow(np.eye(3)),
+        lambda axes: axes[0, 0].bar([0, 1], [1, 2]),
+        lambda axes: None,
+    ],
+    ids=["colours", "image", "bars", "nothing"],
+)
+def test_other_figures_stay_pictures(draw):
+    assert drawn(draw) is None
+
+
+@given(
+    st.integers(0, 2**32), st.integers(4001, 30_000), st.sampled_from([0.0, 1e-4, 0.5, 0.999, 1.0])
+)
+@settings(deadline=None, max_examples=30)
+def test_a_long_line_keeps_its_extremes_and_gaps(seed, count, missing):
+    generator = np.random.default_rng(seed)
+    y = np.where(generator.random(count) < missing, np.nan, generator.normal(0.0, 100.0, count))
+    data = drawn(lambda axes: axes[0, 0].plot(np.arange(y.size), y))
+    (line,) = data["rows"][0][0]["lines"]
+    kept = unpacked(line["y"])
+    assert kept.size <= 4000
+    assert np.isnan(kept).any() == np.isnan(y).any()
+    if np.isfinite(y).any():
+        assert np.nanmax(kept) == pytest.approx(np.nanmax(y), abs=1e-4)
+        assert np.nanmin(kept) == pytest.approx(np.nanmin(y), abs=1e-4)
+
+
+def test_the_file_stands_beside_the_picture_and_goes_with_it(tmp_path):
+    figure = make_figure(3.0)
+    figure.subplots().plot([0, 1], [2, 3])
+    path = save_figure(figure, tmp_path / "a.png", "title")
+    assert json.loads(lines_path(path).read_text())["rows"][0][0]["lines"]
+    figure = make_figure(3.0)
+    figure.subplots().imshow(np.eye(2))
+    save_figure(figure, path, "title")
+    assert not lines_path(path).exists()

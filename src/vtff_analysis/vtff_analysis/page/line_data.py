@@ -1,0 +1,164 @@
+"""Lines of a matplotlib figure as data, so that a page can draw them anew and zoom into them.
+
+Beside each picture of lines stands a file of them. A picture with anything else that carries data
+(bars, points coloured by a value, images, polar axes) has none and stays a picture.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import pathlib
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import Collection, PolyCollection
+from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["line_data", "lines_path", "write_lines"]
+
+#: Samples of a line that are kept; longer lines keep smallest and largest value of equal pieces.
+_MOST_SAMPLES = 4000
+_ROUND = 1e-3  # of a line's height in the figure: places of axes within a row
+
+
+def lines_path(picture: pathlib.Path) -> pathlib.Path:
+    """Return the file of the lines of a picture."""
+    return picture.with_suffix(".lines.json")
+
+
+def write_lines(figure: Figure, picture: pathlib.Path) -> None:
+    """Write the lines of a figure beside its picture; remove an old file where it has none.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written.
+    """
+    data = line_data(figure)
+    path = lines_path(picture)
+    if data is None:
+        path.unlink(missing_ok=True)
+    else:
+        path.write_text(json.dumps(data, separators=(",", ":")), encoding="utf-8")
+
+
+def line_data(figure: Figure) -> dict[str, Any] | None:
+    """Return titles, axes and lines of a figure; None if it has data other than lines.
+
+    Returns
+    -------
+    dict or None
+        ``rows``: a list of rows of panels from above, each panel with ``title``, ``x``, ``y``
+        (labels), ``log`` (whether x and y are logarithmic), ``limits`` (x and y) and ``lines``.
+        A line has ``name``, ``colour``, ``dash``, ``points`` (whether it is points alone) and
+        whether it is the outline of an ``area``, and
+        either ``x`` and ``y`` (`_packed`), or ``across`` or ``upright``: the place of a line
+        through the whole panel.
+    """
+    panels = [axes for axes in figure.axes if axes.get_visible()]
+    if not panels or any(not _has_lines_alone(axes) for axes in panels):
+        return None
+    placed = sorted(panels, key=lambda axes: (-axes.get_position().y1, axes.get_position().x0))
+    rows: list[list[Axes]] = []
+    for axes in placed:
+        top = axes.get_position().y1
+        if rows and abs(rows[-1][0].get_position().y1 - top) < _ROUND:
+            rows[-1].append(axes)
+        else:
+            rows.append([axes])
+    return {"rows": [[_panel(axes) for axes in row] for row in rows]}
+
+
+def _has_lines_alone(axes: Axes) -> bool:
+    bands = [area for area in axes.collections if isinstance(area, PolyCollection)]
+    others = len(axes.collections) - len(bands)
+    filled = [*axes.images, *axes.patches, *axes.tables]
+    twins = axes.get_shared_x_axes().get_siblings(axes)
+    overlaid = any(other is not axes and other.bbox.bounds == axes.bbox.bounds for other in twins)
+    simple = axes.name == "rectilinear" and not filled and not others and not overlaid
+    return simple and bool(axes.lines)
+
+
+def _panel(axes: Axes) -> dict[str, Any]:
+    return {
+        "title": axes.get_title(loc="left") or axes.get_title(),
+        "x": axes.get_xlabel(),
+        "y": axes.get_ylabel(),
+        "log": [axes.get_xscale() == "log", axes.get_yscale() == "log"],
+        "limits": [list(map(float, axes.get_xlim())), list(map(float, axes.get_ylim()))],
+        "lines": [
+            *(_band(area) for area in axes.collections),
+            *(_line(axes, line) for line in axes.lines if line.get_visible()),
+        ],
+    }
+
+
+def _band(area: Collection) -> dict[str, Any]:
+    """Return an area between two lines as the corners of its polygons, which nan separates."""
+    label = str(area.get_label())
+    colours = area.get_facecolor()
+    corners = [np.vstack((path.vertices, [[np.nan, np.nan]])) for path in area.get_paths()]
+    outline = np.vstack(corners) if corners else np.empty((0, 2))
+    return {
+        "name": "" if label.startswith("_") else label,
+        "colour": to_hex(colours[0], keep_alpha=True) if len(colours) else "#00000000",
+        "dash": [],
+        "points": False,
+        "area": True,
+        "x": _packed(outline[:, 0]),
+        "y": _packed(outline[:, 1]),
+    }
+
+
+def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
+    label = str(line.get_label())
+    style = line.get_linestyle()
+    points = style in ("None", "", " ")
+    described: dict[str, Any] = {
+        "name": "" if label.startswith("_") else label,
+        "colour": to_hex(str(line.get_markerfacecolor()) if points else line.get_color()),
+        "dash": [] if points or style == "-" else [5, 3] if style == "--" else [2, 3],
+        "points": points,
+    }
+    x = np.asarray(line.get_xdata(orig=False), dtype=float)
+    y = np.asarray(line.get_ydata(orig=False), dtype=float)
+    if line.get_transform() == axes.get_yaxis_transform(which="grid"):
+        return {**described, "across": float(y[0])}
+    if line.get_transform() == axes.get_xaxis_transform(which="grid"):
+        return {**described, "upright": float(x[0])}
+    if line.get_drawstyle() == "steps-post":
+        described["steps"] = True
+    x, y = _thinned(x, y)
+    return {**described, "x": _packed(x), "y": _packed(y)}
+
+
+def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a line of at most `_MOST_SAMPLES` samples with all its extremes and gaps."""
+    if x.size <= _MOST_SAMPLES:
+        return x, y
+    keep = []
+    for piece in np.array_split(np.arange(x.size), _MOST_SAMPLES // 3):
+        values = y[piece]
+        finite = np.flatnonzero(np.isfinite(values))
+        chosen = set() if finite.size == values.size else {int(np.argmin(np.isfinite(values)))}
+        if finite.size:
+            chosen |= {
+                int(finite[np.argmin(values[finite])]),
+                int(finite[np.argmax(values[finite])]),
+            }
+        keep += [int(piece[index]) for index in sorted(chosen)]
+    return x[keep], y[keep]
+
+
+def _packed(values: FloatArray) -> dict[str, Any]:
+    """Return numbers as base64 of 32-bit differences to their middle, to nine digits or so."""
+    finite = values[np.isfinite(values)]
+    middle = 0.5 * float(finite.min() + finite.max()) if finite.size else 0.0
+    differences = (values - middle).astype("<f4")
+    return {"middle": middle, "float32": base64.b64encode(differences.tobytes()).decode("ascii")}
