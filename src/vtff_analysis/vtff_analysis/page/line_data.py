@@ -102,7 +102,7 @@ def _panel(axes: Axes) -> dict[str, Any]:
 def _band(area: Collection) -> dict[str, Any]:
     """Return an area between two lines as the corners of its polygons, which nan separates."""
     label = str(area.get_label())
-    colours = area.get_facecolor()
+    colours: Any = area.get_facecolor()
     corners = [np.vstack((path.vertices, [[np.nan, np.nan]])) for path in area.get_paths()]
     outline = np.vstack(corners) if corners else np.empty((0, 2))
     return {
@@ -120,9 +120,10 @@ def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
     label = str(line.get_label())
     style = line.get_linestyle()
     points = style in ("None", "", " ")
+    colour: Any = line.get_markerfacecolor() if points else line.get_color()
     described: dict[str, Any] = {
         "name": "" if label.startswith("_") else label,
-        "colour": to_hex(str(line.get_markerfacecolor()) if points else line.get_color()),
+        "colour": to_hex(colour),
         "dash": [] if points or style == "-" else [5, 3] if style == "--" else [2, 3],
         "points": points,
     }

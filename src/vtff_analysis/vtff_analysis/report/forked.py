@@ -9,7 +9,7 @@ import pickle
 import signal
 import tempfile
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import TypeVar
 
 __all__ = ["run_forked", "usable_processors"]
@@ -70,16 +70,13 @@ def _run_copies(tasks: Sequence[Callable[[], Result]], files: Sequence[pathlib.P
     os.close(write)
     copies: list[int] = []
     try:
-        # An interrupt waits until every copy is noted; it is none of theirs.
-        held = signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT,))
-        try:
+        with _interrupts_held():
             for file in files:
                 copy = os.fork()
                 if copy == 0:
+                    signal.signal(signal.SIGINT, signal.SIG_IGN)  # it is for the parent
                     _work(tasks, read, file)
                 copies.append(copy)
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, held)
         while copies:
             os.waitpid(copies[-1], 0)
             copies.pop()
@@ -89,6 +86,25 @@ def _run_copies(tasks: Sequence[Callable[[], Result]], files: Sequence[pathlib.P
             with contextlib.suppress(ProcessLookupError):
                 os.kill(copy, signal.SIGKILL)
             os.waitpid(copy, 0)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Let an interrupt wait until the end of the context.
+
+    A mask of signals would not do: a thread of a library, which has no mask, takes the signal, and
+    Python raises KeyboardInterrupt in whatever the main thread does next. In a function that Python
+    calls after a fork that exception would be lost.
+    """
+    came = []
+    handler = signal.signal(signal.SIGINT, lambda *arguments: came.append(arguments))
+    try:
+        yield
+    finally:
+        # A handler that was not set from Python is None, and cannot be set again.
+        signal.signal(signal.SIGINT, signal.SIG_DFL if handler is None else handler)
+        if came:
+            signal.raise_signal(signal.SIGINT)
 
 
 def _work(tasks: Sequence[Callable[[], Result]], read: int, file: pathlib.Path) -> None:

@@ -80,7 +80,7 @@ def ros_arguments(node):
 
 @pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
 def test_same_command_lines_as_the_runner(kept_launch, monkeypatch, tmp_path, pacing):
-    monkeypatch.setattr("vtff_bringup.system.system_file.free_port", lambda: 40000)
+    monkeypatch.setattr("vtff_bringup.system.system_file.choose_free_port", lambda *taken: 40000)
     run = tmp_path / "run"
     override = "sdre_controller.design:=delay_aware"
     actions = launch_system.launch_actions(
