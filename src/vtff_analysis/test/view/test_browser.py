@@ -146,7 +146,7 @@ def test_controls_move_the_time(visit_without_cesium):
     visit = visit_without_cesium
     now = "window.vtff.timeline.time"
     assert visit.value(now) == 0
-    visit.page.get_by_label("Speed").select_option("200")
+    visit.page.get_by_label("Speed").select_option("30")
     visit.page.get_by_role("button", name="Play or pause").click()
     visit.wait(f"{now} > 20")
     assert visit.page.locator("#utc").inner_text().startswith("2016-03-21 0")
