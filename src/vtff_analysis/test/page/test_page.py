@@ -7,6 +7,7 @@ import yaml
 
 from vtff_analysis.page.citation import PAPERS
 from vtff_analysis.page.page import Picture, render_figures, render_page, render_table
+from vtff_analysis.page.results import Section, flat_rows, write_results
 from vtff_analysis.plot_style import make_figure, save_figure
 
 
@@ -38,3 +39,18 @@ def test_the_citation_file_names_the_same_papers():
     assert cited == {paper.doi for paper in PAPERS.values() if paper.doi}
     changes = (root / "CHANGELOG.md").read_text(encoding="utf-8")
     assert f"## {citation['version']}" in changes
+
+
+def test_results_are_tables_remarks_and_pictures(tmp_path):
+    figure = make_figure(3.0)
+    figure.subplots().plot([0, 1], [2, 3])
+    picture = save_figure(figure, tmp_path / "a.png", "t")
+    values = {"a_b": 1.23456789, "none": None, "of": {"x": (1, 2.5)}, "list": [{"y": "<z>"}]}
+    rows = flat_rows(values)
+    assert rows == [("a b", "1.23457"), ("of, x", "1, 2.5"), ("list 1, y", "<z>")]
+    section = Section("Head", ("", "value"), rows, [(picture, "caption")], ("beware",))
+    write_results(tmp_path / "r.html", "Title", [section], ["004"], "vtff tec x")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    for text in ("Title", "Head", "&lt;z&gt;", "beware", "caption", "data-lines", "vtff tec x"):
+        assert text in page, text
+    assert PAPERS["004"].doi in page

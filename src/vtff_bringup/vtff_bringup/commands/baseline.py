@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated, Optional
@@ -11,6 +12,7 @@ from rich.console import Console
 from rich.progress import Progress
 from rich.table import Table
 
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -239,6 +241,7 @@ def _compute(
     from vtff_analysis.baseline.processing import process_baseline
     from vtff_analysis.baseline.summary import summarise
     from vtff_analysis.baseline.truth import errors_local
+    from vtff_analysis.page.results import Section, flat_rows, write_results
     from vtff_bag.run.folder import output_folder
 
     for remark in sources.remarks:
@@ -255,14 +258,18 @@ def _compute(
     write_csv(run, errors, folder / "baseline.csv")
     write_json(summary, folder / "baseline.json")
     title = f"{sources.rover_name} relative to {sources.base_name}"
-    write_plot(run, errors, folder / "baseline.png", title)
+    plot = write_plot(run, errors, folder / "baseline.png", title)
+    rows = [("used", line) for line in sources.usage] + flat_rows(dataclasses.asdict(summary))
+    caption = "Components with three sigma, kind of solution and satellites."
+    section = Section("", ("", "m, s"), rows, [(plot, caption)], sources.remarks)
+    write_results(folder / "baseline.html", title, (section,), command=command_line())
     console.print(title, markup=False, style="bold", soft_wrap=True)
     for line in (*sources.usage, *_summary_lines(run, summary)):
         console.print(f"  {line}", markup=False, soft_wrap=True)
     console.print(_make_table(options, run, summary))
     for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:
         console.print(f"  {count} epochs: {reason}", markup=False, soft_wrap=True)
-    console.print(f"CSV, JSON and plot: {folder}", markup=False, soft_wrap=True)
+    console.print(f"CSV, JSON, plot and page: {folder}", markup=False, soft_wrap=True)
     if summary.mean is None:
         console.print("[red]error:[/red] no epoch has a solution")
         return EXIT_FAILURE

@@ -15,6 +15,7 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder, remove_if_empty
 from vtff_bringup.commands.campaign import conclude_campaign, fly_campaign_visibly, stop
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_node.executables import ExecutableNotFoundError, share_file
 
@@ -230,6 +231,7 @@ def snap1(
 
     _compare_with_paper(
         "snap1",
+        "003",
         out,
         lambda folder, say: run_snap1(folder, hours, seed, say),
         "assumed: " + "; ".join(ASSUMPTIONS),
@@ -256,6 +258,7 @@ def fflas(
 
     _compare_with_paper(
         "fflas",
+        "002",
         out,
         lambda folder, say: run_fflas(folder, days, say),
         "faults of the paper: " + "; ".join(FAULTS),
@@ -282,6 +285,7 @@ def potential_field(
 
     _compare_with_paper(
         "potential_field",
+        "001",
         out,
         lambda folder, say: run_potential_field(folder, starts, seed, say),
         "faults of the paper: " + "; ".join(FAULTS),
@@ -290,18 +294,27 @@ def potential_field(
 
 def _compare_with_paper(
     name: str,
+    paper: str,
     out: pathlib.Path | None,
     run: Callable[[pathlib.Path, Callable[[str], None]], Sequence[ComparisonRow]],
     remark: str,
 ) -> None:
-    """Run a study in its folder and print its rows, paper beside measured.
+    """Run a study in its folder; print its rows, paper beside measured, and write its page.
 
     `run` gets the folder and the function that prints a line of progress.
     """
+    from vtff_analysis.page.results import Section, write_results
+
     console = Console(highlight=False)
     try:
         folder = output_folder(out, name, parent="studies")
         rows = run(folder, lambda line: console.print(line, markup=False))
+        texts = [(row.subject, row.quantity, row.paper, row.measured) for row in rows]
+        pictures = [(path, path.stem.replace("_", " ")) for path in sorted(folder.glob("*.png"))]
+        heads = ("", "", "paper", "measured")
+        section = Section("", heads, texts, pictures, (remark,), numbers=False)
+        page = folder / f"{name}.html"
+        write_results(page, f"vtff study {name}", (section,), (paper,), command_line())
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
     except OSError as error:
@@ -311,7 +324,7 @@ def _compare_with_paper(
         table.add_row(row.subject, row.quantity, row.paper, row.measured)
     console.print(table)
     console.print(remark, markup=False)
-    console.print(f"table and figures: {folder}", markup=False, soft_wrap=True)
+    console.print(f"table and figures: {page}", markup=False, soft_wrap=True)
 
 
 def _fly_offsets(

@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.errors import (
     describe_os_error,
     exit_with_error,
@@ -85,6 +86,7 @@ def tec(
     vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
     # Imported here, because numpy, numba and matplotlib take a while.
+    from vtff_analysis.page.results import Section, flat_rows, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_analysis.tec.output import write_summary
     from vtff_analysis.tec.receiver_orbit import open_receiver_orbit
@@ -104,6 +106,7 @@ def tec(
     for remark in navigation.remarks:
         print_note(console, remark)
     summaries: list[dict[str, Any]] = []
+    sections = []
     failed = 0
     entries = find_tasks(files)
     tasks = [entry for entry in entries if not isinstance(entry, TecOutcome)]
@@ -123,11 +126,23 @@ def tec(
             else:
                 _print_summary(console, outcome.summary)
                 summaries.append(outcome.summary)
+                shown = {key: value for key, value in outcome.summary.items() if key != "remarks"}
+                picture = (folder / f"{outcome.task.name}_tec.png", "Content and its rates.")
+                sections.append(
+                    Section(
+                        outcome.summary["source"],
+                        ("", ""),
+                        flat_rows(shown),
+                        [picture],
+                        outcome.summary["remarks"],
+                    )
+                )
             bar.advance(progress)
     if not summaries:
         remove_if_empty(folder)
         raise typer.Exit(EXIT_USAGE)
     write_summary(summaries, folder / "tec.json")
+    write_results(folder / "tec.html", "Electron content", sections, command=command_line())
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
