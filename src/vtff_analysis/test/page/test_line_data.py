@@ -69,9 +69,10 @@ def test_lines_through_the_panel_and_areas():
         lambda axes: axes[0, 0].scatter([0, 1], [0, 1], c=[0.0, 1.0]),
         lambda axes: axes[0, 0].imshow(np.eye(3)),
         lambda axes: axes[0, 0].bar([0, 1], [1, 2]),
+        lambda axes: (axes[0, 0].plot([0, 1], [0, 1]), axes[0, 0].set_aspect("equal")),
         lambda axes: None,
     ],
-    ids=["colours", "image", "bars", "nothing"],
+    ids=["colours", "image", "bars", "equal scales", "nothing"],
 )
 def test_other_figures_stay_pictures(draw):
     assert drawn(draw) is None

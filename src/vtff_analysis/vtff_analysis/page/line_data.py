@@ -81,7 +81,9 @@ def _has_lines_alone(axes: Axes) -> bool:
     filled = [*axes.images, *axes.patches, *axes.tables]
     twins = axes.get_shared_x_axes().get_siblings(axes)
     overlaid = any(other is not axes and other.bbox.bounds == axes.bbox.bounds for other in twins)
-    simple = axes.name == "rectilinear" and not filled and not others and not overlaid
+    # Equal scales on both axes would be lost: a circle is to stay a circle.
+    plain = axes.name == "rectilinear" and axes.get_aspect() == "auto"
+    simple = plain and not filled and not others and not overlaid
     return simple and bool(axes.lines)
 
 
