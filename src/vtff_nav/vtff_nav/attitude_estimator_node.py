@@ -15,7 +15,12 @@ from vtff_msgs.msg import AdcsReport, AttitudeState, OrbitState
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.determination import DeterminationConfiguration
 from vtff_nav.attitude.observability import dipole_observability
-from vtff_nav.attitude.onboard import ModuleReport, OnboardAttitude, OnboardAttitudeEstimator
+from vtff_nav.attitude.onboard import (
+    ModuleReport,
+    OnboardAttitude,
+    OnboardAttitudeEstimator,
+    compile_kernels,
+)
 from vtff_nav.attitude.orbit_memory import OrbitMemory, OrbitPoint
 from vtff_node import diagnostics
 from vtff_node.main import run_node
@@ -121,6 +126,8 @@ class AttitudeEstimatorNode(VtffNode):
             converged_deg=given.converged_deg,
             starting_rate=given.starting_rate,
         )
+        # Takes seconds without a cache, which the first sample cannot wait.
+        compile_kernels(body, configuration)
         self._estimator = OnboardAttitudeEstimator(body, configuration, watch)
         self._orbit = OrbitMemory()
         self._order = StampOrder()

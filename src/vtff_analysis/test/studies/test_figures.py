@@ -25,7 +25,7 @@ NOT_FIGURES = {
     *("vtff_version", "git_commit", "git_modified", "machine_cpu_model", "machine_cpu_cores"),
     *("machine_python", "machine_platform", "control_input", "controller_design"),
     *("controller_feedforward", "acceleration_cap_m_per_s2", "receivers"),
-    *("safety_taken_over_deputies", "safety_reason", "safety_isolated_axes"),
+    *("safety_taken_over_deputies", "safety_reason", "safety_isolated_axes", "attitude_mode"),
 }
 """Keys of a summary that say how it was made, or are words."""
 

@@ -7,11 +7,13 @@ and the field of the model there, the caller gives.
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import dataclass
 
 import numpy as np
 
 from vtff_dynamics.attitude.field_motion import field_motion
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.attitude.attitude_filter import AttitudeEstimate, FilterPeriod
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
@@ -22,7 +24,7 @@ from vtff_nav.attitude.determination import (
 )
 from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
 
-__all__ = ["ModuleReport", "OnboardAttitude", "OnboardAttitudeEstimator"]
+__all__ = ["ModuleReport", "OnboardAttitude", "OnboardAttitudeEstimator", "compile_kernels"]
 
 
 @dataclass(frozen=True)
@@ -162,3 +164,28 @@ class OnboardAttitudeEstimator:
             wheel.follows,
             not status.reason.startswith("magnetometer"),
         )
+
+
+def compile_kernels(body: BodyModel, filter_configuration: AttitudeFilterConfiguration) -> float:
+    """Compile the loops of the filter, or load them from the cache; return the time taken, s.
+
+    The first samples do this too; a node calls it before the first step is due. An estimator of its
+    own takes some samples of a field that turns slowly.
+
+    Parameters
+    ----------
+    body : BodyModel
+    filter_configuration : AttitudeFilterConfiguration
+    """
+    begin = time.perf_counter()
+    radius = 7.0e6
+    state = np.array([radius, 0.0, 0.0, 0.0, math.sqrt(GM_EARTH / radius), 0.0])
+    estimator = OnboardAttitudeEstimator(body, filter_configuration)
+    strength = 3e-5  # T
+    for number in range(3):
+        angle = 0.01 * number
+        field = strength * np.array([math.cos(angle), math.sin(angle), 0.1])
+        samples = np.array([field, field])
+        report = ModuleReport(5.0, samples, (0.8, 0.0), 0.0, 0.0, np.array([0.1, -0.2, 0.3]))
+        estimator.process(report, state, field, field)
+    return time.perf_counter() - begin
