@@ -27,7 +27,8 @@ def choose_free_port(taken: Collection[int] = ()) -> int:
     taken
         Ports that are chosen for other programs of the run.
     """
-    candidates = [port for port in _UPPER_PORTS if port not in _automatic_ports()]
+    automatic = _automatic_ports()
+    candidates = [port for port in _UPPER_PORTS if port not in automatic]
     random.shuffle(candidates)  # of the system, not of the seed of a run: runs must differ
     for port in candidates[:_ATTEMPTS]:
         if port not in taken and _is_free(port):
