@@ -15,8 +15,8 @@ from typing import Any
 import can
 import numpy as np
 
-from vtff_control.bus.checksum import checksum
 from vtff_control.bus.database import load_messages
+from vtff_control.bus.frames import encode_frame, find_damage
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["AdcsAnswer", "AdcsFrameError", "AdcsFrames", "AdcsModuleReport"]
@@ -203,12 +203,9 @@ class AdcsFrames:
             return None
         if frame.arbitration_id in self.command_identifiers:
             return None  # our own, on a bus that gives them back, or in a log
-        payload = bytes(frame.data)
-        if frame.is_remote_frame or len(payload) != message.length:
-            raise AdcsFrameError(f"{message.name}: {len(payload)} bytes, {message.length} expected")
-        if payload[0] != checksum(frame.arbitration_id, payload):
-            raise AdcsFrameError(f"{message.name}: wrong checksum")
-        values = message.decode(payload, decode_choices=False, scaling=True)
+        if damage := find_damage(message, frame):
+            raise AdcsFrameError(damage)
+        values = message.decode(bytes(frame.data), decode_choices=False, scaling=True)
         if message.name == "AdcsAnswer":
             return AdcsAnswer(
                 values["Sequence"],
@@ -253,10 +250,7 @@ class AdcsFrames:
         )
 
     def _frame(self, name: str, values: dict[str, int]) -> can.Message:
-        message = self._messages[name]
-        payload = bytearray(message.encode({"Checksum": 0, **values}, scaling=False, strict=False))
-        payload[0] = checksum(message.frame_id, payload)
-        return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
+        return encode_frame(self._messages[name], values)
 
 
 def _pulses(values: dict[str, Any]) -> tuple[int, int, int]:

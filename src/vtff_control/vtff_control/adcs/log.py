@@ -46,7 +46,7 @@ def read_reports(
 ) -> Iterator[tuple[int, AdcsModuleReport]]:
     """Return stamp, ns since 1970, and report of each period in a log.
 
-    What is damaged is left out; a log that is cut in its last line ends there.
+    Damaged lines and frames are left out; a log that is cut in its last line ends there.
 
     Raises
     ------

@@ -63,7 +63,7 @@ class AdcsLink:
     bus
         The connection.
     counters
-        What has happened so far.
+        Events of the link so far.
     heard_at
         ``clock()`` at the newest frame of the module, or None.
     """

@@ -15,8 +15,8 @@ import can
 import numpy as np
 import numpy.typing as npt
 
-from vtff_control.bus.checksum import checksum
 from vtff_control.bus.database import load_messages
+from vtff_control.bus.frames import encode_frame, find_damage
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
@@ -219,13 +219,10 @@ class ThrusterFrames:
         message = self._by_identifier.get(frame.arbitration_id)
         if message is None or frame.is_extended_id or frame.is_error_frame:
             return None
-        payload = bytes(frame.data)
         first, self._first_half = self._first_half, None
-        if frame.is_remote_frame or len(payload) != message.length:
-            raise FrameError(f"{message.name}: {len(payload)} bytes, {message.length} expected")
-        if payload[0] != checksum(frame.arbitration_id, payload):
-            raise FrameError(f"{message.name}: wrong checksum")
-        values = message.decode(payload, decode_choices=False, scaling=False)
+        if damage := find_damage(message, frame):
+            raise FrameError(damage)
+        values = message.decode(bytes(frame.data), decode_choices=False, scaling=False)
         if message.name == "ThrusterHeartbeat":
             self._first_half = first  # it may come between the halves of a report
             return self._heartbeat(values)
@@ -239,11 +236,7 @@ class ThrusterFrames:
         return self._report(first, values)
 
     def _frame(self, name: str, values: dict[str, int]) -> can.Message:
-        message = self._messages[name]
-        # Not strict: the values are in range, and checking that again triples the time.
-        payload = bytearray(message.encode({"Checksum": 0, **values}, scaling=False, strict=False))
-        payload[0] = checksum(message.frame_id, payload)
-        return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
+        return encode_frame(self._messages[name], values)
 
     def _report(self, first: dict[str, int], second: dict[str, int]) -> ThrustReport:
         counts = (first["AccelerationR"], first["AccelerationT"], second["AccelerationN"])

@@ -18,7 +18,7 @@ import cantools
 import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_sim_bridge.thruster.can_thruster_emulator import checksum
+from vtff_sim_bridge.thruster.device_frames import decode_frame, encode_frame
 
 __all__ = ["AdcsBus", "AdcsModulePort"]
 
@@ -45,7 +45,7 @@ class AdcsModulePort:
     longest_pulse
         Longest pulse that leaves the quiet window free, steps.
     largest_wheel_speed_rpm
-        What the wheel reaches.
+        Largest speed that the wheel reaches.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class AdcsModulePort:
         field_body
             T, shape (count, 3); at most three samples.
         pulse_steps, wheel_command_rpm, wheel_speed_rpm
-            What was given, told and measured.
+            Pulses given, wheel speed commanded and measured.
         """
         sequence = self._reports % 16
         self._reports += 1
@@ -136,15 +136,10 @@ class AdcsModulePort:
         message = self._commands.get(frame.arbitration_id)
         if message is None or frame.is_extended_id or frame.is_error_frame:
             return []
-        payload = bytes(frame.data)
-        if (
-            frame.is_remote_frame
-            or len(payload) != message.length
-            or payload[0] != checksum(frame.arbitration_id, payload)
-        ):
+        values = decode_frame(message, frame)
+        if values is None:
             self.rejected_frames += 1
             return []
-        values: dict[str, int] = message.decode(payload, decode_choices=False, scaling=False)
         if message.name == "AdcsFiring":
             self._firing = values
             return []
@@ -164,10 +159,7 @@ class AdcsModulePort:
         return round(speed_rpm / self._wheel_scale)
 
     def _frame(self, name: str, values: dict[str, int]) -> can.Message:
-        message = self._messages[name]
-        payload = bytearray(message.encode({"Checksum": 0, **values}, scaling=False, strict=False))
-        payload[0] = checksum(message.frame_id, payload)
-        return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
+        return encode_frame(self._messages[name], values)
 
 
 class AdcsBus:

@@ -20,11 +20,11 @@ from typing import Any
 
 import can
 import cantools
-from crccheck.crc import Crc8SaeJ1850
 
 from vtff_node.loopback_can_bus import LoopbackCanBus
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.stop_signals import StopRequest
+from vtff_sim_bridge.thruster.device_frames import decode_frame, encode_frame
 
 LOGGER = logging.getLogger("can_thruster_emulator")
 
@@ -45,14 +45,12 @@ STATE_FAULT = 3
 
 _WEEK = 604_800_000  # ms
 _LARGEST_COUNTER = 0xFFFF
-# Remainder of the checksum after one byte; crccheck itself goes bit by bit, which is slow.
-_CHECKSUM_STEP = bytes(Crc8SaeJ1850.calc(bytes([x]), initvalue=0) ^ 0xFF for x in range(256))
 _NO_THRUST = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class Device:
-    """What a thruster can give, m/s2 on each axis.
+    """Limits of a thruster, m/s2 on each axis.
 
     Parameters
     ----------
@@ -213,18 +211,13 @@ class CanThruster:
         message = self._command_messages.get(frame.arbitration_id)
         if message is None or frame.is_extended_id or frame.is_error_frame:
             return []
-        payload = bytes(frame.data)
         first = self._first_half
         if message.name != "ThrusterIsolation":
             self._first_half = None
-        if (
-            frame.is_remote_frame
-            or len(payload) != message.length
-            or payload[0] != checksum(frame.arbitration_id, payload)
-        ):
+        values = decode_frame(message, frame)
+        if values is None:
             self.rejected_frames += 1
             return []
-        values: dict[str, int] = message.decode(payload, decode_choices=False, scaling=False)
         if message.name == "ThrusterIsolation":
             self._isolate(values)
             return []
@@ -355,18 +348,7 @@ class CanThruster:
         return self._frame("ThrusterHeartbeat", values)
 
     def _frame(self, name: str, values: dict[str, int]) -> can.Message:
-        message = self._messages[name]
-        payload = bytearray(message.encode({"Checksum": 0, **values}, scaling=False, strict=False))
-        payload[0] = checksum(message.frame_id, payload)
-        return can.Message(arbitration_id=message.frame_id, data=payload, is_extended_id=False)
-
-
-def checksum(frame_identifier: int, payload: bytes | bytearray) -> int:
-    """Return the CRC-8 SAE J1850 of identifier (low byte first) and bytes 1 to 7."""
-    remainder = 0xFF
-    for byte in frame_identifier.to_bytes(2, "little") + payload[1:]:
-        remainder = _CHECKSUM_STEP[remainder ^ byte]
-    return remainder ^ 0xFF
+        return encode_frame(self._messages[name], values)
 
 
 def serve(
