@@ -136,10 +136,14 @@ class SceneBuilder:
         time
             Log time or time of arrival in the scale of the stamps, ns since 1970.
         """
+        return self._take_slot(topic, time) or bool(_NEVER_THINNED.search(topic))
+
+    def _take_slot(self, name: str, time: int) -> bool:
+        """Return whether the slot of a time, ns, was free for a name; it is taken then."""
         slot = (time + round(_EARLY * self._slot)) // self._slot
-        if self._newest.get(topic) == slot:
-            return bool(_NEVER_THINNED.search(topic))
-        self._newest[topic] = slot
+        if self._newest.get(name) == slot:
+            return False
+        self._newest[name] = slot
         return True
 
     def add(self, topic: str, time: int, message: Any) -> None:
@@ -213,10 +217,8 @@ class SceneBuilder:
         estimated = source == "estimate"
         if estimated:
             self._note_solution(deputy, stamp, message.solution)
-            slot = (stamp + round(_EARLY * self._slot)) // self._slot
-            if self._newest.get(f"relative/{deputy}") == slot:
+            if not self._take_slot(f"relative/{deputy}", stamp):
                 return
-            self._newest[f"relative/{deputy}"] = slot
         unusable = estimated and message.solution == RelativeState.SOLUTION_NONE
         if unusable or not np.isfinite(message.position).all():
             return

@@ -27,13 +27,12 @@ export class Capture {
     context.fillStyle = page().ink;
     context.font = "600 13px system-ui, sans-serif";
     context.fillText(this.describe(), 8, 18);
-    const drawn = this.panels().map((panel) => panel.picture?.()); // WebGL draws again to be read
+    for (const panel of this.panels()) panel.redraw?.(); // WebGL is read while its picture is new
     for (const canvas of this.main.querySelectorAll("canvas")) {
       if (canvas.hidden || canvas.closest("[hidden], #legend") || !canvas.clientWidth) continue;
       const box = canvas.getBoundingClientRect();
       context.drawImage(canvas, box.left - bounds.left, box.top - bounds.top + HEADER, box.width, box.height);
     }
-    return drawn;
   }
 
   savePicture(name) {

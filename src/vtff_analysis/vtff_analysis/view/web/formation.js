@@ -100,7 +100,7 @@ export class FormationView {
     this.labels.modelMatrix = frame;
     const size = CRAFT_SHARE * range;
     this.drawAxes(range);
-    this.placeCraft(this.chief, frame, [0, 0, 0], size);
+    place(Cesium, this.chief, frame, [0, 0, 0], size);
     this.keepOut.show = this.scene.hardRadius > 0 && this.scene.hardRadius < range;
     place(Cesium, this.keepOut, frame, [0, 0, 0], this.scene.hardRadius);
     for (const [deputy, parts] of this.deputies) {
@@ -124,7 +124,7 @@ export class FormationView {
   drawDeputy(deputy, parts, frame, at, time, range) {
     const { Cesium } = this;
     const size = CRAFT_SHARE * range;
-    this.placeCraft(parts.craft, frame, at, size);
+    place(Cesium, parts.craft, frame, at, size);
     parts.baseline.positions = this.cartesians([[0, 0, 0], at]);
     const [position, middle] = this.cartesians([at, at.map((value) => value / 2)]);
     parts.length.position = middle;
@@ -238,10 +238,6 @@ export class FormationView {
       ],
       appearance: new Cesium.PerInstanceColorAppearance({ flat: false, translucent: false, closed: true }),
     }));
-  }
-
-  placeCraft(craft, frame, at, size) {
-    place(this.Cesium, craft, frame, at, size);
   }
 }
 

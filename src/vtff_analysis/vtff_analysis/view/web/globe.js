@@ -347,7 +347,7 @@ class Globe {
     const { Cesium } = this;
     const { camera } = this.widget.scene;
     this.camera = where;
-    this.offset = null;
+    this.placed = false; // whether the camera has its place in the frame that it looks into
     this.formation.show(where === "formation");
     // Close up the marks of spacecraft on the globe would stand in the way.
     for (const parts of this.crafts.values()) {
@@ -394,15 +394,14 @@ class Globe {
   // Look at the origin of a frame from where the user has turned to, first from `start`.
   lookAlong(transform, start) {
     const { camera } = this.widget.scene;
-    const offset = this.offset ? this.Cesium.Cartesian3.clone(camera.position) : start;
+    const offset = this.placed ? this.Cesium.Cartesian3.clone(camera.position) : start;
     camera.lookAtTransform(transform, offset);
-    this.offset = true;
+    this.placed = true;
   }
 
-  // Draw now and return the canvas: WebGL forgets its picture after the frame.
-  picture() {
+  // Draw now, so that the canvas can be read: WebGL forgets its picture after the frame.
+  redraw() {
     this.widget.scene.render();
-    return this.widget.canvas;
   }
 }
 

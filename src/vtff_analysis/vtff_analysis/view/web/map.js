@@ -26,10 +26,6 @@ export class GroundMap {
     this.quantity = quantity;
   }
 
-  picture() {
-    return this.canvas;
-  }
-
   get colourRange() {
     return { s4: S4_RANGE, vtec_tecu: [0, 50] }[this.quantity] ?? CN0_RANGE;
   }
