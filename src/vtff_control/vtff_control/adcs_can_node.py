@@ -61,7 +61,7 @@ class AdcsCanParameters:
 
 @dataclass(frozen=True)
 class _Awaited:
-    """What is awaited from the module: the report of a stamp, or the answer to a command."""
+    """A frame that is awaited: the report of a stamp, or the answer to a command."""
 
     stamp: int  # ns
     started: float  # time.perf_counter()

@@ -52,7 +52,7 @@ class AttitudeColumns:
 
 @dataclass(frozen=True, eq=False)
 class CommandColumns:
-    """What a module accepted, one row for each period.
+    """Commands that a module accepted, one row for each period.
 
     Attributes
     ----------

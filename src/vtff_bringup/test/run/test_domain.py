@@ -31,7 +31,7 @@ sys.stdin.read()
 
 @pytest.fixture
 def coordinated():
-    """What keeps runs that choose by themselves, of other tests too, out of `free_domain`."""
+    """Ports that keep runs which choose by themselves, of other tests too, out of `free_domain`."""
     with contextlib.ExitStack() as coordinated:
         yield coordinated
 

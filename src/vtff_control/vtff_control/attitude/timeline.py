@@ -23,7 +23,7 @@ class Firing:
 
 @dataclass(frozen=True)
 class AttitudeTimeline:
-    """What happens when.
+    """Modes and firings of a run by their times.
 
     Attributes
     ----------

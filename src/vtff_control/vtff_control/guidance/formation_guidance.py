@@ -102,11 +102,11 @@ class Reconfiguration:
     Attributes
     ----------
     request
-        What was asked for.
+        Request that began it.
     flight
         The plan under way.
     velocity_changes
-        What each spacecraft was commanded, m/s.
+        Velocity change commanded to each spacecraft, m/s.
     finished, success, message
         Whether and how it ended.
     """

@@ -24,7 +24,7 @@ def read_formations(
     Parameters
     ----------
     fields
-        What the file holds: ``formation: {spacecraft: [6 numbers]}``.
+        Content of the file: ``formation: {spacecraft: [6 numbers]}``.
     file
         Its name, for messages.
     spacecraft

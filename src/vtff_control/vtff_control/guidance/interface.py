@@ -31,7 +31,7 @@ PLUGIN_MODE = "plugin"
 
 @dataclass(frozen=True)
 class GuidanceSetting:
-    """What `formation_guidance` gives a guidance, which uses what it needs.
+    """Setting that `formation_guidance` gives a guidance; the guidance may leave parts of it.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class FormationState:
 
 @dataclass(frozen=True, eq=False)
 class SpacecraftTarget:
-    """What one spacecraft shall do.
+    """Target of a spacecraft for a step.
 
     Attributes
     ----------
@@ -121,7 +121,7 @@ class GuidanceResult:
     closest_approach
         Smallest distance of any pair in the plan, m; not a number without one.
     velocity_changes_left
-        What the plan still has, of each spacecraft, m/s.
+        Velocity change that the plan still has for each spacecraft, m/s.
     """
 
     targets: Mapping[str, SpacecraftTarget]
@@ -161,7 +161,7 @@ def check_guidance_result(result: object, spacecraft: tuple[str, ...]) -> None:
     Parameters
     ----------
     result
-        What a guidance has returned.
+        Result that a guidance has returned.
     spacecraft
         Names that must have a target.
 

@@ -138,7 +138,7 @@ class TimelineEntry:
     time
         s after the first states.
     request
-        What is asked for then.
+        Mode or reconfiguration that is asked for then.
     """
 
     time: float

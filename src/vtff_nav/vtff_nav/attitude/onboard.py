@@ -29,7 +29,7 @@ __all__ = ["ModuleReport", "OnboardAttitude", "OnboardAttitudeEstimator", "compi
 
 @dataclass(frozen=True)
 class ModuleReport:
-    """What the ADCS module says at the end of a period, as the estimator uses it.
+    """Report of the ADCS module at the end of a period, as the estimator uses it.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class ModuleReport:
 
 @dataclass(frozen=True)
 class OnboardAttitude:
-    """What is known on board at the end of a period.
+    """Estimate on board at the end of a period.
 
     Attributes
     ----------

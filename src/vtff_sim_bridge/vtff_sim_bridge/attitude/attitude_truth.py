@@ -43,7 +43,7 @@ class AttitudeTruth:
     Attributes
     ----------
     report
-        What the module says of the period that has just ended; of none before the first.
+        Report of the module on the period that has just ended; before the first, on none.
 
     Raises
     ------
