@@ -5,6 +5,7 @@ Nothing is downloaded, built or asked of this machine.
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import pathlib
 import re
@@ -224,6 +225,54 @@ def test_vtff_command_runs_in_the_environment(tree):
     command = (tree.root / ".venv/bin/vtff").read_text()
     assert f'. "{tree.root}/.venv/vtff_environment.sh"' in command
     assert os.access(tree.root / ".venv/bin/vtff", os.X_OK)
+
+
+PLAIN = {"PATH": "/usr/bin:/bin", "HOME": "/"}
+
+
+@pytest.mark.parametrize(
+    ("settings", "shown"),
+    [
+        (PLAIN, "script "),
+        ({**PLAIN, "PYTHONPATH": "own"}, "script own:script"),
+        ({**PLAIN, "PYTHONPATH": "ros", "AMENT_PREFIX_PATH": "/opt/ros/jazzy"}, "script script"),
+        ({**PLAIN, "PYTHONPATH": "own", "AMENT_PREFIX_PATH": "/x:PREFIX"}, "absent own"),
+    ],
+    ids=("nothing sourced", "own folders stay", "another ROS gives way", "sourced already"),
+)
+def test_python_sets_the_environment_itself(tmp_path, settings, shown):
+    """With its arguments, its input and its exit code, and once only."""
+    spec = importlib.util.spec_from_file_location("w", ROOT / "tools/write_environment.py")
+    written = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(written)
+    script = tmp_path / "environment.sh"
+    script.write_text("export LIBRARIES=script PYTHONPATH=script AMENT_PREFIX_PATH=PREFIX\n")
+    module = written.PYTHON_MODULE.format(script=str(script), prefix="PREFIX")
+    program = tmp_path / "program.py"
+    program.write_text(
+        f"{module}\nprint(os.environ.get('LIBRARIES', 'absent'), os.environ['PYTHONPATH'])\n"
+        "print(sys.argv[1:], input())\nsys.exit(7)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-S", str(program), "a", "b c"],
+        env=settings,
+        input="line\n",
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 7, done.stderr
+    first, second = done.stdout.splitlines()
+    assert first == (f"{shown}script" if shown.endswith(" ") else shown)
+    assert second == "['a', 'b c'] line"
+
+
+def test_python_of_this_workspace_needs_nothing_sourced():
+    python = ROOT / ".venv/bin/python"
+    if not (ROOT / ".venv/vtff_environment.sh").is_file():
+        pytest.skip("this workspace was not made by tools/setup.sh")
+    code = "import rclpy, vtff_msgs.msg, vtff_analysis; print(vtff_msgs.msg.RelativeState().header)"
+    done = subprocess.run([python, "-c", code], env=PLAIN, capture_output=True, text=True, cwd="/")
+    assert done.returncode == 0, done.stderr
 
 
 @pytest.mark.parametrize(

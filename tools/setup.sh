@@ -261,6 +261,8 @@ remove_old_build() {
 build_workspace() {
   check_disk "$workspace_kib"
   rm -f install/.vtff_workspace # an interrupted build is none
+  # Nor shall Python look for the old build while the new one is made (tools/write_environment.py).
+  rm -f "$venv"/lib/python3*/site-packages/0_vtff_environment.pth
   remove_old_build
   step "building the workspace (half a minute)" env \
     AMENT_PREFIX_PATH="$venv" CMAKE_PREFIX_PATH="$venv" PATH="$venv/bin:$PATH" \

@@ -1,9 +1,13 @@
-"""Write ``.venv/vtff_environment.sh``: the ROS and vtff environment as plain exports.
+"""Write the ROS and vtff environment into ``.venv``: as a shell script and for its Python.
 
-Sourcing ``install/setup.bash`` starts several processes each time; this file holds
+Sourcing ``install/setup.bash`` starts several processes each time; ``vtff_environment.sh`` holds
 the result, so that ``vtff`` and the tests start at once. It also names the library
 folders of the ROS 2 wheels, which saves each Python start the re-execution that the
 wheels' bootstrap would do.
+
+``.venv/bin/python`` works without that script: a ``.pth`` file, which Python reads when it starts,
+imports ``vtff_environment.py``, which starts Python again with the same environment. The loader of
+shared libraries reads LD_LIBRARY_PATH only when a process starts, so there is no way without that.
 """
 
 from __future__ import annotations
@@ -15,7 +19,48 @@ import subprocess
 import sys
 import sysconfig
 
+#: Before `ros_wheels_bootstrapper.pth` in the alphabet, in whose order Python reads them.
+PTH_FILE = "0_vtff_environment.pth"
 VARIABLES = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "PYTHONPATH", "LD_LIBRARY_PATH")
+
+
+PYTHON_MODULE = '''"""Start Python again with the environment of vtff where it is not set.
+
+Written by tools/write_environment.py; do not edit. A shell that has sourced `vtff_environment.sh`
+or `install/setup.bash` is left alone. Another ROS that is sourced gives way, since its libraries
+do not mix with the wheels; a PYTHONPATH without another ROS keeps its folders.
+"""
+
+import os
+import subprocess
+import sys
+
+SCRIPT = {script!r}
+PREFIX = {prefix!r}  # in AMENT_PREFIX_PATH where the environment is set
+
+
+def set_environment():
+    """Replace this process by the same command in the environment of the script."""
+    ament = os.environ.get("AMENT_PREFIX_PATH", "")
+    if PREFIX in ament.split(os.pathsep) or not os.path.isfile(SCRIPT):
+        return
+    command = ["bash", "-c", '. "$0" && exec env -0', SCRIPT]
+    try:
+        output = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout
+    except (OSError, subprocess.CalledProcessError):
+        return
+    items = (item.split("=", 1) for item in os.fsdecode(output).split("\\0") if "=" in item)
+    environment = dict(items)
+    environment.pop("_", None)
+    own = os.environ.get("PYTHONPATH")
+    if own and not ament:
+        environment["PYTHONPATH"] = own + os.pathsep + environment["PYTHONPATH"]
+    sys.stdout.flush()
+    os.execve(sys.executable, [sys.executable, *sys.orig_argv[1:]], environment)
+
+
+set_environment()
+'''
 
 
 def sourced_environment(root: pathlib.Path, prefix: pathlib.Path) -> dict[str, str]:
@@ -36,7 +81,7 @@ def sourced_environment(root: pathlib.Path, prefix: pathlib.Path) -> dict[str, s
 
 
 def main() -> None:
-    """Write the file into this environment."""
+    """Write the files into this environment."""
     root = pathlib.Path(__file__).resolve().parents[1]
     prefix = pathlib.Path(sys.prefix)
     environment = sourced_environment(root, prefix)
@@ -68,6 +113,10 @@ def main() -> None:
     ]
     target = prefix / "vtff_environment.sh"
     target.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    packages = pathlib.Path(sysconfig.get_paths()["purelib"])
+    module = PYTHON_MODULE.format(script=str(target), prefix=str(root / "install/vtff_msgs"))
+    (packages / "vtff_environment.py").write_text(module, encoding="utf-8")
+    (packages / PTH_FILE).write_text("import vtff_environment\n", encoding="utf-8")
     print(f"wrote {target}")
 
 
