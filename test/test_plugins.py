@@ -294,6 +294,26 @@ def test_alarm_of_a_call_that_has_ended_does_not_ring(tmp_path, monkeypatch):
     time.sleep(0.1)
 
 
+def test_calls_slower_than_real_time_are_counted(tmp_path, monkeypatch):
+    statement = "time.sleep(0.03 * (self.calls > 7))"
+    source = BROKEN.format(statement=statement).replace("np.full(3, 0.01), F", "np.zeros(3), F")
+    loaded = plugin(tmp_path, monkeypatch, source)
+    controller = loaded.make(ControllerSetting(), None)
+    arguments = (np.zeros(6), np.zeros(6), np.zeros(6))
+    for sample_time, late in ((60.0, 0), (0.02, 3)):
+        loaded.sample_time = sample_time
+        controller.calls = 0
+        for _ in range(10):
+            loaded.call(controller.control, *arguments, check=check_control_result)
+        assert loaded.late_calls >= late
+        assert bool(loaded.lateness) == bool(late)
+        controller.reset()
+        loaded.call(controller.reset)
+    assert loaded.calls == 20
+    assert "of 20 calls lasted longer than the 0.02 s between samples" in loaded.lateness
+    assert loaded.lateness.startswith("design 'broken' (mylab 1.0, mylab.broken:Broken): ")
+
+
 @pytest.mark.parametrize(
     ("source", "error", "reason"),
     [

@@ -142,6 +142,7 @@ class FormationGuidanceNode(VtffNode):
             raise ParameterError("parameter 'deputies': at least one name expected")
         self._setting = _setting(given)
         self.plugin.call_limit = given.compute_limit
+        self.plugin.sample_time = given.sample_time
         self._planner = dataclasses.replace(self.plugin, call_limit=given.planning_limit)
         self._guidance: Guidance = self.plugin.make(self._setting, self.plugin_parameters)
         self._timeline = self._read_timeline([line for line in given.timeline if line.strip()])

@@ -167,6 +167,7 @@ class SdreControllerNode(VtffNode):
         super().__init__("sdre_controller", **node_arguments)
         given: SdreControllerParameters = self.parameters
         self.plugin.call_limit = given.compute_limit
+        self.plugin.sample_time = given.sample_time
         self._controller: Controller = self.plugin.make(
             ControllerSetting(
                 sample_time=given.sample_time,

@@ -375,6 +375,7 @@ class RelativeEkfNode(VtffNode):
         super().__init__("relative_ekf", **node_arguments)
         given: RelativeEkfParameters = self.parameters
         self.plugin.call_limit = given.compute_limit
+        self._processed_nanoseconds = 0
         try:
             setting = estimator_setting(given)
             self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
@@ -538,6 +539,9 @@ class RelativeEkfNode(VtffNode):
         measured = epoch.measured
         time_epoch = GpsTime.from_unix_nanoseconds(epoch.stamp_nanoseconds)
         plugin_problem = ""
+        interval = 1e-9 * (epoch.stamp_nanoseconds - self._processed_nanoseconds)
+        self.plugin.sample_time = interval if interval > 0.0 else math.inf
+        self._processed_nanoseconds = epoch.stamp_nanoseconds
         try:
             solution = self.plugin.call(
                 self._estimator.process,

@@ -125,6 +125,7 @@ class VtffNode(Node):
             self._count_listeners, self._find_listeners, self._publish_listeners
         )
         self._listener_timer: Timer | None = None
+        self._has_told_lateness = False
         self.create_timer(1.0, self._on_diagnostics_timer, clock=self.steady_clock)
 
     def _declare_plugin_parameters(self, plugin: Plugin) -> Any:
@@ -292,7 +293,24 @@ class VtffNode(Node):
 
     def publish_diagnostics(self) -> None:
         """Publish `health` on /diagnostics; called once a second of wall time."""
-        self.publish_reports(self.health())
+        self.publish_reports([*self.health(), *self._plugin_reports()])
+
+    def _plugin_reports(self) -> list[DiagnosticStatus]:
+        """Return a report on a plug-in that is slower than real time; empty for a fast one."""
+        late = self.plugin.lateness if self.Plugins is not None else ""
+        if not late:
+            return []
+        if not self._has_told_lateness:
+            self._has_told_lateness = True
+            self.get_logger().warning(late)
+        counts = {
+            "calls": self.plugin.calls,
+            "late calls": self.plugin.late_calls,
+            "longest call, s": f"{self.plugin.longest_call:.3f}",
+        }
+        name = f"{self.get_name()}: plug-in"
+        place = self.get_namespace().strip("/")
+        return [diagnostics.status(name, diagnostics.WARN, late, counts, hardware_id=place)]
 
     def publish_reports(self, reports: list[DiagnosticStatus]) -> None:
         """Publish reports on /diagnostics."""

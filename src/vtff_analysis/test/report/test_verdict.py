@@ -89,6 +89,15 @@ def test_a_run_that_was_ended_early_is_said():
     assert not verdict.is_good and "before its planned end" in verdict.sentence
 
 
+@pytest.mark.parametrize(("percent", "is_said"), [(4.0, False), (95.0, True)])
+def test_an_algorithm_slower_than_real_time_is_said(percent, is_said):
+    numbers = {**FORMATION, "late_calls_percent": percent, "late_calls_longest_s": 3.02}
+    verdict = find_verdict(numbers, ("deputy",))
+    text = "In 95 % of its steps an algorithm took longer than the time between samples (up to 3.0 s"
+    assert verdict.sentence.startswith(text) == is_said
+    assert verdict.is_good != is_said
+
+
 def test_several_deputies_have_their_own_figures():
     summary = {"run_duration_s": 100.0, "message_count": 5}
     for name, error in (("bravo", 2e-3), ("charlie", 3.0)):

@@ -90,6 +90,7 @@ SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
 )
 
 #: Headings of the sections that do not belong to one deputy.
+_RECORDER = "/bag_recorder"
 _SECTIONS_OF_RUN = ("run", "latency", "ionosphere")
 
 
@@ -272,7 +273,9 @@ def _summarise_navigation(
 
 def _summarise_latency(history: RunHistory) -> Mapping[str, Any]:
     """Sum the wall times that the nodes took for the same step."""
-    complete = [times for times in history.compute_time.values() if times.size > 1]
+    # A run in which the recorder alone acknowledges steps does not know what its nodes took.
+    nodes = {node: t for node, t in history.compute_time.items() if not node.endswith(_RECORDER)}
+    complete = [times for times in nodes.values() if times.size > 1]
     longest = max((times.size for times in complete), default=0)
     # Side branches acknowledge only some steps: their times do not add up with the others.
     chain = [times for times in complete if times.size > 0.9 * longest]

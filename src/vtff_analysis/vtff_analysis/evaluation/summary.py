@@ -41,6 +41,9 @@ SETTLED_WITHIN = 1.0
 _FRAMES_DAMAGED = ("CRC-bad", "dropped")
 """Counts that a receiver driver reports on /diagnostics."""
 
+_LATE_CALLS = "late calls"
+"""Count that a node reports on /diagnostics whose plug-in is slower than real time."""
+
 Summary = dict[str, Any]
 
 
@@ -78,6 +81,7 @@ def summarise_run(
         numbers = summarise_receiver(receiver)
         summary.update({prefix + key: value for key, value in numbers.items()})
     summary.update(_summarise_receiver_logs(history.health))
+    summary.update(_summarise_late_calls(history.health))
     summary.update(summarise_safety(history.safety, history.start_time))
     summary.update(summarise_attitude(history.attitude, history.start_time))
     summary["message_count"] = sum(history.message_counts.values())
@@ -96,6 +100,18 @@ def _summarise_receiver_logs(health: Sequence[HealthItem]) -> Summary:
             int(values.get(name, 0)) for values in streams for name in _FRAMES_DAMAGED
         ),
         "receiver_logs_undecoded": sum(int(values.get("unknown", 0)) for values in streams),
+    }
+
+
+def _summarise_late_calls(health: Sequence[HealthItem]) -> Summary:
+    """Return how often algorithms took longer than the time between their samples."""
+    slow = [item.values for item in health if _LATE_CALLS in item.values]
+    if not slow:
+        return {}
+    shares = [int(values[_LATE_CALLS]) / max(1, int(values["calls"])) for values in slow]
+    return {
+        "late_calls_percent": 100.0 * max(shares),
+        "late_calls_longest_s": max(float(values["longest call, s"]) for values in slow),
     }
 
 

@@ -25,6 +25,9 @@ Summary = Mapping[str, Any]
 #: Mean normalised squared errors between which a covariance is called honest.
 HONEST_NEES = (0.5, 1.5)
 
+#: Late calls of an algorithm, %, that a loaded machine may cause and a verdict does not mention.
+TOLERATED_LATE_CALLS = 5.0
+
 #: Subjects of runs; the sections of the report in the order of their weight.
 SECTIONS = {
     "formation": ("Formation", "Navigation", "Attitude", "Ionosphere", "GNSS"),
@@ -209,6 +212,12 @@ def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
                 f"The safety monitor took {name} over after {time:.0f} s: from then on the "
                 "formation was not kept."
             )
+    if summary.get("late_calls_percent", 0.0) > TOLERATED_LATE_CALLS:
+        warnings.append(
+            f"In {summary['late_calls_percent']:.0f} % of its steps an algorithm took longer than "
+            f"the time between samples (up to {summary['late_calls_longest_s']:.1f} s; Health names "
+            "it): hardware would not wait for it."
+        )
     if summary.get("run_complete") is False:
         warnings.append("The run was ended before its planned end.")
     return warnings

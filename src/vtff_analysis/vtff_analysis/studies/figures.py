@@ -53,6 +53,8 @@ RUN_FIGURES = (
     "pair_<deputy>_<deputy>_minimum_separation_m",
     "pair_<deputy>_<deputy>_error_settled_3d_rms_m",
     "pair_<deputy>_<deputy>_error_settled_nees",
+    "late_calls_percent",
+    "late_calls_longest_s",
     "receiver_logs_damaged",
     "receiver_logs_undecoded",
     "safety_hard_radius_m",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.metadata
+import math
 import pathlib
 import time
 import traceback
@@ -69,6 +70,15 @@ class Plugin:
         parameters)`` where it has a table of parameters.
     call_limit : float
         Longest wall time of one call, s.
+    sample_time : float
+        Scenario time between calls that answer a sample, s.
+
+    Attributes
+    ----------
+    calls, late_calls : int
+        Calls that answered a sample, and those of them that lasted longer than `sample_time`.
+    longest_call : float
+        The longest of them, s of wall time.
     """
 
     group: PluginGroup
@@ -76,6 +86,10 @@ class Plugin:
     origin: str
     factory: Callable[..., Any]
     call_limit: float = 10.0
+    sample_time: float = math.inf
+    calls: int = dataclasses.field(default=0, init=False)
+    late_calls: int = dataclasses.field(default=0, init=False)
+    longest_call: float = dataclasses.field(default=0.0, init=False)
 
     @property
     def parameter_table(self) -> type | None:
@@ -132,7 +146,8 @@ class Plugin:
         arguments
             Its arguments.
         check : callable, optional
-            Raises ValueError where the result is not usable.
+            Raises ValueError where the result is not usable. A call with a check answers a sample,
+            and its time is counted.
 
         Raises
         ------
@@ -150,14 +165,32 @@ class Plugin:
             raise PluginError(self._too_slow(name)) from None
         except (Exception, SystemExit) as error:
             raise PluginError(self.describe(_describe_error(name, error))) from error
-        if time.monotonic() - started > self.call_limit:
+        elapsed = time.monotonic() - started
+        if elapsed > self.call_limit:
             raise PluginError(self._too_slow(name))
         if check is not None:
+            self._count_call(elapsed)
             try:
                 check(result)
             except ValueError as error:
                 raise PluginError(self.describe(f"{name}: {error}")) from error
         return result
+
+    @property
+    def lateness(self) -> str:
+        """How often calls lasted longer than `sample_time`, in one line; empty if none did."""
+        if not self.late_calls:
+            return ""
+        return self.describe(
+            f"{self.late_calls} of {self.calls} calls lasted longer than the "
+            f"{self.sample_time:g} s between samples, the longest {self.longest_call:.1f} s; "
+            "in real time they would be late"
+        )
+
+    def _count_call(self, elapsed: float) -> None:
+        self.calls += 1
+        self.late_calls += elapsed > self.sample_time
+        self.longest_call = max(self.longest_call, elapsed)
 
     def _too_slow(self, name: str) -> str:
         return self.describe(f"{name}: too slow, no answer within {self.call_limit:g} s")
