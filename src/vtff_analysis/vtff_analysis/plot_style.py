@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from typing import Any
 
+from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from vtff_analysis.page.line_data import write_lines
 
+#: Environment variable: with the value ``svg`` every figure is also written as SVG.
+FIGURES_VARIABLE = "VTFF_FIGURES"
 DPI = 125
 WIDTH = 12.8  # inch, 1600 pixels
 STYLE: Any = {
@@ -52,7 +56,10 @@ def make_figure(height: float) -> Figure:
 
 
 def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
-    """Write a figure as PNG under its title, and its lines beside it; return the path."""
+    """Write a figure as PNG under its title, and its lines beside it; return the path.
+
+    Beside it stands an SVG file if the environment variable `FIGURES_VARIABLE` holds ``svg``.
+    """
     figure.suptitle(title, x=0.01, ha="left", weight="bold")
     figure.set_dpi(DPI)
     layout = figure.get_layout_engine()
@@ -64,6 +71,9 @@ def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
     assert isinstance(canvas, FigureCanvasAgg)
     canvas.print_png(path)
     write_lines(figure, path)
+    if "svg" in os.environ.get(FIGURES_VARIABLE, ""):
+        with rc_context({"svg.hashsalt": path.stem}):  # equal figures have equal bytes
+            figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     return path
 
 

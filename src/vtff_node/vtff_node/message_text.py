@@ -9,7 +9,7 @@ from typing import Any
 
 from vtff_node.executables import ExecutableNotFoundError, share_folder
 
-__all__ = ["message_lines"]
+__all__ = ["field_comments", "message_lines"]
 
 #: Values of a list that are shown; the others are counted.
 LARGEST_LIST = 8
@@ -27,7 +27,7 @@ def message_lines(message: Any, indent: str = "") -> Iterator[str]:
     indent
         Beginning of each line.
     """
-    comments = _comments(type(message).__module__.partition(".")[0], type(message).__name__)
+    comments = field_comments(message)
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)
         comment = comments.get(name, "")
@@ -42,6 +42,11 @@ def message_lines(message: Any, indent: str = "") -> Iterator[str]:
                 yield from message_lines(item, indent + "  ")
         else:
             yield f"{indent}{name}: {_value_text(value)}{remark}"
+
+
+def field_comments(message: Any) -> Mapping[str, str]:
+    """Return the comment of each field in the definition of a message; empty without one."""
+    return _comments(type(message).__module__.partition(".")[0], type(message).__name__)
 
 
 def _holds_messages(value: Any) -> bool:

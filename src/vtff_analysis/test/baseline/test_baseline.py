@@ -9,11 +9,12 @@ import pathlib
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from sample_files import export_sample
 from shared_data import require_shared
 from typer.testing import CliRunner
 
-from vtff_analysis.baseline.output import write_csv, write_plot
+from vtff_analysis.baseline.output import write_csv, write_epochs, write_plot
 from vtff_analysis.baseline.processing import BaselineOptions, BaselineRun, process_baseline
 from vtff_analysis.baseline.sources import BaselineError, TrueBaseline, from_bag, from_files
 from vtff_analysis.baseline.summary import summarise
@@ -230,6 +231,22 @@ def test_own_csv_as_truth_gives_no_error(tmp_path):
         rows = list(csv.DictReader(file))
     assert rows[1]["time_gps"] == "2024-01-10T00:00:01"
     assert rows[1]["solution"] == "fixed"
+
+
+def test_epochs_are_parquet_with_units_and_all_digits(tmp_path):
+    run = run_of()
+    errors = np.full((len(run), 3), 0.25)
+    path = write_epochs(run, errors, tmp_path, "parquet", "rover relative to base")
+    np.testing.assert_array_equal(errors_local(run, path), 0.0)
+    table = parquet.read_table(path)
+    assert np.array_equal(table["baseline_x"].to_numpy(), run.baseline_itrf[:, 0])
+    assert table.schema.field("error_east").metadata[b"unit"] == b"m"
+    told = json.loads(table.schema.metadata[b"vtff"])
+    assert told["source"] == "rover relative to base"
+    csv_path = write_epochs(run, errors, tmp_path, "csv", "")
+    with csv_path.open(encoding="ascii") as file:
+        assert next(csv.reader(file)) == [*table.column_names[:-7], *table.column_names[-4:],
+                                          *table.column_names[-7:-4]]  # fmt: skip
 
 
 def test_truth_only_where_it_is_known():

@@ -7,6 +7,7 @@ import warnings
 
 import numpy as np
 import pytest
+from pyarrow import parquet
 from typer.testing import CliRunner
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
@@ -15,7 +16,11 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 import bag_samples  # noqa: E402
 import full_run_samples  # noqa: E402
 
-from vtff_analysis.export.columns import explode_columns, message_columns  # noqa: E402
+from vtff_analysis.export.columns import (  # noqa: E402
+    explode_columns,
+    message_columns,
+    unit_of_comment,
+)
 from vtff_analysis.recordings.orbits import read_orbits  # noqa: E402
 from vtff_bag.file.reader import BagReader  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
@@ -63,7 +68,6 @@ def test_csv_of_plain_messages_has_one_row_each(exported):
 
 
 def test_parquet_has_one_row_a_message(exported):
-    parquet = pytest.importorskip("pyarrow.parquet")
     reader, folder = exported
     for topic in reader.topics.values():
         name = topic.name.strip("/").replace("/", "_")
@@ -74,9 +78,51 @@ def test_parquet_has_one_row_a_message(exported):
     assert table["pseudorange"].to_pylist() == expected
 
 
+def test_parquet_tells_units_times_and_source(exported):
+    _, folder = exported
+    schema = parquet.read_schema(folder / "deputy_relative_state.parquet")
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in schema}
+    assert units["position[2]"] == "m" and units["velocity[0]"] == "m/s" and units["age"] == "s"
+    assert units["log_time_ns"] == "ns since 1970-01-01, UTC" == units["header.stamp_ns"]
+    assert units["solution"] == units["ratio"] == units["child_frame_id"] == ""
+    told = json.loads(parquet.read_metadata(folder / "chief_gnss_epoch.parquet").metadata[b"vtff"])
+    start = np.datetime64(full_run_samples.START, "ns")
+    assert told["first_time"] == f"{start} UTC"
+    assert told["last_time"] == f"{start + np.timedelta64(SECONDS, 's')} UTC"
+    assert (told["topic"], told["bag"]) == ("/chief/gnss/epoch", "made")
+    assert told["type"] == "vtff_msgs/msg/GnssObservations" and told["vtff"]
+
+
+@pytest.mark.parametrize(
+    ("comment", "unit"),
+    [
+        ("m, derivative seen in the rotating frame", "m"),
+        ("m/s", "m/s"),
+        ("electrons/m^3", "electrons/m^3"),
+        ("s of week", "s"),
+        ("rad at toe", "rad"),
+        ("mode of the controller", ""),
+        ("stamp: time of validity", ""),
+        ("second-best over best", ""),
+        ("TECU, one sigma", "TECU"),
+        ("0 = healthy", ""),
+        ("", ""),
+    ],
+)
+def test_units_of_comments(comment, unit):
+    assert unit_of_comment(comment) == unit
+
+
+def test_parquet_is_the_default(tmp_path):
+    bag_samples.write_bag(tmp_path / "texts", bag_samples.sample_messages(9))
+    result = CliRunner().invoke(make_app(), ["export", str(tmp_path / "texts")])
+    assert result.exit_code == 0
+    written = list((tmp_path / "texts_export").iterdir())
+    assert written and {path.suffix for path in written} == {".parquet"}
+
+
 def test_columns_of_every_message_have_the_declared_types(tmp_path):
     """Also where the first rows have empty lists, and with numbers that only uint64 can hold."""
-    parquet = pytest.importorskip("pyarrow.parquet")
     from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 
     from vtff_analysis.export import tables
@@ -113,7 +159,6 @@ def test_columns_of_every_message_have_the_declared_types(tmp_path):
 def test_a_long_topic_is_written_in_batches(exported, monkeypatch, tmp_path):
     from vtff_analysis.export import tables
 
-    parquet = pytest.importorskip("pyarrow.parquet")
     reader, folder = exported
     monkeypatch.setattr(tables, "BATCH", 7)
     for export, suffix in ((tables.export_csv, "csv"), (tables.export_parquet, "parquet")):
@@ -278,7 +323,6 @@ def test_what_a_bag_does_not_hold_is_named(tmp_path):
     for arguments, named in (
         (["--rinex"], "no observations"),
         (["--oem"], "no orbits"),
-        ([], "name a format"),
     ):
         result = CliRunner().invoke(make_app(), ["export", str(tmp_path / "texts"), *arguments])
         assert result.exit_code == 2 and named in result.output, result.output

@@ -2,6 +2,7 @@
 
 import base64
 import json
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
@@ -9,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from vtff_analysis.page.line_data import line_data, lines_path
-from vtff_analysis.plot_style import make_figure, save_figure
+from vtff_analysis.plot_style import FIGURES_VARIABLE, make_figure, save_figure
 
 
 def unpacked(packed):
@@ -31,6 +32,23 @@ def test_a_line_keeps_micrometres_of_kilometres():
     assert (line["name"], line["colour"], line["dash"]) == ("a", "#d55e00", [5, 3])
     np.testing.assert_allclose(unpacked(line["x"]), x, atol=2e-4)
     np.testing.assert_allclose(unpacked(line["y"]), y, atol=1e-9)
+
+
+def test_figures_are_svg_too_where_that_is_asked_for(tmp_path, monkeypatch):
+    def save(name):
+        figure = make_figure(3.0)
+        figure.subplots().plot([0.0, 1.0], [2.0, 3.0], label="line")
+        save_figure(figure, tmp_path / name, "Two points")
+
+    save("plain.png")
+    assert not list(tmp_path.glob("*.svg"))
+    monkeypatch.setenv(FIGURES_VARIABLE, "svg")
+    save("same.png")
+    first = (tmp_path / "same.svg").read_bytes()
+    save("same.png")
+    assert (tmp_path / "same.svg").read_bytes() == first
+    assert ElementTree.fromstring(first).tag.endswith("svg")
+    assert (tmp_path / "plain.png").read_bytes() == (tmp_path / "same.png").read_bytes()
 
 
 def test_panels_are_in_their_rows_with_their_labels():

@@ -93,7 +93,7 @@ def test_a_run_that_was_ended_early_is_said():
 def test_an_algorithm_slower_than_real_time_is_said(percent, is_said):
     numbers = {**FORMATION, "late_calls_percent": percent, "late_calls_longest_s": 3.02}
     verdict = find_verdict(numbers, ("deputy",))
-    text = "In 95 % of its steps an algorithm took longer than the time between samples (up to 3.0 s"
+    text = "In 95 % of its steps an algorithm took longer than the time between samples (up to 3.0"
     assert verdict.sentence.startswith(text) == is_said
     assert verdict.is_good != is_said
 

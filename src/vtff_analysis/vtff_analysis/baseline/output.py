@@ -10,10 +10,12 @@ import pathlib
 
 import matplotlib as mpl
 import numpy as np
+import pyarrow as pa
 from matplotlib.axes import Axes
 
 from vtff_analysis.baseline.processing import BaselineRun
 from vtff_analysis.baseline.summary import BaselineSummary
+from vtff_analysis.large_tables import file_metadata, write_table
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     AXIS_STYLES,
@@ -34,7 +36,7 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_PREDICTED,
 )
 
-__all__ = ["write_csv", "write_json", "write_plot"]
+__all__ = ["write_csv", "write_epochs", "write_json", "write_plot"]
 
 # Okabe-Ito colours, the better the solution the stronger.
 _SOLUTION_COLOURS = {
@@ -48,14 +50,63 @@ _SMALL_EXCURSION = 1.0
 """m; a baseline that moves less is drawn as deviation from its mean."""
 
 
+def write_epochs(
+    run: BaselineRun, errors: FloatArray | None, folder: pathlib.Path, form: str, title: str
+) -> pathlib.Path:
+    """Write a row for each epoch, with all digits as ``baseline.parquet``; return the file.
+
+    Parameters
+    ----------
+    run
+        The solutions.
+    errors
+        Errors along the local axes, m, shape (n, 3); None without a truth.
+    folder
+        Existing folder.
+    form
+        One of `vtff_analysis.large_tables.TABLE_FORMS`; for csv see `write_csv`.
+    title
+        What was processed, for the metadata.
+    """
+    if form == "csv":
+        return write_csv(run, errors, folder / "baseline.csv")
+    names = _length_names(run, errors)
+    lengths = [run.baseline_itrf, run.baseline_local, run.sigma_local]
+    lengths += [] if errors is None else [errors]
+    values = np.concatenate(lengths, axis=1)
+    gps_epoch = np.datetime64("1980-01-06T00:00:00", "ns")
+    table = pa.table(
+        {
+            "time_gps": pa.array(gps_epoch + run.time_nanoseconds.astype("timedelta64[ns]")),
+            "time_gps_seconds": run.time_nanoseconds / 1e9,
+            "solution": pa.array([SOLUTION_NAMES[int(kind)] for kind in run.solution]),
+            **{name: values[:, column] for column, name in enumerate(names)},
+            "satellites": run.satellites_used,
+            "ambiguities_fixed": run.ambiguities_fixed,
+            "ratio": run.ratio,
+            "age": run.age,
+        }
+    )
+    units = {**dict.fromkeys(names, "m"), "age": "s", "time_gps": "GPS time, without leap seconds"}
+    units["time_gps_seconds"] = "s since 1980-01-06, GPS time"
+    ends = [str(GpsTime(int(run.time_nanoseconds[row]))) for row in (0, -1)]
+    metadata = file_metadata(ends[0], ends[1], {"table": "baseline", "source": title})
+    return write_table(table, folder / "baseline.parquet", units, metadata)
+
+
+def _length_names(run: BaselineRun, errors: FloatArray | None) -> list[str]:
+    """Return the names of the columns that are lengths, in their order."""
+    axes = [name.replace("-", "_") for name in run.axes]
+    names = [f"baseline_{axis}" for axis in "xyz"]
+    names += [f"baseline_{axis}" for axis in axes] + [f"sigma_{axis}" for axis in axes]
+    return names + ([] if errors is None else [f"error_{axis}" for axis in axes])
+
+
 def write_csv(run: BaselineRun, errors: FloatArray | None, path: pathlib.Path) -> pathlib.Path:
     """Write one line per epoch; lengths are in m, and blank where there is no solution."""
-    axes = [name.replace("-", "_") for name in run.axes]
-    header = ["time_gps", "time_gps_seconds", "solution"]
-    header += [f"baseline_{axis}" for axis in "xyz"]
-    header += [f"baseline_{axis}" for axis in axes] + [f"sigma_{axis}" for axis in axes]
+    header = ["time_gps", "time_gps_seconds", "solution", *_length_names(run, None)]
     header += ["satellites", "ambiguities_fixed", "ratio", "age"]
-    header += [f"error_{axis}" for axis in axes] if errors is not None else []
+    header += _length_names(run, errors)[len(_length_names(run, None)) :]
     with open(path, "w", newline="", encoding="ascii") as file:
         writer = csv.writer(file)
         writer.writerow(header)

@@ -9,6 +9,8 @@ import pathlib
 import zipfile
 
 import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
 
 from vtff_analysis.baseline.processing import BaselineRun
 from vtff_analysis.baseline.sources import BaselineError, TrueBaseline
@@ -19,6 +21,10 @@ __all__ = ["errors_local"]
 
 # s; an epoch belongs to a true position whose time differs by less.
 _TOLERANCE = 1e-3
+_UNREADABLE = (
+    *(KeyError, IndexError, ValueError, EOFError),
+    *(zipfile.BadZipFile, pa.ArrowException),
+)
 _OWN_COLUMNS = ("time_gps_seconds", "baseline_x", "baseline_y", "baseline_z")
 _SIMGEN_COLUMNS = ("Time_ms", "Pos_X", "Pos_Y", "Pos_Z")
 
@@ -36,7 +42,7 @@ def errors_local(run: BaselineRun, truth: TrueBaseline | pathlib.Path) -> FloatA
         - ``.npz`` with ``t`` (s of the GPS day or since 1980-01-06), ``A`` and ``B`` (n, 3), ITRF
           positions of base and rover, m;
         - the CSV file of SimGEN's motion log of the rover; the base is that of the run;
-        - the CSV file that ``vtff baseline`` writes.
+        - the Parquet or CSV file that ``vtff baseline`` writes.
 
     Raises
     ------
@@ -56,11 +62,13 @@ def errors_local(run: BaselineRun, truth: TrueBaseline | pathlib.Path) -> FloatA
             times, baseline = _read_npz(path)
             if times.max() < 2 * SECONDS_PER_DAY:
                 times = times + seconds[0] // SECONDS_PER_DAY * SECONDS_PER_DAY
+        elif path.suffix == ".parquet":
+            times, baseline = _read_parquet(path)
         else:
             times, baseline, is_rover = _read_csv(path)
             if is_rover:
                 baseline = baseline - np.nanmedian(run.position_base_itrf, axis=0)
-    except (KeyError, IndexError, ValueError, EOFError, zipfile.BadZipFile) as error:
+    except _UNREADABLE as error:
         raise BaselineError(f"{path}: not a file of true positions: {error}") from None
     errors = _compute_errors(run, times, baseline)
     if np.isnan(errors).all():
@@ -80,6 +88,12 @@ def _read_npz(path: pathlib.Path) -> tuple[FloatArray, FloatArray]:
     with np.load(path, allow_pickle=False) as arrays:
         base, rover = arrays["A"], arrays["B"]
         return arrays["t"].astype(float), (rover - base)[:, :3].astype(float)
+
+
+def _read_parquet(path: pathlib.Path) -> tuple[FloatArray, FloatArray]:
+    table = parquet.read_table(path, columns=list(_OWN_COLUMNS))
+    values = np.column_stack([table[column].to_numpy() for column in _OWN_COLUMNS])
+    return values[:, 0], values[:, 1:]
 
 
 def _read_csv(path: pathlib.Path) -> tuple[FloatArray, FloatArray, bool]:

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vtff_node.message_text import field_comments
 from vtff_node.stamps import to_nanoseconds
 
 LOG_TIME_COLUMN = "log_time_ns"
@@ -19,6 +20,11 @@ LONGEST_FIXED = 36
 
 _SEQUENCE = re.compile(r"^sequence<(.+?)(?:, \d+)?>$")
 _FIXED = re.compile(r"^(.+)\[\d+\]$")
+#: Units with which comments of message definitions begin, alone or before a remark.
+_UNIT = re.compile(
+    r"^((?:m|s|rad|deg|cycles|Hz|dB-Hz|TECU|electrons|kg|N|A|T|nT|V|K|%|ms|ns|rpm|sqrt\(s\))"
+    r"(?:[ /^*.]?(?:m|s|rad|deg|min|sqrt\(s\)|-?\d+))*)(?=$|[,;:]| )"
+)
 _ANYTHING = re.compile(r"^(.+)$")
 
 
@@ -80,6 +86,37 @@ def _types(prefix: str, message: Any) -> Iterable[tuple[str, tuple[str, bool]]]:
             yield from ((f"{name}[{i}]", (kind, False)) for i in range(value.size))
         else:
             yield name, (kind, bool(sequence or fixed))
+
+
+def column_comments(message: Any) -> dict[str, str]:
+    """Return the comment of the message definition of each column that has one.
+
+    Parameters
+    ----------
+    message
+        Any message of the type.
+    """
+    return {name: comment for name, comment in _comments("", message) if comment}
+
+
+def _comments(prefix: str, message: Any) -> Iterable[tuple[str, str]]:
+    told = field_comments(message)
+    for field in message.get_fields_and_field_types():
+        value, name, comment = getattr(message, field), f"{prefix}{field}", told.get(field, "")
+        if _is_time(value):
+            yield f"{name}_ns", comment
+        elif hasattr(value, "get_fields_and_field_types"):
+            yield from _comments(f"{name}.", value)
+        elif isinstance(value, np.ndarray) and value.size <= LONGEST_FIXED:
+            yield from ((f"{name}[{i}]", comment) for i in range(value.size))
+        else:
+            yield name, comment
+
+
+def unit_of_comment(comment: str) -> str:
+    """Return the unit with which the comment of a field begins; empty if it begins with none."""
+    match = _UNIT.match(comment)
+    return match[1] if match else ""
 
 
 def explode_columns(columns: dict[str, list[Any]]) -> dict[str, list[Any]]:

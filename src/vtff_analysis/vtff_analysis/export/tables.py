@@ -4,10 +4,22 @@ from __future__ import annotations
 
 import csv
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
-from vtff_analysis.export.columns import column_types, explode_columns, message_columns
+import numpy as np
+import pyarrow
+from pyarrow import parquet
+
+from vtff_analysis.export.columns import (
+    LOG_TIME_COLUMN,
+    column_comments,
+    column_types,
+    explode_columns,
+    message_columns,
+    unit_of_comment,
+)
+from vtff_analysis.large_tables import file_metadata, with_units
 from vtff_analysis.recordings.topics import key_part
 from vtff_bag.file.errors import BagReadError, UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
@@ -27,7 +39,10 @@ _ARROW_TYPES = {
     "double": "float64",
 }
 
+_NANOSECONDS = "ns since 1970-01-01, UTC"
+
 Progress = Callable[[str], None]
+_Columns = dict[str, list[Any]]
 
 
 def export_csv(
@@ -57,7 +72,9 @@ def export_parquet(
 ) -> tuple[list[pathlib.Path], list[str]]:
     """Write each topic as ``<topic>.parquet``: one row a message, arrays as lists.
 
-    Parameters and returns are those of `export_csv`.
+    The metadata of a file tell the topic, its type and bag, first and last time and the version,
+    those of its columns the unit and the comment of the message definition. Parameters and returns
+    are those of `export_csv`.
     """
     return _export(reader, folder, ".parquet", _write_parquet, progress)
 
@@ -66,7 +83,7 @@ def _export(
     reader: BagReader,
     folder: pathlib.Path,
     suffix: str,
-    write: Callable[[pathlib.Path, Iterator[dict[str, list[Any]]], Any], None],
+    write: Callable[[pathlib.Path, Iterator[_Columns], Any, Mapping[str, str]], None],
     progress: Progress | None,
 ) -> tuple[list[pathlib.Path], list[str]]:
     files, notes = [], []
@@ -81,8 +98,9 @@ def _export(
         if progress is not None:
             progress(name)
         path = folder / f"{key_part(name)}{suffix}"
+        about = {"topic": name, "type": topic.type, "bag": reader.path.name}
         try:
-            write(path, _read_batches(reader, name), message_type())
+            write(path, _read_batches(reader, name), message_type(), about)
         except BagReadError as error:
             notes.append(str(error))
         if path.exists():
@@ -101,7 +119,9 @@ def _read_batches(reader: BagReader, topic: str) -> Iterator[dict[str, list[Any]
         yield message_columns(batch)
 
 
-def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any) -> None:
+def _write_csv(
+    path: pathlib.Path, batches: Iterator[_Columns], example: Any, _about: Mapping[str, str]
+) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
         # repr gives the shortest text that reads back as the same number.
         writer = csv.writer(file)
@@ -113,18 +133,31 @@ def _write_csv(path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], exam
 
 
 def _write_parquet(
-    path: pathlib.Path, batches: Iterator[dict[str, list[Any]]], example: Any
+    path: pathlib.Path, batches: Iterator[_Columns], example: Any, about: Mapping[str, str]
 ) -> None:
-    import pyarrow
-    import pyarrow.parquet
-
     # Types come from the definition, not from the first rows: their lists may be empty.
     kinds = {name: getattr(pyarrow, kind)() for name, kind in _ARROW_TYPES.items()}
     fields = [
         (name, pyarrow.list_(kinds[kind]) if is_list else kinds[kind])
         for name, (kind, is_list) in column_types(example).items()
     ]
-    schema = pyarrow.schema(fields)
-    with pyarrow.parquet.ParquetWriter(path, schema) as writer:
+    descriptions = column_comments(example)
+    units = {name: unit_of_comment(comment) for name, comment in descriptions.items()}
+    units.update({name: _NANOSECONDS for name, _ in fields if name.endswith("_ns")})
+    schema = with_units(pyarrow.schema(fields), units, descriptions)
+    ends: list[int] = []
+    with parquet.ParquetWriter(path, schema) as writer:
         for batch in batches:
             writer.write_table(pyarrow.table(batch, schema=schema))
+            times = batch[LOG_TIME_COLUMN]
+            ends = [*ends[:1], times[-1]] if ends else [times[0], times[-1]]
+        if ends:
+            first, last = (_utc_text(time) for time in ends)
+            writer.add_key_value_metadata(file_metadata(first, last, about))
+
+
+def _utc_text(nanoseconds: int) -> str:
+    """Return ns since 1970 as text, to the nanosecond; times beyond 2262 as their number."""
+    if nanoseconds > np.iinfo(np.int64).max:
+        return str(nanoseconds)
+    return f"{np.datetime64(nanoseconds, 'ns')} UTC"

@@ -215,8 +215,8 @@ def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
     if summary.get("late_calls_percent", 0.0) > TOLERATED_LATE_CALLS:
         warnings.append(
             f"In {summary['late_calls_percent']:.0f} % of its steps an algorithm took longer than "
-            f"the time between samples (up to {summary['late_calls_longest_s']:.1f} s; Health names "
-            "it): hardware would not wait for it."
+            f"the time between samples (up to {summary['late_calls_longest_s']:.1f} s; Health "
+            "names it): hardware would not wait for it."
         )
     if summary.get("run_complete") is False:
         warnings.append("The run was ended before its planned end.")

@@ -53,7 +53,7 @@ class TecOptions:
     folder : pathlib.Path
         Folder of tables and plots.
     form : str
-        Format of the tables: ``csv`` or ``parquet``.
+        Format of the tables: ``parquet`` or ``csv``.
     navigation : NavigationFiles
         Orbits in addition to those of the files.
     biases : str or CodeBiasTable

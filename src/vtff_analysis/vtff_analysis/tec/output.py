@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 from matplotlib import rc_context
-from pyarrow import csv, parquet
 
+from vtff_analysis.large_tables import file_metadata, write_table
 from vtff_analysis.plot_style import AXIS_COLOURS, STYLE, make_figure, save_figure
 from vtff_analysis.tec.processing import TecResult, rejection_counts
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -23,6 +23,12 @@ __all__ = ["content_table", "summarise_result", "write_plots", "write_summary", 
 
 # Most epochs in a plot, whose axes are 1400 pixels wide.
 _EPOCHS_DRAWN = 3000
+#: Units that the names of the columns do not tell.
+_UNITS = {
+    "gps_time": "GPS time, without leap seconds",
+    "gps_time_end": "GPS time",
+    "sigma_phi": "rad",
+}
 _NANOSECONDS_PER_HOUR = 3600.0 * NANOSECONDS_PER_SECOND
 
 
@@ -67,7 +73,16 @@ def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> pa.Array:
 def write_tables(
     result: TecResult, folder: pathlib.Path, name: str, form: str
 ) -> list[pathlib.Path]:
-    """Write contents, ROTI and scintillation as CSV or Parquet files whose names begin with `name`.
+    """Write contents, ROTI and scintillation as files whose names begin with `name`.
+
+    Parameters
+    ----------
+    result
+        The contents.
+    folder, name
+        Existing folder, and begin of the names.
+    form
+        One of `vtff_analysis.large_tables.TABLE_FORMS`.
 
     Returns
     -------
@@ -85,12 +100,15 @@ def write_tables(
     paths = []
     for kind, table in tables.items():
         path = folder / f"{name}_{kind}.{form}"
-        if form == "csv":
-            csv.write_csv(table, path)
-        else:
-            parquet.write_table(table, path)
-        paths.append(path)
+        paths.append(write_table(table, path, _UNITS, _metadata(result, kind)))
     return paths
+
+
+def _metadata(result: TecResult, kind: str) -> dict[bytes | str, bytes | str]:
+    time = result.source.table.time_nanoseconds
+    first, last = (str(GpsTime(int(time[row]))) for row in (0, -1))
+    about = {"table": kind, "source": result.source.description}
+    return file_metadata(first, last, about)
 
 
 def _scintillation_table(result: TecResult) -> pa.Table:

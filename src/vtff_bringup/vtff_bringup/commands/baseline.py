@@ -105,8 +105,8 @@ def baseline(
     truth: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
         typer.Option(
-            help="True positions: CSV of this command or of SimGEN, or npz (t, A, B); a bag of a "
-            "simulation has its own."
+            help="True positions: Parquet or CSV of this command, CSV of SimGEN, or npz (t, A, B); "
+            "a bag of a simulation has its own."
         ),
     ] = None,
     partial: Annotated[
@@ -116,8 +116,15 @@ def baseline(
     base_name: Annotated[str, typer.Option(help="Receiver in a bag.")] = "chief",
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for CSV, JSON and plot; default: baseline_DATE_TIME."),
+        typer.Option(help="Folder for table, JSON and plot; default: baseline_DATE_TIME."),
     ] = None,
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="Table as parquet, which keeps units and times in its metadata, or csv.",
+        ),
+    ] = "parquet",
 ) -> None:
     """Compute the position of one receiver relative to another from recorded observations.
 
@@ -126,7 +133,8 @@ def baseline(
     than 20 ms belong together. The filter is that of the loop, in the order of time.
 
     Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
-    the base, or radial, in-track, cross-track) and writes CSV, JSON and a plot.
+    the base, or radial, in-track, cross-track) and writes a table of the epochs, JSON, a plot and
+    a page.
 
     For example:
 
@@ -141,6 +149,7 @@ def baseline(
     # Imported here, because numpy, brahe and matplotlib take a while.
     from vtff_analysis.baseline.defaults import complete_options
     from vtff_analysis.baseline.sources import BaselineError
+    from vtff_analysis.large_tables import TABLE_FORMS
     from vtff_bag.file.errors import BagError
     from vtff_bag.run.folder import RunFolderError
     from vtff_gnss.files.observation_files import ObservationFileError
@@ -148,6 +157,8 @@ def baseline(
     console = Console(highlight=False)
     try:
         bands = _parse_bands(signals, estimator)
+        if form not in TABLE_FORMS:
+            raise BaselineError(f"--format {form!r}: one of {', '.join(TABLE_FORMS)} expected")
         if dynamics is not None and dynamics not in _DYNAMICS:
             raise BaselineError(f"--dynamics {dynamics!r}: one of {', '.join(_DYNAMICS)} expected")
         with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
@@ -158,7 +169,7 @@ def baseline(
             (code_sigma, phase_sigma), troposphere,
             _parse_limit(start, sources, "--start"), _parse_limit(end, sources, "--end"),
         )  # fmt: skip
-        raise typer.Exit(_compute(console, sources, options, truth, out))
+        raise typer.Exit(_compute(console, sources, options, truth, out, form))
     except (BaselineError, ObservationFileError, BagError, RunFolderError) as error:
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
@@ -235,9 +246,10 @@ def _compute(
     options: BaselineOptions,
     truth: pathlib.Path | None,
     out: pathlib.Path | None,
+    form: str,
 ) -> int:
     """Run the filter, write the files and print the summary; return the exit code."""
-    from vtff_analysis.baseline.output import write_csv, write_json, write_plot
+    from vtff_analysis.baseline.output import write_epochs, write_json, write_plot
     from vtff_analysis.baseline.processing import process_baseline
     from vtff_analysis.baseline.summary import summarise
     from vtff_analysis.baseline.truth import errors_local
@@ -255,9 +267,9 @@ def _compute(
     errors = errors_local(run, reference) if reference is not None else None
     summary = summarise(run, errors)
     folder = output_folder(out, "baseline")
-    write_csv(run, errors, folder / "baseline.csv")
-    write_json(summary, folder / "baseline.json")
     title = f"{sources.rover_name} relative to {sources.base_name}"
+    table = write_epochs(run, errors, folder, form, title)
+    write_json(summary, folder / "baseline.json")
     plot = write_plot(run, errors, folder / "baseline.png", title)
     rows = [("used", line) for line in sources.usage] + flat_rows(dataclasses.asdict(summary))
     caption = "Components with three sigma, kind of solution and satellites."
@@ -269,7 +281,7 @@ def _compute(
     console.print(_make_table(options, run, summary))
     for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:
         console.print(f"  {count} epochs: {reason}", markup=False, soft_wrap=True)
-    console.print(f"CSV, JSON, plot and page: {folder}", markup=False, soft_wrap=True)
+    console.print(f"{table.name}, JSON, plot and page: {folder}", markup=False, soft_wrap=True)
     if summary.mean is None:
         console.print("[red]error:[/red] no epoch has a solution")
         return EXIT_FAILURE

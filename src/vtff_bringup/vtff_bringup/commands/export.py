@@ -17,11 +17,16 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 def export(
     bag: Annotated[pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file.")],
+    parquet: Annotated[
+        bool,
+        typer.Option(
+            "--parquet",
+            help="Each topic as Parquet with units and times in its metadata, arrays as lists; the "
+            "default if nothing is named.",
+        ),
+    ] = False,
     csv: Annotated[
         bool, typer.Option("--csv", help="Each topic as CSV: one row a message, or a signal.")
-    ] = False,
-    parquet: Annotated[
-        bool, typer.Option("--parquet", help="Each topic as Parquet: arrays as lists.")
     ] = False,
     rinex: Annotated[
         bool, typer.Option("--rinex", help="Observations and ephemerides as RINEX 3.05.")
@@ -43,11 +48,15 @@ def export(
         typer.Option(help="Folder to write; default: RUN/export, or BAG_export beside a bag."),
     ] = None,
 ) -> None:
-    """Write a bag in the formats of other programs; name one or several.
+    """Write a bag in the formats of other programs: Parquet tables, or what is named.
 
     Orbits are the truth where it is recorded, else the receivers' own solutions.
 
-    Example: vtff export bags/mine --rinex --oem
+    For example:
+
+    vtff export bags/mine
+
+    vtff export bags/mine --rinex --oem
     """
     console = Console(highlight=False)
     chosen = [
@@ -61,12 +70,7 @@ def export(
             ("czml", czml),
         )
         if wanted
-    ]
-    if not chosen:
-        console.print(
-            "[red]error:[/red] name a format: --csv, --parquet, --rinex, --sp3, --oem or --czml"
-        )
-        raise typer.Exit(EXIT_USAGE)
+    ] or ["parquet"]
     # Imported here, because rclpy takes a while.
     from vtff_analysis.recordings.errors import RecordingError
     from vtff_analysis.recordings.run_place import find_run

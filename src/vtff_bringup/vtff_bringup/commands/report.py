@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from typing import Annotated, Optional
 
@@ -22,6 +23,9 @@ def report(
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
         typer.Option(help="Folder to write; default: RUN/report, or BAG_report beside a bag."),
     ] = None,
+    svg: Annotated[
+        bool, typer.Option("--svg", help="Also write each picture as SVG beside its PNG file.")
+    ] = False,
 ) -> None:
     """Write report.html, plots and summary.json of a run, and print its tables.
 
@@ -30,8 +34,11 @@ def report(
     """
     console = Console(highlight=False)
     # Imported here, because matplotlib and rclpy take a while.
+    from vtff_analysis.plot_style import FIGURES_VARIABLE
     from vtff_analysis.report import write_report
 
+    if svg:
+        os.environ[FIGURES_VARIABLE] = "svg"
     try:
         require_flight(bag)
         with console.status("reading the bag and drawing"):

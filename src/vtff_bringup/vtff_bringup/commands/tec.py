@@ -24,8 +24,6 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 if TYPE_CHECKING:
     from vtff_iono.bias.code_biases import CodeBiasTable
 
-_FORMS = ("csv", "parquet")
-
 
 def tec(
     files: Annotated[
@@ -58,7 +56,13 @@ def tec(
             "else from its codes."
         ),
     ] = None,
-    form: Annotated[str, typer.Option("--format", help="csv or parquet.")] = "csv",
+    form: Annotated[
+        str,
+        typer.Option(
+            "--format",
+            help="Tables as parquet, which keeps units and times in its metadata, or csv.",
+        ),
+    ] = "parquet",
     partial: Annotated[
         bool, typer.Option("--partial", help="Use a damaged RINEX file up to the damage.")
     ] = False,
@@ -81,11 +85,12 @@ def tec(
 
     vtff tec BELE.crx.gz --nav BRDC.rnx.gz --biases CAS.BIA.gz
 
-    vtff tec day*.obs --nav brdc.rnx --format parquet --out tec_of_march
+    vtff tec day*.obs --nav brdc.rnx --format csv --out tec_of_march
 
     vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
     # Imported here, because numpy, numba and matplotlib take a while.
+    from vtff_analysis.large_tables import TABLE_FORMS
     from vtff_analysis.page.results import Section, flat_rows, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_analysis.tec.output import write_summary
@@ -94,9 +99,9 @@ def tec(
     from vtff_gnss.files.navigation_files import open_navigation
 
     console = Console(highlight=False)
-    if form not in _FORMS:
+    if form not in TABLE_FORMS:
         raise exit_with_error(
-            console, f"--format {form!r}: one of {', '.join(_FORMS)} expected", EXIT_USAGE
+            console, f"--format {form!r}: one of {', '.join(TABLE_FORMS)} expected", EXIT_USAGE
         )
     with _exit_on_bad_file(console):
         navigation = open_navigation(nav or [])
