@@ -6,7 +6,7 @@ may take at most `LARGEST_TIME` of processor and `LARGEST_GROWTH` of memory. An 
 a new line of code joins the corpus. The first inputs are made by the project's own encoders and
 configuration files; nothing is stored in the repository.
 
-    python test/fuzz_parsers.py --seconds 600 --parser rinex_observation
+    python test/fuzz_parsers.py --inputs 1000000 --parser rinex_observation
     python test/fuzz_parsers.py --engine atheris --seconds 600 --parser receiver
 
 A finding is one line and a file with the input in the folder of --findings; the exit code is 1.
@@ -16,12 +16,15 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import copy
+import datetime
 import faulthandler
 import functools
 import logging
 import mmap
 import os
 import pathlib
+import pickle
 import random
 import re
 import resource
@@ -34,6 +37,7 @@ import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
+from unittest import mock
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(ROOT / "test"), *(str(path) for path in sorted(ROOT.glob("src/*/test")))]
@@ -44,6 +48,9 @@ LARGEST_ADDRESS_SPACE = 6 << 30  # bytes, so that a fault does not take the mach
 LARGEST_INPUT = 40_000  # bytes
 LARGEST_CORPUS = 400  # inputs
 FEWEST_INPUTS = 6  # of each parser, however slow the machine is
+ALWAYS_TRACED = 2000  # inputs; of those that follow, one in `TRACED_EACH` is traced
+TRACED_EACH = 10  # tracing takes longer than parsing
+REPORT_INTERVAL = 60.0  # s between lines of progress
 SOURCE_FOLDER = str(ROOT / "src") + os.sep
 
 Parse = Callable[[bytes], None]
@@ -54,7 +61,8 @@ class Parser(NamedTuple):
 
     ``corpus`` returns first inputs, ``prepare`` the function that parses an input in a folder for
     files, ``expected`` are the documented exceptions, ``repair`` makes checksums right again, and
-    ``tokens`` are texts that the format gives a meaning.
+    ``tokens`` are texts that the format gives a meaning. ``change`` makes a new input of two where
+    `mutate`, which changes bytes, would make nothing that can be read.
     """
 
     corpus: Callable[[], list[bytes]]
@@ -62,6 +70,7 @@ class Parser(NamedTuple):
     expected: tuple[type[Exception], ...] = ()
     repair: Callable[[bytes, random.Random], bytes] | None = None
     tokens: tuple[bytes, ...] = ()
+    change: Callable[[bytes, bytes, random.Random], bytes] | None = None
 
 
 class InputTakesTooLong(BaseException):
@@ -467,6 +476,120 @@ def _prepare_campaign(folder: pathlib.Path) -> Parse:
     return lambda content: _ignore(load_campaign(_write(folder, "fuzz.yaml", content)))
 
 
+# ---- what YAML files hold: values that are changed, without a text -----------------------------
+
+
+def _prepare_yaml_text(folder: pathlib.Path) -> Parse:
+    from vtff_node.plain_yaml import parse_yaml
+
+    return lambda content: _ignore(parse_yaml(content.decode("utf-8", "replace")))
+
+
+def _yaml_text_corpus() -> list[bytes]:
+    return [
+        b"a: &a [1, 2e-4, .inf]\nb: {c: *a, d: 'x', e: \"y\"}\nf: |\n  text\n",
+        b"- 2016-03-21T01:00:00Z\n- !!binary aGk=\n- ? k\n  : v\n- <<: {a: 1}\n  b: ~\n",
+    ]
+
+
+def _value_corpus(folder: str) -> Callable[[], list[bytes]]:
+    def corpus() -> list[bytes]:
+        from vtff_node.plain_yaml import parse_yaml
+
+        paths = sorted((ROOT / "config" / folder).glob("*.yaml"))
+        return [pickle.dumps(parse_yaml(path.read_text(encoding="utf-8"))) for path in paths]
+
+    return corpus
+
+
+def _prepare_values(
+    prepare: Callable[[pathlib.Path], Parse],
+) -> Callable[[pathlib.Path], Parse]:
+    """Return how to prepare a reader of YAML files so that it gets values instead of a text.
+
+    The texts of other files, which an input may name, are read once.
+    """
+
+    def prepare_reader(folder: pathlib.Path) -> Parse:
+        from vtff_node import plain_yaml
+
+        parse_text = plain_yaml.parse_yaml
+        parse_other = functools.cache(parse_text)
+        values: list[Any] = [None]
+
+        def take_values(text: str, *loader: Any) -> Any:
+            if text == _INSTEAD_OF_TEXT:
+                return copy.deepcopy(values[0])
+            return copy.deepcopy(parse_other(text, *loader))
+
+        parse_file = prepare(folder)
+        users = [
+            module
+            for module in list(sys.modules.values())
+            if getattr(module, "parse_yaml", None) is parse_text
+        ]
+
+        def parse(content: bytes) -> None:
+            values[0] = pickle.loads(content) if content else None
+            with contextlib.ExitStack() as replaced:
+                for module in users:
+                    replaced.enter_context(mock.patch.object(module, "parse_yaml", take_values))
+                parse_file(_INSTEAD_OF_TEXT.encode())
+
+        return parse
+
+    return prepare_reader
+
+
+_INSTEAD_OF_TEXT = "values: of an input\n"
+
+_VALUES: tuple[Any, ...] = (
+    None, True, False, 0, 1, -1, 2, 3.5, -1e-300, 1e300, float("inf"), float("nan"), 1 << 70, "",
+    "x", "chief", "deputy", "/x", "../x", "a/../b", "${run_directory}", "${a}", "${", "\0",
+    "\ud800", "*", "lockstep", "1e3", "x" * 3000, [], {}, [None], {"": 0}, {"x": {"y": []}}, {1: 2},
+    datetime.date(2016, 3, 21), datetime.datetime(2016, 3, 21), b"bytes", {"a", 1},
+    (1, 2), [[[[[1]]]]], ["chief", "chief"],
+)  # fmt: skip
+
+
+def _change_values(first: bytes, other: bytes, generator: random.Random) -> bytes:
+    """Return an input with a few changes of values, keys and branches."""
+    values = pickle.loads(first)
+    for _ in range(1 << generator.randrange(4)):
+        branches = [b for b in _branches(values) if b]
+        if not branches:
+            values = copy.deepcopy(generator.choice(_VALUES))
+            continue
+        branch = generator.choice(branches)
+        key = generator.choice(list(branch) if isinstance(branch, dict) else range(len(branch)))
+        kind = generator.randrange(7)
+        if kind <= 1:
+            branch[key] = copy.deepcopy(generator.choice(_VALUES))
+        elif kind == 2:
+            del branch[key]
+        elif kind == 3:
+            foreign = generator.choice([b for b in _branches(pickle.loads(other)) if b] or [{}])
+            branch[key] = foreign
+        elif kind == 4:
+            branch[key] = copy.deepcopy(generator.choice(branches))
+        elif kind == 5 and isinstance(branch, dict):
+            names = [name for b in branches if isinstance(b, dict) for name in b]
+            branch[generator.choice([*names, "", "x", 1, None])] = branch.pop(key)
+        elif kind == 6 and isinstance(branch, list):
+            branch.insert(generator.randrange(len(branch) + 1), copy.deepcopy(branch[key]))
+    changed = pickle.dumps(values)
+    return changed if len(changed) < LARGEST_INPUT else first
+
+
+def _branches(values: Any) -> list[Any]:
+    """Return the mappings and lists in a value."""
+    if isinstance(values, dict):
+        return [values, *(b for value in values.values() for b in _branches(value))]
+    if isinstance(values, list):
+        return [values, *(b for value in values for b in _branches(value))]
+    return []
+
+
 def _ignore(value: object) -> None:
     """Drop a result."""
 
@@ -483,6 +606,7 @@ def parsers() -> dict[str, Parser]:
     from vtff_bringup.campaign.campaign_file import CampaignError
     from vtff_bringup.system.errors import SystemFileError
     from vtff_gnss.rinex.errors import RinexError
+    from vtff_node.plain_yaml import PlainYamlError
     from vtff_sim_bridge.simremote.language import SimRemoteSyntaxError
     from vtff_sim_bridge.truth.scenario_fields import ScenarioError
 
@@ -529,6 +653,9 @@ def parsers() -> dict[str, Parser]:
         "bag_metadata": Parser(
             _metadata_corpus, _prepare_metadata, (BagError,), None, _YAML_TOKENS
         ),
+        "yaml_text": Parser(
+            _yaml_text_corpus, _prepare_yaml_text, (PlainYamlError,), None, _YAML_TOKENS
+        ),
         "scenario": Parser(
             _yaml_corpus("scenario"), _prepare_scenario, (ScenarioError,), None, _YAML_TOKENS
         ),
@@ -539,6 +666,17 @@ def parsers() -> dict[str, Parser]:
         "campaign": Parser(
             _yaml_corpus("campaign"), _prepare_campaign, (CampaignError,), None, _YAML_TOKENS
         ),
+        **{
+            f"{name}_values": Parser(
+                _value_corpus(name), _prepare_values(prepare), errors, change=_change_values
+            )
+            for name, prepare, errors in (
+                ("scenario", _prepare_scenario, (ScenarioError,)),
+                ("gnss", _prepare_gnss, (ScenarioError,)),
+                ("system", _prepare_system, (SystemFileError,)),
+                ("campaign", _prepare_campaign, (CampaignError,)),
+            )
+        },
     }
 
 
@@ -593,7 +731,13 @@ def mutate(
 
 
 class Coverage:
-    """Counts lines of the project that have run; a context in which they are counted."""
+    """Counts lines of the project that have run; a context in which they can be counted.
+
+    Attributes
+    ----------
+    lines
+        The lines that have been reached.
+    """
 
     def __init__(self) -> None:
         self.lines: set[tuple[Any, int]] = set()
@@ -607,9 +751,12 @@ class Coverage:
                 monitoring.COVERAGE_ID, monitoring.events.LINE, self._on_monitored_line
             )
             monitoring.set_events(monitoring.COVERAGE_ID, monitoring.events.LINE)
-        else:
-            sys.settrace(self._on_call)
         return self
+
+    def trace(self, is_traced: bool) -> None:
+        """Count lines from now on, or not; where each line costs time once only, always."""
+        if sys.version_info < (3, 12):
+            sys.settrace(self._on_call if is_traced else None)
 
     def __exit__(self, *_: object) -> None:
         if sys.version_info >= (3, 12):
@@ -724,9 +871,11 @@ def inputs(parser: Parser, generator: random.Random, coverage: Coverage) -> Iter
     for content in list(corpus):
         yield content
     while True:
-        content = mutate(
-            generator.choice(corpus), generator.choice(corpus), parser.tokens, generator
-        )
+        first, other = generator.choice(corpus), generator.choice(corpus)
+        if parser.change is not None:
+            content = parser.change(first, other, generator)
+        else:
+            content = mutate(first, other, parser.tokens, generator)
         if parser.repair is not None and generator.random() < 0.7:
             content = parser.repair(content, generator)[:LARGEST_INPUT]
         before = len(coverage.lines)
@@ -738,9 +887,14 @@ def inputs(parser: Parser, generator: random.Random, coverage: Coverage) -> Iter
 
 
 def fuzz(
-    name: str, parser: Parser, seconds: float, seed: int, findings: pathlib.Path
+    name: str,
+    parser: Parser,
+    seconds: float,
+    seed: int,
+    findings: pathlib.Path,
+    largest_count: float = float("inf"),
 ) -> tuple[int, int, int, int]:
-    """Parse inputs for some seconds of processor time.
+    """Parse inputs for some seconds of processor time, or until there were enough of them.
 
     Returns
     -------
@@ -749,12 +903,19 @@ def fuzz(
     watch, coverage = Watch(name, parser, findings), Coverage()
     count = total = 0
     deadline = time.process_time() + seconds
+    report_at = time.monotonic() + REPORT_INTERVAL
     with coverage:
         for content in inputs(parser, random.Random(f"{name} {seed}"), coverage):
+            coverage.trace(count < ALWAYS_TRACED or count % TRACED_EACH == 0)
             watch.run(content)
+            coverage.trace(False)
             count, total = count + 1, total + len(content)
-            if count >= FEWEST_INPUTS and time.process_time() >= deadline:
+            is_late = time.process_time() >= deadline
+            if count >= FEWEST_INPUTS and (is_late or count >= largest_count):
                 break
+            if time.monotonic() >= report_at:
+                report_at += REPORT_INTERVAL
+                print(f"{name}: {count} inputs so far", file=sys.stderr, flush=True)
     watch.close()
     return count, total, len(coverage.lines), len(watch.findings)
 
@@ -815,7 +976,10 @@ def main(arguments: list[str] | None = None) -> int:
         description="Fuzz the parsers: only documented exceptions, bounded time and memory.",
         epilog="Example: python test/fuzz_parsers.py --seconds 600 --parser rinex_observation",
     )
-    reader.add_argument("--seconds", type=float, default=20.0, help="s of processor, each parser")
+    reader.add_argument(
+        "--seconds", type=float, help="s of processor, each parser (default: 20, or --inputs)"
+    )
+    reader.add_argument("--inputs", type=int, help="number of inputs, each parser")
     reader.add_argument(
         "--parser", action="append", choices=sorted(available), help="may be repeated; default: all"
     )
@@ -833,6 +997,7 @@ def main(arguments: list[str] | None = None) -> int:
     )
     given = reader.parse_args(arguments)
     names = given.parser or list(available)
+    seconds = given.seconds or (20.0 if given.inputs is None else float("inf"))
     set_limits()
     failed = False
     for name in names:
@@ -842,10 +1007,10 @@ def main(arguments: list[str] | None = None) -> int:
                 parser.prepare(pathlib.Path(folder))(given.input.read_bytes())
             continue
         if given.engine == "atheris":
-            fuzz_with_atheris(name, parser, given.seconds, given.seed, given.findings)
+            fuzz_with_atheris(name, parser, seconds, given.seed, given.findings)
             continue
         count, total, lines, findings = fuzz(
-            name, parser, given.seconds, given.seed, given.findings
+            name, parser, seconds, given.seed, given.findings, given.inputs or float("inf")
         )
         failed = failed or findings > 0
         print(

@@ -24,6 +24,7 @@ from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.process.run_environment import RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_stamp
 
+ALIVE_INTERVAL = 0.5  # s of wall time between signs of life
 DRAIN_QUIET = 0.2  # s of wall time without a message, after which draining ends
 DRAIN_LIMIT = 5.0  # s of wall time after which draining ends in any case
 
@@ -108,7 +109,15 @@ class BagRecorderNode(VtffNode):
             self._end_recording,
             self._ask_for_end,
         )
-        self.create_timer(SEARCH_INTERVAL, self._recorder.tick, clock=self.steady_clock)
+        self._alive_next = 0.0
+        self.create_timer(SEARCH_INTERVAL, self._tick, clock=self.steady_clock)
+
+    def _tick(self) -> None:
+        self._recorder.tick()
+        now = time.monotonic()
+        if now >= self._alive_next:
+            self._alive_next = now + ALIVE_INTERVAL
+            self.report_alive(self._recorder.stable)
 
     def _acknowledge(self, stamp_nanoseconds: int) -> None:
         # What is acknowledged is in the file, also if this process is killed at once.

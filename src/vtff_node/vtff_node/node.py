@@ -338,11 +338,25 @@ class VtffNode(Node):
         if now < self._progress_next and done < total and not urgent:
             return
         self._progress_next = now + PROGRESS_INTERVAL
-        line = json.dumps({"node": self._qualified_name, "done": done, "total": total, **shown})
+        self._write_to_runner({"node": self._qualified_name, "done": done, "total": total, **shown})
+
+    def report_alive(self, ready: bool) -> None:
+        """Tell `vtff run` that this node goes on; to be called about once a second of wall time.
+
+        Parameters
+        ----------
+        ready
+            Whether the node does all that a run needs of it.
+        """
+        self._write_to_runner({"alive": self._qualified_name, "ready": ready})
+
+    def _write_to_runner(self, report: Mapping[str, Any]) -> None:
+        if self._progress_descriptor is None:
+            return
         try:
-            os.write(self._progress_descriptor, line.encode() + b"\n")
+            os.write(self._progress_descriptor, json.dumps(report).encode() + b"\n")
         except BlockingIOError:
-            return  # the pipe is full; the next line replaces this one
+            return  # the pipe is full; a later line replaces this one
         except OSError:
             self._progress_descriptor = None  # the runner has gone
 

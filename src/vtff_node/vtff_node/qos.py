@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
-#: Messages a publisher keeps. Lockstep lets a side branch lag by at most a few dozen
-#: steps of up to 20 messages a topic, so nothing is overwritten unread.
-HISTORY_DEPTH = 1000
+#: Messages a publisher keeps. Lockstep lets a side branch lag by at most 50 steps of up to 20
+#: messages a topic, so nothing is overwritten unread: a second recorder gets what a lost one has
+#: not read. In real time these are 55 s of 20 Hz data.
+HISTORY_DEPTH = 1100
 
 #: Publishers of data, commands, events and /clock.
 PUBLISH = QoSProfile(

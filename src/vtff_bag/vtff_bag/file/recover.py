@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import os
 import pathlib
+from collections.abc import Callable
 
 from vtff_bag.file import mcap_blocks
 from vtff_bag.file.errors import BagReadError, BagWriteError
@@ -72,7 +73,7 @@ def recover(
     custom = {**reader.custom_data, "recovered_from": reader.path.absolute().name}
     with BagWriter(directory, custom) as writer:
         for content in reader.contents:
-            notes.extend(_copy_messages(content, reader, writer))
+            notes.extend(copy_messages(content, reader, writer))
         # The counts are final before the bag is closed: closing only adds the summary.
         counts = writer.message_counts
     return RecoveryReport(
@@ -94,8 +95,30 @@ def default_output(path: pathlib.Path) -> pathlib.Path:
     return absolute.with_name(f"{name}_recovered")
 
 
-def _copy_messages(content: FileContent, reader: BagReader, writer: BagWriter) -> list[str]:
-    """Copy the messages of one file in file order; return notes on messages that are lost."""
+def copy_messages(
+    content: FileContent,
+    reader: BagReader,
+    writer: BagWriter,
+    wants: Callable[[str, bytes], bool] | None = None,
+) -> list[str]:
+    """Copy the messages of one file in file order.
+
+    Parameters
+    ----------
+    content
+        The file.
+    reader
+        The bag that it belongs to.
+    writer
+        The bag that takes the messages.
+    wants
+        Returns whether a message is copied, from its topic and its bytes; by default each is.
+
+    Returns
+    -------
+    list of str
+        One line for each loss of messages.
+    """
     notes = []
     topic_numbers = {}
     for channel_id, channel in sorted(content.channels.items()):
@@ -120,6 +143,9 @@ def _copy_messages(content: FileContent, reader: BagReader, writer: BagWriter) -
                 continue
             for message in messages:
                 number = topic_numbers.get(message.channel_id)
-                if number is not None:
+                if number is None:
+                    continue
+                topic = content.channels[message.channel_id].topic
+                if wants is None or wants(topic, message.serialized):
                     writer.write(number, message.serialized, message.log_time, message.publish_time)
     return notes

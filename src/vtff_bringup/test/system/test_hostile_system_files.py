@@ -52,6 +52,40 @@ def test_plain_namespaces_stay(tmp_path, namespace):
     assert system.nodes[0].namespace == "/" + namespace.strip("/")
 
 
+@pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "\ud800"])
+@pytest.mark.parametrize("key", ["argument", "extends", "parameter_files", "scenario"])
+def test_names_that_no_file_can_have_are_refused(tmp_path, key, name):
+    content = {
+        "argument": {"arguments": {"a": {"default": name, "file": True}}},
+        "extends": {"extends": name},
+        "parameter_files": {"nodes": [{**NODE, "parameter_files": [name]}]},
+        "scenario": {
+            "arguments": {"scenario": {"default": name}},
+            "nodes": [{**NODE, "name": "${chief}"}],
+        },
+    }[key]
+    content = {"nodes": [NODE], **content}
+    path = tmp_path / "system.yaml"
+    path.write_text(yaml.safe_dump(content))
+    with pytest.raises(SystemFileError) as caught:
+        load_system(path, (), RunSettings(run_directory=tmp_path))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("number", ["${", [1], 1.5, True])
+def test_a_number_of_deputies_that_is_none_is_refused(tmp_path, number):
+    scenario = pathlib.Path(__file__).parents[4] / "config/scenario/train.yaml"
+    content = {
+        "arguments": {
+            "scenario": {"default": str(scenario), "file": True},
+            "number_of_deputies": {"default": number},
+        },
+        "nodes": [{**NODE, "for_each": "deputy", "namespace": "${deputy}"}],
+    }
+    with pytest.raises(SystemFileError, match="a whole number expected, got"):
+        load(tmp_path, content)
+
+
 @pytest.mark.parametrize("executable", ["../../../bin/sh", "/bin/sh", ".", "..", ""])
 def test_only_programs_of_the_package_are_found(executable):
     with pytest.raises(ExecutableNotFoundError):

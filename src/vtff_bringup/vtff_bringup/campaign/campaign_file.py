@@ -7,6 +7,7 @@ file and the field, before anything is flown. docs/campaigns.md describes the fi
 from __future__ import annotations
 
 import contextlib
+import os
 import pathlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -107,13 +108,13 @@ def find_campaign_file(name: str) -> pathlib.Path:
         If there is none; the text lists the names there are.
     """
     path = pathlib.Path(name)
-    if path.is_file():
+    if os.path.isfile(path):
         return path
     folders = [pathlib.Path("config/campaign")]
     with contextlib.suppress(ExecutableNotFoundError):
         folders.append(share_folder("vtff_bringup") / "config/campaign")
     for folder in folders:
-        if (folder / f"{name}.yaml").is_file():
+        if os.path.isfile(folder / f"{name}.yaml"):
             return folder / f"{name}.yaml"
     names = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
     raise CampaignError(f"no campaign file '{name}'; there are: {', '.join(names) or 'none'}")

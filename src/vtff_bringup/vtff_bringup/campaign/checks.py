@@ -6,6 +6,7 @@ import dataclasses
 import difflib
 import importlib.metadata
 import math
+import os
 import pathlib
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -33,7 +34,7 @@ from vtff_bringup.system.description import NodeDescription, RunSettings, System
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.extension import join_system
 from vtff_bringup.system.system_file import find_system_file, load_system
-from vtff_bringup.system.yaml_file import read_mapping
+from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 from vtff_node.executables import ExecutableNotFoundError, node_class
 from vtff_node.parameters import ParameterError, check
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
@@ -131,7 +132,7 @@ class _Planner:
 
     def _system_file(self) -> pathlib.Path:
         beside = self._base / self._campaign.system
-        if beside.is_file():
+        if os.path.isfile(beside):
             return beside.resolve()
         try:
             return find_system_file(self._campaign.system).resolve()
@@ -159,8 +160,11 @@ class _Planner:
         return bool(dot) and argument in file_arguments
 
     def _absolute(self, key: str, value: Any) -> str:
-        file = (self._base / str(value)).resolve()
-        if not file.is_file():
+        try:
+            file = resolve_file(self._base, value)
+        except SystemFileError as error:
+            raise self._campaign.error(f"fixed.{key}", str(error)) from None
+        if not os.path.isfile(file):
             raise self._campaign.error(f"fixed.{key}", f"no file '{value}' (looked at {file})")
         return str(file)
 
@@ -439,7 +443,7 @@ def _with_absolute_paths(content: Any, folder: pathlib.Path) -> Any:
         return {key: _with_absolute_paths(value, folder) for key, value in content.items()}
     if isinstance(content, list):
         return [_with_absolute_paths(value, folder) for value in content]
-    if isinstance(content, str) and "/" in content and (folder / content).is_file():
+    if isinstance(content, str) and "/" in content and os.path.isfile(folder / content):
         return str((folder / content).resolve())
     return content
 

@@ -12,8 +12,8 @@ import pathlib
 import shlex
 from typing import Any
 
+from vtff_bringup.children.processes import ESCALATION
 from vtff_bringup.run.domain import add_dds_settings
-from vtff_bringup.run.processes import ESCALATION
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, RunSettings
 from vtff_bringup.system.system_file import find_system_file, load_system

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import functools
 import json
 import os
 import pathlib
@@ -18,12 +19,13 @@ from typing import Any
 
 import yaml
 
+from vtff_bringup.children.processes import FULL_DISK, ManagedProcess, end_together
+from vtff_bringup.children.second_recorder import RecorderGroup
+from vtff_bringup.children.standstill import StandstillWatch
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, add_dds_settings, reserve_domain
 from vtff_bringup.run.errors import discard_output
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.host_session import HostSession, RunEnd
-from vtff_bringup.run.processes import FULL_DISK, ManagedProcess, end_together
-from vtff_bringup.run.standstill import StandstillWatch
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
@@ -149,8 +151,10 @@ class Runner:
         self._progress: dict[str, Any] = {}
         # The groups stand in the order in which they are ended.
         self._nodes: list[tuple[ManagedProcess, bool]] = []
-        self._recorders: list[ManagedProcess] = []
         self._helpers: list[ManagedProcess] = []
+        self._standstill = StandstillWatch()
+        self._recorders = RecorderGroup(self._standstill, self._start_recorder)
+        self._start_process: Callable[[str, Sequence[str], Stage], ManagedProcess] | None = None
 
     def run(self) -> RunResult:
         """Run to the end, to a failure or to Ctrl-C; every process is ended in any case.
@@ -168,6 +172,7 @@ class Runner:
         failure: _Failure | RunEnd | None = None
         end = RunEnd(EXIT_FAILURE, "its part of the run could not start")
         stopped: list[str] = []
+        completions: list[str] = []
         environment = _child_environment()
         with (
             self._handle_signals(),
@@ -189,7 +194,10 @@ class Runner:
                 stopped = self._stopped_names(failure)
                 end = self._describe_end(failure)
             finally:
+                self._let_stopped_go_on()
+                self._recorders.replace_lost(functools.partial(self._read_reports, progress_read))
                 failures = self._end_all(end)
+                completions = self._recorders.complete_bags()
                 self._drain_progress(progress_read)
         wall_time = time.monotonic() - started
         failure = failure or (failures[0] if failures else None)
@@ -203,6 +211,7 @@ class Runner:
             if stopped:
                 reason += f"; stopped: {', '.join(stopped)}"
             output = failure.last_output
+        reason = "; ".join(filter(None, [reason, *completions]))
         return RunResult(exit_code, reason, output, wall_time, self._progress, full_disk)
 
     def _reserve_domain(
@@ -237,6 +246,7 @@ class Runner:
                 self._pass_on,
             )
 
+        self._start_process = start
         for process in self._system.processes:
             if not self._runs_here(process.host):
                 continue
@@ -248,21 +258,20 @@ class Runner:
         for node in self._system.nodes:
             if self._interrupted:
                 return
+            if node.own_process and self._runs_here(node.host):
+                self._recorders.add(node)
+                continue
             arguments = node.ros_arguments(self._write_parameters(node))
             if not self._runs_here(node.host):
                 continue  # only its parameters belong to the description of the run
-            if self._composed and not node.own_process:
+            if self._composed:
                 composed_ends_run |= node.ends_run
                 entry = {"package": node.package, "executable": node.executable}
                 composed.append({**entry, "ros_arguments": arguments})
                 continue
-            path = executable_path(node.package, node.executable)
-            name = node.qualified_name.strip("/").replace("/", "__")
-            command = [str(path), *arguments]
-            if node.own_process:
-                self._recorders.append(start(name, command, Stage.RECORDERS))
-            else:
-                self._nodes.append((start(name, command, Stage.NODES), node.ends_run))
+            command = [str(executable_path(node.package, node.executable)), *arguments]
+            name = _process_name(node.qualified_name)
+            self._nodes.append((start(name, command, Stage.NODES), node.ends_run))
         if composed:
             file = self._directory / "composed.json"
             file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
@@ -270,8 +279,7 @@ class Runner:
             self._nodes.append((start("composed", command, Stage.NODES), composed_ends_run))
 
     def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
-        name = node.qualified_name.strip("/").replace("/", "__")
-        path = self._directory / "parameters" / f"{name}.yaml"
+        path = self._directory / "parameters" / f"{_process_name(node.qualified_name)}.yaml"
         path.parent.mkdir(parents=True, exist_ok=True)
         # ROS cannot read the type of an empty list: it is left out, which means the default.
         values = {key: value for key, value in node.all_parameters().items() if value != []}
@@ -295,23 +303,21 @@ class Runner:
 
     def _follow(self, progress_read: int) -> _Failure | RunEnd | None:
         """Wait for the end of the run; return the failure that ended it, if there was one."""
-        standstill = StandstillWatch()
         ending = next((process for process, ends_run in self._nodes if ends_run), None)
         with selectors.DefaultSelector() as selector:
             selector.register(progress_read, selectors.EVENT_READ)
             while not self._interrupted:
                 if selector.select(POLL_INTERVAL):
                     self._read_progress(progress_read)
-                    standstill.take_progress()
                 if self._session is not None:
                     self._share_progress(self._session)
                     ended = self._session.poll()
                     if ended is not None:
                         return ended if ended.exit_code else None
-                for process in [*self._helpers, *self._recorders]:
+                for process in [*self._helpers, *self._recorders.first]:
                     if process.exit_code is not None:
                         return _Failure(process, "ended before the run did")
-                for process in self._recorders:
+                for process in self._recorders.first:
                     if process.name in self._full_disks:
                         return _Failure(process, "has no room on the disk", still_runs=True)
                 for process, ends_run in self._nodes:
@@ -321,13 +327,15 @@ class Runner:
                         return _Failure(process, "failed")
                     if ends_run:
                         return None
-                standing = standstill.find(self._all_processes(), ending)
+                self._recorders.look()
+                standing = self._standstill.find(self._all_processes(), ending)
                 if standing is not None:
                     return _Failure(*standing, still_runs=True)
         return None
 
     def _all_processes(self) -> list[ManagedProcess]:
-        return [*(process for process, _ in self._nodes), *self._recorders, *self._helpers]
+        nodes = [process for process, _ in self._nodes]
+        return [*nodes, *self._recorders.processes, *self._helpers]
 
     def _share_progress(self, session: HostSession) -> None:
         """Give the progress of the run to the other hosts, or show what the main one reports."""
@@ -348,6 +356,30 @@ class Runner:
             and process.is_stopped
         ]
 
+    def _start_recorder(self, node: NodeDescription) -> ManagedProcess:
+        assert self._start_process is not None  # `_start` sets it before it starts anything
+        command = [
+            str(executable_path(node.package, node.executable)),
+            *node.ros_arguments(self._write_parameters(node)),
+        ]
+        return self._start_process(_process_name(node.qualified_name), command, Stage.RECORDERS)
+
+    def _let_stopped_go_on(self) -> None:
+        """Continue stopped processes: a recorder takes what nodes hold for it, before they end."""
+        for process in self._all_processes():
+            process.signal_group(signal.SIGCONT)
+
+    def _read_reports(
+        self, descriptor: int, patience: float, is_enough: Callable[[], bool]
+    ) -> None:
+        """Read what the nodes report until a condition holds, at most for some seconds."""
+        deadline = time.monotonic() + patience
+        with selectors.DefaultSelector() as selector:
+            selector.register(descriptor, selectors.EVENT_READ)
+            while not is_enough() and time.monotonic() < deadline:
+                if selector.select(POLL_INTERVAL):
+                    self._read_progress(descriptor)
+
     def _end_all(self, end: RunEnd) -> list[_Failure]:
         """End the nodes, then the recorders, which record their last messages, then the helpers.
 
@@ -355,11 +387,8 @@ class Runner:
         """
         failures = []
         session = self._session
-        # A recorder that was stopped takes what the nodes hold for it, before they end.
-        for process in self._all_processes():
-            process.signal_group(signal.SIGCONT)
         nodes = [process for process, _ in self._nodes]
-        groups = ((Stage.NODES, nodes), (Stage.RECORDERS, self._recorders))
+        groups = ((Stage.NODES, nodes), (Stage.RECORDERS, self._recorders.processes))
         for stage, processes in (*groups, (Stage.HELPERS, self._helpers)):
             if session is not None:
                 session.begin_stage(stage, end)
@@ -394,7 +423,13 @@ class Runner:
         for line in os.read(descriptor, 65536).decode().splitlines():
             # A line may be cut at the end of the pipe's buffer; the next line replaces it.
             with contextlib.suppress(json.JSONDecodeError):
-                self._progress = json.loads(line)
+                report = json.loads(line)
+                if "alive" in report:
+                    name = _process_name(report["alive"])
+                    self._standstill.take_sign_of_life(name, report["ready"])
+                    continue
+                self._standstill.take_progress()
+                self._progress = report
                 if self._on_progress is not None and not self._interrupted:
                     self._show(self._on_progress, self._progress)
 
@@ -455,6 +490,11 @@ def check_counts(run_directory: pathlib.Path, recorded: dict[str, int]) -> list[
             line = f"{topic}: published {count}, recorded {recorded_count}"
             lines.append(f"{line} {ANOTHER_PUBLISHER}" if recorded_count > count else line)
     return lines
+
+
+def _process_name(qualified_name: str) -> str:
+    """Return the name of the process of a node: that of its log and of its parameter file."""
+    return qualified_name.strip("/").replace("/", "__")
 
 
 def _child_environment() -> dict[str, str]:

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
+from vtff_bringup.system.yaml_file import resolve_file
 
 __all__ = ["join_system"]
 
@@ -49,6 +50,7 @@ def _join(
     content = read(path)
     if "extends" not in content:
         return content
+    resolve_file(path.parent, content["extends"])  # the path below keeps the folder of a link
     base_path = path.parent / str(content["extends"])
     base = _join(base_path, read, (*chain, path.resolve()))
     _make_paths_absolute(base, base_path)

@@ -29,8 +29,8 @@ def choose_free_port(taken: Collection[int] = ()) -> int:
     """
     automatic = _automatic_ports()
     candidates = [port for port in _UPPER_PORTS if port not in automatic]
-    random.shuffle(candidates)  # of the system, not of the seed of a run: runs must differ
-    for port in candidates[:_ATTEMPTS]:
+    # Chance of the system, not of the seed of a run: runs must differ.
+    for port in random.sample(candidates, min(_ATTEMPTS, len(candidates))):
         if port not in taken and _is_free(port):
             return port
     while (port := _port_of_the_system()) in taken or not _is_free(port):

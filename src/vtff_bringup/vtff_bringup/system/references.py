@@ -8,7 +8,7 @@ from typing import Any
 
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.free_ports import choose_free_port
-from vtff_bringup.system.yaml_file import read_mapping
+from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 
 __all__ = ["DEPUTY", "SPACECRAFT", "References"]
 
@@ -164,10 +164,14 @@ class References:
         from vtff_sim_bridge.truth.scenario_fields import DEFAULT_HARD_RADIUS, ScenarioError
 
         path = pathlib.Path(str(self.values["scenario"]))
-        try:
-            scenario: dict[str, Any] = repeat_spacecraft(
-                read_mapping(path), str(path), int(self.values.get(NUMBER_OF_DEPUTIES) or 0)
+        resolve_file(path.parent, path.name)
+        number = self.values.get(NUMBER_OF_DEPUTIES) or 0
+        if isinstance(number, bool) or not isinstance(number, int):
+            raise SystemFileError(
+                f"{self._path}: '{NUMBER_OF_DEPUTIES}': a whole number expected, got {number!r}"
             )
+        try:
+            scenario: dict[str, Any] = repeat_spacecraft(read_mapping(path), str(path), number)
             return {"hard_radius": DEFAULT_HARD_RADIUS, **scenario}
         except ScenarioError as error:
             raise SystemFileError(str(error)) from error

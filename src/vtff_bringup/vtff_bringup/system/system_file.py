@@ -51,6 +51,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import os
 import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -73,7 +74,7 @@ from vtff_bringup.system.references import (
     SPACECRAFT,
     References,
 )
-from vtff_bringup.system.yaml_file import read_mapping
+from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 from vtff_node.executables import ExecutableNotFoundError, share_folder
 
 __all__ = ["find_system_file", "load_system"]
@@ -118,13 +119,13 @@ def find_system_file(name: str) -> pathlib.Path:
         If there is no such file; the text lists the names of all system files.
     """
     path = pathlib.Path(name)
-    if path.is_file():
+    if os.path.isfile(path):
         return path
     folders = [pathlib.Path("config/system")]
     with contextlib.suppress(ExecutableNotFoundError):
         folders.append(share_folder("vtff_bringup") / "config/system")
     for folder in folders:
-        if (folder / f"{name}.yaml").is_file():
+        if os.path.isfile(folder / f"{name}.yaml"):
             return folder / f"{name}.yaml"
     names = sorted({file.stem for folder in folders for file in folder.glob("*.yaml")})
     raise SystemFileError(f"no system file '{name}'; there are: {', '.join(names) or 'none'}")
@@ -292,8 +293,8 @@ class _Loader:
             )
         if not entry.get("file"):
             return value
-        file = (base / str(value)).resolve()
-        if not file.is_file():
+        file = resolve_file(base, value)
+        if not os.path.isfile(file):
             raise SystemFileError(f"argument '{name}': no file '{value}' (looked at {file})")
         if entry["file"] == RECEIVER_LOG:
             _check_receiver_log(name, file)
@@ -360,8 +361,8 @@ class _Loader:
         parameters.update(overrides.get(qualified_name.strip("/"), {}))
         files = []
         for text in self._entries.sequence(entry, "parameter_files", where):
-            file = (self._path.parent / str(references.resolve(text, where))).resolve()
-            if not file.is_file():
+            file = resolve_file(self._path.parent, references.resolve(text, where))
+            if not os.path.isfile(file):
                 raise SystemFileError(f"{self._path}: {where}: no parameter file {file}")
             files.append(file)
         return NodeDescription(

@@ -8,7 +8,21 @@ from typing import Any
 from vtff_bringup.system.errors import SystemFileError
 from vtff_node.plain_yaml import PlainYamlError, parse_yaml
 
-__all__ = ["read_mapping", "ros_parameters"]
+__all__ = ["read_mapping", "resolve_file", "ros_parameters"]
+
+
+def resolve_file(folder: pathlib.Path, name: object) -> pathlib.Path:
+    """Return the path of a file that a YAML file names, relative to a folder.
+
+    Raises
+    ------
+    SystemFileError
+        If no file can have that name.
+    """
+    try:
+        return (folder / str(name)).resolve()
+    except (OSError, ValueError, RuntimeError):  # too long, a null byte, links in a circle
+        raise SystemFileError(f"no file can have the name {str(name)[:80]!r}") from None
 
 
 def read_mapping(path: pathlib.Path) -> dict[str, Any]:

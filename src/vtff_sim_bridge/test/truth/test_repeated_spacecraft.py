@@ -44,10 +44,30 @@ def test_a_file_without_repeat_is_as_it_is(fields):
         repeat_spacecraft(fields, "file", 4)
 
 
-@pytest.mark.parametrize("count", [0, 1.5, True])
+@pytest.mark.parametrize("count", [0, 1.5, True, 1 << 70])
 def test_wrong_repeat_is_refused(fields, count):
     with pytest.raises(ScenarioError, match=r"spacecraft\[1\].repeat: a whole number"):
         repeat_spacecraft(repeated(fields, count), "file")
+
+
+@pytest.mark.parametrize(
+    ("first", "text"),
+    [
+        ({"a": 1}, r"same_orbit_ahead.first: a number expected, got \{'a': 1\}"),
+        ("x", "same_orbit_ahead.first: a number expected, got 'x'"),
+        (10**400, "same_orbit_ahead: the numbers are too large"),
+    ],
+)
+def test_a_series_of_something_else_is_refused(fields, first, text):
+    fields = repeated(fields)
+    fields["spacecraft"][1]["orbit"]["same_orbit_ahead"]["first"] = first
+    with pytest.raises(ScenarioError, match=rf"file: spacecraft\[1\].orbit.{text}"):
+        repeat_spacecraft(fields, "file")
+
+
+def test_more_deputies_than_can_fly_are_refused(fields):
+    with pytest.raises(ScenarioError, match="1000000 deputies are asked for, at most 1000 can be"):
+        repeat_spacecraft(repeated(fields), "file", 10**6)
 
 
 def changed(fields, **deputy):

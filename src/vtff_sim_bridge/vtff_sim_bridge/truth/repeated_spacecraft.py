@@ -22,6 +22,9 @@ __all__ = ["repeat_spacecraft"]
 _REPEAT = "repeat"
 _SERIES = {"first", "increment"}
 
+#: Deputies that one entry may stand for; each has processes of its own.
+LARGEST_REPEAT = 1000
+
 
 def repeat_spacecraft(fields: Any, file: str, number_of_deputies: int = 0) -> Any:
     """Return the fields of a scenario file with every deputy in an entry of its own.
@@ -38,8 +41,8 @@ def repeat_spacecraft(fields: Any, file: str, number_of_deputies: int = 0) -> An
     Raises
     ------
     ScenarioError
-        If ``repeat`` is not a whole number of 1 or more, or the file cannot have that many
-        deputies.
+        If ``repeat`` is not a whole number from 1 to `LARGEST_REPEAT`, the file cannot have that
+        many deputies, or a series is not one of numbers.
     """
     spacecraft = fields.get("spacecraft") if isinstance(fields, dict) else None
     if not isinstance(spacecraft, list):
@@ -61,10 +64,15 @@ def repeat_spacecraft(fields: Any, file: str, number_of_deputies: int = 0) -> An
     index = repeated[0]
     entry = dict(spacecraft[index])
     count = entry.pop(_REPEAT)
-    if isinstance(count, bool) or not isinstance(count, int) or count < 1:
+    if isinstance(count, bool) or not isinstance(count, int) or not 1 <= count <= LARGEST_REPEAT:
         raise ScenarioError(
-            f"{file}: spacecraft[{index}].repeat: a whole number of 1 or more expected, "
-            f"got {count!r}"
+            f"{file}: spacecraft[{index}].repeat: a whole number from 1 to {LARGEST_REPEAT} "
+            f"expected, got {count!r}"
+        )
+    if number_of_deputies > LARGEST_REPEAT:
+        raise ScenarioError(
+            f"{file}: spacecraft: {number_of_deputies} deputies are asked for, at most "
+            f"{LARGEST_REPEAT} can be"
         )
     if number_of_deputies:
         count = number_of_deputies - (len(spacecraft) - 2)
@@ -73,16 +81,28 @@ def repeat_spacecraft(fields: Any, file: str, number_of_deputies: int = 0) -> An
                 f"{file}: spacecraft: {number_of_deputies} deputies are asked for, the file lists "
                 f"{len(spacecraft) - 2} beside the repeated one"
             )
-    copies = [_numbered(entry, number) for number in range(1, count + 1)]
+    where = f"{file}: spacecraft[{index}]"
+    copies = [_numbered(entry, number, where) for number in range(1, count + 1)]
     return {**fields, "spacecraft": [*spacecraft[:index], *copies, *spacecraft[index + 1 :]]}
 
 
-def _numbered(value: Any, number: int) -> Any:
+def _numbered(value: Any, number: int, where: str) -> Any:
     """Return a value of the repeated entry as it is for one number."""
     if isinstance(value, dict):
         if set(value) == _SERIES:
-            return value["first"] + (number - 1) * value["increment"]
-        return {key: _numbered(item, number) for key, item in value.items()}
+            return _term(value, number, where)
+        return {key: _numbered(item, number, f"{where}.{key}") for key, item in value.items()}
     if isinstance(value, list):
-        return [_numbered(item, number) for item in value]
+        return [_numbered(item, number, f"{where}[{at}]") for at, item in enumerate(value)]
     return value.replace("{number}", str(number)) if isinstance(value, str) else value
+
+
+def _term(series: dict[str, Any], number: int, where: str) -> float:
+    """Return the term of a series for one number."""
+    for key, value in series.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            raise ScenarioError(f"{where}.{key}: a number expected, got {value!r}")
+    try:
+        return float(series["first"] + (number - 1) * series["increment"])
+    except OverflowError:
+        raise ScenarioError(f"{where}: the numbers are too large") from None

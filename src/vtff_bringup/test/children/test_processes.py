@@ -10,8 +10,8 @@ import time
 
 import pytest
 
-from vtff_bringup.run import processes
-from vtff_bringup.run.processes import ManagedProcess, end_together
+from vtff_bringup.children import processes
+from vtff_bringup.children.processes import ManagedProcess, end_together
 from vtff_bringup.run.runner import check_counts
 
 

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import dataclasses
 
-from vtff_bringup.run.standstill import LARGEST_SILENCE, LARGEST_STOP, StandstillWatch
+from vtff_bringup.children.standstill import (
+    LARGEST_LIFELESSNESS,
+    LARGEST_SILENCE,
+    LARGEST_STOP,
+    StandstillWatch,
+)
 
 
 @dataclasses.dataclass
 class Process:
     process_id: int
     is_stopped: bool = False
+    name: str = ""
 
 
 class Clock:
@@ -60,3 +66,37 @@ def test_a_run_without_progress_names_the_node_that_ends_it():
     found, after = watch_for(100.0, watch, clock, [ending], ending)
     assert found == (ending, f"has reported no progress for {LARGEST_SILENCE:g} s")
     assert LARGEST_SILENCE < after < LARGEST_SILENCE + 3.0
+
+
+def test_a_process_that_gave_signs_of_life_and_stops_is_named():
+    clock = Clock()
+    watch, processes = StandstillWatch(clock), [Process(1, name="a"), Process(2, name="b")]
+    assert watch_for(60.0, watch, clock, processes)[0] is None  # it never gave one
+    watch.take_sign_of_life("b", False)
+    assert not watch.was_ready("b")
+    watch.take_sign_of_life("b", True)
+    assert watch.was_ready("b") and watch.silence("b") == 0.0 == watch.silence("a")
+    found, after = watch_for(60.0, watch, clock, processes)
+    assert found == (processes[1], f"has shown no sign of life for {LARGEST_LIFELESSNESS:g} s")
+    assert LARGEST_LIFELESSNESS < after < LARGEST_LIFELESSNESS + 2.0
+
+
+def test_a_stopped_process_is_not_lifeless():
+    """What is stopped goes on later and takes what the nodes hold for it."""
+    clock = Clock()
+    watch, process = StandstillWatch(clock), Process(1, name="a")
+    watch.take_sign_of_life("a", True)
+    process.is_stopped = True
+    assert watch_for(LARGEST_STOP - 2.0, watch, clock, [process])[0] is None
+    assert watch.silence("a") <= 1.0
+    found, _ = watch_for(30.0, watch, clock, [process])
+    assert found == (process, f"has been stopped for {LARGEST_STOP:g} s")
+
+
+def test_a_machine_that_stood_still_is_no_lifeless_process():
+    clock = Clock()
+    watch, process = StandstillWatch(clock), Process(1, name="a")
+    watch.take_sign_of_life("a", True)
+    assert watch_for(5.0, watch, clock, [process])[0] is None
+    clock.now += 1000.0
+    assert watch.find([process], None) is None
