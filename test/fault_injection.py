@@ -298,9 +298,10 @@ class Flight:
                 os.killpg(number, signal.SIGKILL)
 
     def process_id(self, name: str) -> int:
-        """Return the process of a name of `PROCESSES`."""
+        """Return the process of a name of `PROCESSES`, or of a node of another system."""
+        words = PROCESSES.get(name, f"parameters/{name}.yaml")
         for number in self._children():
-            if PROCESSES[name] in _command_line(number):
+            if words in _command_line(number):
                 return number
         raise AssertionError(f"{name} does not run: {self.output()}")
 

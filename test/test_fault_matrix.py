@@ -67,6 +67,12 @@ def check(outcome: Outcome, *named: str) -> None:
     assert outcome.wall_time < LARGEST_WALL_TIME
 
 
+def check_interrupted(outcome: Outcome) -> None:
+    """Check a run that a fault does not end and that a user then ends."""
+    assert outcome.exit_code == 130 and "Traceback" not in outcome.output
+    assert outcome.left == [] and outcome.lost <= LARGEST_LOSS and outcome.closed
+
+
 def check_replaced(outcome: Outcome) -> None:
     """Check a run whose recorder hung: named, and its bag whole by a second one."""
     check(outcome, "bag_recorder has shown no sign of life for 10 s")
@@ -141,8 +147,7 @@ def test_a_thruster_that_hangs_is_a_silent_one(tmp_path, fault_table):
     flight.wait_for_steps(size=30_000)
     outcome = flight.end(interrupts=True)
     fault_table(*SILENT, outcome)
-    assert outcome.exit_code == 130 and "Traceback" not in outcome.output
-    assert outcome.left == [] and outcome.lost <= LARGEST_LOSS and outcome.closed
+    check_interrupted(outcome)
 
 
 @pytest.mark.slow
@@ -181,8 +186,7 @@ def test_link(link, how, tmp_path, fault_table):
             outcome = flight.end()
     fault_table(f"link {link}", how, outcome)
     if goes_on:
-        assert outcome.exit_code == 130 and "Traceback" not in outcome.output
-        assert outcome.left == [] and outcome.lost <= LARGEST_LOSS
+        check_interrupted(outcome)
     else:
         check(outcome, "simgen_bridge", "receiver_driver")
 
@@ -201,8 +205,59 @@ def test_can_link(how, tmp_path, fault_table):
         flight.wait_for_steps(size=30_000)
         outcome = flight.end(interrupts=True)
     fault_table("link can", how, outcome)
-    assert outcome.exit_code == 130 and "Traceback" not in outcome.output
-    assert outcome.left == [] and outcome.lost <= LARGEST_LOSS and outcome.closed
+    check_interrupted(outcome)
+
+
+#: Nodes of other systems, with what is said of each when it stands still.
+FURTHER_NODES = {
+    ("snap1", "snap1__adcs_emulator"): "nothing from the ADCS module: rods off, wheel held",
+    ("snap1", "snap1__adcs_can"): "adcs_can",
+    ("snap1", "snap1__attitude_estimator"): "/snap1/adcs_can",
+    ("snap1", "snap1__attitude_controller"): "/snap1/adcs_can",
+    ("fflas_software", "formation_guidance"): "formation_guidance",
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["kill", "stop", "hang"])
+@pytest.mark.parametrize(("system", "name"), FURTHER_NODES)
+def test_a_node_of_another_system(system, name, how, tmp_path, fault_table):
+    settings = ("simgen_bridge.step_timeout:=15",) if system == "fflas_software" else ()
+    flight = Flight(tmp_path, *settings, *ENDLESS, system=f"{system}.yaml")
+    flight.wait_for_steps(size=50_000)
+    signals = {"kill": signal.SIGKILL, "stop": signal.SIGSTOP, "hang": signal.SIGUSR1}
+    with flight.fault():
+        flight.send(name, signals[how])
+    said = FURTHER_NODES[system, name] if how == "hang" else name
+    goes_on = how == "hang" and name.endswith("adcs_emulator")  # the module is hardware
+    if goes_on:
+        flight.wait_for_output(said)
+    outcome = flight.end(interrupts=goes_on)
+    fault_table(f"{system}: {name}", how, outcome)
+    if goes_on:
+        check_interrupted(outcome)
+    else:
+        check(outcome, said)
+        assert outcome.closed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("how", ["cut", "noise", "delay"])
+def test_the_link_to_an_adcs_module(how, tmp_path, fault_table):
+    """It costs reports and commands, which is said, or time; never the run."""
+    with contextlib.closing(CanLink()) as link:
+        near, far = link.ports
+        ports = (f"can_port:={near}", f"adcs_emulator.port:={far}", f"can_channel:={CAN_GROUP}")
+        flight = Flight(tmp_path, *ports, *ENDLESS, system="snap1.yaml")
+        flight.wait_for_steps(size=50_000)
+        with flight.fault():
+            getattr(link, how)()
+        if how != "delay":
+            flight.wait_for_output("nothing from the ADCS module: rods off, wheel held")
+        flight.wait_for_steps(size=10_000)
+        outcome = flight.end(interrupts=True)
+    fault_table("snap1: link can", how, outcome)
+    check_interrupted(outcome)
 
 
 def test_the_can_link_of_the_matrix_carries_cuts_and_disturbs():
