@@ -27,7 +27,7 @@ from graph_support import ROOT, SYSTEMS
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
-from vtff_control.bus.connection import open_bus
+from vtff_node.can_bus.connection import open_bus
 from vtff_node.executables import executable_path
 
 #: Processes of config/system/reference.yaml: name of the log file -> words of its command line.

@@ -31,7 +31,7 @@ from fault_injection import (
     SmallDisk,
 )
 
-from vtff_control.bus.connection import open_bus
+from vtff_node.can_bus.connection import open_bus
 
 LARGEST_LOSS = 2  # s of scenario that a fault may cost
 LARGEST_WALL_TIME = 120.0  # s from a fault to the end of the command: time-out and teardown

@@ -21,7 +21,7 @@ from graph_support import ROOT, SYSTEMS
 
 from vtff_bag.file.reader import BagReader
 from vtff_bringup.run.runner import check_counts
-from vtff_node.loopback_can_bus import LoopbackCanBus
+from vtff_node.can_bus.loopback import LoopbackCanBus
 
 LIMIT = 180.0  # s after which a test gives up
 GROUP = "239.74.163.2"  # default bus of config/system/reference.yaml

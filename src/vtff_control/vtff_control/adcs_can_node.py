@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
 from dataclasses import dataclass
@@ -15,14 +14,19 @@ from rosgraph_msgs.msg import Clock
 from vtff_control.adcs.frames import AdcsAnswer, AdcsFrames, AdcsModuleReport
 from vtff_control.adcs.log import AdcsLogWriter
 from vtff_control.adcs.module_link import AdcsLink
-from vtff_control.bus.connection import open_bus
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AdcsCommand, AdcsReport
 from vtff_node import diagnostics
+from vtff_node.can_bus.node_bus import (
+    CanBusParameters,
+    bus_status,
+    connect_first,
+    read_database,
+)
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
-from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.parameters import ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
 
 # All times in s of wall time.
@@ -33,15 +37,10 @@ SILENCE_LOG_INTERVAL = 10.0  # from one line on a silence to the next
 
 
 @dataclass(frozen=True)
-class AdcsCanParameters:
+class AdcsCanParameters(CanBusParameters):
     """Parameters of `adcs_can`."""
 
-    dbc_file: str = parameter(REQUIRED, "DBC file with the frames of the module")
-    interface: str = parameter(
-        "udp_multicast", "interface of python-can: virtual, socketcan, udp_multicast, ..."
-    )
     channel: str = parameter("239.74.163.3", "bus of that interface, as can0 or a multicast group")
-    port: int = parameter(0, "UDP port of udp_multicast, 0 = its default", minimum=0, maximum=65535)
     spacecraft: str = parameter("spacecraft", "spacecraft of the module")
     period: float = parameter(5.0, "period of the module", unit="s", minimum=0.01)
     pulse_step: float = parameter(0.01, "length of a step of a pulse", unit="s", minimum=1e-4)
@@ -89,10 +88,7 @@ class AdcsCanNode(VtffNode):
             raise ParameterError(
                 f"parameter 'sample_times': falling times of 0 s or more expected; got {times}"
             )
-        try:
-            frames = AdcsFrames(given.dbc_file)
-        except ValueError as error:
-            raise ParameterError(f"parameter 'dbc_file': {error}") from error
+        frames = read_database(AdcsFrames, given.dbc_file)
         self._log: AdcsLogWriter | None = None
         if given.log_file:
             try:
@@ -101,15 +97,8 @@ class AdcsCanNode(VtffNode):
                 raise ParameterError(
                     f"parameter 'log_file': {given.log_file}: {error.strerror or error}"
                 ) from error
-        self._link = AdcsLink(
-            frames,
-            functools.partial(open_bus, given.interface, given.channel, given.port),
-            self._write_to_log,
-        )
-        try:
-            self._link.bus.connect()
-        except can.CanInterfaceNotImplementedError as error:
-            raise ParameterError(f"parameter 'interface': {error}") from error
+        self._link = AdcsLink(frames, given.open_bus, self._write_to_log)
+        connect_first(self._link.bus.connect)
         self._period = round(given.period * NANOSECONDS_PER_SECOND)
         self._first_stamp = -1
         self._log_stamp = 0
@@ -263,7 +252,7 @@ class AdcsCanNode(VtffNode):
             now = time.monotonic()
             if now >= self._silence_logged_at + SILENCE_LOG_INTERVAL:
                 self._silence_logged_at = now
-                bus = f"{self.parameters.interface} {self.parameters.channel}"
+                bus = self.parameters.bus_name
                 self.get_logger().warning(
                     f"{bus}: nothing from the ADCS module: rods off, wheel held till then"
                 )
@@ -286,34 +275,25 @@ class AdcsCanNode(VtffNode):
 
     def awaited_inputs(self) -> list[str]:
         """Return the topics without a publisher, and the bus on which no module was heard."""
-        bus = f"{self.parameters.interface} {self.parameters.channel}"
-        heard = self._link.heard_at is not None
-        return [*super().awaited_inputs(), *([] if heard else [f"the ADCS module on {bus}"])]
+        if self._link.heard_at is not None:
+            return super().awaited_inputs()
+        return [*super().awaited_inputs(), f"the ADCS module on {self.parameters.bus_name}"]
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report the link to the module."""
         link = self._link
-        level, text = diagnostics.OK, "connected"
-        if link.bus.problem:
-            level, text = diagnostics.ERROR, f"no bus: {link.bus.problem}"
-        elif link.heard_at is None:
-            level, text = diagnostics.WARN, "nothing heard from the ADCS module yet"
+        state = diagnostics.OK, "connected"
+        if link.heard_at is None:
+            state = diagnostics.WARN, "nothing heard from the ADCS module yet"
         elif self._silent:
-            level, text = diagnostics.ERROR, "nothing from the ADCS module: rods off, wheel held"
+            state = diagnostics.ERROR, "nothing from the ADCS module: rods off, wheel held"
         values = {
             name.replace("_", " "): count
             for name, count in dataclasses.asdict(link.counters).items()
         }
         values |= {"bus errors": link.bus.errors, "commands refused": self._refused}
-        return [
-            diagnostics.status(
-                f"{self.get_name()}: CAN link",
-                level,
-                text,
-                values,
-                hardware_id=f"{self.parameters.interface} {self.parameters.channel}",
-            )
-        ]
+        subject = f"{self.get_name()}: CAN link"
+        return [bus_status(subject, self.parameters, link.bus.problem, state, values)]
 
 
 NODE_CLASS = AdcsCanNode

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 import math
 import time
 from dataclasses import dataclass
 
-import can
 import numpy as np
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import AccelStamped
 
-from vtff_control.bus.connection import open_bus
 from vtff_control.thruster.can_frames import MODE_OFF, MODE_THRUST, ThrusterFrames, ThrustReport
 from vtff_control.thruster.can_thruster import ThrusterLink
 from vtff_control.thruster.isolation import isolated_axes, isolated_text
@@ -24,9 +21,15 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import ThrusterIsolation
 from vtff_node import diagnostics
+from vtff_node.can_bus.node_bus import (
+    CanBusParameters,
+    bus_status,
+    connect_first,
+    read_database,
+)
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
-from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.parameters import parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 # All times in s of wall time.
@@ -38,15 +41,10 @@ SILENT_TIMEOUT = 0.2  # for the report of a thruster that did not answer the com
 
 
 @dataclass(frozen=True)
-class ThrusterCanParameters:
+class ThrusterCanParameters(CanBusParameters):
     """Parameters of `thruster_can`."""
 
-    dbc_file: str = parameter(REQUIRED, "DBC file with the frames of the thruster")
-    interface: str = parameter(
-        "udp_multicast", "interface of python-can: virtual, socketcan, udp_multicast, ..."
-    )
-    channel: str = parameter("239.74.163.2", "bus of that interface, as vcan0 or a multicast group")
-    port: int = parameter(0, "UDP port of udp_multicast, 0 = its default", minimum=0, maximum=65535)
+    channel: str = parameter("239.74.163.2", "bus of that interface, as can0 or a multicast group")
     delay_steps: int = parameter(
         1, "whole steps between a command's stamp and its start", minimum=0, maximum=100
     )
@@ -101,21 +99,13 @@ class ThrusterCanNode(VtffNode):
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("thruster", **node_arguments)
         given: ThrusterCanParameters = self.parameters
-        try:
-            frames = ThrusterFrames(given.dbc_file)
-        except ValueError as error:
-            raise ParameterError(f"parameter 'dbc_file': {error}") from error
+        frames = read_database(ThrusterFrames, given.dbc_file)
         # Limits and rounds to what a frame can hold; the thruster itself is on the bus.
         self._scheduler = Thruster(
             frames.largest_acceleration, frames.resolution, given.delay_steps, given.step
         )
-        self._link = ThrusterLink(
-            frames, functools.partial(open_bus, given.interface, given.channel, given.port)
-        )
-        try:
-            self._link.connect()
-        except can.CanInterfaceNotImplementedError as error:
-            raise ParameterError(f"parameter 'interface': {error}") from error
+        self._link = ThrusterLink(frames, given.open_bus)
+        connect_first(self._link.connect)
         self._watchdog = round(given.watchdog_timeout * NANOSECONDS_PER_SECOND)
         self._applied = AccelStamped()
         self._counts = {"saturated": 0, "refused": 0, "out of order": 0, "too late": 0}
@@ -217,7 +207,7 @@ class ThrusterCanNode(VtffNode):
         self._silence_logged = now >= self._silence_logged_at + SILENCE_LOG_INTERVAL
         if self._silence_logged:
             self._silence_logged_at = now
-            bus = f"{self.parameters.interface} {self.parameters.channel}"
+            bus = self.parameters.bus_name
             self.get_logger().warning(f"{bus}: no report from the thruster: zero thrust till then")
 
     def _log_end_of_silence(self) -> None:
@@ -283,9 +273,9 @@ class ThrusterCanNode(VtffNode):
 
     def awaited_inputs(self) -> list[str]:
         """Return the topics without a publisher, and the bus on which no thruster was heard."""
-        heard = self._link.heard_at is not None
-        bus = f"{self.parameters.interface} {self.parameters.channel}"
-        return [*super().awaited_inputs(), *([] if heard else [f"the thruster on {bus}"])]
+        if self._link.heard_at is not None:
+            return super().awaited_inputs()
+        return [*super().awaited_inputs(), f"the thruster on {self.parameters.bus_name}"]
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report thrust, link and the thruster's own state."""
@@ -312,13 +302,11 @@ class ThrusterCanNode(VtffNode):
 
     def _link_health(self) -> diagnostics.DiagnosticStatus:
         link, heartbeat = self._link, self._link.heartbeat
-        level, text = diagnostics.OK, "connected"
-        if link.problem:
-            level, text = diagnostics.ERROR, f"no bus: {link.problem}"
-        elif link.heard_at is None:
-            level, text = diagnostics.WARN, "nothing heard from the thruster yet"
+        state = diagnostics.OK, "connected"
+        if link.heard_at is None:
+            state = diagnostics.WARN, "nothing heard from the thruster yet"
         elif (silence := time.monotonic() - link.heard_at) > SILENT_AFTER:
-            level, text = diagnostics.ERROR, f"nothing heard from the thruster for {silence:.0f} s"
+            state = diagnostics.ERROR, f"nothing heard from the thruster for {silence:.0f} s"
         values = {
             name.replace("_", " "): count
             for name, count in dataclasses.asdict(link.counters).items()
@@ -331,13 +319,8 @@ class ThrusterCanNode(VtffNode):
                 "thruster rejected frames": heartbeat.rejected_frames,
                 "thruster sequence gaps": heartbeat.sequence_gaps,
             }
-        return diagnostics.status(
-            f"{self.get_name()}: CAN link",
-            level,
-            text,
-            values,
-            hardware_id=f"{self.parameters.interface} {self.parameters.channel}",
-        )
+        subject = f"{self.get_name()}: CAN link"
+        return bus_status(subject, self.parameters, link.problem, state, values)
 
 
 NODE_CLASS = ThrusterCanNode

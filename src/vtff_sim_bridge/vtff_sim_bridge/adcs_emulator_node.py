@@ -4,31 +4,30 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import can
 import numpy as np
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AdcsReport
 from vtff_node import diagnostics
-from vtff_node.loopback_can_bus import LoopbackCanBus
+from vtff_node.can_bus.node_bus import (
+    CanBusParameters,
+    bus_status,
+    connect_first,
+    read_database,
+)
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
-from vtff_node.parameters import REQUIRED, ParameterError, parameter
+from vtff_node.parameters import parameter
 from vtff_node.stamps import to_nanoseconds
 from vtff_sim_bridge.attitude.adcs_bus import AdcsBus, AdcsModulePort
 
 
 @dataclass(frozen=True)
-class AdcsEmulatorParameters:
+class AdcsEmulatorParameters(CanBusParameters):
     """Parameters of `adcs_emulator`."""
 
-    dbc_file: str = parameter(REQUIRED, "DBC file with the frames of the module")
-    interface: str = parameter(
-        "udp_multicast", "interface of python-can: virtual, socketcan, udp_multicast, ..."
-    )
     channel: str = parameter("239.74.163.3", "bus of that interface, as can0 or a multicast group")
-    port: int = parameter(0, "UDP port of udp_multicast, 0 = its default", minimum=0, maximum=65535)
     spacecraft: str = parameter("spacecraft", "spacecraft of the module")
     longest_pulse: int = parameter(400, "steps of a pulse at most", minimum=0, maximum=511)
     largest_wheel_speed_rpm: float = parameter(5000.0, "either way", unit="rpm", minimum=0.0)
@@ -50,26 +49,13 @@ class AdcsEmulatorNode(VtffNode):
     def __init__(self, **node_arguments: object) -> None:
         super().__init__("adcs_emulator", **node_arguments)
         given: AdcsEmulatorParameters = self.parameters
-        try:
-            self._port = AdcsModulePort(
-                given.dbc_file, given.longest_pulse, given.largest_wheel_speed_rpm
-            )
-        except ValueError as error:
-            raise ParameterError(f"parameter 'dbc_file': {error}") from error
-        self._bus = AdcsBus(self._port, self._open_bus)
-        try:
-            self._bus.start()
-        except can.CanInterfaceNotImplementedError as error:
-            raise ParameterError(f"parameter 'interface': {error}") from error
+        limits = (given.longest_pulse, given.largest_wheel_speed_rpm)
+        self._port = read_database(lambda file: AdcsModulePort(file, *limits), given.dbc_file)
+        self._bus = AdcsBus(self._port, given.open_bus)
+        connect_first(self._bus.start)
         self._first_stamp = -1
         self._reports = 0
         self.subscribe(AdcsReport, "adcs/module_report", self._on_report)
-
-    def _open_bus(self) -> can.BusABC:
-        given: AdcsEmulatorParameters = self.parameters
-        if given.interface == "udp_multicast":
-            return LoopbackCanBus(given.channel, given.port)
-        return can.Bus(given.channel, given.interface)
 
     def _on_report(self, message: AdcsReport) -> None:
         if not self.is_of_deputy(message, self.parameters.spacecraft, "adcs/module_report"):
@@ -101,24 +87,16 @@ class AdcsEmulatorNode(VtffNode):
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report the bus."""
-        level, text = diagnostics.OK, "on the bus"
-        if self._bus.problem:
-            level, text = diagnostics.ERROR, f"no bus: {self._bus.problem}"
-        elif self._bus.is_off:
-            level, text = diagnostics.WARN, "off the bus, as told"
-        return [
-            diagnostics.status(
-                f"{self.get_name()}: bus",
-                level,
-                text,
-                {
-                    "reports": self._reports,
-                    "commands": self._port.commands,
-                    "rejected frames": self._port.rejected_frames,
-                },
-                hardware_id=f"{self.parameters.interface} {self.parameters.channel}",
-            )
-        ]
+        state = diagnostics.OK, "on the bus"
+        if self._bus.is_off:
+            state = diagnostics.WARN, "off the bus, as told"
+        values = {
+            "reports": self._reports,
+            "commands": self._port.commands,
+            "rejected frames": self._port.rejected_frames,
+        }
+        subject = f"{self.get_name()}: bus"
+        return [bus_status(subject, self.parameters, self._bus.problem, state, values)]
 
 
 NODE_CLASS = AdcsEmulatorNode

@@ -16,10 +16,10 @@ from itertools import pairwise
 import can
 import pytest
 
-from vtff_control.bus.connection import open_bus
 from vtff_control.thruster.can_frames import ThrusterFrames
 from vtff_control.thruster.can_thruster import ThrusterLink
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_node.can_bus.connection import open_bus
 from vtff_sim_bridge.thruster.can_thruster_emulator import CanThruster, serve
 
 DBC_FILE = pathlib.Path(__file__).resolve().parents[4] / "config" / "can" / "vtff_thruster.dbc"

@@ -16,10 +16,10 @@ from geometry_msgs.msg import AccelStamped  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 
-from vtff_control.bus.connection import open_bus  # noqa: E402
 from vtff_control.thruster_can_node import ThrusterCanNode  # noqa: E402
 from vtff_msgs.msg import StepDone  # noqa: E402
 from vtff_node import diagnostics, qos  # noqa: E402
+from vtff_node.can_bus.connection import open_bus  # noqa: E402
 from vtff_node.parameters import ParameterError  # noqa: E402
 from vtff_node.stamps import to_nanoseconds, to_stamp  # noqa: E402
 from vtff_sim_bridge.thruster.can_thruster_emulator import CanThruster, serve  # noqa: E402

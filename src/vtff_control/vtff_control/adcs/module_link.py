@@ -15,7 +15,7 @@ from vtff_control.adcs.frames import (
     AdcsModuleReport,
     same_time_of_week,
 )
-from vtff_control.bus.connection import FIRST_RETRY, BusConnection
+from vtff_node.can_bus.connection import FIRST_RETRY, BusConnection
 
 __all__ = ["AdcsCounters", "AdcsLink"]
 

@@ -10,7 +10,6 @@ import can
 import numpy as np
 import numpy.typing as npt
 
-from vtff_control.bus.connection import FIRST_RETRY, BusConnection
 from vtff_control.thruster.can_frames import (
     MODE_THRUST,
     FrameError,
@@ -20,6 +19,7 @@ from vtff_control.thruster.can_frames import (
     time_of_week_milliseconds,
 )
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_node.can_bus.connection import FIRST_RETRY, BusConnection
 
 RESEND_INTERVAL = 0.2  # s without an answer after which a command is sent again
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 import threading
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,6 +17,7 @@ import cantools
 import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_node.can_bus.connection import FIRST_RETRY, BusConnection
 from vtff_sim_bridge.thruster.device_frames import decode_frame, encode_frame
 
 __all__ = ["AdcsBus", "AdcsModulePort"]
@@ -175,65 +175,50 @@ class AdcsBus:
     """
 
     LONGEST_WAIT = 0.1  # s
-    REOPEN_PAUSE = 0.2  # s
 
     def __init__(self, port: AdcsModulePort, open_bus: Callable[[], can.BusABC]) -> None:
         self._port = port
-        self._open_bus = open_bus
-        self._lock = threading.Lock()
-        self._bus: can.BusABC | None = None
+        self._connection = BusConnection(open_bus)
+        self._lock = threading.Lock()  # frames of a report and of an answer do not mix
         self._stopped = threading.Event()
         self.is_off = False
-        self.problem = ""
         self._thread = threading.Thread(target=self._serve, daemon=True, name="adcs bus")
 
+    @property
+    def problem(self) -> str:
+        """Why the bus is not there, one line; empty if it is."""
+        return self._connection.problem
+
     def start(self) -> None:
-        """Open the bus and begin to answer."""
-        self._connect()
+        """Open the bus and begin to answer.
+
+        Raises
+        ------
+        can.CanInterfaceNotImplementedError
+            If the interface does not exist.
+        """
+        self._connection.connect()
         self._thread.start()
 
     def send(self, frames: list[can.Message]) -> None:
         """Send frames, unless the bus is off."""
         with self._lock:
-            if self._bus is None or self.is_off:
-                return
-            try:
-                for frame in frames:
-                    self._bus.send(frame)
-            except (can.CanError, OSError) as error:
-                self.problem = str(error)
+            if not self.is_off:
+                self._connection.send(frames, self.LONGEST_WAIT)
 
     def close(self) -> None:
         """End the thread and close the bus."""
         self._stopped.set()
         if self._thread.is_alive():
             self._thread.join()
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
-
-    def _connect(self) -> None:
-        try:
-            self._bus = self._open_bus()
-            self.problem = ""
-        except can.CanInterfaceNotImplementedError:
-            raise
-        except (can.CanError, OSError) as error:
-            self.problem = str(error)
+        self._connection.close()
 
     def _serve(self) -> None:
         while not self._stopped.is_set():
-            if self._bus is None:
-                time.sleep(self.REOPEN_PAUSE)
-                self._connect()
+            if not self._connection.connect():
+                self._stopped.wait(FIRST_RETRY)
                 continue
-            try:
-                frame = self._bus.recv(self.LONGEST_WAIT)
-            except (can.CanError, OSError) as error:
-                self.problem = str(error)
-                bus, self._bus = self._bus, None
-                bus.shutdown()
-                continue
+            frame = self._connection.receive(self.LONGEST_WAIT)
             if frame is not None and not self.is_off:
                 answers = self._port.receive(frame)
                 if answers:

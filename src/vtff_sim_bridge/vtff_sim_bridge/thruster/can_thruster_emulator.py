@@ -8,6 +8,7 @@ once a second, and cuts the thrust when no command has come for two seconds.
 from __future__ import annotations
 
 import argparse
+import contextlib
 import dataclasses
 import logging
 import math
@@ -21,7 +22,7 @@ from typing import Any
 import can
 import cantools
 
-from vtff_node.loopback_can_bus import LoopbackCanBus
+from vtff_node.can_bus.connection import FIRST_RETRY, BusConnection, open_bus
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.stop_signals import StopRequest
 from vtff_sim_bridge.thruster.device_frames import decode_frame, encode_frame
@@ -34,7 +35,6 @@ QUANTUM = 1e-5  # m/s2, impulse bit over a step of 1 s: the resolution of the fr
 WATCHDOG_TIMEOUT = 2.0  # s
 HEARTBEAT_INTERVAL = 1.0  # s of wall time
 LONGEST_WAIT = 0.2  # s, bounds the reaction to a signal
-REOPEN_PAUSE = 0.5  # s between attempts to open a bus that has failed
 
 MODE_OFF = 0
 MODE_THRUST = 1
@@ -370,24 +370,19 @@ def serve(
     can.CanInterfaceNotImplementedError
         If the interface does not exist.
     """
-    while not stopped():
-        try:
-            with open_bus() as bus:
-                _serve_bus(thruster, bus, stopped)
-        except can.CanInterfaceNotImplementedError:
-            raise
-        except (can.CanError, OSError) as error:
-            LOGGER.warning("bus: %s; trying again", error)
-            time.sleep(REOPEN_PAUSE)
-
-
-def _serve_bus(thruster: CanThruster, bus: can.BusABC, stopped: Callable[[], bool]) -> None:
-    while not stopped():
-        frame = bus.recv(LONGEST_WAIT)
-        now = time.monotonic()
-        answers = [] if frame is None else thruster.receive(frame, now)
-        for answer in (*answers, *thruster.tick(now)):
-            bus.send(answer)
+    connection = BusConnection(open_bus)
+    errors = 0
+    with contextlib.closing(connection):
+        while not stopped():
+            if not connection.connect():
+                time.sleep(FIRST_RETRY)
+            frame = connection.receive(LONGEST_WAIT)
+            now = time.monotonic()
+            answers = [] if frame is None else thruster.receive(frame, now)
+            connection.send((*answers, *thruster.tick(now)), LONGEST_WAIT)
+            if connection.errors > errors:
+                errors = connection.errors
+                LOGGER.warning("bus: %s; trying again", connection.problem)
 
 
 def _limits(options: argparse.Namespace) -> dict[str, float]:
@@ -414,7 +409,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
             **_limits(options),
         )
         with _lock_bus(options):
-            serve(thruster, lambda: _open_bus(options), lambda: stop.requested)
+            serve(
+                thruster,
+                lambda: open_bus(options.interface, options.channel, options.port),
+                lambda: stop.requested,
+            )
     except (ValueError, can.CanInterfaceNotImplementedError) as error:
         LOGGER.error("%s", error)
         return 1
@@ -448,12 +447,6 @@ def _lock_bus(options: argparse.Namespace) -> socket.socket:
             f"another emulated thruster is on {bus}; each thruster needs a bus of its own"
         ) from None
     return lock
-
-
-def _open_bus(options: argparse.Namespace) -> can.BusABC:
-    if options.interface == "udp_multicast":
-        return LoopbackCanBus(options.channel, options.port)
-    return can.Bus(options.channel, options.interface)
 
 
 def _parser() -> argparse.ArgumentParser:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Iterable
 
 import can
 
-from vtff_node.loopback_can_bus import LoopbackCanBus
+from vtff_node.can_bus.loopback import LoopbackCanBus
 
 __all__ = ["FIRST_RETRY", "BusConnection", "open_bus"]
 
@@ -41,7 +42,9 @@ def open_bus(interface: str, channel: str, port: int = 0) -> can.BusABC:
 
 
 class BusConnection:
-    """A bus, from one thread. Nothing is raised when it fails: it is closed and opened again.
+    """A bus. Nothing is raised when it fails: it is closed and opened again.
+
+    One thread may receive while another one sends.
 
     Parameters
     ----------
@@ -66,6 +69,7 @@ class BusConnection:
         self._open_bus = open_bus
         self._clock = clock
         self._bus: can.BusABC | None = None
+        self._lock = threading.Lock()  # of opening and losing, never held while frames are awaited
         self._retry_at = -float("inf")
         self._retry_pause = FIRST_RETRY
 
@@ -77,54 +81,67 @@ class BusConnection:
         can.CanInterfaceNotImplementedError
             If the interface does not exist: no later attempt can help.
         """
-        if self._bus is None and self._clock() >= self._retry_at:
-            try:
-                self._bus = self._open_bus()
-            except can.CanInterfaceNotImplementedError:
-                raise
-            except _BUS_ERRORS as error:
-                self._lose(error)
-            else:
-                self.problem = ""
-                self._retry_pause = FIRST_RETRY
-        return self._bus is not None
+        return self._opened() is not None
+
+    def _opened(self) -> can.BusABC | None:
+        with self._lock:
+            if self._bus is None and self._clock() >= self._retry_at:
+                try:
+                    self._bus = self._open_bus()
+                except can.CanInterfaceNotImplementedError:
+                    raise
+                except _BUS_ERRORS as error:
+                    self._note(error)
+                else:
+                    self.problem = ""
+                    self._retry_pause = FIRST_RETRY
+            return self._bus
 
     def send(self, frames: Iterable[can.Message], timeout: float) -> None:
         """Send frames; each waits at most `timeout` seconds of wall time for the bus."""
-        if not self.connect():
+        bus = self._opened()
+        if bus is None:
             return
-        assert self._bus is not None
         try:
             for frame in frames:
-                self._bus.send(frame, timeout=timeout)
+                bus.send(frame, timeout=timeout)
         except _BUS_ERRORS as error:
-            self._lose(error)
+            self._lose(bus, error)
 
     def receive(self, timeout: float) -> can.Message | None:
         """Return the next frame, waiting for it up to `timeout` seconds of wall time."""
-        if not self.connect():
+        bus = self._opened()
+        if bus is None:
             return None
-        assert self._bus is not None
         try:
-            return self._bus.recv(timeout)
+            return bus.recv(timeout)
         except _BUS_ERRORS as error:
-            self._lose(error)
-            return None
+            self._lose(bus, error)
+        except ValueError:  # the descriptor of a bus that the sending thread has closed meanwhile
+            if self._bus is bus:
+                raise
+        return None
 
     def close(self) -> None:
         """Close the bus."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        with self._lock:
+            bus, self._bus = self._bus, None
+        if bus is not None:
+            bus.shutdown()
 
-    def _lose(self, error: Exception) -> None:
+    def _note(self, error: Exception) -> None:
         self.errors += 1
         self.problem = str(error) or type(error).__name__
-        bus, self._bus = self._bus, None
         self._retry_at = self._clock() + self._retry_pause
         self._retry_pause = min(2.0 * self._retry_pause, LONGEST_RETRY)
-        if bus is not None:
-            try:
-                bus.shutdown()
-            except _BUS_ERRORS as close_error:
-                self.problem += f"; closing it failed too: {close_error}"
+
+    def _lose(self, bus: can.BusABC, error: Exception) -> None:
+        with self._lock:
+            if bus is not self._bus:  # the other thread has lost it already
+                return
+            self._bus = None
+            self._note(error)
+        try:
+            bus.shutdown()
+        except _BUS_ERRORS as close_error:
+            self.problem += f"; closing it failed too: {close_error}"

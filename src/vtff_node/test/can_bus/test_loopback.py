@@ -7,7 +7,7 @@ import socket
 import can
 import pytest
 
-from vtff_node.loopback_can_bus import LoopbackCanBus
+from vtff_node.can_bus.loopback import LoopbackCanBus
 
 GROUP = "239.74.163.2"
 

@@ -1,0 +1,1 @@
+"""A CAN bus of a device: opened, opened again when it fails, its parameters and its state."""
