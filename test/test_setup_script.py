@@ -275,6 +275,20 @@ def test_python_of_this_workspace_needs_nothing_sourced():
     assert done.returncode == 0, done.stderr
 
 
+def test_an_environment_that_is_broken_does_not_start_python_for_ever(tmp_path):
+    spec = importlib.util.spec_from_file_location("w", ROOT / "tools/write_environment.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    script, starts = tmp_path / "environment.sh", tmp_path / "starts"
+    script.write_text(f'echo start >> "{starts}"; export AMENT_PREFIX_PATH=/x PYTHONPATH=/\n')
+    code = module.PYTHON_MODULE.format(script=str(script), prefix="/nonexistent")
+    (tmp_path / "begin.py").write_text(code + "print('begun')\n")
+    command = [sys.executable, "-S", tmp_path / "begin.py"]
+    done = subprocess.run(command, env=PLAIN, capture_output=True, text=True, timeout=60)
+    assert (done.stdout, done.returncode) == ("begun\n", 0), done.stderr
+    assert starts.read_text() == "start\n"
+
+
 @pytest.mark.parametrize(
     ("change", "work"),
     [

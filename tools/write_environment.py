@@ -37,10 +37,16 @@ import sys
 
 SCRIPT = {script!r}
 PREFIX = {prefix!r}  # in AMENT_PREFIX_PATH where the environment is set
+# Names the script of the environment for the process that is started again, so that a broken
+# script cannot have it start for ever.
+STARTED = "VTFF_ENVIRONMENT_STARTED"
 
 
 def set_environment():
     """Replace this process by the same command in the environment of the script."""
+    if os.environ.get(STARTED) == SCRIPT:
+        del os.environ[STARTED]
+        return
     ament = os.environ.get("AMENT_PREFIX_PATH", "")
     if PREFIX in ament.split(os.pathsep) or not os.path.isfile(SCRIPT):
         return
@@ -52,6 +58,7 @@ def set_environment():
     items = (item.split("=", 1) for item in os.fsdecode(output).split("\\0") if "=" in item)
     environment = dict(items)
     environment.pop("_", None)
+    environment[STARTED] = SCRIPT
     own = os.environ.get("PYTHONPATH")
     if own and not ament:
         environment["PYTHONPATH"] = own + os.pathsep + environment["PYTHONPATH"]

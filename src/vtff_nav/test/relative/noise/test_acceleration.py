@@ -33,5 +33,40 @@ def test_the_sigma_at_a_distance_is_the_measure():
 
 
 def test_the_factor_has_limits():
-    assert learnt(0.0, 0.0) == pytest.approx(0.2)
+    assert learnt(0.0, 0.0) == pytest.approx(0.05)
     assert learnt(1e-3, 0.0) == pytest.approx(20.0)
+
+
+def test_a_covariance_above_that_of_the_process_does_not_raise_the_factor():
+    monitor = AccelerationMonitor(NOISE)
+    # The start was far away, where the accelerations of the process are ten times as large.
+    monitor.learn(np.zeros(9), 1e-10 * np.eye(9), 1e4, 1.0)
+    for second in range(600):
+        monitor.learn(np.zeros(9), 1e-10 * np.exp(-2.0 * second / 900.0) * np.eye(9), 0.0, 1.0)
+    assert 0.7 < monitor.factor < 1.05
+
+
+@pytest.mark.parametrize("true_sigma", [2e-7, 5e-6])
+def test_a_filter_finds_the_accelerations_that_act(true_sigma):
+    # Independent truth: a Gauss-Markov acceleration on each axis, seen through positions of 1 mm.
+    generator, step, time = np.random.default_rng(5), 1.0, NOISE.empirical_time
+    phi = np.eye(9) + step * np.eye(9, k=3)
+    phi[:3, 6:] = 0.5 * step**2 * np.eye(3)
+    decay = np.exp(-step / time)
+    phi[6:, 6:] = decay * np.eye(3)
+    monitor, truth = AccelerationMonitor(NOISE), np.zeros(9)
+    truth[6:] = true_sigma * generator.standard_normal(3)
+    mean, covariance = np.zeros(9), np.diag([1.0] * 6 + [NOISE.empirical_sigma**2] * 3)
+    for _ in range(7200):
+        driven = np.sqrt(1.0 - decay**2) * generator.standard_normal(3)
+        truth = phi @ truth
+        truth[6:] += true_sigma * driven
+        mean, covariance = phi @ mean, phi @ covariance @ phi.T
+        steady = (monitor.factor * NOISE.empirical_sigma) ** 2
+        covariance[6:, 6:] += (1.0 - decay**2) * steady * np.eye(3)
+        innovation = truth[:3] + 1e-3 * generator.standard_normal(3) - mean[:3]
+        gain = np.linalg.solve(covariance[:3, :3] + 1e-6 * np.eye(3), covariance[:3]).T
+        mean, covariance = mean + gain @ innovation, covariance - gain @ covariance[:3]
+        monitor.learn(mean, covariance, 0.0, step)
+    found = monitor.factor * NOISE.empirical_sigma
+    assert 0.5 < found / true_sigma < 2.0

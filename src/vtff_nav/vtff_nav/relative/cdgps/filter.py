@@ -553,7 +553,10 @@ class RelativeFilter:
             self._gradient_sigma = sigma
 
     def _doubt(self, last: SlowError, slow: SlowError) -> None:
-        """Raise the covariance of what was estimated from phases with larger slow errors."""
+        """Raise the covariance of what was estimated from phases with larger slow errors.
+
+        Not that of empirical accelerations: their process bounds them, not the phases.
+        """
 
         def power(error: SlowError) -> float:
             return _WHITE_PHASE_POWER + 2.0 * error.sigma**2 * error.correlation_time
@@ -563,6 +566,7 @@ class RelativeFilter:
         scale = np.array(
             [math.sqrt(factor) if kind in kinds else 1.0 for kind, *_ in self.state.labels]
         )
+        scale[6:DYNAMIC_STATES] = 1.0
         self.state.covariance *= scale[:, None] * scale
 
     def _reject_faults(

@@ -12,16 +12,22 @@ from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise
 __all__ = ["AccelerationMonitor"]
 
 # Limits of the factor of the a priori sigma, and the time over which it is learnt, s.
-_FACTORS = (0.2, 20.0)
-_MEMORY = 300.0
+_FACTORS = (0.05, 20.0)
+_MEMORY = 150.0
+# Share of the variance that measurements must explain for the factor to be learnt at half that
+# pace, and the share below which the estimate is that which was assumed.
+_HALF_PACE, _SMALLEST_SHARE = 0.2, 0.01
+# Largest square of an estimate, as a multiple of its variance, that counts.
+_LARGEST_SQUARE = 6.0
 
 
 class AccelerationMonitor:
     """Adapts the sigma of empirical accelerations to their estimates.
 
-    The expected square of an estimated acceleration, its mean squared and its variance, is the
-    steady-state variance of its process if that was assumed rightly (expectation maximisation:
-    Dempster, Laird and Rubin 1977); where measurements tell nothing, it is what was assumed.
+    If the process was assumed rightly, the variance of an estimated acceleration is that of the
+    process less that of the error of the estimate (law of total variance). The logarithm of the
+    variance follows the ratio of both step by step (Robbins and Monro 1951), as fast as the
+    measurements say something of the acceleration.
 
     Parameters
     ----------
@@ -31,6 +37,7 @@ class AccelerationMonitor:
 
     def __init__(self, noise: MotionNoise) -> None:
         self._noise = noise
+        self._variance = math.nan
         self.factor = 1.0
 
     def learn(
@@ -47,11 +54,20 @@ class AccelerationMonitor:
         interval : float
             Since the last epoch, s.
         """
-        sigma = self._noise.at_distance(distance).empirical_sigma
-        if sigma == 0.0:
+        noise = self._noise.at_distance(distance).scaled(self.factor)
+        steady = noise.empirical_sigma**2
+        if steady == 0.0:
             return
+        # Variance of the process, which follows a change of distance or factor slowly.
+        kept = math.exp(-2.0 * interval / noise.empirical_time)
+        before = self._variance if math.isfinite(self._variance) else steady
+        self._variance = kept * before + (1.0 - kept) * steady
         acceleration = slice(6, DYNAMIC_STATES)
-        square = mean[acceleration] ** 2 + np.diagonal(covariance)[acceleration]
-        share = -math.expm1(-interval / _MEMORY)
-        variance = (1.0 - share) * self.factor**2 + share * float(np.mean(square)) / sigma**2
-        self.factor = min(max(math.sqrt(variance), _FACTORS[0]), _FACTORS[1])
+        unexplained = float(np.mean(np.diagonal(covariance)[acceleration]))
+        share = 1.0 - unexplained / self._variance
+        if share < _SMALLEST_SHARE:
+            return
+        square = float(np.mean(mean[acceleration] ** 2)) / (share * self._variance)
+        pace = -math.expm1(-interval / _MEMORY) * share / (share + _HALF_PACE)
+        factor = self.factor * math.exp(0.5 * pace * (min(square, _LARGEST_SQUARE) - 1.0))
+        self.factor = min(max(factor, _FACTORS[0]), _FACTORS[1])

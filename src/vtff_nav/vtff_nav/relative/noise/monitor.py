@@ -22,8 +22,10 @@ from vtff_nav.relative.noise.components import (
 __all__ = ["EpochResiduals", "NoiseMonitor", "NoisePrior"]
 
 # Sigmas of the slow components that are weighed, of a single difference, m, and their times, s.
-_PHASE_SIGMAS = (0.25e-3, 0.4e-3, 0.63e-3, 1e-3, 1.6e-3, 2.5e-3, 4e-3, 6.3e-3, 10e-3, 16e-3)
-_CODE_SIGMAS = (0.04, 0.07, 0.13, 0.25, 0.4, 0.6, 0.9, 1.4, 2.2)
+# Steps of a tenth of a decade: with coarser ones the estimate is up to a third off, and the
+# covariance of the position by two thirds.
+_PHASE_SIGMAS = tuple((0.25e-3 * 10.0 ** (np.arange(19) / 10.0)).tolist())
+_CODE_SIGMAS = tuple((0.04 * 10.0 ** (np.arange(19) / 10.0)).tolist())
 _TIMES = (30.0, 100.0, 300.0)
 # A signal that was not seen for longer (s) comes back with other slow errors.
 _LONGEST_ABSENCE = 300.0
