@@ -31,6 +31,7 @@ from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
+from vtff_node.step_moments import COMMAND_SENT, StepMoments
 
 # All times in s of wall time.
 BLOCKING_WAIT = 0.1  # in a callback; a report that takes longer is waited for between callbacks
@@ -118,6 +119,7 @@ class ThrusterCanNode(VtffNode):
         self._silence_logged_at = -math.inf
         self._tripped = False
         self._order = StampOrder()
+        self._commands_sent = StepMoments()
         # After its step a command could only act in place of a newer one.
         self._late_commands = LateCommands((given.delay_steps + 1) * given.step)
         self._last_stamp = -1
@@ -161,6 +163,8 @@ class ThrusterCanNode(VtffNode):
         self._applied.header.frame_id = message.header.frame_id
         mode = MODE_OFF if thrust.reason else MODE_THRUST
         self._send(thrust, mode, message.header.stamp, started)
+        if not self.lockstep:
+            self._commands_sent.note(stamp)
         self._wait_for_report()
 
     def _send(self, thrust: AppliedThrust, mode: int, stamp: Time | None, started: float) -> None:
@@ -296,7 +300,11 @@ class ThrusterCanNode(VtffNode):
             f"{self.get_name()}: thrust",
             level,
             text,
-            {"commands": self._link.counters.commands, **self._counts},
+            {
+                "commands": self._link.counters.commands,
+                **self._counts,
+                **self._commands_sent.values(COMMAND_SENT),
+            },
             hardware_id=self.get_namespace().strip("/"),
         )
 

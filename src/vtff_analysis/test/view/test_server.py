@@ -79,7 +79,8 @@ def test_every_file_that_the_page_names_is_served_from_here(server):
 
 
 @pytest.mark.parametrize(
-    "path", ["/../server.py", "/%2e%2e/server.py", "/nothing.js", "//etc/passwd"]
+    "path",
+    ["/../server.py", "/%2e%2e/server.py", "/nothing.js", "//etc/passwd", "/%00", "/" + "x" * 5000],
 )
 def test_nothing_else_is_served(server, path):
     assert ask(server, path)[0].status == 404

@@ -369,6 +369,9 @@ class RunHistory:
         Attitude of each spacecraft that has one, by name.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
+    command_latency
+        In real time, wall time in s from the last byte of a second that the receivers sent to its
+        command on the CAN bus, by spacecraft of the thruster.
     notes
         One line for each thing that could not be read.
     """
@@ -391,6 +394,7 @@ class RunHistory:
     safety: SafetyHistory | None = None
     attitude: dict[str, AttitudeRecording] = dataclasses.field(default_factory=dict)
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
+    command_latency: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
     def of_pair(self, deputy: str) -> RunHistory:

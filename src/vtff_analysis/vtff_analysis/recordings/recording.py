@@ -117,6 +117,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         safety=safety.history,
         attitude=attitude.recordings(),
         compute_time=details.compute_time(),
+        command_latency=details.command_latency(),
         notes=tuple([*reader.notes, *collector.notes]),
     )
     # A run with one deputy is seen as its pair; reports go through `RunHistory.pairs`.

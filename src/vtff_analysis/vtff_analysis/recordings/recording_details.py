@@ -21,6 +21,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import IrregularityBoundary
 from vtff_node.stamps import to_nanoseconds
+from vtff_node.step_moments import COMMAND_SENT, SECOND_RECEIVED, read_moments
 
 STEP_TOPIC = "/sim/step_done"
 DIAGNOSTICS_TOPIC = "/diagnostics"
@@ -194,6 +195,32 @@ def _level(status: Any) -> int:
     return int.from_bytes(level, "little") if isinstance(level, bytes) else int(level)
 
 
+class _LatencyCollector:
+    """Collects when the last bytes of seconds were read and when commands were on their bus."""
+
+    def __init__(self) -> None:
+        self._received: dict[tuple[str, int], float] = {}
+        self._sent: dict[str, dict[tuple[str, int], float]] = {}
+
+    def add(self, status: Any) -> None:
+        for pair in status.values:
+            if pair.key == SECOND_RECEIVED:
+                for step, moment in read_moments(pair.value).items():
+                    # A command needs the bytes of both receivers: the later one counts.
+                    self._received[step] = max(moment, self._received.get(step, moment))
+            elif pair.key == COMMAND_SENT:
+                self._sent.setdefault(status.hardware_id, {}).update(read_moments(pair.value))
+
+    def latency(self) -> dict[str, FloatArray]:
+        latency = {
+            thruster: np.array(
+                [sent[step] - self._received[step] for step in sorted(sent.keys() & self._received)]
+            )
+            for thruster, sent in sorted(self._sent.items())
+        }
+        return {thruster: values for thruster, values in latency.items() if values.size}
+
+
 class DetailCollector:
     """Sorts the messages of ionosphere, health and timing while the bag is read."""
 
@@ -203,6 +230,7 @@ class DetailCollector:
         self._scintillation: dict[str, _Columns] = {}
         self._health: dict[str, _Health] = {}
         self._compute_time: dict[str, list[float]] = {}
+        self._latency = _LatencyCollector()
 
     def handler(self, topic: str) -> Handler | None:
         """Return the function that takes the messages of a topic; None for an unused topic."""
@@ -251,6 +279,10 @@ class DetailCollector:
         """Return the wall time of each acknowledged step in s, by node."""
         return {node: np.array(times) for node, times in sorted(self._compute_time.items())}
 
+    def command_latency(self) -> dict[str, FloatArray]:
+        """Return the wall time from the last byte of a second to its command, s, by thruster."""
+        return self._latency.latency()
+
     def _add_step(self, message: Any) -> None:
         self._compute_time.setdefault(message.node, []).append(message.compute_time)
 
@@ -260,6 +292,7 @@ class DetailCollector:
             # Two spacecraft may have nodes of the same name.
             name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
             self._health.setdefault(name, _Health()).add(time, status)
+            self._latency.add(status)
 
     def _pair(self, message: Any) -> _Pair:
         # Another program may leave the name out.

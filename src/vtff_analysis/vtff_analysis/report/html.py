@@ -291,14 +291,18 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
 
 
 def _render_timing(history: RunHistory) -> str:
-    """Return how long the steps of each node took."""
+    """Return how long the steps of each node took, and in real time the way to the command."""
+    latency = {
+        f"last byte of a second to the command of {spacecraft} on its bus": times
+        for spacecraft, times in history.command_latency.items()
+    }
     rows = [
         [
-            node,
+            name,
             str(times.size),
             *(f"{1e3 * value:.3g} ms" for value in np.quantile(times, [0.5, 0.99, 1.0])),
         ]
-        for node, times in history.compute_time.items()
+        for name, times in {**history.compute_time, **latency}.items()
         if times.size
     ]
     heads = ["node", "steps", "median", "99 % below", "longest"]

@@ -271,8 +271,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         self._send_body("application/json", body)
 
     def _send_file(self, path: str) -> None:
-        file = (WEB_FOLDER / (path.lstrip("/") or "index.html")).resolve()
-        if not file.is_relative_to(WEB_FOLDER) or not file.is_file():
+        try:
+            file = (WEB_FOLDER / (path.lstrip("/") or "index.html")).resolve()
+            is_of_the_page = file.is_relative_to(WEB_FOLDER) and file.is_file()
+        except (OSError, ValueError):  # no file can have that name
+            is_of_the_page = False
+        if not is_of_the_page:
             self.send_error(http.HTTPStatus.NOT_FOUND)
             return
         content_type = _TYPES.get(file.suffix) or mimetypes.guess_type(file.name)[0]

@@ -1,5 +1,6 @@
 """The modes of a formation: flown on a truth of its own, refused, preempted, ended."""
 
+import contextlib
 import itertools
 import math
 from dataclasses import replace
@@ -179,6 +180,10 @@ def test_refused_goals_leave_what_runs():
             ReconfigurationRequest("circle", 1e6),
             "duration: 1e\\+06 s; plans have at most 240 steps",
         ),
+        (
+            ReconfigurationRequest("circle", 4560.0, passive_safety_orbits=1e9),
+            "passive_safety_orbits: 1e\\+09; a drift is followed for at most 240 steps",
+        ),
         (ReconfigurationRequest("nowhere", 4560.0), "acceleration_cap: .* allowed .* needed"),
         (ReconfigurationRequest("collision", 4560.0), "closest_approach: 10.2 m wanted, but"),
         (ModeRequest("phase", angle_deg=10.0, orbits=15.0), "impossible with 1.56e-05 m/s2"),
@@ -241,6 +246,25 @@ def test_hold_keeps_the_elements_of_the_moment():
     deviation = np.array(flight.positions[500:]) - np.array(flight.targets[500:])
     assert np.linalg.norm(deviation, axis=2).max() < 0.15
     assert flight.closest() > 20.0
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e300])
+@pytest.mark.parametrize(
+    "field",
+    ["angle_deg", "orbits", "duration", "closest_approach", "acceleration_cap",
+     "passive_safety_orbits"],
+)  # fmt: skip
+def test_goals_of_any_size_are_answered(field, size):
+    """A client may send any number; a refusal is a line, and the guidance goes on."""
+    flight = Flight("circle").until(100.0)
+    with contextlib.suppress(RequestError):
+        if field in ("angle_deg", "orbits"):
+            asked = {"angle_deg": 1e-4, "orbits": 1.0, field: size}
+            flight.guidance.request(ModeRequest("phase", **asked))
+        else:
+            asked = {"duration": 4560.0, field: size}
+            flight.guidance.request(ReconfigurationRequest("circle", **asked))
+    flight.step()
 
 
 def test_phasing_moves_the_whole_formation_and_no_pair():

@@ -326,6 +326,12 @@ class FormationGuidance:
         reference = self._reference(start, craft)
         axis = float(mean_elements(elements_from_state(reference))[0])
         drift = request.passive_safety_orbits * 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)
+        if drift > given.largest_steps * given.plan_step:
+            raise RequestError(
+                f"passive_safety_orbits: {request.passive_safety_orbits:g}; a drift is followed "
+                f"for at most {given.largest_steps} steps of {given.plan_step:g} s "
+                "(largest_steps, plan_step)"
+            )
         motion = linearise_motion(
             reference, given.plan_step, count + math.ceil(drift / given.plan_step)
         )

@@ -21,6 +21,9 @@ __all__ = [
 
 MODES = ("hold", "keep", "reconfigure", "phase", "free_drift", "abort")
 
+#: Orbits of a phasing at most: 17 years on a low orbit.
+LARGEST_ORBITS = 1e5
+
 
 class RequestError(ValueError):
     """A request is refused; one line that says why."""
@@ -62,10 +65,14 @@ class ModeRequest:
                 else f"formation: mode '{self.mode}' takes none, got '{self.formation}'"
             )
         if self.mode == "phase":
-            if not (math.isfinite(self.angle_deg) and self.angle_deg != 0.0):
-                raise RequestError(f"angle_deg: not zero expected, got {self.angle_deg:g}")
-            if not (math.isfinite(self.orbits) and self.orbits > 0.0):
-                raise RequestError(f"orbits: more than 0 expected, got {self.orbits:g}")
+            if not 0.0 < abs(self.angle_deg) <= 360.0:
+                raise RequestError(
+                    f"angle_deg: not zero, at most 360 expected, got {self.angle_deg:g}"
+                )
+            if not 0.0 < self.orbits <= LARGEST_ORBITS:
+                raise RequestError(
+                    f"orbits: more than 0, at most {LARGEST_ORBITS:g} expected, got {self.orbits:g}"
+                )
         elif self.angle_deg or self.orbits:
             raise RequestError(f"angle_deg, orbits: mode '{self.mode}' takes none")
 

@@ -8,6 +8,7 @@ import time
 
 from rosgraph_msgs.msg import Clock
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.novatel import ReceiverLogStream
 from vtff_msgs.srv import SendCommand
@@ -23,6 +24,7 @@ from vtff_nav.receiver.stream_statistics import StreamStatistics
 from vtff_node import diagnostics
 from vtff_node.node import VtffNode
 from vtff_node.stamps import to_nanoseconds
+from vtff_node.step_moments import SECOND_RECEIVED, StepMoments
 
 __all__ = ["LiveFeed"]
 
@@ -76,6 +78,8 @@ class LiveFeed:
         self._clock_received = 0.0
         self._is_reported_ready = False
         self._is_closed = False
+        self._second_received = -1  # s since 1980-01-06 (GPS)
+        self._seconds_received = StepMoments()
         if node.lockstep:
             node.subscribe(Clock, "/clock", self._on_clock)
         node.create_service(SendCommand, "send_command", self._on_send_command)
@@ -100,6 +104,10 @@ class LiveFeed:
         except ValueError as error:  # a time that no stamp can hold
             self._node.fail(f"{self._port_name}: {error}")
             return
+        if not self._node.lockstep and self._receiver.newest_end > self._second_received:
+            self._second_received = self._receiver.newest_end
+            end = GpsTime(self._second_received * NANOSECONDS_PER_SECOND)
+            self._seconds_received.note(end.to_unix_nanoseconds(), now)
         self._publisher.release_epoch(
             None if self._receiver.is_quiet(now) else self._receiver.newest_end
         )
@@ -208,6 +216,7 @@ class LiveFeed:
             "last problem": session.last_problem,
             **({} if session.baud is None else {"baud": str(session.baud)}),
             **self.statistics.line_values(session.baud),
+            **self._seconds_received.values(SECOND_RECEIVED),
         }
         hardware_id = self._port_name
         if session.version is not None:
