@@ -26,6 +26,7 @@ setup(
                 "config/can",
                 "config/gnss",
                 "config/ionosphere",
+                "config/formation",
             )
         ),
     ],
