@@ -1,9 +1,10 @@
 """The safety monitor: drawn faults that it must survive, and nominal flights that it must leave be.
 
 The faults are those of `vtff_analysis.closed_loop.drawn_faults`: truth by the propagator, drawn
-navigation. The nominal flights are the world `realistic_loop` of bench_realism.py: both emulated
-receivers, the relative filter, controller and thruster, with the monitor between them; an
-intervention of the monitor is a false alarm.
+navigation; with --chief-thrusts the chief flies to a place of its own meanwhile, and every second
+thruster that fails is the chief's. The nominal flights are the world `realistic_loop` of
+bench_realism.py: both emulated receivers, the relative filter, controller and thruster, with the
+monitor between them; an intervention of the monitor is a false alarm.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from vtff_analysis.closed_loop.drawn_faults import HARD_RADIUS, draw_fault_case,
 from vtff_control.safety.formation_safety import (
     MODE_EVADE,
     MODE_WATCH,
-    DeputyInput,
     FormationSafety,
     SafetySetting,
+    SpacecraftInput,
 )
 from vtff_control.thruster.thruster import Thruster
 from vtff_control.tracking.sdre import SdreController, SdreDesign
@@ -45,6 +46,7 @@ EXAMPLES = """\
 examples:
   bench_safety.py                               # 200 faults, then 20 flights of half an hour
   bench_safety.py --faults 24 --flights 0
+  bench_safety.py --flights 0 --chief-thrusts
   bench_safety.py --faults 0 --flights 2 --seconds 600"""
 
 
@@ -55,6 +57,7 @@ class FaultOutcome:
     seed: int
     formation: str
     fault: str
+    is_of_chief: bool
     closest: float
     isolated_after: float
     is_taken_over: bool
@@ -80,6 +83,9 @@ def main() -> int:
         description=__doc__, epilog=EXAMPLES, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--faults", type=int, default=200, help="drawn faults (200)")
+    parser.add_argument(
+        "--chief-thrusts", action="store_true", help="in the faults, the chief thrusts too"
+    )
     parser.add_argument("--flights", type=int, default=20, help="nominal flights (20)")
     parser.add_argument("--seconds", type=int, default=1800, help="length of one (1800)")
     parser.add_argument("--first-seed", type=int, default=1, help="seed of the first flight (1)")
@@ -96,7 +102,7 @@ def main() -> int:
             parser.error(f"--{name.replace('_', '-')}: {least} or more expected")
     try:
         with multiprocessing.Pool(given.jobs, _ignore_interrupts) as pool:
-            faults = _fly_faults(pool, given.faults)
+            faults = _fly_faults(pool, given.faults, given.chief_thrusts)
             flights = _fly_nominal(pool, given.flights, given.seconds, given.first_seed)
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)
@@ -109,17 +115,21 @@ def _ignore_interrupts() -> None:
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def fly_fault(seed: int) -> FaultOutcome:
+def fly_fault(job: tuple[int, bool]) -> FaultOutcome:
     """Fly a drawn fault."""
+    seed, chief_thrusts = job
     case = draw_fault_case(
-        load_scenario(share_file("vtff_bringup", "config/scenario/reference.yaml")), seed
+        load_scenario(share_file("vtff_bringup", "config/scenario/reference.yaml")),
+        seed,
+        chief_thrusts,
     )
     result = fly_fault_case(case)
-    failing = case.scenario.deputies[0].name
+    failing = case.failing_name
     return FaultOutcome(
         seed,
         case.formation,
         case.fault,
+        failing == case.scenario.chief.name,
         min(result.closest.values()),
         result.isolated_time[failing] - case.failing.thruster_time,
         math.isfinite(result.taken_over_time(failing)),
@@ -154,7 +164,7 @@ def fly_nominal(job: tuple[int, int]) -> FlightOutcome:
         if applied.any():
             estimator.add_thrust(second.time, 1.0, applied)
         command = np.zeros(3)
-        heard = DeputyInput(reported_rtn=applied, command_rtn=command)
+        heard = SpacecraftInput(reported_rtn=applied, command_rtn=command)
         if solution.solution == SOLUTION_NONE:
             controller.reset()
         else:
@@ -164,7 +174,7 @@ def fly_nominal(job: tuple[int, int]) -> FlightOutcome:
             command = controller.control(
                 relative, chief, target, stamp, covariance
             ).acceleration_rtn
-            heard = DeputyInput(relative, covariance, chief, applied, command)
+            heard = SpacecraftInput(relative, covariance, chief, applied, command)
         decision = safety.step({"deputy": heard}).decisions["deputy"]
         watched += decision.mode == MODE_WATCH
         alarms += decision.mode >= MODE_EVADE
@@ -180,23 +190,28 @@ def fly_nominal(job: tuple[int, int]) -> FlightOutcome:
     return FlightOutcome(seed, round(scenario.duration), watched, alarms, closest, reason)
 
 
-def _fly_faults(pool: multiprocessing.pool.Pool, count: int) -> bool:  # type: ignore[name-defined]
+def _fly_faults(
+    pool: multiprocessing.pool.Pool,  # type: ignore[name-defined]
+    count: int,
+    chief_thrusts: bool,
+) -> bool:
     """Fly and print the faults; return whether nobody came inside, and all was isolated in time."""
     if not count:
         return True
     outcomes = []
-    for outcome in pool.imap(fly_fault, range(count)):
+    for outcome in pool.imap(fly_fault, [(seed, chief_thrusts) for seed in range(count)]):
         outcomes.append(outcome)
         late = outcome.fault == "stuck_on" and not outcome.isolated_after <= 2.0
         if outcome.closest < HARD_RADIUS or late:
             print(f"  FAILED {outcome}", flush=True)
-    print(f"{count} drawn faults, hard radius {HARD_RADIUS:g} m")
+    chief = ", the chief thrusts" if chief_thrusts else ""
+    print(f"{count} drawn faults, hard radius {HARD_RADIUS:g} m{chief}")
     print(f"{'fault':<18} {'cases':>5} {'closest':>9} {'taken over':>10} {'isolated after':>15}")
     by_fault = collections.defaultdict(list)
     for outcome in outcomes:
-        by_fault[outcome.fault].append(outcome)
+        by_fault[outcome.fault + (", chief's" if outcome.is_of_chief else "")].append(outcome)
     for fault, group in by_fault.items():
-        isolated = [o.isolated_after for o in group if fault == "stuck_on"]
+        isolated = [o.isolated_after for o in group if o.fault == "stuck_on"]
         print(
             f"{fault:<18} {len(group):>5} {min(o.closest for o in group):>7.1f} m "
             f"{sum(o.is_taken_over for o in group):>10} "

@@ -21,7 +21,7 @@ from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.orbit.mean_elements import osculating_elements, state_from_elements
 from vtff_dynamics.relative.relative_elements import mean_relative_elements
 from vtff_dynamics.relative.separation import closest_on_path
-from vtff_msgs.msg import FormationGuidance
+from vtff_msgs.msg import FormationGuidance, FormationSafety
 from vtff_sim_bridge.truth.scenario import load_scenario
 
 MASS = 1600.0
@@ -84,6 +84,10 @@ def test_timeline_is_flown_the_same_way_twice(tmp_path):
         )
         assert result.returncode == 0, result.stdout + result.stderr
     assert assert_equal_messages(*runs, topics(runs[0])) > 400
+    judged = messages(runs[0], "/formation/safety")
+    assert len(judged) == 25
+    assert {name for message in judged for name in message.spacecraft} == set(SPACECRAFT)
+    assert max(mode for message in judged for mode in message.mode) <= FormationSafety.MODE_WATCH
     reports = messages(runs[0], "/formation/guidance")
     modes = [mode for mode, _ in itertools.groupby(report.mode for report in reports)]
     assert modes == [

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from vtff_control.safety.formation_safety import DeputyInput, SafetySetting
+from vtff_control.safety.formation_safety import SafetySetting, SpacecraftInput
 from vtff_dynamics.orbit.elements import ClassicalElements
 
 CHIEF = ClassicalElements(6928137.0, 0.001, 1.0, 0.0, 0.0, 0.0).to_state()
@@ -15,7 +15,7 @@ def relative(r=0.0, t=0.0, n=0.0, vr=0.0, vt=0.0, vn=0.0):
 
 
 def heard(state, command=(0.0, 0.0, 0.0), reported=(0.0, 0.0, 0.0), chief=CHIEF):
-    return DeputyInput(
+    return SpacecraftInput(
         state,
         COVARIANCE,
         chief,

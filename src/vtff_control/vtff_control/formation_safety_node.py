@@ -1,4 +1,4 @@
-"""Node `formation_safety`: stands between controllers and thrusters of all deputies."""
+"""Node `formation_safety`: stands between controllers and thrusters of a formation."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from vtff_control.safety.formation_safety import (
     MODE_EVADE,
     MODE_HOLD,
     MODE_WATCH,
-    DeputyDecision,
-    DeputyInput,
     FormationSafety,
     SafetySetting,
     SafetyStep,
+    SpacecraftDecision,
+    SpacecraftInput,
     compile_kernels,
 )
 from vtff_control.thruster.isolation import isolation_bits
@@ -43,6 +43,9 @@ class FormationSafetyParameters:
 
     chief: str = parameter("chief", "name of the chief")
     deputies: list[str] = parameter(REQUIRED, "names of the deputies")
+    chief_thrusts: bool = parameter(
+        False, "the chief has a thruster too: its commands are judged and its reports heard"
+    )
     relative_state: str = parameter(
         "relative_state", "topic of the relative state in the namespace of each deputy"
     )
@@ -129,10 +132,11 @@ class FormationSafetyNode(VtffNode):
     Subscribes in the namespace of each deputy to relative_state (vtff_msgs/RelativeState),
     control/thrust_command and propulsion/thrust_applied (geometry_msgs/AccelStamped); publishes
     there control/thrust_command_checked, on which the thruster is to act, and
-    propulsion/isolation (vtff_msgs/ThrusterIsolation), and /formation/safety
-    (vtff_msgs/FormationSafety) every step. A command that may pass on is published as it came.
-    A step is judged when all states, commands and reports of it have come, or a wait is over.
-    The service /formation/safety/reset (vtff_msgs/ResetSafety) gives deputies back.
+    propulsion/isolation (vtff_msgs/ThrusterIsolation); all but the state also for a chief that
+    thrusts. Publishes /formation/safety (vtff_msgs/FormationSafety) every step. A command that may
+    pass on is published as it came. A step is judged when all states, commands and reports of it
+    have come, or a wait is over. The service /formation/safety/reset (vtff_msgs/ResetSafety) gives
+    spacecraft back.
     """
 
     Parameters = FormationSafetyParameters
@@ -143,16 +147,20 @@ class FormationSafetyNode(VtffNode):
         names = {field.name for field in dataclasses.fields(SafetySetting)}
         values = {name: getattr(given, name) for name in names}
         try:
-            self._safety = FormationSafety(given.chief, given.deputies, SafetySetting(**values))
+            self._safety = FormationSafety(
+                given.chief, given.deputies, SafetySetting(**values), given.chief_thrusts
+            )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
         # Takes seconds without a cache, which the first step cannot wait.
         compile_kernels(SafetySetting(**values))
+        # Those whose commands are judged.
+        self._guarded = [*given.deputies, *([given.chief] if given.chief_thrusts else [])]
         self._pending: dict[int, _Pending] = {}
         self._reports: dict[str, dict[int, FloatArray]] = {}
         self._orders: dict[tuple[str, str], StampOrder] = {}
         self._unreported: dict[str, int] = {}
-        self._decisions: dict[str, DeputyDecision] = {}
+        self._decisions: dict[str, SpacecraftDecision] = {}
         self._told: dict[str, tuple[int, str]] = {}
         self._axes: dict[str, int] = {}
         self._judged = -1
@@ -161,27 +169,26 @@ class FormationSafetyNode(VtffNode):
         self._pair_text = "no relative state yet"
         self._command_publishers = {}
         self._isolation_publishers = {}
-        for deputy in given.deputies:
-            self._reports[deputy] = {}
-            self._unreported[deputy] = 0
-            self._axes[deputy] = 0
-            self._command_publishers[deputy] = self.publisher(
-                AccelStamped, f"/{deputy}/control/thrust_command_checked"
+        for name in self._guarded:
+            self._reports[name] = {}
+            self._unreported[name] = 0
+            self._axes[name] = 0
+            self._command_publishers[name] = self.publisher(
+                AccelStamped, f"/{name}/control/thrust_command_checked"
             )
-            self._isolation_publishers[deputy] = self.publisher(
-                ThrusterIsolation, f"/{deputy}/propulsion/isolation"
+            self._isolation_publishers[name] = self.publisher(
+                ThrusterIsolation, f"/{name}/propulsion/isolation"
             )
-            handlers: tuple[tuple[str, type, Callable[[str, int, Any], None]], ...] = (
-                (given.relative_state, RelativeState, self._on_state),
+            handlers: list[tuple[str, type, Callable[[str, int, Any], None]]] = [
                 ("control/thrust_command", AccelStamped, self._on_command),
                 ("propulsion/thrust_applied", AccelStamped, self._on_applied),
-            )
+            ]
+            if name in given.deputies:
+                handlers.append((given.relative_state, RelativeState, self._on_state))
             for topic, message_type, callback in handlers:
-                self._orders[deputy, topic] = StampOrder()
+                self._orders[name, topic] = StampOrder()
                 self.subscribe(
-                    message_type,
-                    f"/{deputy}/{topic}",
-                    self._ordered(deputy, topic, callback),
+                    message_type, f"/{name}/{topic}", self._ordered(name, topic, callback)
                 )
         self._safety_publisher = self.publisher(FormationSafetyMessage, "/formation/safety")
         self.create_service(ResetSafety, "/formation/safety/reset", self._on_reset)
@@ -190,15 +197,15 @@ class FormationSafetyNode(VtffNode):
     # ---- what comes --------------------------------------------------------------------------
 
     def _ordered(
-        self, deputy: str, topic: str, callback: Callable[[str, int, Any], None]
+        self, name: str, topic: str, callback: Callable[[str, int, Any], None]
     ) -> Callable[[Any], None]:
         """Return a callback that takes each stamp of a topic once and in order."""
-        order = self._orders[deputy, topic]
+        order = self._orders[name, topic]
 
         def take(message: Any) -> None:
             stamp = to_nanoseconds(message.header.stamp)
             if order.accepts(stamp):
-                callback(deputy, stamp, message)
+                callback(name, stamp, message)
 
         return take
 
@@ -210,16 +217,16 @@ class FormationSafetyNode(VtffNode):
             pending.states[deputy] = message
             self._judge_complete()
 
-    def _on_command(self, deputy: str, stamp: int, message: AccelStamped) -> None:
+    def _on_command(self, name: str, stamp: int, message: AccelStamped) -> None:
         pending = self._of_step(stamp)
         if pending is not None:
-            pending.commands[deputy] = message
+            pending.commands[name] = message
             self._judge_complete()
 
-    def _on_applied(self, deputy: str, stamp: int, message: AccelStamped) -> None:
+    def _on_applied(self, name: str, stamp: int, message: AccelStamped) -> None:
         linear = message.accel.linear
-        self._reports[deputy][stamp] = np.array([linear.x, linear.y, linear.z])
-        self._unreported[deputy] = max(self._unreported[deputy] - 1, 0)
+        self._reports[name][stamp] = np.array([linear.x, linear.y, linear.z])
+        self._unreported[name] = max(self._unreported[name] - 1, 0)
         self._judge_complete()
 
     def _of_step(self, stamp: int) -> _Pending | None:
@@ -238,10 +245,8 @@ class FormationSafetyNode(VtffNode):
     # ---- what is decided ---------------------------------------------------------------------
 
     def _is_complete(self, pending: _Pending) -> bool:
-        deputies = self.parameters.deputies
-        return all(
-            name in pending.states and name in pending.commands and not self._unreported[name]
-            for name in deputies
+        return all(name in pending.states for name in self.parameters.deputies) and all(
+            name in pending.commands and not self._unreported[name] for name in self._guarded
         )
 
     def _judge_complete(self) -> None:
@@ -266,7 +271,7 @@ class FormationSafetyNode(VtffNode):
         pending = self._pending.pop(stamp)
         self._judged = stamp
         self._steps += 1
-        inputs = {name: self._input(name, stamp, pending) for name in self.parameters.deputies}
+        inputs = {name: self._input(name, stamp, pending) for name in self._guarded}
         result = self._safety.step(inputs)
         self._decisions = result.decisions
         header_stamp = to_stamp(stamp)
@@ -286,8 +291,8 @@ class FormationSafetyNode(VtffNode):
         self._publish(stamp, result)
         self.acknowledge_step(header_stamp, started)
 
-    def _input(self, name: str, stamp: int, pending: _Pending) -> DeputyInput:
-        """Return what is known of a deputy at a step."""
+    def _input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
+        """Return what is known of a spacecraft at a step; a chief has no state to itself."""
         reports = self._reports[name]
         reported = reports.get(stamp)
         for old in [key for key in reports if key <= stamp]:
@@ -301,17 +306,17 @@ class FormationSafetyNode(VtffNode):
                 command_rtn = None
         state = pending.states.get(name)
         if state is None or state.solution == RelativeState.SOLUTION_NONE:
-            return DeputyInput(reported_rtn=reported, command_rtn=command_rtn)
+            return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
         relative = np.concatenate((state.position, state.velocity))
         chief = np.concatenate((state.position_chief_gcrf, state.velocity_chief_gcrf))
         covariance = np.array(state.covariance).reshape(6, 6)
         if not all(np.isfinite(values).all() for values in (relative, chief, covariance)):
-            return DeputyInput(reported_rtn=reported, command_rtn=command_rtn)
+            return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
         is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
-        return DeputyInput(relative, covariance, chief, reported, command_rtn, is_predicted)
+        return SpacecraftInput(relative, covariance, chief, reported, command_rtn, is_predicted)
 
-    def _isolate(self, name: str, decision: DeputyDecision, stamp: int) -> None:
-        """Send the isolation command of a deputy where it changes."""
+    def _isolate(self, name: str, decision: SpacecraftDecision, stamp: int) -> None:
+        """Send the isolation command of a spacecraft where it changes."""
         axes = isolation_bits(decision.isolated)
         if axes == self._axes[name]:
             return
@@ -320,7 +325,7 @@ class FormationSafetyNode(VtffNode):
         message.header.stamp = to_stamp(stamp)
         self._isolation_publishers[name].publish(message)
 
-    def _tell(self, name: str, decision: DeputyDecision) -> None:
+    def _tell(self, name: str, decision: SpacecraftDecision) -> None:
         """Log a take-over, once."""
         before, _ = self._told.get(name, (0, ""))
         self._told[name] = (decision.mode, decision.reason)
@@ -332,7 +337,7 @@ class FormationSafetyNode(VtffNode):
         message.header.stamp = to_stamp(stamp)
         message.header.frame_id = f"{self.parameters.chief}/rtn"
         message.hard_radius = self.parameters.hard_radius
-        message.deputy = list(result.decisions)
+        message.spacecraft = list(result.decisions)
         decisions = list(result.decisions.values())
         message.mode = [decision.mode for decision in decisions]
         message.isolated_axes = [isolation_bits(decision.isolated) for decision in decisions]
@@ -357,20 +362,20 @@ class FormationSafetyNode(VtffNode):
     def _on_reset(
         self, request: ResetSafety.Request, response: ResetSafety.Response
     ) -> ResetSafety.Response:
-        deputies = self.parameters.deputies
-        if request.deputy and request.deputy not in deputies:
-            response.message = f"unknown deputy '{request.deputy}'; known: {', '.join(deputies)}"
+        name = request.spacecraft
+        if name and name not in self._guarded:
+            response.message = f"unknown spacecraft '{name}'; guarded: {', '.join(self._guarded)}"
             return response
-        self._safety.reset(request.deputy or None)
-        self.get_logger().warning(f"{request.deputy or 'all deputies'} given back by a reset")
+        self._safety.reset(name or None)
+        self.get_logger().warning(f"{name or 'all spacecraft'} given back by a reset")
         response.success = True
         return response
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
-        """Report the mode of every deputy, and why."""
-        return [self._deputy_health(name) for name in self.parameters.deputies]
+        """Report the mode of every guarded spacecraft, and why."""
+        return [self._spacecraft_health(name) for name in self._guarded]
 
-    def _deputy_health(self, name: str) -> diagnostics.DiagnosticStatus:
+    def _spacecraft_health(self, name: str) -> diagnostics.DiagnosticStatus:
         level, text = diagnostics.OK, self._pair_text
         decision = self._decisions.get(name)
         if decision is not None and decision.mode == MODE_WATCH:
@@ -388,7 +393,7 @@ class FormationSafetyNode(VtffNode):
                 "steps judged with something missing": self._incomplete,
                 "isolated axes": self._axes[name],
                 "messages out of order": sum(
-                    order.refused for (deputy, _), order in self._orders.items() if deputy == name
+                    order.refused for (owner, _), order in self._orders.items() if owner == name
                 ),
             },
             hardware_id=name,

@@ -13,7 +13,7 @@ def message(second, mode, axes=0, reason="", separation=90.0, probability=0.0):
     return SimpleNamespace(
         header=SimpleNamespace(stamp=SimpleNamespace(sec=START + second, nanosec=0)),
         hard_radius=30.0,
-        deputy=["deputy"],
+        spacecraft=["deputy"],
         mode=[mode],
         isolated_axes=[axes],
         reason=[reason],

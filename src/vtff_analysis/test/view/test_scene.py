@@ -289,7 +289,7 @@ def test_a_fix_that_is_lost_for_one_second_of_a_long_run_is_an_event():
 
 def test_safety_faults_and_densities_are_shown():
     builder = SceneBuilder(Scene("run", START))
-    safety = FormationSafety(hard_radius=30.0, deputy=["deputy"], reason=["thruster stuck on"])
+    safety = FormationSafety(hard_radius=30.0, spacecraft=["deputy"], reason=["thruster stuck on"])
     for second, mode in enumerate((0, 0, 2, 2)):
         safety.mode, safety.isolated_axes = [mode], [0]
         safety.header.stamp = to_stamp(START + second * SECOND)

@@ -12,7 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_analysis.closed_loop.drawn_navigation import NavigationErrorModel
-from vtff_analysis.closed_loop.guarded import DeputyFault, GuardedResult, simulate_guarded
+from vtff_analysis.closed_loop.guarded import (
+    ChiefFlight,
+    GuardedResult,
+    SpacecraftFault,
+    simulate_guarded,
+)
 from vtff_control.safety.formation_safety import SafetySetting
 from vtff_control.tracking.sdre import SdreDesign
 from vtff_dynamics.frames.rtn import deputy_state_gcrf
@@ -50,20 +55,31 @@ class FaultCase:
     navigation
         Errors of navigation.
     failing
-        What fails on the first deputy.
+        What fails on the first deputy; or, with a flight of the chief in which something fails, on
+        the chief.
     duration
         s.
+    chief_flight
+        What the chief does; None for one without a thruster.
     """
 
     formation: str
     fault: str
     scenario: Scenario
     navigation: NavigationErrorModel
-    failing: DeputyFault
+    failing: SpacecraftFault
     duration: float
+    chief_flight: ChiefFlight | None = None
+
+    @property
+    def failing_name(self) -> str:
+        """Name of the spacecraft on which something fails."""
+        if self.chief_flight is not None and self.chief_flight.fault == self.failing:
+            return self.scenario.chief.name
+        return self.scenario.deputies[0].name
 
 
-def draw_fault_case(reference: Scenario, seed: int) -> FaultCase:
+def draw_fault_case(reference: Scenario, seed: int, chief_thrusts: bool = False) -> FaultCase:
     """Draw a case; formations and faults take turns, their numbers are drawn from the seed.
 
     Parameters
@@ -72,6 +88,9 @@ def draw_fault_case(reference: Scenario, seed: int) -> FaultCase:
         The scenario ``reference``: a deputy 1000 m ahead of its chief, to fly to 100 m.
     seed
         0 or more.
+    chief_thrusts
+        Whether the chief thrusts too, to a place some metres away; every second thruster that
+        fails is the chief's then.
     """
     generator = np.random.default_rng([seed, 15])
     formation = FORMATIONS[seed % len(FORMATIONS)]
@@ -84,24 +103,31 @@ def draw_fault_case(reference: Scenario, seed: int) -> FaultCase:
     on_approach = formation == "approach"
     time = float(round(generator.uniform(5.0, 60.0 if on_approach else 100.0)))
     failing = _fault(fault, time, on_approach, generator)
-    return FaultCase(
-        formation, fault, scenario, navigation, failing, 300.0 if on_approach else 500.0
-    )
+    flight = None
+    if chief_thrusts:
+        r, t, n = generator.uniform(-15.0, 15.0, 3).tolist()
+        flight = ChiefFlight((r, t, n))
+        turn = seed // (len(FORMATIONS) * len(FAULTS))
+        if fault in ("stuck_on", "stuck_off") and turn % 2:
+            flight = dataclasses.replace(flight, fault=failing)
+    duration = 300.0 if on_approach else 500.0
+    return FaultCase(formation, fault, scenario, navigation, failing, duration, flight)
 
 
 def fly_fault_case(case: FaultCase, is_guarded: bool = True) -> GuardedResult:
     """Fly a case with the safety monitor, or without."""
     setting = SafetySetting(hard_radius=HARD_RADIUS, acceleration_cap=_CAP)
     design = SdreDesign("navigation_aware", acceleration_cap=_CAP)
-    first = case.scenario.deputies[0].name
+    deputy = case.scenario.deputies[0].name
     return simulate_guarded(
         case.scenario,
         design,
         setting if is_guarded else None,
         case.navigation,
-        {first: case.failing},
+        {deputy: case.failing} if case.failing_name == deputy else {},
         case.duration,
         _QUANTUM,
+        case.chief_flight,
     )
 
 
@@ -141,14 +167,14 @@ def _formation(reference: Scenario, formation: str, generator: np.random.Generat
 
 def _fault(
     fault: str, time: float, on_approach: bool, generator: np.random.Generator
-) -> DeputyFault:
+) -> SpacecraftFault:
     """Draw the numbers of a fault."""
     axis = int(generator.integers(3))
     scale = float(generator.uniform(0.95, 1.05))
     if fault == "stuck_on":
         size = generator.choice([-1.0, 1.0]) * _CAP * 10.0 ** generator.uniform(-1.0, 0.0)
         r, t, n = (size * (np.arange(3) == axis)).tolist()
-        return DeputyFault(
+        return SpacecraftFault(
             stuck_on=(r, t, n),
             thruster_time=time,
             is_reported=bool(generator.integers(2)),
@@ -159,7 +185,7 @@ def _fault(
         if not on_approach and generator.integers(2):
             off[:] = True
         r, t, n = off.tolist()
-        return DeputyFault(
+        return SpacecraftFault(
             stuck_off=(r, t, n),
             thruster_time=time,
             is_reported=bool(generator.integers(2)),
@@ -168,10 +194,12 @@ def _fault(
     if fault == "navigation_bias":
         direction = generator.standard_normal(3)
         r, t, n = (0.5 * direction / np.linalg.norm(direction)).tolist()
-        return DeputyFault(navigation_bias=(r, t, n), thruster_scale=scale, controller_killed=time)
+        return SpacecraftFault(
+            navigation_bias=(r, t, n), thruster_scale=scale, controller_killed=time
+        )
     if fault == "receiver_dead":
-        return DeputyFault(receiver_dead=time, thruster_scale=scale)
+        return SpacecraftFault(receiver_dead=time, thruster_scale=scale)
     if fault == "late_messages":
         late_share = float(generator.uniform(0.05, 0.4))
-        return DeputyFault(late_share=late_share, thruster_scale=scale)
-    return DeputyFault(controller_killed=time, thruster_scale=scale)
+        return SpacecraftFault(late_share=late_share, thruster_scale=scale)
+    return SpacecraftFault(controller_killed=time, thruster_scale=scale)

@@ -19,22 +19,25 @@ from vtff_control.safety.formation_safety import (
     MODE_EVADE,
     MODE_HOLD,
     MODE_MONITOR,
-    DeputyInput,
     FormationSafety,
     SafetySetting,
+    SpacecraftDecision,
+    SpacecraftInput,
 )
 from vtff_control.thruster.thruster import Thruster
 from vtff_control.tracking.sdre import SdreController, SdreDesign
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn
+from vtff_dynamics.orbit.gravity import predict_state
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.truth.scenario import Scenario
 
-__all__ = ["DeputyFault", "GuardedResult", "simulate_guarded"]
+__all__ = ["ChiefFlight", "GuardedResult", "SpacecraftFault", "simulate_guarded"]
 
 
 @dataclass(frozen=True)
-class DeputyFault:
-    """What fails on a deputy, at a time in s since the start; defaults: nothing does.
+class SpacecraftFault:
+    """What fails on a spacecraft, at a time in s since the start; defaults: nothing does.
 
     Parameters
     ----------
@@ -72,6 +75,25 @@ class DeputyFault:
     late_share: float = 0.0
 
 
+@dataclass(frozen=True)
+class ChiefFlight:
+    """A chief that thrusts: it flies to an orbit beside its own, and keeps its place on that.
+
+    Parameters
+    ----------
+    offset
+        Place of that orbit in the RTN axes of the start, m.
+    navigation
+        Errors of its absolute navigation.
+    fault
+        What fails on it.
+    """
+
+    offset: tuple[float, float, float]
+    navigation: NavigationErrorModel = NavigationErrorModel(0.5, 5e-3)  # as in reference_orbit
+    fault: SpacecraftFault = SpacecraftFault()
+
+
 @dataclass(frozen=True, eq=False)
 class GuardedResult:
     """History of a guarded flight.
@@ -81,13 +103,13 @@ class GuardedResult:
     relative_rtn
         True relative state of each deputy at every step, m and m/s, shape (n + 1, 6).
     applied_rtn
-        True thrust of each deputy over every step, m/s2, shape (n, 3).
+        True thrust of each that thrusts over every step, m/s2, shape (n, 3).
     modes
-        Mode of each deputy at every step, shape (n,).
+        Mode of each of them at every step, shape (n,).
     reasons
-        Why a deputy was taken over; empty if it was not.
+        Why one of them was taken over; empty if it was not.
     isolated_time
-        When the first axis of a deputy was isolated, s; infinite if none was.
+        When the first axis of one of them was isolated, s; infinite if none was.
     watched_time
         When the monitor first told that a pair would not stay clear, s.
     closest
@@ -102,21 +124,21 @@ class GuardedResult:
     watched_time: dict[str, float]
     closest: dict[tuple[str, str], float]
 
-    def taken_over_time(self, deputy: str) -> float:
-        """Return when the monitor took a deputy over, s; infinite if it did not."""
-        taken = np.flatnonzero(self.modes[deputy] >= MODE_EVADE)
+    def taken_over_time(self, spacecraft: str) -> float:
+        """Return when the monitor took a spacecraft over, s; infinite if it did not."""
+        taken = np.flatnonzero(self.modes[spacecraft] >= MODE_EVADE)
         return float(taken[0]) if taken.size else math.inf
 
 
 @dataclass(eq=False)
 class _Craft:
-    """A deputy of the loop."""
+    """A spacecraft of the loop that thrusts."""
 
     target: FloatArray | None
     navigation: DrawnNavigation
     controller: SdreController
     thruster: Thruster
-    fault: DeputyFault
+    fault: SpacecraftFault
     generator: np.random.Generator
     scheduled: dict[int, FloatArray] = field(default_factory=dict)
     isolated: np.ndarray[tuple[int], np.dtype[np.bool_]] = field(
@@ -135,9 +157,10 @@ def simulate_guarded(
     design: SdreDesign,
     setting: SafetySetting | None,
     navigation: NavigationErrorModel,
-    faults: Mapping[str, DeputyFault] | None = None,
+    faults: Mapping[str, SpacecraftFault] | None = None,
     duration: float | None = None,
     quantum: float = 0.0,
+    chief_flight: ChiefFlight | None = None,
 ) -> GuardedResult:
     """Fly a scenario with faults, guarded by the safety monitor.
 
@@ -157,58 +180,113 @@ def simulate_guarded(
         s, by default that of the scenario.
     quantum
         Acceleration quantum of the thrusters, m/s2.
+    chief_flight
+        What the chief does; None for one without a thruster.
     """
     steps = round((scenario.duration if duration is None else duration) / scenario.step)
     truth = scenario.formation_truth()
-    craft = {
-        deputy.name: _Craft(
+    guarded = {
+        deputy.name: _make_craft(
+            scenario,
+            design,
             deputy.target_rtn,
-            DrawnNavigation(
-                dataclasses.replace(navigation, seed=navigation.seed + index),
-                scenario.force_model,
-                scenario.step,
-            ),
-            SdreController(design),
-            Thruster(design.acceleration_cap, quantum, design.delay_steps, scenario.step),
-            (faults or {}).get(deputy.name, DeputyFault()),
+            dataclasses.replace(navigation, seed=navigation.seed + index),
+            (faults or {}).get(deputy.name, SpacecraftFault()),
             np.random.default_rng([navigation.seed, index, 1]),
+            quantum,
         )
         for index, deputy in enumerate(scenario.deputies)
     }
-    safety = None if setting is None else FormationSafety(truth.chief, list(craft), setting)
+    deputies = dict(guarded)
+    reference = truth.state_gcrf(truth.chief)
+    if chief_flight is not None:
+        offset = np.array([*chief_flight.offset, 0.0, 0.0, 0.0])
+        reference = deputy_state_gcrf(reference, offset)
+        guarded[truth.chief] = _make_craft(
+            scenario,
+            design,
+            np.zeros(6),
+            dataclasses.replace(chief_flight.navigation, seed=navigation.seed),
+            chief_flight.fault,
+            np.random.default_rng([navigation.seed, len(deputies), 1]),
+            quantum,
+        )
+    safety = None
+    if setting is not None:
+        safety = FormationSafety(truth.chief, list(deputies), setting, chief_flight is not None)
     for step in range(steps):
         time, chief = step * scenario.step, truth.state_gcrf(truth.chief)
         inputs = {}
-        for name, deputy in craft.items():
+        reported_chief = np.zeros(3)
+        if truth.chief in guarded:
+            craft = guarded[truth.chief]
+            place = relative_state_rtn(reference, chief)
+            heard = _observe(craft, truth.time, time, reference, place, np.zeros(3))
+            assert heard.reported_rtn is not None
+            reported_chief = heard.reported_rtn
+            inputs[truth.chief] = SpacecraftInput(
+                None, None, None, reported_chief, heard.command_rtn
+            )
+            reference = predict_state(reference, scenario.step)
+        for name, craft in deputies.items():
             relative = truth.relative_state_rtn(name)
-            deputy.states.append(relative)
-            inputs[name] = _observe(deputy, truth.time, time, chief, relative)
+            craft.states.append(relative)
+            inputs[name] = _observe(craft, truth.time, time, chief, relative, reported_chief)
         decisions = {} if safety is None else safety.step(inputs).decisions
         thrusts = {}
-        for name, deputy in craft.items():
+        for name, craft in guarded.items():
             command = inputs[name].command_rtn
             if name in decisions:
-                decision = decisions[name]
-                deputy.modes.append(decision.mode)
-                if decision.command_rtn is not None:
-                    command = decision.command_rtn
-                if decision.mode in (MODE_EVADE, MODE_HOLD):
-                    deputy.reason = decision.reason
-                if decision.mode != MODE_MONITOR:
-                    deputy.watched_time = min(deputy.watched_time, time)
-                if decision.isolated.any():
-                    deputy.isolated_time = min(deputy.isolated_time, time)
-                deputy.isolated = decision.isolated
-            thrusts[name] = _thrust(deputy, truth.time.nanoseconds, time, command)
+                command = _follow(craft, decisions[name], command, time)
+            thrusts[name] = _thrust(craft, truth.time.nanoseconds, time, command)
         truth.advance(thrusts)
-    for name, deputy in craft.items():
-        deputy.states.append(truth.relative_state_rtn(name))
-    return _result(truth.chief, craft)
+    for name, craft in deputies.items():
+        craft.states.append(truth.relative_state_rtn(name))
+    return _result(truth.chief, deputies, guarded)
+
+
+def _make_craft(
+    scenario: Scenario,
+    design: SdreDesign,
+    target: FloatArray | None,
+    navigation: NavigationErrorModel,
+    fault: SpacecraftFault,
+    generator: np.random.Generator,
+    quantum: float,
+) -> _Craft:
+    return _Craft(
+        target,
+        DrawnNavigation(navigation, scenario.force_model, scenario.step),
+        SdreController(design),
+        Thruster(design.acceleration_cap, quantum, design.delay_steps, scenario.step),
+        fault,
+        generator,
+    )
+
+
+def _follow(
+    craft: _Craft, decision: SpacecraftDecision, command: FloatArray | None, time: float
+) -> FloatArray | None:
+    """Note what the monitor decides, and return the command that the thruster gets."""
+    craft.modes.append(decision.mode)
+    if decision.mode in (MODE_EVADE, MODE_HOLD):
+        craft.reason = decision.reason
+    if decision.mode != MODE_MONITOR:
+        craft.watched_time = min(craft.watched_time, time)
+    if decision.isolated.any():
+        craft.isolated_time = min(craft.isolated_time, time)
+    craft.isolated = decision.isolated
+    return command if decision.command_rtn is None else decision.command_rtn
 
 
 def _observe(
-    deputy: _Craft, now: GpsTime, time: float, chief: FloatArray, relative: FloatArray
-) -> DeputyInput:
+    deputy: _Craft,
+    now: GpsTime,
+    time: float,
+    chief: FloatArray,
+    relative: FloatArray,
+    reported_chief: FloatArray,
+) -> SpacecraftInput:
     """Return what the monitor hears of a deputy: navigation, report and command of now."""
     fault = deputy.fault
     estimate, covariance = deputy.navigation.estimate(now, time, chief, relative)
@@ -217,7 +295,7 @@ def _observe(
     reported = deputy.scheduled.get(stamp, np.zeros(3))
     if fault.is_reported:
         reported = _true_thrust(deputy, time, reported)
-    deputy.navigation.add_thrust(reported)
+    deputy.navigation.add_thrust(reported - reported_chief)
     is_heard = time < fault.receiver_dead
     command = None
     if deputy.target is not None and is_heard and time < fault.controller_killed:
@@ -228,8 +306,8 @@ def _observe(
             command = np.zeros(3)
     state_late, command_late = deputy.generator.random(2) < fault.late_share
     if not is_heard or state_late:
-        return DeputyInput(None, None, None, reported, None if command_late else command)
-    return DeputyInput(estimate, covariance, chief, reported, None if command_late else command)
+        return SpacecraftInput(None, None, None, reported, None if command_late else command)
+    return SpacecraftInput(estimate, covariance, chief, reported, None if command_late else command)
 
 
 def _true_thrust(deputy: _Craft, time: float, told: FloatArray) -> FloatArray:
@@ -253,17 +331,19 @@ def _thrust(deputy: _Craft, stamp: int, time: float, command: FloatArray | None)
     return thrust
 
 
-def _result(chief: str, craft: Mapping[str, _Craft]) -> GuardedResult:
-    states = {name: np.array(deputy.states) for name, deputy in craft.items()}
+def _result(
+    chief: str, deputies: Mapping[str, _Craft], guarded: Mapping[str, _Craft]
+) -> GuardedResult:
+    states = {name: np.array(craft.states) for name, craft in deputies.items()}
     positions = {chief: np.zeros_like(next(iter(states.values()))), **states}
     names = list(positions)
     return GuardedResult(
         states,
-        {name: np.array(deputy.applied) for name, deputy in craft.items()},
-        {name: np.array(deputy.modes, dtype=int) for name, deputy in craft.items()},
-        {name: deputy.reason for name, deputy in craft.items()},
-        {name: deputy.isolated_time for name, deputy in craft.items()},
-        {name: deputy.watched_time for name, deputy in craft.items()},
+        {name: np.array(craft.applied) for name, craft in guarded.items()},
+        {name: np.array(craft.modes, dtype=int) for name, craft in guarded.items()},
+        {name: craft.reason for name, craft in guarded.items()},
+        {name: craft.isolated_time for name, craft in guarded.items()},
+        {name: craft.watched_time for name, craft in guarded.items()},
         {
             (first, second): float(
                 np.linalg.norm((positions[second] - positions[first])[:, :3], axis=1).min()

@@ -81,7 +81,7 @@ class SafetyCollector:
             self.history = SafetyHistory(message.hard_radius, {})
         history = self.history
         for name, mode, axes, reason in zip(
-            message.deputy, message.mode, message.isolated_axes, message.reason, strict=True
+            message.spacecraft, message.mode, message.isolated_axes, message.reason, strict=True
         ):
             deputy = history.deputies.setdefault(name, DeputySafety())
             deputy.steps += 1

@@ -255,14 +255,14 @@ class SceneBuilder:
 
     def _add_safety(self, stamp: int, message: Any) -> None:
         self.scene.hard_radius = float(message.hard_radius)
-        columns = (message.deputy, message.mode, message.isolated_axes, message.reason)
-        for deputy, mode, axes, reason in zip(*columns, strict=True):
-            series = self.scene.series.get(f"safety/{deputy}")
+        columns = (message.spacecraft, message.mode, message.isolated_axes, message.reason)
+        for name, mode, axes, reason in zip(*columns, strict=True):
+            series = self.scene.series.get(f"safety/{name}")
             if series is not None and [column[-1] for column in series.values] == [mode, axes]:
                 continue
-            self.scene.add("safety", stamp, [float(mode), float(axes)], deputy=deputy)
+            self.scene.add("safety", stamp, [float(mode), float(axes)], deputy=name)
             if series is not None or mode or axes:
-                text = f"{deputy}: {_MODES.get(mode, 'unknown mode')}"
+                text = f"{name}: {_MODES.get(mode, 'unknown mode')}"
                 self.scene.note_event(stamp, "safety", f"{text}: {reason}" if reason else text)
 
     def _add_diagnostics(self, stamp: int, message: Any) -> None:

@@ -18,9 +18,9 @@ from vtff_control.safety.formation_safety import (
     MODE_HOLD,
     MODE_MONITOR,
     MODE_WATCH,
-    DeputyInput,
     FormationSafety,
     SafetySetting,
+    SpacecraftInput,
 )
 from vtff_dynamics.frames.rtn import (
     deputy_state_gcrf,
@@ -142,18 +142,20 @@ def test_a_report_of_less_than_half_isolates_the_axis():
 def test_a_deputy_without_navigation_is_predicted_with_growing_covariance():
     safety = monitor(setting=SafetySetting(hard_radius=30.0, acceleration_cap=1.4, orbits=0.2))
     first = safety.step({"deputy": heard(relative(t=400.0))}).pairs[0]
-    silent = DeputyInput(command_rtn=np.zeros(3), reported_rtn=np.zeros(3))
+    silent = SpacecraftInput(command_rtn=np.zeros(3), reported_rtn=np.zeros(3))
     for _ in range(300):
         last = safety.step({"deputy": silent}).pairs[0]
     assert last.sigmas < first.sigmas
     # It drifts as free flight does, and evades before its sigma reaches the chief.
     poor = monitor(setting=SafetySetting(hard_radius=30.0, acceleration_cap=1.4, orbits=1.0))
     state = heard(relative(t=100.0))
-    blurred = DeputyInput(state.relative_rtn, 400.0 * COVARIANCE, CHIEF, np.zeros(3), np.zeros(3))
+    blurred = SpacecraftInput(
+        state.relative_rtn, 400.0 * COVARIANCE, CHIEF, np.zeros(3), np.zeros(3)
+    )
     poor.step({"deputy": blurred})
     reasons = ""
     for _ in range(300):
-        decision = poor.step({"deputy": DeputyInput()}).decisions["deputy"]
+        decision = poor.step({"deputy": SpacecraftInput()}).decisions["deputy"]
         if decision.mode == MODE_EVADE:
             reasons = decision.reason
             break
@@ -202,7 +204,7 @@ def test_wrong_settings_and_names_are_named():
 
 
 def test_before_any_navigation_commands_pass():
-    decision = monitor().step({"deputy": DeputyInput(command_rtn=np.zeros(3))})
+    decision = monitor().step({"deputy": SpacecraftInput(command_rtn=np.zeros(3))})
     assert decision.pairs == []
     assert decision.decisions["deputy"].command_rtn is None
 
@@ -211,7 +213,7 @@ def test_far_apart_a_poor_velocity_is_no_reason_to_take_over():
     """15 km and 10 m/s: after ten minutes nothing is clear, whatever the deputy does."""
     state = np.array([-1000.0, -15e3, 0.0, 0.0, 1.6, 0.0])
     blurred = np.diag([5.0**2] * 3 + [10.0**2] * 3)
-    start = DeputyInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    start = SpacecraftInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
     decision = monitor().step({"deputy": start}).decisions["deputy"]
     assert decision.mode == MODE_MONITOR and decision.command_rtn is None
     assert "not good enough" in decision.reason
@@ -221,7 +223,7 @@ def test_a_filter_that_has_just_started_is_not_judged_by():
     """Its velocity has a sigma of 30 m/s: nothing would be clear, and nothing would help."""
     blurred = np.diag([0.01**2] * 3 + [30.0**2] * 3)
     state = relative(t=1000.0)
-    start = DeputyInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
+    start = SpacecraftInput(state, blurred, CHIEF, np.zeros(3), np.array([0.0, -1.0, 0.0]))
     safety = monitor()
     step = safety.step({"deputy": start})
     assert step.decisions["deputy"].mode == MODE_MONITOR
@@ -231,7 +233,7 @@ def test_a_filter_that_has_just_started_is_not_judged_by():
     # Later such a state is worth less than the prediction from the one before.
     (first, second) = coast(state, 2)
     safety.step({"deputy": heard(first[0], chief=first[1])})
-    again = DeputyInput(second[0], blurred, second[1], np.zeros(3), np.array([0.0, 1e-4, 0.0]))
+    again = SpacecraftInput(second[0], blurred, second[1], np.zeros(3), np.array([0.0, 1e-4, 0.0]))
     step = safety.step({"deputy": again})
     assert step.pairs[0].violation_time == np.inf
     assert step.decisions["deputy"].reason == ""
@@ -257,7 +259,9 @@ def test_a_link_that_is_cut_does_not_accuse_the_thruster(is_stuck):
             believed_states = states
         believed = relative_state_rtn(*believed_states)
         reported = None if is_cut else (flown if second < 15 else np.zeros(3))
-        given = DeputyInput(believed, COVARIANCE, states[0], reported, command, is_predicted=is_cut)
+        given = SpacecraftInput(
+            believed, COVARIANCE, states[0], reported, command, is_predicted=is_cut
+        )
         decision = safety.step({"deputy": given}).decisions["deputy"]
         if decision.isolated.any():
             break
@@ -278,7 +282,7 @@ def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
     push = np.array([0.0, 0.5, 0.0])
     for step in range(8):
         report = push if step else np.zeros(3)
-        given = DeputyInput(relative(t=2000.0), COVARIANCE, CHIEF, report, push, step >= 3)
+        given = SpacecraftInput(relative(t=2000.0), COVARIANCE, CHIEF, report, push, step >= 3)
         unknown = dataclasses.replace(given, reported_rtn=report if step < 3 else None)
         known = dataclasses.replace(given, reported_rtn=report if step < 3 else np.zeros(3))
         unsure = silent.step({"deputy": unknown}).pairs[0]
@@ -295,11 +299,160 @@ def test_thrust_that_nobody_reports_counts_once_in_a_step():
     track = safety._tracks["deputy"]
     poor = np.diag([800.0**2] * 3 + [1e-4**2] * 3)
     track.covariance = 4.0 * poor
-    given = DeputyInput(relative(t=2000.0), poor, CHIEF, None, push, is_predicted=True)
+    given = SpacecraftInput(relative(t=2000.0), poor, CHIEF, None, push, is_predicted=True)
     safety.step({"deputy": given})
     safety.step({"deputy": given})
     # One step without a report: between nothing and 0.5 m/s2, that is 0.25 m/s more or less.
     assert np.sqrt(track.unreported_effect[4, 4]) == pytest.approx(0.25, rel=1e-4)
+
+
+class ChiefFlight:
+    """A formation whose chief thrusts, flown in GCRF; every spacecraft by itself."""
+
+    def __init__(self, offsets, sigma=1e-5, seed=5):
+        self.names = list(offsets)
+        self.safety = FormationSafety("chief", self.names, SETTING, chief_thrusts=True)
+        self.states = np.array([CHIEF, *(deputy_state_gcrf(CHIEF, o) for o in offsets.values())])
+        self.sigma = sigma
+        self.generator = np.random.default_rng(seed)
+        # What is commanded now acts in the next step.
+        self.waiting = {name: np.zeros(3) for name in ("chief", *self.names)}
+        self.isolated = {name: np.zeros(3, dtype=bool) for name in self.waiting}
+
+    def fly(self, commands, stuck=None, is_reported=False):
+        """Judge one second and fly it; `stuck` is what a thruster gives whatever it is told."""
+        stuck = stuck or {}
+        thrusts = {
+            name: np.where(self.isolated[name], 0.0, stuck.get(name, self.waiting[name]))
+            for name in self.waiting
+        }
+        reports = thrusts if is_reported else self.waiting
+        inputs = {
+            "chief": SpacecraftInput(
+                reported_rtn=reports["chief"], command_rtn=np.array(commands["chief"])
+            )
+        }
+        for name, state in zip(self.names, self.states[1:], strict=True):
+            relative_state = relative_state_rtn(self.states[0], state)
+            relative_state[3:] += self.sigma * self.generator.standard_normal(3)
+            inputs[name] = heard(
+                relative_state, commands.get(name, (0.0, 0.0, 0.0)), reports[name], self.states[0]
+            )
+        decisions = self.safety.step(inputs).decisions
+        for name, decision in decisions.items():
+            passed = np.array(commands.get(name, (0.0, 0.0, 0.0)), dtype=float)
+            told = passed if decision.command_rtn is None else decision.command_rtn
+            self.isolated[name] = decision.isolated
+            self.waiting[name] = np.where(decision.isolated, 0.0, told)
+        pushes = np.array(list(thrusts.values())) @ rotation_gcrf_to_rtn(self.states[0])
+        self.states = free_flight(self.states, [0.0, 1.0])[-1]
+        self.states += np.concatenate((0.5 * pushes, pushes), axis=1)
+        return decisions
+
+    def distances(self):
+        return np.linalg.norm(self.states[1:, :3] - self.states[0, :3], axis=1)
+
+
+PAIR = {"ahead": relative(t=300.0), "behind": relative(t=-300.0)}
+
+
+def test_a_chief_that_thrusts_is_no_fault_of_its_deputies():
+    """Its thrust is far above what is looked at; so is that of the deputies."""
+    flight = ChiefFlight(PAIR)
+    for second in range(60):
+        size = 0.5 if second % 20 < 10 else -0.5
+        commands = {"chief": (0.0, 0.0, size), "ahead": (0.0, 0.3 * size, 0.0)}
+        decisions = flight.fly(commands)
+        assert all(decision.command_rtn is None for decision in decisions.values())
+        assert not any(decision.isolated.any() for decision in decisions.values())
+
+
+@pytest.mark.parametrize("is_reported", [False, True])
+@pytest.mark.parametrize("size", [0.3, -1.4])
+def test_a_chief_whose_thruster_sticks_is_named_as_the_chief(size, is_reported):
+    flight = ChiefFlight(PAIR)
+    for second in range(60):
+        stuck = {"chief": np.array([0.0, 0.0, size])} if second >= 10 else {}
+        decisions = flight.fly({"chief": (0.0, 0.0, 0.0)}, stuck, is_reported)
+        if decisions["chief"].isolated.any():
+            break
+    assert second - 10 <= 2
+    for _ in range(60):  # the seconds before remain in the past of all of them
+        decisions = flight.fly({"chief": (0.0, 0.1, 0.0)}, stuck, is_reported)
+    assert decisions["chief"].isolated.tolist() == [False, False, True]
+    assert decisions["chief"].mode == MODE_HOLD
+    np.testing.assert_array_equal(decisions["chief"].command_rtn, 0.0)
+    assert "thruster stuck on along N" in decisions["chief"].reason
+    for name in PAIR:
+        assert not decisions[name].isolated.any()
+        assert "thruster" not in decisions[name].reason
+    flight.safety.reset("chief")
+    assert flight.fly({"chief": (0.0, 0.0, 0.0)})["chief"].mode == MODE_MONITOR
+
+
+def test_a_deputy_whose_thruster_sticks_beside_a_chief_that_thrusts():
+    flight = ChiefFlight(PAIR)
+    for second in range(40):
+        stuck = {"behind": np.array([0.0, -0.4, 0.0])} if second >= 10 else {}
+        decisions = flight.fly({"chief": (0.0, 0.0, 0.5)}, stuck)
+        if decisions["behind"].isolated.any():
+            break
+    assert second - 10 <= 2
+    assert "stuck on along T" in decisions["behind"].reason
+    assert not decisions["chief"].isolated.any()
+    assert not decisions["ahead"].isolated.any()
+
+
+def test_a_single_deputy_and_its_chief_cannot_be_told_apart():
+    flight = ChiefFlight({"ahead": relative(t=300.0)})
+    for second in range(40):
+        stuck = {"chief": np.array([0.4, 0.0, 0.0])} if second >= 10 else {}
+        decisions = flight.fly({"chief": (0.0, 0.0, 0.0)}, stuck)
+        if decisions["chief"].isolated.any():
+            break
+    assert second - 10 <= 2
+    for name, other in (("ahead", "chief"), ("chief", "ahead")):
+        assert decisions[name].isolated.tolist() == [True, False, False]
+        assert f"its own or that of {other}" in decisions[name].reason
+
+
+def test_a_chief_that_flies_into_its_deputy_is_stopped_and_evaded():
+    flight = ChiefFlight(PAIR)
+    closest = np.inf
+    for _ in range(120):
+        decisions = flight.fly({"chief": (0.0, 0.4, 0.0)})
+        closest = min(closest, flight.distances().min())
+    assert closest >= 30.0
+    assert decisions["chief"].mode == MODE_HOLD
+    assert "ahead evades" in decisions["chief"].reason
+    assert decisions["ahead"].mode >= MODE_EVADE
+
+
+def test_without_navigation_the_thrust_of_the_chief_is_in_the_prediction():
+    """Two minutes blind while the chief thrusts: the distance is that which is flown."""
+    flight = ChiefFlight({"ahead": relative(t=2000.0)})
+    for _ in range(3):
+        flight.fly({"chief": (0.0, 0.05, 0.0)})
+    blind = {"chief": flight.waiting["chief"], "ahead": np.zeros(3)}
+    for _ in range(120):
+        flight.safety.step(
+            {
+                name: SpacecraftInput(reported_rtn=thrust, command_rtn=thrust)
+                for name, thrust in blind.items()
+            }
+        )
+        pushes = np.array(list(blind.values())) @ rotation_gcrf_to_rtn(flight.states[0])
+        flight.states = free_flight(flight.states, [0.0, 1.0])[-1]
+        flight.states += np.concatenate((0.5 * pushes, pushes), axis=1)
+    predicted = flight.safety._tracks["ahead"].relative
+    # One step behind: what was flown after it was judged.
+    before = free_flight(flight.states, [0.0, -1.0])[-1]
+    flown = relative_state_rtn(*before)
+    assert np.linalg.norm(flown[:3] - [0.0, 2000.0, 0.0]) > 100.0
+    np.testing.assert_allclose(predicted[:3], flown[:3], atol=1.0)
+    # The error of its thrust is in the covariance as that of the deputy would be.
+    effect = flight.safety._tracks["ahead"].thrust_effect
+    assert np.abs(effect[1, 3:]).max() > 100.0
 
 
 COMPILED_BEFORE_THE_FIRST_STEP = """

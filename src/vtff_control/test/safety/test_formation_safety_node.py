@@ -104,7 +104,7 @@ def test_a_command_that_may_pass_is_published_as_it_came(make_node: NodeMaker) -
     assert published[CHECKED] == [command]
     (message,) = published[SAFETY]
     assert isinstance(message, FormationSafety)
-    assert message.deputy == ["deputy"]
+    assert message.spacecraft == ["deputy"]
     assert list(message.mode) == [FormationSafety.MODE_MONITOR]
     assert (message.first[0], message.second[0]) == ("chief", "deputy")
     assert 90.0 < message.separation[0] <= 100.0
@@ -176,9 +176,9 @@ def test_a_stuck_thruster_is_taken_over_isolated_and_given_back(make_node: NodeM
     assert health.level == diagnostics.ERROR
     assert "stuck on along T" in health.message
 
-    refused = node._on_reset(ResetSafety.Request(deputy="nobody"), ResetSafety.Response())
+    refused = node._on_reset(ResetSafety.Request(spacecraft="nobody"), ResetSafety.Response())
     assert not refused.success
-    assert refused.message == "unknown deputy 'nobody'; known: deputy"
+    assert refused.message == "unknown spacecraft 'nobody'; guarded: deputy"
     assert node._on_reset(ResetSafety.Request(), ResetSafety.Response()).success
     fly_second(node, 2, relative(t=100.0), t=1e-3)
     assert published[ISOLATION][-1].axes == 0
@@ -202,3 +202,39 @@ def test_states_without_solution_or_of_another_deputy_do_not_count(make_node: No
 def test_wrong_names_are_refused(make_node: NodeMaker) -> None:
     with pytest.raises(ParameterError, match="different names expected"):
         make_node(deputies=["a", "a"])
+
+
+def test_a_chief_that_thrusts_is_waited_for_and_isolated(make_node: NodeMaker) -> None:
+    node, published = make_node(deputies=["deputy", "other"], chief_thrusts=True)
+
+    def fly(second: int, reported_chief: float = 0.0) -> None:
+        for name, distance in (("deputy", 100.0), ("other", -100.0)):
+            message = state(second, relative(t=distance))
+            message.child_frame_id = name
+            send(node, "relative_state", message, name)
+            send(node, "control/thrust_command", acceleration(second), name)
+            if second:
+                send(node, "propulsion/thrust_applied", acceleration(second), name)
+        send(node, "control/thrust_command", acceleration(second), "chief")
+        if second:
+            # The report of the chief is waited for as those of the deputies are.
+            assert len(published[CHECKED]) == second
+            report = acceleration(second, n=reported_chief)
+            send(node, "propulsion/thrust_applied", report, "chief")
+        assert len(published[CHECKED]) == second + 1
+        assert len(published["/chief/control/thrust_command_checked"]) == second + 1
+
+    fly(0)
+    fly(1)
+    message = published[SAFETY][-1]
+    assert list(message.spacecraft) == ["deputy", "other", "chief"]
+    assert not any(message.mode)
+    fly(2, reported_chief=0.9)
+    message = published[SAFETY][-1]
+    assert list(message.isolated_axes) == [0, 0, 4]
+    assert "stuck on along N" in message.reason[2]
+    assert [item.axes for item in published["/chief/propulsion/isolation"]] == [4]
+    assert published[ISOLATION] == []
+    assert [status.hardware_id for status in node.health()] == ["deputy", "other", "chief"]
+    answer = node._on_reset(ResetSafety.Request(spacecraft="chief"), ResetSafety.Response())
+    assert answer.success

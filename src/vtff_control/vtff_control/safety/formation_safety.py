@@ -11,6 +11,10 @@ long as there is a way out). The deputy is taken over when that way out closes, 
 although a pair will soon not be clear, or when a thruster does not do what it reports; the axis of
 such a thruster is isolated. Taken over it stays, until a reset: commands are those of the evasive
 manoeuvre, planned anew every step, and zero while every pair is clear.
+
+A chief that thrusts is heard as the deputies are: what moves them to it is the difference of the
+thrusts. It never evades, the deputies do; its commands are zero from the moment in which its
+thruster fails or a deputy must evade it.
 """
 
 from __future__ import annotations
@@ -25,7 +29,12 @@ from scipy.special import ndtri
 
 from vtff_control.safety.escape import ClearBounds, find_escape
 from vtff_control.safety.prediction import FreeMotion, PairPrediction, predict_free_motion
-from vtff_control.safety.thrust_monitor import ThrustMonitor
+from vtff_control.safety.thrust_monitor import (
+    ThrustDifference,
+    ThrustMonitor,
+    accused_axes,
+    describe_fault,
+)
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
@@ -38,8 +47,8 @@ __all__ = [
     "MODE_HOLD",
     "MODE_MONITOR",
     "MODE_WATCH",
-    "DeputyDecision",
-    "DeputyInput",
+    "SpacecraftDecision",
+    "SpacecraftInput",
     "FormationSafety",
     "SafetySetting",
     "SafetyStep",
@@ -56,6 +65,7 @@ MODE_HOLD = 3
 """Taken over: every pair stays clear, commands are zero until a reset."""
 
 _PASSIVE_STEPS = 3
+_PASSIVE_SHARE = 0.05  # of the time that is left: a weak thruster coasts for long
 _MISSING_STEPS = 5
 _ABSENT_STEPS = 10
 _WEAK_STEPS = 2
@@ -149,8 +159,8 @@ class SafetySetting:
 
 
 @dataclass(frozen=True, eq=False)
-class DeputyInput:
-    """What is known of a deputy at a step.
+class SpacecraftInput:
+    """What is known of a deputy at a step, or of a chief that thrusts, which has no relative state.
 
     Attributes
     ----------
@@ -177,8 +187,8 @@ class DeputyInput:
 
 
 @dataclass(frozen=True, eq=False)
-class DeputyDecision:
-    """What happens to the command of a deputy.
+class SpacecraftDecision:
+    """What happens to the command of a spacecraft.
 
     Attributes
     ----------
@@ -200,24 +210,19 @@ class DeputyDecision:
 
 @dataclass(frozen=True, eq=False)
 class SafetyStep:
-    """Result of a step: a decision for every deputy, a prediction for every pair."""
+    """Result of a step: a decision for each that thrusts, a prediction for every pair."""
 
-    decisions: dict[str, DeputyDecision]
+    decisions: dict[str, SpacecraftDecision]
     pairs: list[PairPrediction]
 
 
 @dataclass(eq=False)
-class _Track:
-    """What the monitor knows of a deputy from the steps before."""
+class _Thruster:
+    """What the monitor knows of a thruster from the steps before."""
 
-    monitor: ThrustMonitor
-    relative: FloatArray | None = None
-    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
-    thrust_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 9)))
     # Without a report: the middle of what the thruster may give, and how far that is from its ends.
     reported: FloatArray = field(default_factory=lambda: np.zeros(3))
     unreported: FloatArray = field(default_factory=lambda: np.zeros(3))
-    unreported_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     last_report: FloatArray = field(default_factory=lambda: np.zeros(3))
     steps_without_report: int = 0
     expected: list[FloatArray] = field(default_factory=list)
@@ -228,8 +233,38 @@ class _Track:
     weak_steps: np.ndarray[tuple[int], np.dtype[np.int_]] = field(
         default_factory=lambda: np.zeros(3, dtype=int)
     )
+
+    def accuse(self, axes: np.ndarray[tuple[int], np.dtype[np.bool_]], reason: str) -> None:
+        """Isolate axes, and keep the first reason."""
+        self.isolated = self.isolated | axes
+        self.reason = self.reason or reason
+
+    def reset(self) -> None:
+        """Forget what was isolated, and why."""
+        self.reason = ""
+        self.isolated = np.zeros(3, dtype=bool)
+        self.expected.clear()
+        self.steps_without_report = 0
+
+
+@dataclass(eq=False)
+class _Track(_Thruster):
+    """What the monitor knows of a deputy from the steps before."""
+
+    monitor: ThrustMonitor = field(kw_only=True)
+    relative: FloatArray | None = None
+    covariance: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
+    # By the errors of the reported thrust of deputy and chief, and by thrust that nobody reports.
+    thrust_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 18)))
+    unreported_effect: FloatArray = field(default_factory=lambda: np.zeros((6, 6)))
     passive_steps: int = 0
     missing_steps: int = 0
+
+    def reset(self) -> None:
+        """Forget what was isolated, and why, and who acts."""
+        super().reset()
+        self.passive_steps = self.missing_steps = 0
+        self.monitor.reset()
 
 
 class FormationSafety:
@@ -243,6 +278,8 @@ class FormationSafety:
         Names of the deputies.
     setting
         Bounds and capabilities.
+    chief_thrusts
+        Whether the chief has a thruster of its own.
 
     Raises
     ------
@@ -250,7 +287,13 @@ class FormationSafety:
         If a name is there twice, or there is no deputy.
     """
 
-    def __init__(self, chief: str, deputies: Sequence[str], setting: SafetySetting) -> None:
+    def __init__(
+        self,
+        chief: str,
+        deputies: Sequence[str],
+        setting: SafetySetting,
+        chief_thrusts: bool = False,
+    ) -> None:
         if not deputies:
             raise ValueError("deputies: at least one name expected")
         if len({chief, *deputies}) != len(deputies) + 1:
@@ -258,42 +301,44 @@ class FormationSafety:
         self._names = (chief, *deputies)
         self._setting = setting
         self._tracks = {
-            name: _Track(ThrustMonitor(setting.acceleration_cap, setting.step)) for name in deputies
+            name: _Track(monitor=ThrustMonitor(setting.acceleration_cap, setting.step))
+            for name in deputies
         }
+        # Without a thruster this one never thrusts.
+        self._chief_thruster = _Thruster()
+        self._chief_thrusts = chief_thrusts
         self._chief: FloatArray | None = None
 
-    def reset(self, deputy: str | None = None) -> None:
-        """Give a deputy, or all, back to the controllers, and forget what was isolated.
+    def reset(self, spacecraft: str | None = None) -> None:
+        """Give a spacecraft, or all, back to the controllers, and forget what was isolated.
 
         Raises
         ------
         KeyError
-            If there is no such deputy.
+            If there is no such spacecraft with a thruster.
         """
-        for name in self._tracks if deputy is None else (deputy,):
-            track = self._tracks[name]
-            track.reason = ""
-            track.isolated = np.zeros(3, dtype=bool)
-            track.passive_steps = track.missing_steps = 0
-            track.expected.clear()
-            track.steps_without_report = 0
-            track.monitor.reset()
+        thrusters: dict[str, _Thruster] = dict(self._tracks)
+        if self._chief_thrusts:
+            thrusters[self._names[0]] = self._chief_thruster
+        for name in thrusters if spacecraft is None else (spacecraft,):
+            thrusters[name].reset()
 
-    def step(self, inputs: Mapping[str, DeputyInput]) -> SafetyStep:
+    def step(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
         """Decide about the commands of a step.
 
         Parameters
         ----------
         inputs
-            Inputs of every deputy by name; a deputy that is absent is predicted.
+            Inputs of every deputy, and of a chief that thrusts, by name; a deputy that is absent
+            is predicted.
         """
         self._take_states(inputs)
         if self._chief is None:
             # Nothing has been navigated yet: there is nothing to judge by.
             reason = "not judged: no navigation yet"
             unjudged = {
-                name: DeputyDecision(MODE_MONITOR, None, np.zeros(3, dtype=bool), reason)
-                for name in self._tracks
+                name: SpacecraftDecision(MODE_MONITOR, None, np.zeros(3, dtype=bool), reason)
+                for name in self._guarded_names()
             }
             return SafetyStep(unjudged, [])
         known = [name for name, track in self._tracks.items() if track.relative is not None]
@@ -303,69 +348,116 @@ class FormationSafety:
         pairs = self._pairs(motion, self._setting.bounds) if known else []
         decisions = {}
         for name, track in self._tracks.items():
-            given = inputs.get(name, DeputyInput())
+            given = inputs.get(name, SpacecraftInput())
             decisions[name] = self._decide(name, track, given, known, start, motion, pairs)
             self._expect(track, given, decisions[name])
+        if self._chief_thrusts:
+            chief = self._names[0]
+            decisions[chief] = self._decide_chief(decisions, pairs)
+            self._expect(
+                self._chief_thruster, inputs.get(chief, SpacecraftInput()), decisions[chief]
+            )
         return SafetyStep(decisions, pairs)
+
+    def _guarded_names(self) -> tuple[str, ...]:
+        """Return the names of those that thrust."""
+        return (*self._tracks, *self._names[: int(self._chief_thrusts)])
 
     # ---- states ------------------------------------------------------------------------------
 
-    def _take_states(self, inputs: Mapping[str, DeputyInput]) -> None:
+    def _take_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
         """Take what is navigated, predict what is not, and watch the thrusters."""
         step = self._setting.step
         chiefs = (
             given.state_chief_gcrf for given in inputs.values() if given.relative_rtn is not None
         )
         previous_chief = self._chief
+        thrust_chief = self._chief_thruster.reported
         self._chief = next((chief for chief in chiefs if chief is not None), None)
         if self._chief is None and previous_chief is not None:
-            self._chief = predict_state(previous_chief, step)
+            self._chief = _fly(previous_chief, previous_chief, thrust_chief, step)
+        found = {}
         for name, track in self._tracks.items():
-            given = inputs.get(name, DeputyInput())
-            before = track.reported
+            given = inputs.get(name, SpacecraftInput())
             if previous_chief is not None:
                 self._grow_unreported(track, previous_chief)
             is_informative = self._is_informative(given)
             if not is_informative and track.relative is not None and previous_chief is not None:
-                self._predict(track, previous_chief, before)
+                self._predict(track, previous_chief)
             if is_informative or self._is_better(track, given):
                 assert given.relative_rtn is not None and self._chief is not None
                 covariance = given.covariance_rtn
                 track.covariance = np.zeros((6, 6)) if covariance is None else covariance
-                track.thrust_effect = np.zeros((6, 9))
+                track.thrust_effect = np.zeros((6, 18))
                 if not given.is_predicted:  # a measurement contains what the thruster gave
                     track.unreported_effect = np.zeros((6, 6))
                 track.relative = given.relative_rtn
-                fault = track.monitor.update(
+                difference = track.monitor.update(
                     self._chief,
                     track.relative,
                     track.covariance,
-                    before,
-                    track.unreported,
+                    track.reported,
+                    track.unreported + self._chief_thruster.unreported,
                     given.is_predicted,
+                    thrust_chief,
                 )
-                if fault is not None:
-                    track.isolated |= fault.axes
-                    track.reason = track.reason or fault.text
+                if difference is not None:
+                    found[name] = difference
             else:
                 track.monitor.reset()
-            self._take_report(track, given)
+        self._accuse(found)
+        for name, track in self._tracks.items():
+            self._take_report(track, inputs.get(name, SpacecraftInput()))
+        if self._chief_thrusts:
+            self._take_report(self._chief_thruster, inputs.get(self._names[0], SpacecraftInput()))
 
-    def _predict(self, track: _Track, chief: FloatArray, thrust: FloatArray) -> None:
-        """Carry the last state of a deputy over a step with the reported thrust."""
+    def _accuse(self, found: Mapping[str, ThrustDifference]) -> None:
+        """Isolate the axes of thrusters that do not do what they report."""
         step = self._setting.step
+        is_chief_accused = False
+        for name, difference in found.items():
+            axes, axes_chief = difference.axes, np.zeros(3, dtype=bool)
+            if self._chief_thrusts:
+                others = [track.monitor for other, track in self._tracks.items() if other != name]
+                axes, axes_chief = accused_axes(difference, others)
+            seconds = difference.age * step
+            if axes.any():
+                text = describe_fault(axes, difference.residual, difference.reported, seconds)
+                if (axes & axes_chief).any():
+                    text += f"; its own or that of {self._names[0]}, which one is not to be told"
+                self._tracks[name].accuse(axes, text)
+            if axes_chief.any():
+                text = describe_fault(
+                    axes_chief, -difference.residual, difference.reported_chief, seconds
+                )
+                if (axes & axes_chief).any():
+                    text += f"; its own or that of {name}, which one is not to be told"
+                self._chief_thruster.accuse(axes_chief, text)
+                is_chief_accused = True
+        if is_chief_accused:
+            # What the chief has pushed until now is in the past of every deputy.
+            for track in self._tracks.values():
+                track.monitor.reset()
+
+    def _predict(self, track: _Track, chief: FloatArray) -> None:
+        """Carry the last state of a deputy over a step with the reported thrusts."""
         assert track.relative is not None
-        track.relative, _ = _advance(track.relative, chief, thrust, step)
+        thrust, thrust_chief = track.reported, self._chief_thruster.reported
+        track.relative, _ = _advance(
+            track.relative, chief, thrust, thrust_chief, self._setting.step
+        )
         transition, push = self._step_matrices(chief)
         track.covariance = transition @ track.covariance @ transition.T
-        track.thrust_effect = transition @ track.thrust_effect + push @ np.kron(np.eye(3), thrust)
+        pushes = np.kron(np.eye(3), np.concatenate((thrust, thrust_chief)))
+        track.thrust_effect = transition @ track.thrust_effect + push @ pushes
 
     def _grow_unreported(self, track: _Track, chief: FloatArray) -> None:
         """Carry the effect of thrust that nobody reported over a step."""
-        if not (track.unreported.any() or track.unreported_effect.any()):
+        unreported_chief = self._chief_thruster.unreported
+        if not (track.unreported.any() or unreported_chief.any() or track.unreported_effect.any()):
             return
         transition, push = self._step_matrices(chief)
-        effect = push * track.unreported
+        effect = np.hstack((push * track.unreported, push * unreported_chief))
         before = transition @ track.unreported_effect @ transition.T
         track.unreported_effect = before + effect @ effect.T
 
@@ -375,7 +467,7 @@ class FormationSafety:
         transition = hcw_transition_matrix(osculating_mean_motion(chief), step)
         return transition, np.vstack((0.5 * step**2 * np.eye(3), step * np.eye(3)))
 
-    def _is_informative(self, given: DeputyInput) -> bool:
+    def _is_informative(self, given: SpacecraftInput) -> bool:
         """Return whether a state can be judged by.
 
         A filter that has just started knows the velocity to some m/s: with that nothing stays clear
@@ -389,7 +481,7 @@ class FormationSafety:
         error = _error_after(self._setting.escape_horizon, given.covariance_rtn)
         return self._setting.bounds.clear_sigmas * error < gap
 
-    def _is_better(self, track: _Track, given: DeputyInput) -> bool:
+    def _is_better(self, track: _Track, given: SpacecraftInput) -> bool:
         """Return whether a poor state is still better than the prediction from the last one."""
         if given.relative_rtn is None or given.covariance_rtn is None or track.relative is None:
             return False
@@ -397,7 +489,7 @@ class FormationSafety:
         predicted = track.covariance + thrust + track.unreported_effect
         return _error_after(_SOON, given.covariance_rtn) <= _error_after(_SOON, predicted)
 
-    def _take_report(self, track: _Track, given: DeputyInput) -> None:
+    def _take_report(self, track: _Thruster, given: SpacecraftInput) -> None:
         """Take the report of a step; without one, what the thruster may give in it.
 
         The command may have reached the thruster or not, and a thruster that hears none goes on
@@ -423,7 +515,7 @@ class FormationSafety:
         low, high = np.min(possible, axis=0), np.max(possible, axis=0)
         track.reported, track.unreported = 0.5 * (low + high), 0.5 * (high - low)
 
-    def _compare_report(self, track: _Track, reported_rtn: FloatArray, told: FloatArray) -> None:
+    def _compare_report(self, track: _Thruster, reported_rtn: FloatArray, told: FloatArray) -> None:
         """Look whether the thruster reports more than it was told."""
         cap = self._setting.acceleration_cap
         # In the direction of the command, up to its size; against it, nothing.
@@ -439,10 +531,11 @@ class FormationSafety:
         ):
             if axes.any():
                 names = ", ".join(axis for axis, is_it in zip("RTN", axes, strict=True) if is_it)
-                track.isolated = track.isolated | axes
-                track.reason = track.reason or "thruster " + text.format(names)
+                track.accuse(axes, "thruster " + text.format(names))
 
-    def _expect(self, track: _Track, given: DeputyInput, decision: DeputyDecision) -> None:
+    def _expect(
+        self, track: _Thruster, given: SpacecraftInput, decision: SpacecraftDecision
+    ) -> None:
         """Keep what the thruster is told, for comparison with its report."""
         command = given.command_rtn if decision.command_rtn is None else decision.command_rtn
         wanted = np.zeros(3) if command is None else np.where(decision.isolated, 0.0, command)
@@ -452,24 +545,30 @@ class FormationSafety:
     def _states_after(
         self,
         known: Sequence[str],
-        inputs: Mapping[str, DeputyInput],
+        inputs: Mapping[str, SpacecraftInput],
         delay_steps: int,
         with_command: bool,
     ) -> tuple[FloatArray, list[FloatArray]]:
         """Return the chief and the deputies when a command of now starts, or ends, to act."""
         step, cap = self._setting.step, self._setting.acceleration_cap
         assert self._chief is not None
+
+        def thrusts_of(name: str, thruster: _Thruster) -> list[FloatArray]:
+            command = inputs.get(name, SpacecraftInput()).command_rtn
+            wanted = np.zeros(3)
+            if command is not None and not thruster.reason:
+                wanted = np.clip(command, -cap, cap)
+            reported = [thruster.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
+            return [*reported, wanted] if with_command else reported
+
+        thrusts_chief = thrusts_of(self._names[0], self._chief_thruster)
         chief, states = self._chief, []
         for name in known:
             track = self._tracks[name]
-            command = inputs.get(name, DeputyInput()).command_rtn
-            wanted = np.zeros(3) if command is None or track.reason else np.clip(command, -cap, cap)
-            thrusts = [track.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
-            thrusts += [wanted] if with_command else []
             assert track.relative is not None
             relative, chief = track.relative, self._chief
-            for thrust in thrusts:
-                relative, chief = _advance(relative, chief, thrust, step)
+            for thrust, thrust_chief in zip(thrusts_of(name, track), thrusts_chief, strict=True):
+                relative, chief = _advance(relative, chief, thrust, thrust_chief, step)
             states.append(relative)
         return chief, states
 
@@ -504,21 +603,23 @@ class FormationSafety:
         self,
         name: str,
         track: _Track,
-        given: DeputyInput,
+        given: SpacecraftInput,
         known: Sequence[str],
         start: tuple[FloatArray, list[FloatArray]],
         motion: FreeMotion,
         pairs: Sequence[PairPrediction],
-    ) -> DeputyDecision:
+    ) -> SpacecraftDecision:
         command = given.command_rtn
         if command is not None:
             track.passive_steps = 0 if np.any(command) else track.passive_steps + 1
         track.missing_steps = track.missing_steps + 1 if command is None else 0
         if track.relative is None:
             if track.reason:  # a thruster was isolated before anything was navigated
-                return DeputyDecision(MODE_HOLD, np.zeros(3), track.isolated.copy(), track.reason)
+                return SpacecraftDecision(
+                    MODE_HOLD, np.zeros(3), track.isolated.copy(), track.reason
+                )
             reason = "not judged: navigation is not good enough yet"
-            return DeputyDecision(MODE_MONITOR, None, track.isolated.copy(), reason)
+            return SpacecraftDecision(MODE_MONITOR, None, track.isolated.copy(), reason)
         watched = ""
         if not track.reason:
             worst = min(
@@ -531,7 +632,24 @@ class FormationSafety:
         if track.reason:
             return self._take_over(name, track, known, start)
         mode = MODE_WATCH if watched else MODE_MONITOR
-        return DeputyDecision(mode, None, track.isolated.copy(), watched)
+        return SpacecraftDecision(mode, None, track.isolated.copy(), watched)
+
+    def _decide_chief(
+        self, decisions: Mapping[str, SpacecraftDecision], pairs: Sequence[PairPrediction]
+    ) -> SpacecraftDecision:
+        """Return what happens to the command of a chief that thrusts."""
+        chief, thruster = self._names[0], self._chief_thruster
+        watched = ""
+        for pair in pairs:
+            if chief == pair.first and math.isfinite(pair.violation_time):
+                watched = watched or _describe_pair(pair)
+                if decisions[pair.second].mode == MODE_EVADE:
+                    thruster.reason = thruster.reason or f"{pair.second} evades; {watched}"
+        isolated = thruster.isolated.copy()
+        if thruster.reason:
+            return SpacecraftDecision(MODE_HOLD, np.zeros(3), isolated, thruster.reason)
+        mode = MODE_WATCH if watched else MODE_MONITOR
+        return SpacecraftDecision(mode, None, isolated, watched)
 
     def _reason_to_take_over(
         self, name: str, track: _Track, motion: FreeMotion, worst: PairPrediction, watched: str
@@ -543,7 +661,8 @@ class FormationSafety:
             return f"no commands for {track.missing_steps * setting.step:g} s; {watched}"
         if not is_soon:
             return ""
-        if track.passive_steps >= _PASSIVE_STEPS:
+        patience = max(_PASSIVE_STEPS * setting.step, _PASSIVE_SHARE * worst.violation_time)
+        if track.passive_steps * setting.step >= patience:
             return f"nobody acts: no thrust is commanded; {watched}"
         escape = find_escape(
             motion,
@@ -562,7 +681,7 @@ class FormationSafety:
         track: _Track,
         known: Sequence[str],
         start: tuple[FloatArray, list[FloatArray]],
-    ) -> DeputyDecision:
+    ) -> SpacecraftDecision:
         """Return the command of the evasive manoeuvre, or zero while every pair is clear."""
         setting = self._setting
         isolated = track.isolated.copy()
@@ -581,7 +700,7 @@ class FormationSafety:
             if other != index
         )
         if not math.isfinite(soonest):
-            return DeputyDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
+            return SpacecraftDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
         available = self._available(track)
         horizons = [float(motion.times[-1])]
         if soonest <= setting.escape_horizon:
@@ -599,10 +718,10 @@ class FormationSafety:
                 break
         if velocity is None:
             if soonest > setting.escape_horizon:
-                return DeputyDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
+                return SpacecraftDecision(MODE_HOLD, np.zeros(3), isolated, track.reason)
             velocity = _away(motion, index, soonest) * setting.velocity_limit
         command = self._command(velocity, available)
-        return DeputyDecision(MODE_EVADE, command, isolated, track.reason)
+        return SpacecraftDecision(MODE_EVADE, command, isolated, track.reason)
 
     def _available(self, track: _Track) -> FloatArray:
         """Return the acceleration that a manoeuvre counts with, on R, T and N, m/s2."""
@@ -619,15 +738,27 @@ class FormationSafety:
 
 
 def _advance(
-    relative: FloatArray, chief: FloatArray, acceleration_rtn: FloatArray, step: float
+    relative: FloatArray,
+    chief: FloatArray,
+    acceleration_rtn: FloatArray,
+    acceleration_chief_rtn: FloatArray,
+    step: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return relative state and chief after a step with constant thrust."""
-    deputy = predict_state(deputy_state_gcrf(chief, relative), step)
-    acceleration = rotation_gcrf_to_rtn(chief).T @ acceleration_rtn
-    deputy[:3] += 0.5 * step**2 * acceleration
-    deputy[3:] += step * acceleration
-    after = predict_state(chief, step)
+    deputy = _fly(deputy_state_gcrf(chief, relative), chief, acceleration_rtn, step)
+    after = _fly(chief, chief, acceleration_chief_rtn, step)
     return relative_state_rtn(after, deputy), after
+
+
+def _fly(
+    state: FloatArray, chief: FloatArray, acceleration_rtn: FloatArray, step: float
+) -> FloatArray:
+    """Return a state in GCRF after a step with constant thrust in the chief's axes."""
+    after = predict_state(state, step)
+    acceleration = rotation_gcrf_to_rtn(chief).T @ acceleration_rtn
+    after[:3] += 0.5 * step**2 * acceleration
+    after[3:] += step * acceleration
+    return after
 
 
 def _error_after(seconds: float, covariance: FloatArray) -> float:
@@ -655,8 +786,8 @@ def compile_kernels(setting: SafetySetting) -> float:
     state = np.array([0.0, distance, 0.0, 0.0, -0.1 * distance, 0.0])
     covariance = 1e-4 * np.eye(6)
     safety = FormationSafety("chief", ("deputy",), setting)
-    heard = DeputyInput(state, covariance, chief, np.zeros(3), np.zeros(3))
-    for values in (heard, DeputyInput(reported_rtn=np.zeros(3))):
+    heard = SpacecraftInput(state, covariance, chief, np.zeros(3), np.zeros(3))
+    for values in (heard, SpacecraftInput(reported_rtn=np.zeros(3))):
         safety.step({"deputy": values})
     return time.perf_counter() - begin
 

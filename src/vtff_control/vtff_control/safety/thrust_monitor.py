@@ -1,9 +1,14 @@
 """Does a thruster do what it reports? Navigation is asked, over one, five and twenty seconds.
 
 From each navigated state of the last twenty seconds the motion is continued with the thrust that
-the thruster has reported. Where the change of the velocity that navigation has found since differs
-by more than its own covariance and the tolerance of a healthy thruster explain, the thruster is
-stuck on (it pushes without saying so) or stuck off (it says so and does not push).
+the thrusters have reported: that of the deputy, and that of a chief that thrusts too. Where the
+change of the velocity that navigation has found since differs by more than its own covariance and
+the tolerance of healthy thrusters explain, a thruster is stuck on (it pushes without saying so) or
+stuck off (it says so and does not push).
+
+Relative navigation of one deputy does not tell whose thruster that is. A push of the chief that
+nobody reports is seen by all deputies alike, one of a deputy by that deputy alone: `accused_axes`
+compares them.
 
 A step without a report has a thrust between bounds; what lies within them is no fault. A state
 that navigation has predicted, without measurements, tells nothing and is not looked at.
@@ -12,6 +17,7 @@ that navigation has predicted, without measurements, tells nothing and is not lo
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +26,7 @@ from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rota
 from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["ThrustFault", "ThrustMonitor"]
+__all__ = ["ThrustDifference", "ThrustMonitor", "accused_axes", "describe_fault"]
 
 _WINDOWS = (1, 5, 20)
 _SIGMAS = 7.0
@@ -31,26 +37,30 @@ _CERTAIN = 2.0  # of the threshold; a smaller excess must be seen twice
 
 
 @dataclass(frozen=True, eq=False)
-class ThrustFault:
-    """A thruster that does not do what it reports.
+class ThrustDifference:
+    """Thrust that navigation has found and nobody reports, over a window.
 
     Attributes
     ----------
     axes
-        Which of R, T and N, shape (3,), bool.
-    is_stuck_on
-        True if it pushes more than it says, else less.
-    text
-        One line that says it.
+        Which of R, T and N differ by more than can be explained, shape (3,), bool.
+    residual
+        Change of the relative velocity that nobody reports, m/s, shape (3,).
+    reported, reported_chief
+        Change of the velocity that deputy and chief report, m/s, shape (3,).
+    age
+        Steps of the window.
     """
 
     axes: np.ndarray[tuple[int], np.dtype[np.bool_]]
-    is_stuck_on: bool
-    text: str
+    residual: FloatArray
+    reported: FloatArray
+    reported_chief: FloatArray
+    age: int
 
 
 class ThrustMonitor:
-    """Watches one thruster; call `update` once a step.
+    """Watches the thruster of a deputy, and that of its chief; call `update` once a step.
 
     Parameters
     ----------
@@ -72,7 +82,8 @@ class ThrustMonitor:
         # variance of a predicted one is infinite: its place keeps the count of the seconds.
         self._states_gcrf = np.empty((0, 2, 6))
         self._variance = np.empty((0, 3))
-        self._reported = np.empty((0, 3))
+        self._reported = np.empty((0, 2, 3))  # of chief and deputy
+        self._residuals: dict[int, FloatArray] = {}
         self._pushed = np.empty(0)
         self._unreported = np.empty((0, 3))
         self._doubts[:] = 0
@@ -85,7 +96,8 @@ class ThrustMonitor:
         reported_rtn: FloatArray,
         unreported_rtn: FloatArray | None = None,
         is_predicted: bool = False,
-    ) -> ThrustFault | None:
+        reported_chief_rtn: FloatArray | None = None,
+    ) -> ThrustDifference | None:
         """Take a navigated state and the thrust of the step that ends with it.
 
         Parameters
@@ -95,18 +107,30 @@ class ThrustMonitor:
         reported_rtn
             Acceleration that the thruster reported for the step before, m/s2, shape (3,).
         unreported_rtn
-            How much more or less the thruster may have given without a fault, m/s2, shape (3,);
+            How much more or less the thrusters may have given without a fault, m/s2, shape (3,);
             None for nothing.
         is_predicted
             Whether the state rests on no measurement of this step.
+        reported_chief_rtn
+            As ``reported_rtn``, of the chief; None for a chief that does not thrust.
+
+        Returns
+        -------
+        ThrustDifference or None
+            None if all thrusters do what they report.
         """
-        fault = None
+        found = None
+        chief_rtn = np.zeros(3) if reported_chief_rtn is None else reported_chief_rtn
+        self._residuals = {}
         trip = np.zeros(3, dtype=bool)
         doubted = np.zeros(3, dtype=bool)
         variance = np.maximum(np.diag(covariance_rtn)[3:], 0.0)
         if is_predicted:
             variance = np.full(3, np.inf)
-        self._continue(reported_rtn, np.zeros(3) if unreported_rtn is None else unreported_rtn)
+        self._continue(
+            np.array([chief_rtn, reported_rtn]),
+            np.zeros(3) if unreported_rtn is None else unreported_rtn,
+        )
         for age in _WINDOWS:
             if age > len(self._pushed):
                 break
@@ -115,56 +139,108 @@ class ThrustMonitor:
             sigma = np.sqrt(variance + self._variance[anchor])
             threshold = self._floor + _SIGMAS * sigma + _TOLERANCE * self._pushed[anchor]
             threshold = threshold + self._unreported[anchor]
+            if np.isfinite(sigma).all():
+                self._residuals[age] = residual
             over = np.abs(residual) > threshold
             trip |= (np.abs(residual) > _CERTAIN * threshold) | (over & (self._doubts > 0))
             doubted |= over
-            if trip.any() and fault is None:  # the shortest window tells most
-                fault = _describe(trip, residual, self._reported[anchor], age * self._step)
+            if trip.any() and found is None:  # the shortest window tells most
+                chief, deputy = self._reported[anchor]
+                found = ThrustDifference(trip.copy(), residual, deputy, chief, age)
         self._doubts = np.where(doubted, self._doubts + 1, 0)
-        deputy = deputy_state_gcrf(state_chief_gcrf, relative_rtn)
+        state_deputy = deputy_state_gcrf(state_chief_gcrf, relative_rtn)
         oldest = max(_WINDOWS) - 1
-        start = np.array([[state_chief_gcrf, deputy]])
+        start = np.array([[state_chief_gcrf, state_deputy]])
         self._states_gcrf = np.concatenate((start, self._states_gcrf[:oldest]))
         self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
-        self._reported = np.concatenate((np.zeros((1, 3)), self._reported[:oldest]))
+        self._reported = np.concatenate((np.zeros((1, 2, 3)), self._reported[:oldest]))
         self._pushed = np.concatenate((np.zeros(1), self._pushed[:oldest]))
         self._unreported = np.concatenate((np.zeros((1, 3)), self._unreported[:oldest]))
-        return fault
+        return found
+
+    def residual(self, age: int) -> FloatArray | None:
+        """Return the change of the velocity that nobody reports, m/s, shape (3,).
+
+        Parameters
+        ----------
+        age
+            Steps of the window.
+
+        Returns
+        -------
+        ndarray or None
+            Of the last update; None if it tells nothing over such a window.
+        """
+        return self._residuals.get(age)
 
     def _continue(self, reported_rtn: FloatArray, unreported_rtn: FloatArray) -> None:
-        """Carry the states of before over a step with the reported thrust."""
+        """Carry the states of before over a step with the reported thrust of chief and deputy."""
         if not len(self._pushed):
             return
         # The chiefs of all of them are metres apart, their axes the same.
-        acceleration = rotation_gcrf_to_rtn(self._states_gcrf[0, 0]).T @ reported_rtn
+        accelerations = reported_rtn @ rotation_gcrf_to_rtn(self._states_gcrf[0, 0])
         flown = free_flight(self._states_gcrf.reshape(-1, 6), [0.0, self._step])[-1]
         flown = flown.reshape(-1, 2, 6)
-        flown[:, 1, :3] += 0.5 * self._step**2 * acceleration
-        flown[:, 1, 3:] += self._step * acceleration
+        flown[..., :3] += 0.5 * self._step**2 * accelerations
+        flown[..., 3:] += self._step * accelerations
         self._states_gcrf = flown
         self._reported = self._reported + self._step * reported_rtn
-        size = float(np.linalg.norm(np.abs(reported_rtn) + unreported_rtn))
+        size = float(np.linalg.norm(np.abs(reported_rtn).sum(axis=0) + unreported_rtn))
         self._pushed = self._pushed + self._step * size
         self._unreported = self._unreported + self._step * unreported_rtn
 
 
-def _describe(
+def accused_axes(
+    found: ThrustDifference, others: Sequence[ThrustMonitor]
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], np.ndarray[tuple[int], np.dtype[np.bool_]]]:
+    """Return whose thruster a difference accuses: axes of the deputy, and of the chief.
+
+    Most of the other deputies decide: where they see the same difference it is the chief, where
+    they see none it is the deputy. Without anybody to decide both are accused.
+
+    Parameters
+    ----------
+    found
+        Difference that one deputy sees, with a chief that thrusts.
+    others
+        Monitors of the other deputies, updated with the states of the same time.
+    """
+    residuals = [monitor.residual(found.age) for monitor in others]
+    seen = [residual for residual in residuals if residual is not None]
+    if not seen:
+        return found.axes, found.axes
+    # Nearer to what this deputy sees than to nothing.
+    same = np.array(seen) * np.sign(found.residual) > 0.5 * np.abs(found.residual)
+    is_chief = 2 * same.sum(axis=0) > len(seen)
+    return found.axes & ~is_chief, found.axes & is_chief
+
+
+def describe_fault(
     axes: np.ndarray[tuple[int], np.dtype[np.bool_]],
     residual: FloatArray,
     reported: FloatArray,
     seconds: float,
-) -> ThrustFault:
-    """Return the fault with its text; residual and reported are changes of the velocity."""
+) -> str:
+    """Return one line about a thruster that does not do what it reports.
+
+    Parameters
+    ----------
+    axes
+        Axes in question, shape (3,), bool.
+    residual, reported
+        Change of its spacecraft's velocity that it does not report, and that it does, m/s, shape
+        (3,).
+    seconds
+        Length of the window, s.
+    """
     # One that gives less than it says is left with a part of it.
-    found, told = (residual + reported)[axes], reported[axes]
-    share = np.divide(found, told, out=np.full(found.shape, np.inf), where=told != 0.0)
+    given, told = (residual + reported)[axes], reported[axes]
+    share = np.divide(given, told, out=np.full(given.shape, np.inf), where=told != 0.0)
     stuck_on = not bool(((share > -0.1) & (share < 1.0)).all())
     names = ", ".join(name for name, is_it in zip("RTN", axes, strict=True) if is_it)
     size = math.sqrt(float(residual[axes] @ residual[axes])) / seconds
     kind = "stuck on" if stuck_on else "stuck off or weak"
-    return ThrustFault(
-        axes.copy(),
-        stuck_on,
+    return (
         f"thruster {kind} along {names}: navigation and reported thrust differ by "
-        f"{size:.3g} m/s2 over {seconds:g} s",
+        f"{size:.3g} m/s2 over {seconds:g} s"
     )
