@@ -185,6 +185,7 @@ def runtime_requirements():
 
 #: Module -> distribution, where they differ.
 DISTRIBUTIONS = {
+    "PIL": "pillow",
     "can": "python-can",
     "foxglove": "foxglove-sdk",
     "novatel_edie": "novatel-edie",

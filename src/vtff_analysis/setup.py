@@ -28,6 +28,7 @@ setup(
         "scipy>=1.11,<2",
         "matplotlib>=3.8,<4",
         "PyYAML>=6,<7",
+        "pillow>=10,<14",
         "pyarrow>=17,<30",
         "rich>=13,<16",
         "Jinja2>=3.1,<4",

@@ -21,7 +21,16 @@ def drawn(draw, rows=1, columns=1):
     figure = make_figure(4.0)
     draw(figure.subplots(rows, columns, squeeze=False))
     figure.get_layout_engine().execute(figure)
-    return line_data(figure)
+    return with_arrays(line_data(figure))
+
+
+def with_arrays(data):
+    """Put the arrays of lines in the place of their numbers."""
+    if data is None:
+        return None
+    for line in (line for row in data["rows"] for panel in row for line in panel["lines"]):
+        line.update({axis: data["arrays"][line[axis]] for axis in ("x", "y") if axis in line})
+    return data
 
 
 def test_a_line_keeps_micrometres_of_kilometres():
@@ -97,7 +106,7 @@ def test_other_figures_stay_pictures(draw):
 
 
 @given(
-    st.integers(0, 2**32), st.integers(4001, 30_000), st.sampled_from([0.0, 1e-4, 0.5, 0.999, 1.0])
+    st.integers(0, 2**32), st.integers(2401, 30_000), st.sampled_from([0.0, 1e-4, 0.5, 0.999, 1.0])
 )
 @settings(deadline=None, max_examples=30)
 def test_a_long_line_keeps_its_extremes_and_gaps(seed, count, missing):
@@ -106,11 +115,31 @@ def test_a_long_line_keeps_its_extremes_and_gaps(seed, count, missing):
     data = drawn(lambda axes: axes[0, 0].plot(np.arange(y.size), y))
     (line,) = data["rows"][0][0]["lines"]
     kept = unpacked(line["y"])
-    assert kept.size <= 4000
+    assert kept.size <= 2400
     assert np.isnan(kept).any() == np.isnan(y).any()
     if np.isfinite(y).any():
         assert np.nanmax(kept) == pytest.approx(np.nanmax(y), abs=1e-4)
         assert np.nanmin(kept) == pytest.approx(np.nanmin(y), abs=1e-4)
+
+
+def test_lines_of_equal_times_share_them():
+    time = np.arange(500.0)
+    data = drawn(
+        lambda axes: [panel.plot(time, time**k) for k, panel in enumerate(axes.flat)], 2, 2
+    )
+    assert len(data["arrays"]) == 4  # time, which is also the first power, 1, and two powers
+
+
+def test_many_lines_over_each_other_are_thinned_with_their_extremes():
+    generator = np.random.default_rng(1)
+    values = generator.normal(0.0, 1.0, (30, 2700))
+    data = drawn(lambda axes: [axes[0, 0].plot(np.arange(2700), row, ".") for row in values])
+    lines = data["rows"][0][0]["lines"]
+    kept = [unpacked(line["y"]) for line in lines]
+    assert sum(map(len, kept)) <= 12_000
+    for row, drawn_row in zip(values, kept, strict=True):
+        assert drawn_row.max() == pytest.approx(row.max(), abs=1e-5)
+        assert drawn_row.min() == pytest.approx(row.min(), abs=1e-5)
 
 
 def test_the_file_stands_beside_the_picture_and_goes_with_it(tmp_path):

@@ -269,7 +269,11 @@ function drawLegend(context, rows, top) {
 }
 
 function bring(figure) {
-  const { rows } = JSON.parse(figure.dataset.lines);
+  const { rows, arrays } = JSON.parse(figure.dataset.lines);
+  const numbers = arrays.map(unpack);
+  for (const line of rows.flat().flatMap((panel) => panel.lines)) {
+    if (line.x !== undefined) [line.x, line.y] = [numbers[line.x], numbers[line.y]];
+  }
   const image = figure.querySelector("img");
   const groups = new Map();
   const area = document.createElement("div");

@@ -22,8 +22,13 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["line_data", "lines_path", "write_lines"]
 
-#: Samples of a line that are kept; longer lines keep smallest and largest value of equal pieces.
-_MOST_SAMPLES = 4000
+#: Samples of a line that are kept; longer lines keep smallest and largest value of equal pieces. A
+#: panel is at most 1400 pixels wide, and each piece gives two samples.
+_MOST_SAMPLES = 2400
+#: Samples of all lines of a panel, as far as each line keeps `_FEWEST_SAMPLES`: where thirty
+#: satellites are drawn over each other, the eye tells no single second.
+_MOST_SAMPLES_OF_PANEL = 12_000
+_FEWEST_SAMPLES = 300
 _ROUND = 1e-3  # of a line's height in the figure: places of axes within a row
 
 
@@ -58,8 +63,8 @@ def line_data(figure: Figure) -> dict[str, Any] | None:
         (labels), ``log`` (whether x and y are logarithmic), ``limits`` (x and y) and ``lines``.
         A line has ``name``, ``colour``, ``dash``, ``points`` (whether it is points alone) and
         whether it is the outline of an ``area``, and
-        either ``x`` and ``y`` (`_packed`), or ``across`` or ``upright``: the place of a line
-        through the whole panel.
+        either ``x`` and ``y``, numbers of ``arrays`` (`_packed`), or ``across`` or ``upright``: the
+        place of a line through the whole panel.
     """
     panels = [axes for axes in figure.axes if axes.get_visible()]
     if not panels or any(not _has_lines_alone(axes) for axes in panels):
@@ -72,7 +77,29 @@ def line_data(figure: Figure) -> dict[str, Any] | None:
             rows[-1].append(axes)
         else:
             rows.append([axes])
-    return {"rows": [[_panel(axes) for axes in row] for row in rows]}
+    data = {"rows": [[_panel(axes) for axes in row] for row in rows]}
+    return {**data, "arrays": _shared_arrays(data)}
+
+
+def _shared_arrays(data: dict[str, Any]) -> list[dict[str, Any]]:
+    """Put the number of an array in the place of each array, and return the arrays, once each.
+
+    The lines of a figure mostly have the same times.
+    """
+    numbers: dict[str, int] = {}
+    arrays: list[dict[str, Any]] = []
+    for row in data["rows"]:
+        for line in (line for panel in row for line in panel["lines"]):
+            for axis in ("x", "y"):
+                if axis not in line:
+                    continue
+                array = line[axis]
+                key = f"{array['middle']!r} {array['float32']}"
+                if key not in numbers:
+                    numbers[key] = len(arrays)
+                    arrays.append(array)
+                line[axis] = numbers[key]
+    return arrays
 
 
 def _has_lines_alone(axes: Axes) -> bool:
@@ -88,6 +115,8 @@ def _has_lines_alone(axes: Axes) -> bool:
 
 
 def _panel(axes: Axes) -> dict[str, Any]:
+    lengths = [len(line.get_xdata()) for line in axes.lines if line.get_visible()]  # type: ignore[arg-type]
+    share = min(1.0, _MOST_SAMPLES_OF_PANEL / max(1, sum(lengths)))
     return {
         "title": axes.get_title(loc="left") or axes.get_title(),
         "x": axes.get_xlabel(),
@@ -96,7 +125,7 @@ def _panel(axes: Axes) -> dict[str, Any]:
         "limits": [list(map(float, axes.get_xlim())), list(map(float, axes.get_ylim()))],
         "lines": [
             *(_band(area) for area in axes.collections),
-            *(_line(axes, line) for line in axes.lines if line.get_visible()),
+            *(_line(axes, line, share) for line in axes.lines if line.get_visible()),
         ],
     }
 
@@ -118,7 +147,7 @@ def _band(area: Collection) -> dict[str, Any]:
     }
 
 
-def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
+def _line(axes: Axes, line: Line2D, share: float) -> dict[str, Any]:
     label = str(line.get_label())
     style = line.get_linestyle()
     points = style in ("None", "", " ")
@@ -137,16 +166,17 @@ def _line(axes: Axes, line: Line2D) -> dict[str, Any]:
         return {**described, "upright": float(x[0])}
     if line.get_drawstyle() == "steps-post":
         described["steps"] = True
-    x, y = _thinned(x, y)
+    most = min(_MOST_SAMPLES, max(_FEWEST_SAMPLES, int(share * x.size)))
+    x, y = _thinned(x, y, most)
     return {**described, "x": _packed(x), "y": _packed(y)}
 
 
-def _thinned(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return a line of at most `_MOST_SAMPLES` samples with all its extremes and gaps."""
-    if x.size <= _MOST_SAMPLES:
+def _thinned(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
+    """Return a line of at most so many samples with all its extremes and gaps."""
+    if x.size <= most:
         return x, y
     keep = []
-    for piece in np.array_split(np.arange(x.size), _MOST_SAMPLES // 3):
+    for piece in np.array_split(np.arange(x.size), most // 3):
         values = y[piece]
         finite = np.flatnonzero(np.isfinite(values))
         chosen = set() if finite.size == values.size else {int(np.argmin(np.isfinite(values)))}

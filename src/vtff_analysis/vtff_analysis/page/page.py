@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
+import io
 import json
 import pathlib
 from collections.abc import Iterable, Sequence
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import jinja2
+from PIL import Image
 
 from vtff_analysis.page.citation import PAPERS
 from vtff_analysis.page.line_data import lines_path
@@ -20,6 +22,7 @@ from vtff_bag.run.environment import vtff_version
 __all__ = ["Picture", "escape", "render_figures", "render_page", "render_table", "render_template"]
 
 _FOLDER = pathlib.Path(__file__).resolve().parent
+_COLOURS = 128  # of a picture in a page; the PNG files have all
 _FIGURES_MODULE = "figures.js"
 
 
@@ -102,7 +105,7 @@ def render_figures(pictures: Sequence[Picture], section: str) -> str:
     """Return the pictures of a section with their captions, and their lines where they have any."""
     return "".join(
         f"<figure{_lines_attribute(picture.path)}>"
-        f'<img src="data:image/png;base64,{_encode_file(picture.path)}" '
+        f'<img src="data:image/png;base64,{_encode_picture(picture.path)}" '
         f'alt="{escape(picture.caption)}"><figcaption>{escape(picture.caption)}</figcaption></figure>'
         for picture in pictures
         if picture.section == section
@@ -117,8 +120,14 @@ def _lines_attribute(picture: pathlib.Path) -> str:
     return f' data-lines="{lines}" data-name="{name}"'
 
 
-def _encode_file(path: pathlib.Path) -> str:
-    return base64.b64encode(path.read_bytes()).decode("ascii")
+def _encode_picture(path: pathlib.Path) -> str:
+    """Return a picture in base64, with a palette: a quarter of the size, and no eye sees it."""
+    with Image.open(path) as picture:
+        plain = picture.convert("RGB")
+    reduced = plain.quantize(_COLOURS, method=Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)
+    content = io.BytesIO()
+    reduced.save(content, "PNG")
+    return base64.b64encode(content.getvalue()).decode("ascii")
 
 
 def render_table(

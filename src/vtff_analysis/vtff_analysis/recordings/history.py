@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_analysis.recordings.attitude import AttitudeRecording
+from vtff_analysis.recordings.guidance import GuidanceHistory
 from vtff_analysis.recordings.safety import SafetyHistory
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -367,6 +368,8 @@ class RunHistory:
         What the safety monitor has said; None in a run without one.
     attitude
         Attitude of each spacecraft that has one, by name.
+    guidance
+        What formation_guidance wanted; None in a run without it.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
     command_latency
@@ -393,6 +396,7 @@ class RunHistory:
     health: tuple[HealthItem, ...] = ()
     safety: SafetyHistory | None = None
     attitude: dict[str, AttitudeRecording] = dataclasses.field(default_factory=dict)
+    guidance: GuidanceHistory | None = None
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     command_latency: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()

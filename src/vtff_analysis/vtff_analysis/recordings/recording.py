@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vtff_analysis.recordings.attitude import AttitudeCollector
+from vtff_analysis.recordings.guidance import GUIDANCE_TOPIC, GuidanceCollector
 from vtff_analysis.recordings.history import (
     AccelerationHistory,
     DeputyHistory,
@@ -78,6 +79,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     details = DetailCollector()
     safety = SafetyCollector()
     attitude = AttitudeCollector()
+    guidance = GuidanceCollector()
     decoders: dict[str, Callable[[RawMessage], None]] = {}
     for topic in reader.topics.values():
         handler = (
@@ -87,6 +89,8 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         )
         if topic.name == SAFETY_TOPIC:
             handler = safety.add
+        elif topic.name == GUIDANCE_TOPIC:
+            handler = guidance.add
         if handler is None:
             continue
         try:
@@ -116,6 +120,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         health=details.health(),
         safety=safety.history,
         attitude=attitude.recordings(),
+        guidance=guidance.history(),
         compute_time=details.compute_time(),
         command_latency=details.command_latency(),
         notes=tuple([*reader.notes, *collector.notes]),

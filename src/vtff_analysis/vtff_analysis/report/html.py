@@ -27,6 +27,7 @@ from vtff_analysis.page.page import (
 from vtff_analysis.paper_reference import formation_columns, paper_columns
 from vtff_analysis.recordings.history import HealthItem, RunHistory
 from vtff_analysis.recordings.topics import key_part
+from vtff_analysis.report.guidance_section import render_guidance
 from vtff_analysis.report.ionosphere_table import (
     IONOSPHERE_HEADS,
     IONOSPHERE_REMARK,
@@ -84,6 +85,7 @@ def render_report(
             "Formation",
             _render_formation(summary, deputies) + render_figures(pictures, "formation"),
         ),
+        ("Guidance", render_guidance(history, pictures)),
         ("Navigation", render_figures(pictures, "navigation")),
         ("Attitude", render_figures(pictures, "attitude")),
         (

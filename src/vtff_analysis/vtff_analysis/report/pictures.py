@@ -21,6 +21,7 @@ from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth
 from vtff_analysis.recordings.settings import RunSettings
 from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.forked import run_forked, usable_processors
+from vtff_analysis.report.guidance_section import draw_guidance
 from vtff_analysis.report.plots import plot_formation, plot_receiver
 from vtff_analysis.report.plots_attitude import plot_attitude, plot_dipole
 from vtff_analysis.report.plots_details import (
@@ -32,6 +33,7 @@ from vtff_analysis.report.plots_details import (
 )
 from vtff_analysis.report.plots_ionosphere import (
     plot_density_profile,
+    plot_edges,
     plot_plateau,
     plot_satellite_profiles,
     plot_scintillation_map,
@@ -57,6 +59,9 @@ _Panels = Mapping[str, tuple[str, str]]  # title and axis label by column
 _SLANT_TEC_PANELS: _Panels = {
     "stec_tecu": ("slant TEC along each ray", "slant TEC (TECU)"),
     "vtec_tecu": ("vertical TEC at the pierce points", "vertical TEC (TECU)"),
+}
+_DIFFERENTIAL_PANELS: _Panels = {
+    "stec_tecu": ("slant TEC of the deputy less that of the chief", "differential TEC (TECU)"),
 }
 _SCINTILLATION_PANELS: _Panels = {
     "s4": ("amplitude scintillation", "S4"),
@@ -103,6 +108,7 @@ def draw_pictures(
             partial(_draw_navigation_error, deputy, folder, prefix, run_name),
             partial(_draw_navigation_quality, deputy, folder, prefix, run_name),
         ]
+    tasks.append(partial(draw_guidance, history, folder, run_name))
     for name, attitude in history.attitude.items():
         prefix = f"{key_part(name)}_" if len(history.attitude) > 1 else ""
         title = f"{run_name}: attitude of {name}"
@@ -235,6 +241,15 @@ def _draw_density(
     if density is None:
         return []
     pictures = []
+    edges = plot_edges(
+        history,
+        truth,
+        folder / f"{prefix}edges.png",
+        f"{run_name}: edges of irregularities{with_name}",
+    )
+    if edges is not None:
+        caption = "Every edge that was found, against the true ones; the table of all is below."
+        pictures.append(Picture(edges, caption, "ionosphere"))
     plateau = plot_plateau(
         history,
         truth,
@@ -311,7 +326,11 @@ def _ionosphere_tasks(
         return [] if drawn is None else [Picture(drawn, f"{topic}: {what}.", "ionosphere")]
 
     return [
-        partial(draw, topic, columns, panels, what)
+        partial(draw, topic, columns, _panels_of(topic, panels), what)
         for topics, panels, what in plots
         for topic, columns in topics.items()
     ]
+
+
+def _panels_of(topic: str, panels: _Panels) -> _Panels:
+    return _DIFFERENTIAL_PANELS if topic.endswith("/differential_tec") else panels

@@ -30,6 +30,7 @@ from vtff_gnss.signals import satellite_name
 
 __all__ = [
     "plot_density_profile",
+    "plot_edges",
     "plot_plateau",
     "plot_satellite_profiles",
     "plot_scintillation_map",
@@ -294,3 +295,101 @@ def _draw_regions(axes: Any, truth: IonosphereTruth, time: int) -> None:
         outline = Rectangle((west, south), width, north - south, fc="0.9", ec="0.5", zorder=0)
         axes[1].add_patch(outline)
         axes[1].annotate("true region", (west + width, north), va="bottom", color="0.35")
+
+
+_EDGE_MARKS = {True: "^", False: "v"}
+_EDGE_NAMES = {True: "entered", False: "left"}
+
+
+def plot_edges(
+    history: RunHistory, truth: IonosphereTruth | None, path: pathlib.Path, title: str
+) -> pathlib.Path | None:
+    """Draw every edge found against time and altitude, and its error where the truth is recorded.
+
+    Edges in density (vertical) are filled marks, those of single rays (horizontal) hollow ones.
+    True are the altitudes of the regions and the paths of the spacecraft.
+    """
+    if not history.boundaries:
+        return None
+    limits = None if truth is None else truth.region_altitudes
+    errors = [] if truth is None or limits is None else _edge_errors(history, truth, limits)
+    with mpl.rc_context(STYLE):
+        figure = make_figure(8.0 if errors else 5.5)
+        axes: Any = figure.subplots(
+            1 + bool(errors), 1, sharex=True, squeeze=False,
+            height_ratios=(2, 1)[: 1 + bool(errors)],
+        )[:, 0]  # fmt: skip
+        crafts = (history.chief, history.deputy)
+        for craft, colour in zip(crafts, AXIS_COLOURS, strict=False):
+            if truth is not None and craft in truth.time:
+                time = (truth.time[craft] - history.start_time) / NANOSECONDS_PER_SECOND
+                altitude = truth.altitude[craft] / _KILOMETRE
+                axes[0].plot(time, altitude, color=colour, lw=0.9, label=f"path of {craft}")
+            for kind, is_entry in (
+                (kind, entry) for kind in ("vertical", "horizontal") for entry in (True, False)
+            ):
+                chosen = [
+                    edge
+                    for edge in history.boundaries
+                    if (edge.spacecraft, edge.kind, edge.entry) == (craft, kind, is_entry)
+                ]
+                if not chosen:
+                    continue
+                where = "in density" if kind == "vertical" else "of a ray"
+                axes[0].plot(
+                    [(e.time - history.start_time) / NANOSECONDS_PER_SECOND for e in chosen],
+                    [edge.altitude / _KILOMETRE for edge in chosen],
+                    _EDGE_MARKS[is_entry],
+                    color=colour,
+                    markerfacecolor=colour if kind == "vertical" else "none",
+                    markersize=9 if kind == "vertical" else 6,
+                    label=f"{craft} {_EDGE_NAMES[is_entry]}, {where} ({len(chosen)})",
+                )
+            own_errors = [error for error in errors if error[0] == craft]
+            if own_errors:
+                axes[1].plot(
+                    [error[1] for error in own_errors],
+                    [error[2] for error in own_errors],
+                    "o",
+                    color=colour,
+                    label=f"{craft}, RMS {_root_mean_square([e[2] for e in own_errors]):.0f} m",
+                )
+        if limits is not None:
+            for limit in limits:
+                axes[0].axhline(limit / _KILOMETRE, color=MARK_COLOUR, ls="--", lw=1.0)
+        named = "" if limits is None else "; dashed: true edges in altitude"
+        axes[0].set(ylabel="altitude (km)", title=f"edges found{named}")
+        found = [edge.altitude for edge in history.boundaries]
+        shown = [*found, *(limits or ())]
+        margin = max(10e3, 0.2 * (max(shown) - min(shown)))
+        axes[0].set_ylim((min(shown) - margin) / _KILOMETRE, (max(shown) + margin) / _KILOMETRE)
+        axes[0].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        if errors:
+            axes[1].axhline(0.0, color=MARK_COLOUR, lw=1.0)
+            axes[1].set(ylabel="error in altitude (m)", title="edges in density, found less true")
+            axes[1].legend(loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
+        axes[-1].set_xlabel("time into the run (s)")
+        return save_figure(figure, path, title)
+
+
+def _edge_errors(
+    history: RunHistory, truth: IonosphereTruth, limits: tuple[float, float]
+) -> list[tuple[str, float, float]]:
+    """Return spacecraft, time (s into the run) and error (m) of each edge in density.
+
+    The error is the altitude that the spacecraft truly had at the time found, less that of the
+    nearest true edge.
+    """
+    errors = []
+    for edge in history.boundaries:
+        if edge.kind != "vertical" or edge.spacecraft not in truth.time:
+            continue
+        altitude = float(truth.altitude_at(edge.spacecraft, edge.time))
+        error = min((altitude - limit for limit in limits), key=abs)
+        seconds = (edge.time - history.start_time) / NANOSECONDS_PER_SECOND
+        errors.append((edge.spacecraft, seconds, error))
+    return [error for error in errors if np.isfinite(error[2])]
+
+
+def _root_mean_square(values: list[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))

@@ -30,12 +30,12 @@ TOLERATED_LATE_CALLS = 5.0
 
 #: Subjects of runs; the sections of the report in the order of their weight.
 SECTIONS = {
-    "formation": ("Formation", "Navigation", "Attitude", "Ionosphere", "GNSS"),
-    "navigation": ("Navigation", "GNSS", "Formation", "Attitude", "Ionosphere"),
-    "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation", "Attitude"),
-    "attitude": ("Attitude", "Formation", "Navigation", "GNSS", "Ionosphere"),
-    "log": ("GNSS", "Ionosphere", "Navigation", "Formation", "Attitude"),
-    "messages": ("GNSS", "Navigation", "Formation", "Attitude", "Ionosphere"),
+    "formation": ("Formation", "Guidance", "Navigation", "Attitude", "Ionosphere", "GNSS"),
+    "navigation": ("Navigation", "GNSS", "Formation", "Guidance", "Attitude", "Ionosphere"),
+    "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation", "Guidance", "Attitude"),
+    "attitude": ("Attitude", "Formation", "Guidance", "Navigation", "GNSS", "Ionosphere"),
+    "log": ("GNSS", "Ionosphere", "Navigation", "Formation", "Guidance", "Attitude"),
+    "messages": ("GNSS", "Navigation", "Formation", "Guidance", "Attitude", "Ionosphere"),
 }
 
 #: Measured figures of the ionosphere: label, end of the key, unit, decimals.

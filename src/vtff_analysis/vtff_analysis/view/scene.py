@@ -30,6 +30,12 @@ COLUMNS: dict[str, dict[str, int]] = {
     "density": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "per_cm3": 1, "sigma": 1},
     "boundary": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "entry": 0},
     "safety": {"mode": 0, "isolated_axes": 0},
+    "attitude": {
+        **{"qx": 6, "qy": 6, "qz": 6, "qw": 6},
+        **{"roll_deg": 4, "pitch_deg": 4, "yaw_deg": 4},
+        **{"rate_x_deg": 5, "rate_y_deg": 5, "rate_z_deg": 5},
+        **{"field_radial": 4, "field_in_track": 4, "field_cross_track": 4, "wheel_rpm": 1},
+    },
 }
 _TIME_DECIMALS = 3
 _TIME_TOLERANCE = 1e-6  # s
@@ -50,7 +56,10 @@ class Series:
     values
         One list for each column of the kind, as long as `time`; in m, m/s, m/s2 or the unit in the
         name of the column. Relative positions, their covariance (m2) and thrust are in the RTN axes
-        of the chief; a density has its sigma in the same unit.
+        of the chief; a density has its sigma in the same unit. An attitude is the rotation from the
+        body to the RTN axes of the spacecraft itself (qx, qy, qz, qw), with the angles to the orbit
+        axes, the rates against GCRF in body axes (deg/s), the direction of the magnetic field in
+        RTN (NaN where IGRF does not cover the time), and the speed of the wheel.
     """
 
     kind: str

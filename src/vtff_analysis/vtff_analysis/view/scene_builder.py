@@ -12,6 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 
 from vtff_analysis.recordings.topics import relative_state_topic
+from vtff_analysis.view.attitude import attitude_row
 from vtff_analysis.view.satellites import SatellitePositions
 from vtff_analysis.view.scene import Scene
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -20,13 +21,13 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.fix import STATUS_NONE
 from vtff_gnss.signals import satellite_name
-from vtff_msgs.msg import FormationSafety, RelativeState
+from vtff_msgs.msg import AttitudeState, FormationSafety, RelativeState
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
 
 _CRAFT_TOPIC = re.compile(
-    r"^/(?P<craft>.+)/(?P<what>truth/orbit|gnss/fix|gnss/epoch|gnss/ephemeris"
-    r"|control/thrust_command|propulsion/thrust_applied|iono/slant_tec|iono/scintillation)$"
+    r"^/(?P<craft>.+?)/(?P<what>truth/orbit|gnss/fix|gnss/epoch|gnss/ephemeris"
+    r"|truth/attitude|attitude|control/thrust_command|propulsion/thrust_applied|iono/slant_tec|iono/scintillation)$"
 )
 _BOUNDARY_TOPIC = re.compile(r"boundar")
 
@@ -104,6 +105,8 @@ class SceneBuilder:
             craft = match["craft"].replace("/", ".")
             add = {
                 "truth/orbit": self._add_orbit,
+                "truth/attitude": self._add_attitude,
+                "attitude": self._add_attitude,
                 "gnss/fix": self._add_fix,
                 "gnss/epoch": self._add_epoch,
                 "gnss/ephemeris": self._add_ephemeris,
@@ -181,6 +184,21 @@ class SceneBuilder:
         if message.status == STATUS_NONE or not np.isfinite(state).all():
             return
         self.scene.add("orbit", stamp, state.tolist(), craft=craft, source="receiver")
+
+    def _add_attitude(self, craft: str, stamp: int, message: Any) -> None:
+        state = np.concatenate((message.position_gcrf, message.velocity_gcrf))
+        is_truth = message.source == AttitudeState.SOURCE_TRUTH
+        if not (np.linalg.norm(state[:3]) > 0.0 and (is_truth or message.valid)):
+            return
+        source = "truth" if is_truth else "estimate"
+        row = attitude_row(stamp, np.asarray(message.quaternion), message.rate_body, state)
+        row.append(float(message.wheel_speed_rpm))
+        series = self.scene.series.get(f"attitude/{craft}/{source}")
+        if series is not None:
+            before = [column[-1] for column in series.values[:4]]
+            if np.dot(before, row[:4]) < 0.0:  # the same rotation; the page interpolates
+                row[:4] = [-value for value in row[:4]]
+        self.scene.add("attitude", stamp, row, craft=craft, source=source)
 
     def _add_epoch(self, craft: str, stamp: int, message: Any) -> None:
         strongest: dict[tuple[int, int], float] = {}

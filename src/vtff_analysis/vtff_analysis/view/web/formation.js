@@ -10,6 +10,7 @@ const CRAFT_SHARE = 1 / 18; // of the distance of the camera: size of a spacecra
 const ELLIPSOID_SHARE = 1 / 6; // largest half axis of an ellipsoid
 const THRUST_SHARE = 1 / 5; // the largest thrust of the scene
 const AXIS_SHARE = 1 / 4;
+const ALONE_SHARE = 1 / 4; // the same of a spacecraft that flies alone: its attitude is what is seen
 const LARGEST_RANGE = 4e5; // m: formations of 100 km still fit
 const AXIS_COLOURS = ["#5fb3ff", "#ff9a4d", "#4fd8a8"]; // radial, in-track, cross-track; before the sky
 const SIGMAS = 3;
@@ -29,6 +30,7 @@ export class FormationView {
     this.axisLabels = AXIS_COLOURS.map((colour) => this.makeLabel(colour));
     this.chief = this.makeCraft(CHIEF);
     this.keepOut = this.makeSphere("#ff6b6b");
+    this.attitudes = new Map();
     this.update();
     this.show(false);
   }
@@ -98,9 +100,10 @@ export class FormationView {
     if (!frame) return;
     this.lines.modelMatrix = frame;
     this.labels.modelMatrix = frame;
-    const size = CRAFT_SHARE * range;
+    const size = (this.deputies.size ? CRAFT_SHARE : ALONE_SHARE) * range;
     this.drawAxes(range);
-    place(Cesium, this.chief, frame, [0, 0, 0], size);
+    const [chief] = this.scene.spacecraft();
+    place(Cesium, this.chief, frame, [0, 0, 0], size, this.drawAttitude(chief, [0, 0, 0], time, size));
     this.keepOut.show = this.scene.hardRadius > 0 && this.scene.hardRadius < range;
     place(Cesium, this.keepOut, frame, [0, 0, 0], this.scene.hardRadius);
     for (const [deputy, parts] of this.deputies) {
@@ -124,7 +127,7 @@ export class FormationView {
   drawDeputy(deputy, parts, frame, at, time, range) {
     const { Cesium } = this;
     const size = CRAFT_SHARE * range;
-    place(Cesium, parts.craft, frame, at, size);
+    place(Cesium, parts.craft, frame, at, size, this.drawAttitude(deputy, at, time, size));
     parts.baseline.positions = this.cartesians([[0, 0, 0], at]);
     const [position, middle] = this.cartesians([at, at.map((value) => value / 2)]);
     parts.length.position = middle;
@@ -151,6 +154,35 @@ export class FormationView {
       text += `\n3 sigma ${lengthText(largest, 3)}${factor > 1 ? `, drawn x ${factor}` : ""}`;
     }
     parts.label.text = text;
+  }
+
+  // Draw the body axes of a spacecraft, the magnetic field and the nadir; return the rotation of its
+  // model, null where there is no attitude.
+  drawAttitude(craft, at, time, size) {
+    const { Cesium } = this;
+    const attitude = this.scene.attitudeAt(craft, time);
+    if (!attitude) return null;
+    if (!this.attitudes.has(craft)) {
+      this.attitudes.set(craft, ATTITUDE_ARROWS.map(({ name, colour }) => ({
+        name, arrow: this.makeArrow(colour, 8), label: this.makeLabel(colour),
+      })));
+    }
+    const body = Cesium.Matrix3.fromQuaternion(new Cesium.Quaternion(...attitude.quaternion));
+    const directions = {
+      x: column(body, 0), y: column(body, 1), z: column(body, 2),
+      B: attitude.field, nadir: [-1, 0, 0],
+    };
+    for (const { name, arrow, label } of this.attitudes.get(craft)) {
+      const direction = directions[name];
+      arrow.show = direction !== null;
+      label.show = arrow.show;
+      if (!arrow.show) continue;
+      const [from, to] = this.cartesians([at, at.map((value, axis) => value + ARROW_SIZES * size * direction[axis])]);
+      arrow.positions = [from, to];
+      label.position = to;
+      label.text = name;
+    }
+    return Cesium.Matrix3.multiply(body, modelToBody(Cesium), new Cesium.Matrix3());
   }
 
   // Variances along their axes and the axes of the covariance of a deputy at a time; or null.
@@ -241,8 +273,24 @@ export class FormationView {
   }
 }
 
-function place(Cesium, primitive, frame, at, size) {
-  const local = Cesium.Matrix4.fromTranslation(new Cesium.Cartesian3(...at));
+// Body axes, the magnetic field and the direction to the Earth, and how many sizes they are long.
+const ATTITUDE_ARROWS = [
+  { name: "x", colour: "#ffd166" }, { name: "y", colour: "#c9a7ff" }, { name: "z", colour: "#ff8fab" },
+  { name: "B", colour: "#9be564" }, { name: "nadir", colour: "#b8c4d0" },
+];
+const ARROW_SIZES = 1.1;
+
+// The model is drawn along R, T and N; these are -z, x and -y of a body that points at the Earth.
+function modelToBody(Cesium) {
+  return new Cesium.Matrix3(0, 1, 0, 0, 0, -1, -1, 0, 0);
+}
+
+function column(matrix, index) {
+  return [matrix[3 * index], matrix[3 * index + 1], matrix[3 * index + 2]];
+}
+
+function place(Cesium, primitive, frame, at, size, rotation = null) {
+  const local = Cesium.Matrix4.fromRotationTranslation(rotation ?? Cesium.Matrix3.IDENTITY, new Cesium.Cartesian3(...at));
   Cesium.Matrix4.multiplyByUniformScale(local, Math.max(size, 1e-6), local);
   primitive.modelMatrix = Cesium.Matrix4.multiply(frame, local, new Cesium.Matrix4());
 }

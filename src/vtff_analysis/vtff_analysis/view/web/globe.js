@@ -11,6 +11,7 @@ const MOST_RIBBON_POINTS = 1500;
 // Distance of the camera from the centre of the Earth, m: the Earth fills the pane; all GNSS orbits.
 const EARTH_RANGE = 1.5e7;
 const LINKS_RANGE = 9e7;
+const BORESIGHT = "#ff8fab"; // as the z axis close up
 const FAR_LIGHT = 1e10; // m: day and night are drawn at any distance
 
 // Load Cesium; rejects where it is not installed or the browser has no WebGL.
@@ -36,6 +37,7 @@ class Globe {
     this.crafts = new Map();
     this.regions = [];
     this.edges = new Map();
+    this.boresights = new Map();
     this.quantity = "cn0_dbhz"; // by which links are coloured
     this.orbitTime = null;
     this.widget = new Cesium.CesiumWidget(container, {
@@ -199,6 +201,7 @@ class Globe {
     this.drawLinks(time);
     this.drawPierces(time);
     this.drawEdges(time);
+    this.drawBoresights(time);
     this.widget.clock.currentTime = this.Cesium.JulianDate.fromDate(
       new Date((this.scene.startUnix + time) * 1000),
     );
@@ -317,6 +320,41 @@ class Globe {
         }
         for (const part of parts) part.show = at <= time;
       });
+    }
+  }
+
+  // Where the z axis of a spacecraft with an attitude meets the ground: what a camera there sees.
+  drawBoresights(time) {
+    const { Cesium } = this;
+    for (const craft of this.scene.spacecraft()) {
+      const attitude = this.scene.attitudeAt(craft, time);
+      const axes = attitude && Scene.rtnAxes(this.scene.orbit(craft), time);
+      if (!axes) continue;
+      let parts = this.boresights.get(craft);
+      if (!parts) {
+        const colour = Cesium.Color.fromCssColorString(BORESIGHT);
+        const material = Cesium.Material.fromType("Color", { color: colour.withAlpha(0.8) });
+        parts = {
+          ray: this.lines.add({ width: 2, material }),
+          spot: this.points.add({
+            pixelSize: 11, color: Cesium.Color.TRANSPARENT, outlineColor: colour, outlineWidth: 3,
+            disableDepthTestDistance: 1e6,
+          }),
+        };
+        this.boresights.set(craft, parts);
+      }
+      const [x, y, z, w] = attitude.quaternion;
+      const zAxis = [2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)]; // in RTN
+      const direction = [0, 1, 2].map((k) => axes.reduce((sum, axis, i) => sum + zAxis[i] * axis[k], 0));
+      const from = this.cartesian(this.scene.orbit(craft).positionAt(time));
+      const ray = new Cesium.Ray(from, this.cartesian(direction));
+      const hit = Cesium.IntersectionTests.rayEllipsoid(ray, Cesium.Ellipsoid.WGS84);
+      parts.ray.show = Boolean(hit) && this.camera !== "formation";
+      parts.spot.show = parts.ray.show;
+      if (!hit) continue;
+      const ground = Cesium.Ray.getPoint(ray, hit.start);
+      parts.ray.positions = [from, ground];
+      parts.spot.position = ground;
     }
   }
 

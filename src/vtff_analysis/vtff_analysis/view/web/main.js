@@ -213,6 +213,10 @@ function look(state, camera) {
 
 function bindCamera(state) {
   for (const button of document.querySelectorAll("[data-camera]")) {
+    if (button.dataset.camera === "formation" && !state.scene.deputies().length && state.scene.ofKind("attitude").length) {
+      button.textContent = "Attitude";
+      button.title = "The spacecraft in its RTN frame, with its body axes (4)";
+    }
     if (button.dataset.camera === "region") button.hidden ||= !state.scene.regions.length;
     button.addEventListener("click", () => look(state, button.dataset.camera));
   }

@@ -152,6 +152,7 @@ function describePlots(scene) {
       title: `Thrust acceleration of ${series.deputy}, ${series.source}`,
     });
   }
+  for (const series of scene.ofKind("attitude")) plots.push(...attitudePlots(scene, series));
   for (const series of scene.ofKind("density")) plots.push(densityPlot(series), profilePlot(series));
   plots.push(...satellitePlots(scene, "pierce", "vtec_tecu", "TECU", "Vertical TEC above"));
   plots.push(...satellitePlots(scene, "scintillation", "s4", "", "S4 at"));
@@ -194,6 +195,27 @@ function errorPlot(scene, estimate) {
     key: `error/${estimate.deputy}`, unit: "mm", title: `Navigation error of ${estimate.deputy}`,
     lines: axisLines(errors), errors,
   };
+}
+
+// Angles to the orbit axes, rates and wheel of a spacecraft; of the estimate only the angles where
+// the truth is there too.
+function attitudePlots(scene, series) {
+  const lines = (names) => names.map((name, index) => ({
+    name: name.replace(/_deg$/, "").replace("_", " "), series, column: name,
+    colour: page().axes[index], dash: AXIS_DASHES[index],
+  }));
+  const of = `of ${series.craft}, ${series.source === "truth" ? "true" : "estimated"}`;
+  const angles = {
+    key: `${series.name}/angles`, unit: "deg", title: `Roll, pitch, yaw ${of}`,
+    lines: lines(["roll_deg", "pitch_deg", "yaw_deg"]),
+  };
+  if (series.source !== "truth" && scene.get("attitude", series.craft, "truth")) return [angles];
+  return [
+    angles,
+    { key: `${series.name}/rates`, unit: "deg/s", title: `Rates ${of}`,
+      lines: lines(["rate_x_deg", "rate_y_deg", "rate_z_deg"]) },
+    { key: `${series.name}/wheel`, unit: "rpm", title: `Speed of the wheel ${of}`, lines: lines(["wheel_rpm"]) },
+  ];
 }
 
 // Electron density on the way of the pair, with its stated sigma as a band of two thin lines.

@@ -142,6 +142,25 @@ export class Scene {
     })).filter(({ series }) => series);
   }
 
+  // Rotation from the body to RTN of a spacecraft, and the direction of the magnetic field in RTN
+  // (null without); the true one where it is recorded, straight between samples. Null without any.
+  attitudeAt(craft, time) {
+    const series = this.get("attitude", craft, "truth") ?? this.get("attitude", craft, "estimate");
+    const index = series ? series.indexAt(time) : -1;
+    if (index < 0) return null;
+    const next = Math.min(index + 1, series.time.length - 1);
+    const part = next > index ? Math.min((time - series.time[index]) / (series.time[next] - series.time[index]), 1) : 0;
+    const between = (name) => {
+      const values = series.columns[name];
+      return values[index] === null || values[next] === null ? null : (1 - part) * values[index] + part * values[next];
+    };
+    const field = ["field_radial", "field_in_track", "field_cross_track"].map(between);
+    return {
+      quaternion: unit(["qx", "qy", "qz", "qw"].map(between)),
+      field: field.includes(null) ? null : unit(field),
+    };
+  }
+
   // Value of a link by which it is coloured: cn0_dbhz, s4 or vtec_tecu; null where there is none.
   linkValue(link, time, quantity) {
     if (quantity === "cn0_dbhz") return link.cn0;
