@@ -164,7 +164,7 @@ def test_times_count_from_the_first_message(sample):
 def test_everything_of_a_run_is_shown(tmp_path):
     scene = read_scene(full_run_samples.write_full_run(tmp_path / "bag", seconds=130))
     kinds = {series.kind for series in scene.series.values()}
-    assert kinds == set(COLUMNS) - {"density", "safety"}
+    assert kinds == set(COLUMNS) - {"attitude", "density", "safety"}
     assert scene.notes == []
     assert len(scene.dip_equator) == 73
     vertical = scene.series["pierce/deputy/G07"].at(100.0)

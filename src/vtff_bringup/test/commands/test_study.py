@@ -17,6 +17,7 @@ def test_radial_offset_with_the_model_alone(tmp_path):
     arguments = ["radial_offset", "--model", "--offset", "3000", "--out", str(tmp_path / "study")]
     outcome = CliRunner().invoke(app, arguments)
     assert outcome.exit_code == 0, outcome.output
+    assert "retrieved 1 of 1 offsets" in outcome.output  # also without a terminal
     names = {path.name for path in (tmp_path / "study").iterdir()}
     # Lines of pictures may stand beside them.
     names = {name for name in names if not name.endswith(".lines.json")}

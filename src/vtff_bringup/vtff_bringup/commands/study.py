@@ -130,12 +130,17 @@ def radial_offset(
             for record in result.records
             if record["status"] == COMPLETE
         ]
-    with Progress(console=console, transient=True) as bar:
-        task = bar.add_task("retrieving", total=len(offsets) + len(flown))
+    total = len(offsets) + len(flown)
+    with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
+        task = bar.add_task("retrieving", total=total)
+
+        def tell(done: int, _: object) -> None:
+            bar.update(task, completed=done)
+            if not console.is_interactive:
+                console.print(f"retrieved {done} of {total} offsets")
+
         try:
-            results = run_offsets(
-                profile, offsets, lambda done, _: bar.update(task, completed=done), seed
-            )
+            results = run_offsets(profile, offsets, tell, seed)
             for flown_at, run in flown:
                 results.append(flown_offset(run, flown_at))
                 bar.advance(task)
@@ -171,6 +176,7 @@ def formation_designs(
         folder = None if out is None else chosen_folder(out, empty=False)
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
+    console.print("drifting for 15 orbits: designs, then the formations of paper 002 ...")
     errors = model_errors()
     table = Table("design", "size", "e", "largest error", "of the size", title="Model, 15 orbits")
     for row in errors:

@@ -19,7 +19,7 @@ from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.host_session import HostError, HostSession
-from vtff_bringup.run.progress import RunProgress
+from vtff_bringup.run.progress import LinkLines, RunProgress
 from vtff_bringup.run.runner import Runner, RunResult, check_counts
 from vtff_bringup.system.description import RunSettings, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
@@ -102,6 +102,9 @@ def run_system(
         if prepare is not None:
             prepare()
 
+    links = LinkLines(description)
+    for told in links.first:
+        console.print(told, markup=False, soft_wrap=True)
     with RunProgress(console) as progress:
 
         def show_progress(report: dict[str, Any]) -> None:
@@ -110,7 +113,7 @@ def run_system(
                 on_step()
 
         def show_line(name: str, line: str, noteworthy: bool) -> None:
-            if verbose or noteworthy:
+            if verbose or noteworthy or links.is_new(name, line):
                 progress.print(f"[{name}] {line}")
 
         if session is not None:

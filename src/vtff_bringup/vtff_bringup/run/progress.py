@@ -1,7 +1,9 @@
-"""Progress of a run on the terminal: scenario time, speed, in-track positions."""
+"""A run on the terminal: scenario time, speed, in-track positions, links to hardware."""
 
 from __future__ import annotations
 
+import os
+import re
 import time
 from types import TracebackType
 from typing import Any
@@ -10,8 +12,14 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
+from vtff_bringup.system.description import NodeDescription, SystemDescription
+
 #: Without a terminal, a line is printed each time another such fraction of the run is done.
 LINE_FRACTION = 0.1
+
+_EMULATORS = ("simgen_emulator", "can_thruster_emulator")
+_WAITING = re.compile(r"waiting for|all inputs are there|connected|baud")
+_PREFIX = re.compile(r"^\[\w+\] \[[\d.]+\] \[[^\]]*\]: ")
 
 
 class RunProgress:
@@ -75,3 +83,74 @@ class RunProgress:
         for name, value in report.get("in_track", {}).items():
             parts.append(f"{name} in-track {value:9.2f} m")
         return "   ".join(parts)
+
+
+class LinkLines:
+    """What the console tells about the links of a run to hardware, from its first second on.
+
+    A run with emulators says nothing when it starts as it should. One with hardware tells what each
+    link is waiting for, because a cable, a name or a baud rate may be wrong.
+
+    Parameters
+    ----------
+    description
+        The system; without links to hardware nothing is told.
+    """
+
+    def __init__(self, description: SystemDescription) -> None:
+        emulated = {process.executable for process in description.processes}
+        nodes = description.nodes
+        self.first: list[str] = []
+        if not emulated & {_EMULATORS[0]}:
+            drivers = (node for node in nodes if node.executable == "receiver_driver")
+            self.first += [line for node in drivers if (line := _receiver_line(node))]
+            bridges = (node for node in nodes if node.executable == "simgen_bridge")
+            self.first += [line for node in bridges if (line := _simgen_line(node))]
+        if not emulated & {_EMULATORS[1]}:
+            self.first += [_can_line(n) for n in nodes if n.executable == "thruster_can"]
+        self._told: set[tuple[str, str]] = set()
+
+    def is_new(self, name: str, line: str) -> bool:
+        """Return whether a line of a node tells the state of a link, for the first time.
+
+        Parameters
+        ----------
+        name
+            Name of the process.
+        line
+            Line that it printed.
+        """
+        if not self.first or not _WAITING.search(line):
+            return False
+        told = (name, _PREFIX.sub("", line))
+        if told in self._told:
+            return False
+        self._told.add(told)
+        return True
+
+
+def _receiver_line(node: NodeDescription) -> str:
+    port = str(node.all_parameters().get("port", ""))
+    if not port:
+        return ""
+    if os.path.isfile(port):
+        return ""  # a log
+    if port.startswith("tcp://"):
+        state = "is connected to"
+    else:
+        state = "is there" if os.path.exists(port) else "no such device yet"
+    return f"receiver of {node.namespace.strip('/')}: {port} ({state})"
+
+
+def _simgen_line(node: NodeDescription) -> str:
+    given = node.all_parameters()
+    if not given.get("simgen_host"):
+        return ""
+    address = f"{given.get('simgen_host', '')}:{given.get('simgen_port', '')}"
+    return f"SimGEN: {address} (is connected to when the other nodes are ready)"
+
+
+def _can_line(node: NodeDescription) -> str:
+    given = node.all_parameters()
+    bus = f"{given.get('interface', '')} {given.get('channel', '')}".strip()
+    return f"thruster of {node.namespace.strip('/')}: CAN bus {bus}"

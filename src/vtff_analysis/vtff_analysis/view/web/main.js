@@ -29,6 +29,9 @@ async function start() {
   }, command(scene, content.command_token));
   element("follow").hidden = !scene.live;
   const plots = new PlotPanel(element("plots"), scene, timeline);
+  // A spacecraft that flies alone has no formation to show: the globe takes the place.
+  const alone = !scene.live && !scene.deputies().length && scene.ofKind("attitude").length > 0;
+  document.querySelector("main").classList.toggle("alone", alone);
   const hill = new HillPanel(element("hill"), scene, () => plots.window);
   const panels = [hill, plots];
   Object.assign(state, { panels, plots, hill });
