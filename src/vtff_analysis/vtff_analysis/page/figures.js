@@ -15,9 +15,7 @@ class Panel {
   constructor(content, group) {
     Object.assign(this, content);
     this.group = group; // panels with the same x axis zoom together
-    this.lines = content.lines.map((line) => ({
-      ...line, x: line.x && unpack(line.x), y: line.y && unpack(line.y),
-    }));
+    this.lines = content.lines;
     this.hover = null;
     this.drag = null;
     this.canvas = document.createElement("canvas");
@@ -272,7 +270,9 @@ function bring(figure) {
   const { rows, arrays } = JSON.parse(figure.dataset.lines);
   const numbers = arrays.map(unpack);
   for (const line of rows.flat().flatMap((panel) => panel.lines)) {
-    if (line.x !== undefined) [line.x, line.y] = [numbers[line.x], numbers[line.y]];
+    if (line.x === undefined) continue; // a line through the whole panel
+    line.x = numbers[line.x];
+    line.y = numbers[line.y];
   }
   const image = figure.querySelector("img");
   const groups = new Map();
