@@ -19,7 +19,14 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import carrier_frequency_hz, satellite_name
 from vtff_iono.links.geometry_free import tecu_per_metre
 
-__all__ = ["content_table", "summarise_result", "write_plots", "write_summary", "write_tables"]
+__all__ = [
+    "content_table",
+    "summarise_result",
+    "summary_rows",
+    "write_plots",
+    "write_summary",
+    "write_tables",
+]
 
 # Most epochs in a plot, whose axes are 1400 pixels wide.
 _EPOCHS_DRAWN = 3000
@@ -176,6 +183,32 @@ def summarise_result(result: TecResult) -> dict[str, Any]:
         "roti_window": result.roti_window,
         "remarks": list(result.remarks),
     }
+
+
+def summary_rows(summary: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a summary of `summarise_result` as rows of a page: a name and a text with units."""
+    rows = [
+        ("epochs", f"{summary['first_epoch']} to {summary['last_epoch']}"),
+        ("good samples", f"{summary['good_samples']} of {summary['samples']}"),
+    ]
+    rows += [
+        (f"rejected: {reason.lower().replace('_', ' ')}", str(count))
+        for reason, count in summary["rejected_samples"].items()
+    ]
+    rows += [
+        (
+            f"receiver bias {bias['pair']}",
+            f"{bias['bias_ns']:.2f} \u00b1 {bias['sigma_ns']:.2f} ns, in slant TEC "
+            f"{bias['bias_tecu']:.2f} \u00b1 {bias['sigma_tecu']:.2f} TECU",
+        )
+        for bias in summary["receiver_biases"]
+    ]
+    vertical = summary["vtec_tecu"]
+    if vertical is not None:
+        text = f"{vertical['minimum']:.1f} to {vertical['maximum']:.1f} TECU"
+        rows.append(("vertical TEC", f"{text}, median {vertical['median']:.1f} TECU"))
+    rates = f"over {summary['roti_interval']:g} s in windows of {summary['roti_window']:g} s"
+    return [*rows, ("rates of TEC (ROTI)", rates)]
 
 
 def write_plots(result: TecResult, folder: pathlib.Path, name: str) -> list[pathlib.Path]:

@@ -91,9 +91,9 @@ def tec(
     """
     # Imported here, because numpy, numba and matplotlib take a while.
     from vtff_analysis.large_tables import TABLE_FORMS
-    from vtff_analysis.page.results import Section, flat_rows, write_results
+    from vtff_analysis.page.results import Section, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
-    from vtff_analysis.tec.output import write_summary
+    from vtff_analysis.tec.output import summary_rows, write_summary
     from vtff_analysis.tec.receiver_orbit import open_receiver_orbit
     from vtff_bag.run.folder import output_folder, remove_if_empty
     from vtff_gnss.files.navigation_files import open_navigation
@@ -131,13 +131,12 @@ def tec(
             else:
                 _print_summary(console, outcome.summary)
                 summaries.append(outcome.summary)
-                shown = {key: value for key, value in outcome.summary.items() if key != "remarks"}
                 picture = (folder / f"{outcome.task.name}_tec.png", "Content and its rates.")
                 sections.append(
                     Section(
                         outcome.summary["source"],
                         ("", ""),
-                        flat_rows(shown),
+                        summary_rows(outcome.summary),
                         [picture],
                         outcome.summary["remarks"],
                     )
