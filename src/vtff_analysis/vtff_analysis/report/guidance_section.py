@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -83,7 +83,7 @@ def draw_guidance(history: RunHistory, folder: pathlib.Path, title: str) -> list
     return [Picture(path, _CAPTION, "guidance")]
 
 
-def render_guidance(history: RunHistory, pictures: list[Picture]) -> str:
+def render_guidance(history: RunHistory, pictures: Sequence[Picture]) -> str:
     """Return the HTML of the section; empty without guidance."""
     guidance = history.guidance
     if guidance is None:
