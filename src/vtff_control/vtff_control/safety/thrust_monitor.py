@@ -169,7 +169,7 @@ class ThrustMonitor:
         Returns
         -------
         ndarray or None
-            Of the last update; None if it tells nothing over such a window.
+            Residuals of the last update; None if it tells nothing over such a window.
         """
         return self._residuals.get(age)
 
