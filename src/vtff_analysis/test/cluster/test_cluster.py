@@ -42,6 +42,20 @@ def test_thirty_starts():
         check(fly_cluster(draw_starts(seed), 3.0, RangeSensor(), seed=seed))
 
 
+@pytest.mark.parametrize(
+    "seed",
+    [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (0, 2, 3, 900, 901, 902, 903))],
+)
+def test_a_chaser_blind_for_an_orbit_comes_back(seed):
+    """Without the coast it was out of the range of its sensor after it, and lost."""
+    begin, end = 9000.0, 9000.0 + 5431.0
+    flight = fly_cluster(draw_starts(seed), 3.6, RangeSensor(outage=(begin, end)), seed=seed)
+    sides = flight.sides
+    assert sides[flight.times >= begin].max() > 1500.0  # it did not hold its place blindly
+    assert flight.closest >= 500.0
+    np.testing.assert_allclose(sides[-1], equilibrium_distance(), rtol=0.025)
+
+
 @pytest.mark.slow
 def test_a_decaying_neighbour_is_not_followed():
     starts = draw_starts(61)

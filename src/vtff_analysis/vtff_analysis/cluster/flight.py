@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vtff_control.guidance.cluster_member import ClusterMember
 from vtff_control.guidance.neighbour_tracker import NeighbourTracker
 from vtff_control.guidance.potential_field import PotentialField, equilibrium_distance
 from vtff_dynamics.constants import GM_EARTH
@@ -30,7 +31,6 @@ __all__ = [
 LEAD_RADIUS = 6678e3  # m, table 1 of the paper
 _STEP = 10.0  # s between detections
 _REPLAN = 30.0  # s, of the paper
-_LARGEST_DRIFT = 1e3 / LEAD_RADIUS  # rad in an orbit: a kilometre, the size of the cluster
 _WATCH_FROM = 2.0  # orbits; before, members still come from afar
 
 
@@ -188,65 +188,48 @@ def fly_cluster(
     """
     exact = sensor is None
     eye = RangeSensor(1e9, 1e-3, 1e-7, 0.0) if sensor is None else sensor
-    guide = guidance or PotentialField()
     generator = np.random.default_rng(seed)
     lead = ClassicalElements(LEAD_RADIUS, 0.0, math.radians(51.6), 0.0, 0.0, 0.0).to_state()
     states = np.array([lead, *(_circular(lead, position) for position in starts_rtn)])
-    trackers = [NeighbourTracker(eye.range_sigma, eye.direction_sigma) for _ in states[1:]]
     count = int(orbits * 2.0 * math.pi * math.sqrt(LEAD_RADIUS**3 / GM_EARTH) / _STEP)
     positions = np.empty((count, len(states), 3))
-    impulses = np.zeros((count, len(trackers), 3))
+    impulses = np.zeros((count, len(starts_rtn), 3))
     rates = secular_rates(mean_elements(elements_from_state(lead)))
     station_period = 2.0 * math.pi / float(rates[1])
+    is_watched = decay is not None and decay.watched
+    members = [
+        ClusterMember(
+            NeighbourTracker(eye.range_sigma, eye.direction_sigma),
+            station_period,
+            guidance,
+            _WATCH_FROM * station_period if is_watched else math.inf,
+        )
+        for _ in starts_rtn
+    ]
     every = round(_REPLAN / _STEP)
     for index in range(count):
         time = _STEP * index
         rotation = rotation_gcrf_to_rtn(states[0])
         positions[index] = (states[:, :3] - states[0, :3]) @ rotation.T
-        for craft, tracker in enumerate(trackers, start=1):
+        for craft, member in enumerate(members, start=1):
             own = states[craft]
-            to_rtn = rotation_gcrf_to_rtn(own)
-            mean_motion = norm(np.cross(own[:3], own[3:])) / float(own[:3] @ own[:3])
-            if index:
-                tracker.predict(_STEP, mean_motion)
             blind = craft == 1 and eye.outage[0] <= time < eye.outage[1]
+            to_rtn = rotation_gcrf_to_rtn(own)
             seen = [] if blind else _detections(states, craft, to_rtn, eye, exact, generator)
-            tracker.detect(np.array(seen))
+            member.detect(time, own, np.array(seen))
             if index % every == 0 and index:
-                tracks = [track for track in tracker.tracks if track.detections > 2]
-                followed = [
-                    not track.leaves_station(
-                        time,
-                        _latitude(own[:3] + to_rtn.T @ track.state[:3], own),
-                        station_period,
-                        _LARGEST_DRIFT,
-                    )
-                    for track in tracks
-                ]
-                if decay is None or not decay.watched or time < _WATCH_FROM * station_period:
-                    followed = [True] * len(tracks)
-                impulses[index, craft - 1] = guide.impulse(
-                    [track.state for track in tracks], mean_motion, followed
-                )
+                impulses[index, craft - 1] = member.impulse(own)
         if decay is not None and time >= decay.time:
             impulses[index, -1] = 0.0
             motion = states[-1, 3:] / norm(states[-1, 3:])
             states[-1, 3:] -= _STEP * decay.deceleration * motion
-        for craft, tracker in enumerate(trackers, start=1):
+        for craft, member in enumerate(members, start=1):
             impulse = impulses[index, craft - 1]
             if impulse.any():
                 states[craft, 3:] += rotation_gcrf_to_rtn(states[craft]).T @ impulse
-                tracker.add_impulse(impulse)
+                member.add_impulse(impulse)
         states = free_flight(states, [0.0, _STEP])[-1]
     return ClusterFlight(_STEP * np.arange(count, dtype=float), positions, impulses)
-
-
-def _latitude(position: FloatArray, own: FloatArray) -> float:
-    """Return the argument of latitude of a position in the orbital plane of a state, rad."""
-    normal = np.cross(own[:3], own[3:])
-    node = np.cross([0.0, 0.0, 1.0], normal)
-    across = np.cross(normal, node)
-    return math.atan2(float(position @ across) / norm(across), float(position @ node) / norm(node))
 
 
 def _circular(lead: FloatArray, position: FloatArray) -> FloatArray:
