@@ -36,6 +36,7 @@ setup(
             "formation_guidance = vtff_control.formation_guidance_node:main",
             "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",
+            "survey_guidance = vtff_control.survey_guidance_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",
             "thruster_model = vtff_control.thruster_model_node:main",
         ],

@@ -32,7 +32,7 @@ def make_app() -> typer.Typer:
         tec,
         view,
     )
-    from vtff_bringup.discover import guidance, list_installed, node, topic, version
+    from vtff_bringup.discover import guidance, list_installed, node, survey, topic, version
 
     app = typer.Typer(
         name="vtff",
@@ -55,6 +55,7 @@ def make_app() -> typer.Typer:
     app.command("tec", no_args_is_help=True)(tec.tec)
     app.command("list")(list_installed.list_installed)
     app.command("node", no_args_is_help=True, add_help_option=False)(node.node)
+    app.command("survey", no_args_is_help=True)(survey.survey)
     app.add_typer(topic.app, name="topic")
     app.add_typer(guidance.app, name="guidance")
     app.add_typer(bag.app, name="bag")

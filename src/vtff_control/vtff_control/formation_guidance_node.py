@@ -265,6 +265,7 @@ class FormationGuidanceNode(VtffNode):
                 _OBJECTIVES.get(goal.objective, str(goal.objective)),
                 goal.passive_safety_orbits,
                 goal.preempt,
+                _designs(goal),
             )
             goal_handle.publish_feedback(Reconfigure.Feedback(phase="planning"))
             followed = self._ask(request)
@@ -274,6 +275,11 @@ class FormationGuidanceNode(VtffNode):
                 self.fail(str(error))
             return Reconfigure.Result(message=str(error))
         assert followed is not None
+        goal_handle.publish_feedback(
+            Reconfigure.Feedback(
+                phase="planned", closest_approach=followed.flight.plan.closest_approach
+            )
+        )
         future: Future = Future()
         self._goals[id(goal_handle)] = (goal_handle, future, followed)
         await future
@@ -470,6 +476,19 @@ class FormationGuidanceNode(VtffNode):
                 hardware_id=self._setting.chief,
             )
         ]
+
+
+def _designs(goal: Reconfigure.Goal) -> dict[str, FloatArray] | None:
+    """Return the relative elements of every spacecraft that a goal gives, or None."""
+    if not goal.spacecraft and not goal.relative_elements:
+        return None
+    if len(goal.relative_elements) != 6 * len(goal.spacecraft):
+        raise RequestError(
+            f"relative_elements: six for each of {len(goal.spacecraft)} spacecraft expected, "
+            f"got {len(goal.relative_elements)}"
+        )
+    elements = np.array(goal.relative_elements).reshape(-1, 6)
+    return dict(zip(goal.spacecraft, elements, strict=True))
 
 
 def _setting(given: FormationGuidanceNodeParameters) -> GuidanceSetting:

@@ -41,12 +41,12 @@ def set_mode(
         from vtff_msgs.srv import SetGuidanceMode
 
         client = node.create_client(SetGuidanceMode, MODE_SERVICE)
-        _wait_until(console, executor, stop, client.service_is_ready, WAIT)
+        wait_until(console, executor, stop, client.service_is_ready, WAIT)
         request = SetGuidanceMode.Request(
             mode=mode, formation=formation, angle_deg=angle_deg, orbits=orbits
         )
         future = client.call_async(request)
-        _wait_until(console, executor, stop, future.done, ANSWER_WAIT)
+        wait_until(console, executor, stop, future.done, ANSWER_WAIT)
         answer = future.result()
     if not answer.success:
         raise exit_with_error(console, answer.message, EXIT_FAILURE)
@@ -84,7 +84,7 @@ def reconfigure(
         from vtff_msgs.action import Reconfigure
 
         client = ActionClient(node, Reconfigure, RECONFIGURE_ACTION)
-        _wait_until(console, executor, stop, client.server_is_ready, WAIT)
+        wait_until(console, executor, stop, client.server_is_ready, WAIT)
         goal = Reconfigure.Goal(
             formation=formation,
             duration=duration,
@@ -97,7 +97,7 @@ def reconfigure(
         )
         show = _Feedback(console)
         sent = client.send_goal_async(goal, feedback_callback=show.take)
-        _wait_until(console, executor, stop, sent.done, WAIT)
+        wait_until(console, executor, stop, sent.done, WAIT)
         handle = sent.result()
         future = handle.get_result_async()
         cancelled = False
@@ -142,8 +142,13 @@ class _Feedback:
         )
 
 
-def _wait_until(
-    console: Console, executor: Any, stop: StopRequest, is_done: Any, patience: float
+def wait_until(
+    console: Console,
+    executor: Any,
+    stop: StopRequest,
+    is_done: Any,
+    patience: float,
+    node: str = "formation_guidance",
 ) -> None:
     """Spin until something is done; end the command on a signal or when the patience is over."""
     deadline = time.monotonic() + patience
@@ -151,6 +156,6 @@ def _wait_until(
         if stop.requested:
             raise typer.Exit(EXIT_INTERRUPTED)
         if time.monotonic() > deadline:
-            text = f"no answer of formation_guidance in {domain_text()} within {patience:g} s"
+            text = f"no answer of {node} in {domain_text()} within {patience:g} s"
             raise exit_with_error(console, text, EXIT_FAILURE)
         executor.spin_once(timeout_sec=0.1)

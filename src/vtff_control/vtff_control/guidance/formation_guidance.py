@@ -183,6 +183,7 @@ class FormationGuidance:
         self.reconfiguration: Reconfiguration | None = None
         self._state: FormationState | None = None
         self._time = math.nan
+        self._asked_formations: dict[str, Mapping[str, FloatArray]] = {}
 
     # ---- requests ----------------------------------------------------------------------------
 
@@ -192,9 +193,12 @@ class FormationGuidance:
         Raises
         ------
         RequestError
-            If it names a formation that there is not.
+            If it names a formation that there is not, or has not a design for every spacecraft.
         """
-        if isinstance(request, ReconfigurationRequest) or request.mode == "keep":
+        if isinstance(request, ReconfigurationRequest) and request.designs is not None:
+            if set(request.designs) != set(self._names):
+                raise RequestError(f"designs: one for each of {', '.join(self._names)} expected")
+        elif isinstance(request, ReconfigurationRequest) or request.mode == "keep":
             self._designs_of(request.formation)
 
     def request(self, request: Request) -> Reconfiguration | None:
@@ -216,9 +220,10 @@ class FormationGuidance:
         return None
 
     def _designs_of(self, formation: str) -> Mapping[str, FloatArray]:
-        designs = self._setting.formations.get(formation)
+        formations = {**self._setting.formations, **self._asked_formations}
+        designs = formations.get(formation)
         if designs is None:
-            names = ", ".join(self._setting.formations) or "none"
+            names = ", ".join(formations) or "none"
             raise RequestError(f"no formation '{formation}'; there are: {names}")
         return designs
 
@@ -302,6 +307,8 @@ class FormationGuidance:
         if self._state is None:
             raise RequestError(f"reconfiguration to '{request.formation}' refused: no states yet")
         flight = self._plan(self._state, request)
+        if request.designs is not None:
+            self._asked_formations[request.formation] = request.designs
         self._end_plan(f"preempted by a reconfiguration to '{request.formation}'")
         self._mode, self._reason = "reconfigure", ""
         self.reconfiguration = Reconfiguration(request, flight, dict.fromkeys(self._names, 0.0))
@@ -336,7 +343,7 @@ class FormationGuidance:
             reference, given.plan_step, count + math.ceil(drift / given.plan_step)
         )
         at_end = mean_elements(elements_from_state(motion.states_reference_gcrf[count]))
-        designs = self._designs_of(request.formation)
+        designs = request.designs or self._designs_of(request.formation)
         final = [relative_state_of_mean_elements(at_end, designs[name]) for name in self._names]
         cap = request.acceleration_cap or setting.engine.largest / setting.mass
         closest = request.closest_approach or given.closest_approach

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from vtff_control.guidance.reconfiguration_plan import OBJECTIVES
+from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
     "MODES",
@@ -99,6 +102,9 @@ class ReconfigurationRequest:
         Orbits of drift in which a loss of thrust is safe; 0: not asked.
     preempt
         Whether it ends a reconfiguration that runs.
+    designs
+        Mean relative elements of every spacecraft in the formation, m, each of shape (6,), as in
+        `vtff_control.guidance.formations`; None for a formation that the guidance has.
 
     Raises
     ------
@@ -114,11 +120,15 @@ class ReconfigurationRequest:
     objective: str = "norms"
     passive_safety_orbits: float = 0.0
     preempt: bool = False
+    designs: Mapping[str, FloatArray] | None = None
 
     def __post_init__(self) -> None:
         """Check the values."""
         if not self.formation:
             raise RequestError("formation: a name expected")
+        for name, elements in (self.designs or {}).items():
+            if np.shape(elements) != (6,) or not np.isfinite(elements).all():
+                raise RequestError(f"designs: six numbers expected for {name}")
         if not (math.isfinite(self.duration) and self.duration > 0.0):
             raise RequestError(f"duration: more than 0 s expected, got {self.duration:g}")
         for name in ("closest_approach", "acceleration_cap", "passive_safety_orbits"):
@@ -190,7 +200,9 @@ def _read_line(line: str) -> TimelineEntry:
     values: dict[str, object] = {} if mode == "reconfigure" else {"mode": mode}
     if settings and "=" not in settings[0]:
         values["formation"] = settings.pop(0)
-    fields = {field.name: str(field.type) for field in dataclasses.fields(kind)}
+    fields = {
+        field.name: str(field.type) for field in dataclasses.fields(kind) if field.name != "designs"
+    }
     for setting in settings:
         name, equals, text = setting.partition("=")
         if not equals or name not in fields or name == "mode":

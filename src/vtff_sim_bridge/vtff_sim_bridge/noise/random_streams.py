@@ -59,6 +59,7 @@ class Effect(enum.IntEnum):
     NOISE_SLIP = 20
     NOISE_SLIP_SIGN = 21
     ELECTRON_DENSITY = 22
+    RAY_EDGE = 23
 
 
 def receiver_number(name: str) -> int:

@@ -1,0 +1,89 @@
+"""Crossings of walls from edges of rays: which rays count, what supports them, what is false."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vtff_control.survey.crossings import CrossingFinder, RayEdge
+
+# Eight rays: four ahead (east) and four behind (west), as azimuths from north over east.
+AZIMUTHS = {(0, n): math.radians(a) for n, a in enumerate((45, 70, 100, 130, 220, 250, 280, 310))}
+AHEAD = [(0, n) for n in range(4)]
+BEHIND = [(0, n) for n in range(4, 8)]
+
+
+def finder(s4_after=0.5, begin=1000.0):
+    """Return a finder that has heard windows of 10 s; rays scintillate from a time on."""
+    found = CrossingFinder()
+    for end in np.arange(800.0, 1300.0, 10.0):
+        value = s4_after if end > begin else 0.02
+        found.add_scintillation(end, "chief", AZIMUTHS, dict.fromkeys(AZIMUTHS, value))
+    return found
+
+
+def add(found, rays, times, is_entry=True):
+    for ray, time in zip(rays, times, strict=True):
+        found.add_edge(RayEdge(time, 1.0, "chief", ray, is_entry))
+
+
+def test_entry_is_that_of_the_rays_behind():
+    found = finder()
+    # Rays ahead meet the wall up to 40 s earlier; they do not move the crossing.
+    add(found, AHEAD, (960.0, 970.0, 980.0, 990.0))
+    add(found, BEHIND, (1000.5, 999.0, 1001.0, 1000.0))
+    (crossing,) = found.take(1100.0)
+    assert crossing.is_supported
+    assert crossing.is_entry
+    assert crossing.support == 4
+    assert abs(crossing.time - 1000.25) < 0.3
+    assert 0.4 < crossing.time_sigma < 1.0
+
+
+def test_exit_is_that_of_the_rays_ahead():
+    found = finder(s4_after=0.02, begin=0.0)
+    for end in np.arange(805.0, 1000.0, 10.0):
+        found.add_scintillation(end, "chief", AZIMUTHS, dict.fromkeys(AZIMUTHS, 0.6))
+    add(found, AHEAD, (1000.0, 1001.0, 1000.0, 999.0), is_entry=False)
+    add(found, BEHIND, (1010.0, 1020.0, 1030.0, 1035.0), is_entry=False)
+    (crossing,) = found.take(1200.0)
+    assert (crossing.is_entry, crossing.is_supported) == (False, True)
+    assert abs(crossing.time - 1000.0) < 0.6
+
+
+def test_nothing_is_taken_before_others_may_have_told():
+    found = finder()
+    add(found, BEHIND, (1000.0,) * 4)
+    assert found.take(1059.0) == []
+    assert len(found.take(1060.0)) == 1
+    assert found.take(1200.0) == []
+
+
+@pytest.mark.parametrize(
+    ("rays", "s4"),
+    [
+        (BEHIND[:1], 0.5),  # one ray alone, although there is scintillation
+        (BEHIND, 0.05),  # all rays, but no scintillation
+    ],
+)
+def test_false_edge_has_no_support(rays, s4):
+    found = finder(s4_after=s4)
+    add(found, rays, (1000.0,) * len(rays))
+    (crossing,) = found.take(1200.0)
+    assert not crossing.is_supported
+
+
+def test_edges_without_scintillation_messages_have_no_support():
+    found = CrossingFinder()
+    add(found, BEHIND, (1000.0,) * 4)
+    (crossing,) = found.take(1200.0)
+    assert not crossing.is_supported
+
+
+def test_a_late_ray_is_another_crossing():
+    found = finder()
+    add(found, BEHIND, (1000.0, 1000.0, 1000.0, 1020.0))
+    first, second = found.take(1200.0)
+    assert (first.support, second.support) == (3, 1)
+    assert first.is_supported
+    assert not second.is_supported

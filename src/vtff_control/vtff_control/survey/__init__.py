@@ -1,0 +1,1 @@
+"""Survey of irregular plasma: crossings of walls, their drift, next crossings, relative orbits."""
