@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from survey.night import CrossingWatch, Night, TrueCrossing
 
+from survey.night import CrossingWatch, Night, TrueCrossing
 from vtff_control.guidance.formation_guidance import (
     FormationGuidance,
     FormationGuidanceParameters,

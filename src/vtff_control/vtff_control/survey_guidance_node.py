@@ -169,7 +169,7 @@ class SurveyGuidanceNode(VtffNode):
             success=True,
             message=message,
             plans=len(plans),
-            velocity_change=sum(plan.velocity_change for plan in plans),
+            velocity_change=math.fsum(plan.velocity_change for plan in plans),
         )
 
     def _end_goal(self, message: str) -> None:
@@ -187,7 +187,9 @@ class SurveyGuidanceNode(VtffNode):
     # ---- what is told ------------------------------------------------------------------------
 
     def _on_boundary(self, message: IrregularityBoundary) -> None:
-        if message.kind == IrregularityBoundary.KIND_HORIZONTAL:
+        # The rate of TEC rises and falls many times within a bubble; the intensity does not.
+        is_ray = message.kind == IrregularityBoundary.KIND_HORIZONTAL
+        if is_ray and message.source == IrregularityBoundary.SOURCE_S4:
             self._survey.add_edge(
                 to_nanoseconds(message.header.stamp),
                 message.time_sigma,
@@ -383,7 +385,7 @@ def _survey_message(survey: SurveyGuidance, seconds: float) -> SurveyGuidanceMes
         plans=len(plans),
         ellipse_size=plans[-1].size if plans else math.nan,
         ellipse_phase=plans[-1].phase if plans else math.nan,
-        velocity_change=sum(plan.velocity_change for plan in plans),
+        velocity_change=math.fsum(plan.velocity_change for plan in plans),
     )
     for wall in estimate.walls:
         message.wall_passes.append(wall.passes)

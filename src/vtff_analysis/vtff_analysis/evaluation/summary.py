@@ -23,6 +23,7 @@ from vtff_analysis.evaluation.safety import summarise_safety
 from vtff_analysis.recordings.history import AXES, DeputyHistory, HealthItem, RunHistory
 from vtff_analysis.recordings.settings import ControllerSettings, RunSettings
 from vtff_analysis.recordings.topics import key_part
+from vtff_analysis.survey.figures import summarise_survey
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 
@@ -83,6 +84,7 @@ def summarise_run(
     summary.update(_summarise_receiver_logs(history.health))
     summary.update(_summarise_late_calls(history.health))
     summary.update(summarise_safety(history.safety, history.start_time))
+    summary.update(summarise_survey(history.survey))
     summary.update(summarise_attitude(history.attitude, history.start_time))
     summary["message_count"] = sum(history.message_counts.values())
     for topic, count in sorted(history.message_counts.items()):

@@ -13,6 +13,7 @@ from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.guidance import GuidanceHistory
 from vtff_analysis.recordings.safety import SafetyHistory
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY
+from vtff_analysis.survey.recording import SurveyHistory
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -370,6 +371,8 @@ class RunHistory:
         Attitude of each spacecraft that has one, by name.
     guidance
         What formation_guidance wanted; None in a run without it.
+    survey
+        What survey_guidance has learnt and decided; None in a run without it.
     compute_time
         Wall time in s of each acknowledged step, by name of the node.
     command_latency
@@ -397,6 +400,7 @@ class RunHistory:
     safety: SafetyHistory | None = None
     attitude: dict[str, AttitudeRecording] = dataclasses.field(default_factory=dict)
     guidance: GuidanceHistory | None = None
+    survey: SurveyHistory | None = None
     compute_time: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     command_latency: dict[str, FloatArray] = dataclasses.field(default_factory=dict)
     notes: tuple[str, ...] = ()

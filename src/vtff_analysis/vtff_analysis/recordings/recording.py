@@ -24,6 +24,7 @@ from vtff_analysis.recordings.history import (
 from vtff_analysis.recordings.recording_details import DetailCollector
 from vtff_analysis.recordings.safety import SAFETY_TOPIC, SafetyCollector
 from vtff_analysis.recordings.topics import CHIEF, DEPUTY, STATUS_TOPIC, relative_state_topic
+from vtff_analysis.survey.recording import SURVEY_TOPIC, SurveyCollector
 from vtff_bag.file.errors import UnknownTypeError
 from vtff_bag.file.message_definitions import message_class
 from vtff_bag.file.reader import BagReader, RawMessage
@@ -78,6 +79,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
     collector = _Collector()
     details = DetailCollector()
     safety = SafetyCollector()
+    survey = SurveyCollector()
     attitude = AttitudeCollector()
     guidance = GuidanceCollector()
     decoders: dict[str, Callable[[RawMessage], None]] = {}
@@ -91,6 +93,8 @@ def read_run(bag: pathlib.Path) -> RunHistory:
             handler = safety.add
         elif topic.name == GUIDANCE_TOPIC:
             handler = guidance.add
+        elif topic.name == SURVEY_TOPIC:
+            handler = survey.add
         if handler is None:
             continue
         try:
@@ -121,6 +125,7 @@ def read_run(bag: pathlib.Path) -> RunHistory:
         safety=safety.history,
         attitude=attitude.recordings(),
         guidance=guidance.history(),
+        survey=survey.history,
         compute_time=details.compute_time(),
         command_latency=details.command_latency(),
         notes=tuple([*reader.notes, *collector.notes]),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 from vtff_analysis.evaluation.formation_flight import FormationFlight
@@ -40,6 +40,8 @@ from vtff_analysis.report.plots_ionosphere import (
     scenario_label,
 )
 from vtff_analysis.report.plots_receiver_ionosphere import plot_comparisons
+from vtff_analysis.survey.plot import plot_survey
+from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
 _FORMATION_CAPTIONS = {
     "relative_position_and_thrust": (
@@ -77,6 +79,7 @@ def draw_pictures(
     folder: pathlib.Path,
     run_name: str,
     truth: IonosphereTruth | None = None,
+    regions: Sequence[IrregularityRegion] = (),
 ) -> list[Picture]:
     """Draw the plots of every subject that a run has.
 
@@ -90,6 +93,8 @@ def draw_pictures(
         Name of the run for the titles.
     truth
         The true ionosphere; None where it is not recorded.
+    regions
+        True irregularity regions, for the picture of a survey.
 
     Returns
     -------
@@ -118,6 +123,8 @@ def draw_pictures(
             partial(_draw_tracking, receiver, folder, run_name),
             partial(_draw_sky, receiver, folder, run_name),
         ]
+    if history.survey is not None and history.survey.decisions:
+        tasks.append(partial(_draw_survey, history, regions, folder, labelled))
     pairs = history.pair_histories()
     for pair in pairs:
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
@@ -162,6 +169,26 @@ def _draw_attitude(
             "Residual dipole as estimated, speed of the wheel, pulses of the rods.",
             "attitude",
         ),
+    ]
+
+
+def _draw_survey(
+    history: RunHistory,
+    regions: Sequence[IrregularityRegion],
+    folder: pathlib.Path,
+    run_name: str,
+) -> list[Picture]:
+    assert history.survey is not None
+    path, title = folder / "survey.png", f"{run_name}: survey of plasma bubbles, emulated"
+    plot_survey(history.survey, regions, history.start_time, path, title)
+    return [
+        Picture(
+            path,
+            "Walls of plasma bubbles that the formation has crossed, against the emulated truth: "
+            "their longitudes, a map, the altitudes of the crossings, and the zonal drift. Dotted "
+            "lines: changes of the formation, with their reasons.",
+            "ionosphere",
+        )
     ]
 
 

@@ -30,6 +30,7 @@ from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
 from vtff_analysis.report.verdict import find_verdict
+from vtff_analysis.survey.figures import simulated_regions, survey_sentences
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription, describe_run
 from vtff_bag.run.environment import describe_environment
@@ -103,9 +104,11 @@ def write_report(
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth)
+    regions = () if history.survey is None else simulated_regions(described)
+    pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth, regions)
     safety = safety_sentences(history.safety, history.start_time)
-    notes = (*history.notes, *settings.notes, *safety)
+    survey = survey_sentences(history.survey, history.start_time)
+    notes = (*history.notes, *settings.notes, *safety, *survey)
     page = render_report(summary, history, described, list(flights), pictures, notes)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
     _print_tables(console, summary, history, list(flights), run_path.name)

@@ -145,6 +145,16 @@ RUN_FIGURES = (
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_samples",
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_mean_difference_rad",
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_scatter_rad",
+    "survey_walls",
+    "survey_crossings",
+    "survey_unsupported_crossings",
+    "survey_edges_two_spacecraft",
+    "survey_edges_1km",
+    "survey_edges_2km",
+    "survey_drift_m_s",
+    "survey_drift_sigma_m_s",
+    "survey_plans",
+    "survey_velocity_change_m_s",
 )
 """Further figures of runs, one set for each run."""
 

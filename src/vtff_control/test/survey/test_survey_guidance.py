@@ -1,4 +1,4 @@
-"""Decisions of a survey: learns, plans once, drifts; not without support, nor without navigation."""
+"""Decisions of a survey: it learns, plans once and drifts; not without support or navigation."""
 
 import math
 

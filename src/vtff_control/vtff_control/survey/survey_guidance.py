@@ -456,9 +456,7 @@ class SurveyGuidance:
         chief_mean = mean_elements(elements_from_state(state.state_chief_gcrf))
         mean_motion = math.sqrt(GM_EARTH / float(chief_mean[0]) ** 3)
         deputies = len(self._deputies)
-        limits = EllipseLimits(
-            given.largest_size, given.separation, given.along_track, deputies
-        )
+        limits = EllipseLimits(given.largest_size, given.separation, given.along_track, deputies)
         ellipse = choose_ellipse(
             later,
             self.goal,
