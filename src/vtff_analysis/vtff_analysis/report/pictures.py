@@ -40,7 +40,7 @@ from vtff_analysis.report.plots_ionosphere import (
     scenario_label,
 )
 from vtff_analysis.report.plots_receiver_ionosphere import plot_comparisons
-from vtff_analysis.survey.plot import plot_survey
+from vtff_analysis.report.plots_survey import plot_survey
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
 _FORMATION_CAPTIONS = {

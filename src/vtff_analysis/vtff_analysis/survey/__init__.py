@@ -1,1 +1,1 @@
-"""Surveys of irregular plasma in recordings: what was learnt and decided, figures, picture."""
+"""Surveys of irregular plasma in recordings: what was learnt and decided, and figures of it."""
