@@ -296,13 +296,14 @@ def _least_squares(
     walls = []
     for index, track in enumerate(tracks):
         columns = slice(2 * index, 2 * index + 2)
+        own: FloatArray = np.array(covariance[columns, columns], dtype=float)
         walls.append(
             Wall(
                 [crossing for group in track for crossing in group.crossings],
                 track[0].is_entry,
                 track[0].longitude + float(solution[2 * index]) / given.radius,
                 float(solution[2 * index + 1]),
-                covariance[columns, columns],
+                own,
                 time,
                 given.radius,
                 len(track),
