@@ -317,3 +317,21 @@ def test_results_that_cannot_be_published_are_refused():
             check_guidance_result(replace(result, targets=targets), NAMES)
     with pytest.raises(ValueError, match="GuidanceResult is expected, got NoneType"):
         check_guidance_result(None, NAMES)
+
+
+def test_a_request_may_bring_its_own_designs():
+    flight = Flight()
+    flight.until(100.0)
+    designs = {name: 1.1 * design for name, design in FORMATIONS["circle"].items()}
+    for wrong, reason in (
+        ({"alpha": np.zeros(6)}, "one for each of alpha, bravo, charlie"),
+        ({name: np.zeros(5) for name in NAMES}, "six numbers expected for alpha"),
+    ):
+        with pytest.raises(RequestError, match=reason):
+            flight.guidance.request(ReconfigurationRequest("own", 4560.0, designs=wrong))
+    followed = flight.guidance.request(ReconfigurationRequest("own", 4560.0, designs=designs))
+    assert followed.flight.formation == "own"
+    # It has a name from now on.
+    flight.guidance.request(ModeRequest("free_drift"))
+    flight.guidance.request(ModeRequest("keep", "own"))
+    assert flight.step().formation == "own"

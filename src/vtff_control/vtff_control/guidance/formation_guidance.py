@@ -170,6 +170,8 @@ class FormationGuidance:
     def reset(self) -> None:
         """Begin anew: keep the formation of the parameters, or hold where there is none."""
         self._first: int | None = None
+        # Of requests that brought their own designs.
+        self._asked_formations: dict[str, Mapping[str, FloatArray]] = {}
         self._updated = -math.inf
         self._estimators = {name: ElementsEstimator() for name in self._names}
         self._keepers: dict[str, FormationKeeper] = {}
@@ -183,7 +185,6 @@ class FormationGuidance:
         self.reconfiguration: Reconfiguration | None = None
         self._state: FormationState | None = None
         self._time = math.nan
-        self._asked_formations: dict[str, Mapping[str, FloatArray]] = {}
 
     # ---- requests ----------------------------------------------------------------------------
 
