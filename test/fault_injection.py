@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import json
+import math
 import mmap
 import os
 import pathlib
@@ -156,7 +157,7 @@ int sem_timedwait(sem_t *semaphore, const struct timespec *end) {
 class Outcome:
     """Outcome of a run: the lines that the user sees, and the files and processes left.
 
-    ``wall_time`` is from the fault to the end of the command in s, ``lost`` the steps of 1 s that
+    ``wall_time`` is from the fault to the end of the command in s, ``lost`` the seconds that
     were flown and are not in the bag, ``left`` the processes that outlived the run,
     ``output_after_fault`` the later part of ``output``.
     """
@@ -385,20 +386,21 @@ class Flight:
         )
 
     def _recorded(self) -> tuple[int, int, bool]:
-        """Return the steps in the bag, those that are missing in it, and whether it was closed."""
+        """Return the steps in the bag, the seconds missing in it, and whether it was closed."""
         try:
             reader = BagReader(self.run)
-            steps = sum(1 for _ in reader.raw_messages(["/clock"]))
+            times = [message.log_time for message in reader.raw_messages(["/clock"])]
         except BagError as error:
             raise AssertionError(f"the bag is not readable: {error}; {self.output()}") from error
-        flown = steps
+        steps = flown = len(times)
+        step = (times[-1] - times[0]) / (steps - 1) / 1e9 if steps > 1 else 1.0  # s
         for path in (self.run / "nodes").glob("*.json"):
             with contextlib.suppress(json.JSONDecodeError):  # it was cut by a full disk
                 flown = max(flown, json.loads(path.read_text())["published"].get("/clock", 0))
         # The last report of progress counts where that file is missing.
         printed = re.findall(r"^(\d+) s of scenario in", self.output(), re.MULTILINE)
-        flown = max([flown, *map(int, printed)])
-        return steps, flown - steps, reader.complete
+        flown = max([flown, *(int(int(seconds) / step) for seconds in printed)])
+        return steps, math.ceil((flown - steps) * step), reader.complete
 
 
 def _command_line(number: int) -> str:
