@@ -50,13 +50,15 @@ def test_p_codes_and_their_biases(day, tmp_path):
     assert bias["pair"] == "G C1W-C2W"
     assert abs(bias["bias_ns"] - day.receiver_p1p2_ns) < 2.0 * bias["sigma_ns"] < 1.0
     assert "G C1W-C2W is used" in result.output and "C1C - C1W is -1.8" in result.output
+    assert list(out.glob("*.png")) != [] and "data:image/png" in (out / "tec.html").read_text()
 
 
 def test_two_bias_files_complete_each_other(day, tmp_path):
     out = tmp_path / "out"
     result = run(day.observations, "--nav", day.orbits, "--biases", day.biases_p1p2,
-                 "--biases", day.biases_p1c1, "--out", out)  # fmt: skip
+                 "--biases", day.biases_p1c1, "--no-plots", "--out", out)  # fmt: skip
     assert result.exit_code == 0, result.output
+    assert list(out.glob("*.png")) == [] and "data:image/png" not in (out / "tec.html").read_text()
     (bias,) = biases_of(out)
     assert bias["pair"] == "G C1C-C2W"
     assert abs(bias["bias_ns"] - day.receiver_c1p2_ns) < 2.0 * bias["sigma_ns"] < 1.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from vtff_analysis.tec.errors import TecError
-from vtff_analysis.tec.output import summarise_result, write_plots, write_tables
+from vtff_analysis.tec.output import summarise_result, write_tables
 from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit
 from vtff_analysis.tec.sources import bag_receivers, from_bag, from_file, is_bag
@@ -64,6 +64,8 @@ class TecOptions:
         Orbit of the receiver.
     allow_old_biases : bool
         Whether biases of another time are used.
+    plots : bool
+        Whether plots are drawn.
     """
 
     folder: pathlib.Path
@@ -73,6 +75,7 @@ class TecOptions:
     partial: bool = False
     orbit: ReceiverOrbit | None = None
     allow_old_biases: bool = False
+    plots: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +131,11 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
             source, options.navigation, options.biases, options.orbit, options.allow_old_biases
         )
         write_tables(result, options.folder, task.name, options.form)
-        write_plots(result, options.folder, task.name)
+        if options.plots:
+            # Imported here: matplotlib takes half a second.
+            from vtff_analysis.tec.plots import write_plots
+
+            write_plots(result, options.folder, task.name)
     except (BagError, TecError, ObservationFileError, BiasFileError) as error:
         message = str(error)
         prefix = "" if task.path.name in message else f"{task.path}: "

@@ -63,6 +63,9 @@ def tec(
             help="Tables as parquet, which keeps units and times in its metadata, or csv.",
         ),
     ] = "parquet",
+    plots: Annotated[
+        bool, typer.Option("--plots/--no-plots", help="Draw a picture of each receiver.")
+    ] = True,
     partial: Annotated[
         bool, typer.Option("--partial", help="Use a damaged RINEX file up to the damage.")
     ] = False,
@@ -116,7 +119,14 @@ def tec(
     entries = find_tasks(files)
     tasks = [entry for entry in entries if not isinstance(entry, TecOutcome)]
     options = TecOptions(
-        folder, form, navigation, satellite_biases, partial, receiver_orbit, allow_old_biases
+        folder,
+        form,
+        navigation,
+        satellite_biases,
+        partial,
+        receiver_orbit,
+        allow_old_biases,
+        plots,
     )
     with (
         run_tasks(tasks, options) as outcomes,
@@ -137,7 +147,7 @@ def tec(
                         outcome.summary["source"],
                         ("", ""),
                         summary_rows(outcome.summary),
-                        [picture],
+                        [picture] if plots else [],
                         outcome.summary["remarks"],
                     )
                 )
