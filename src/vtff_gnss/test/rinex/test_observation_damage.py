@@ -50,6 +50,15 @@ def intact(version: int):
     return list(parse_rinex_observation(sample(version), "sample").epochs())
 
 
+@pytest.mark.parametrize("year", ["240", "9999", "1969"])
+def test_a_year_that_cannot_be_counted_is_refused(year):
+    """Times are ns in 64 bits; a fuzzer has found the year 240."""
+    text = header_2("C1") + f"{year} 1 10  0  0  0.0000000  0  1G05\n" + value(2e7) + "\n"
+    text = text.replace("9999 1 10", "9999 1 1")
+    with pytest.raises(RinexError, match="epoch"):
+        parse_rinex_observation(text.encode(), "fuzz.rnx")
+
+
 @pytest.mark.parametrize("version", [2, 3])
 @given(where=st.floats(0.0, 1.0))
 @examples(150)

@@ -12,7 +12,26 @@ from vtff_dynamics.constants import (
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import GPS_MINUS_BDT
 
-__all__ = ["TIME_SYSTEM_OF_LETTER", "RinexClock", "calendar_fields"]
+__all__ = ["TIME_SYSTEM_OF_LETTER", "RinexClock", "calendar_fields", "full_year"]
+
+#: Years whose times in ns since 1980 fit 64 bits.
+_YEARS = range(1970, 2262)
+
+
+def full_year(year: int) -> int:
+    """Return a year with four digits; two digits stand for 1980 to 2079.
+
+    Raises
+    ------
+    ValueError
+        If times of the year cannot be counted.
+    """
+    if 0 <= year < 100:
+        year += 1900 if year >= 80 else 2000
+    if year not in _YEARS:
+        raise ValueError(f"year {year}: {_YEARS[0]} to {_YEARS[-1]} expected")
+    return year
+
 
 TIME_SYSTEM_OF_LETTER = {"G": "GPS", "R": "GLO", "E": "GAL", "C": "BDT", "J": "QZS", "I": "IRN"}
 """Time system of a file of one satellite system that names none (RINEX 3.05, table A2)."""
@@ -74,8 +93,7 @@ class RinexClock:
 
     def _start_of_minute(self, text: bytes) -> int:
         year, month, day, hour, minute = (int(word) for word in text.split())
-        if year < 100:
-            year += 1900 if year >= 80 else 2000
+        year = full_year(year)
         if not (0 <= hour < 24 and 0 <= minute < 60):
             raise ValueError(f"time {hour:02d}:{minute:02d} does not exist")
         days = datetime.date(year, month, day).toordinal() - _GPS_EPOCH_ORDINAL

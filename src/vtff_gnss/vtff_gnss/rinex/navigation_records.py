@@ -20,6 +20,7 @@ from vtff_gnss.ephemeris import (
     lnav_fit_interval,
     nearest_time_of_week,
 )
+from vtff_gnss.rinex.calendar_time import full_year
 from vtff_gnss.rinex.errors import RinexError
 
 __all__ = ["Line", "read_ephemeris", "read_number"]
@@ -225,9 +226,7 @@ def _epoch(line: Line, satellite: str, indent: int) -> GpsTime:
     try:
         year, month, day, hour, minute = (int(word) for word in words[:5])
         second = float(words[5])
-        if year < 100:
-            year += 1900 if year >= 80 else 2000
-        days = datetime.date(year, month, day).toordinal() - _GPS_EPOCH_ORDINAL
+        days = datetime.date(full_year(year), month, day).toordinal() - _GPS_EPOCH_ORDINAL
     except (ValueError, IndexError):
         text = " ".join(words)
         raise line.error(f"{satellite} epoch: {text!r} is not a date and time") from None
