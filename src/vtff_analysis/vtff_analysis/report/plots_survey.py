@@ -169,6 +169,7 @@ def _draw_altitudes(axis: Any, survey: SurveyHistory, start_time: int) -> None:
             fontsize="small",
         )
     axis.set_ylabel("altitude of the crossings (km)")
+    axis.margins(y=0.25)  # for the reasons above and the legend below
     axis.legend(loc="lower right", ncols=3, fontsize="small")
 
 
