@@ -51,7 +51,7 @@ def plot_survey(
     path
         File.
     title
-        Of the picture.
+        Title of the picture.
     """
     with mpl.rc_context(STYLE):
         figure = make_figure(13.0)

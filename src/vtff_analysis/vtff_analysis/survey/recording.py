@@ -55,9 +55,9 @@ class SurveyDecision:
     plans
         Changes of ellipse asked for by then.
     ellipse_size
-        Of the last of them, m.
+        Size of the last ellipse, m.
     velocity_change
-        Of all of them, by impulses, m/s.
+        Velocity change of all ellipses together, by impulses, m/s.
     """
 
     time: int

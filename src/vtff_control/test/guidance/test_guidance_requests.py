@@ -37,7 +37,7 @@ def test_timeline_is_sorted_and_has_all_fields():
         ("0 dance", "mode: one of hold, keep, reconfigure"),
         ("0 keep", "formation: a name expected"),
         ("0 hold pco", "mode 'hold' takes none, got 'pco'"),
-        ("0 phase angle_deg=10", "orbits: more than 0 expected"),
+        ("0 phase angle_deg=10", "orbits: more than 0, at most 100000 expected, got 0"),
         ("0 free_drift orbits=2", "angle_deg, orbits: mode 'free_drift' takes none"),
         ("0 reconfigure pco", "formation and duration expected"),
         ("0 reconfigure pco duration=nan", "duration: a number expected"),

@@ -86,7 +86,7 @@ def test_even_walls_are_ambiguous():
         LocatedCrossing(c.time, c.spacecraft, True, c.longitude, c.latitude, c.altitude, c.sigma)
         for c in crossings
     ]
-    # Of one end wall each, so that a shift by one wall explains the rest as well.
+    # Each pass lacks one end wall, so that a shift by one wall explains the rest as well.
     first_pass = [c for c in one_kind if c.time < 4000.0]
     second_pass = [c for c in one_kind if c.time >= 4000.0]
     shifted = first_pass[2:] + second_pass[:-2]

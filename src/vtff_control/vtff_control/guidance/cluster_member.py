@@ -120,7 +120,7 @@ class ClusterMember:
         axis_change = (
             (2.0 / 3.0) * float(mean[0]) * (self._station_period * mean_motion / math.tau - 1)
         )
-        # Of an orbit that is nearly a circle: dv = n da / 2.
+        # On an orbit that is nearly a circle dv = n da / 2.
         along = 0.5 * mean_motion * axis_change
         radial = 0.0
         if not self._is_coasting:
@@ -136,7 +136,7 @@ def _clear_radial_speed(height: float, mean_motion: float, neighbours: list[Floa
     Parameters
     ----------
     height
-        Of the chaser above the station, m; it has no velocity relative to the neighbours.
+        Height of the chaser above the station, m; it has no velocity relative to the neighbours.
     mean_motion
         rad/s.
     neighbours

@@ -170,7 +170,7 @@ class FormationGuidance:
     def reset(self) -> None:
         """Begin anew: keep the formation of the parameters, or hold where there is none."""
         self._first: int | None = None
-        # Of requests that brought their own designs.
+        # Formations of requests that brought their own designs.
         self._asked_formations: dict[str, Mapping[str, FloatArray]] = {}
         self._updated = -math.inf
         self._estimators = {name: ElementsEstimator() for name in self._names}

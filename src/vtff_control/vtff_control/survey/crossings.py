@@ -28,7 +28,7 @@ class RayEdge:
     Attributes
     ----------
     time, time_sigma
-        Of the crossing, s.
+        Time of the crossing and its sigma, s.
     spacecraft
         Name of the spacecraft whose ray it is.
     ray

@@ -27,8 +27,8 @@ class SurveyGoal:
     kind
         One of `GOAL_KINDS`.
     altitude_difference
-        Of the spacecraft at a crossing, m: at least that for edges and walls, the largest of a
-        profile.
+        Difference of the altitudes of the spacecraft at a crossing, m: the least for edges and
+        walls, the largest for a profile.
 
     Raises
     ------

@@ -93,7 +93,7 @@ def fly_ground_track(
     horizon
         How far ahead, s.
     step
-        Of the integration, s.
+        Step of the integration, s.
     """
     elapsed = np.arange(0.0, horizon + step, step)
     states = free_flight(np.array(list(states_gcrf.values()), dtype=float), elapsed)

@@ -156,7 +156,7 @@ def _samples(
         return np.array([len(set(row)) for row in level.tolist()], dtype=float)
     # A tenth of the difference is kept for what the orbit does until then.
     sampled = (np.abs(radial) >= 1.1 * asked).astype(float)
-    # Of equal numbers the one with the larger margin, without counting as a sample.
+    # The larger margin decides between equal numbers, without counting as a sample.
     margin = 0.01 * np.minimum(np.abs(radial) / asked, 2.0)
     if goal.kind == "both_walls":
         sampled = _neighbours(crossings, sampled)
@@ -241,7 +241,7 @@ class Transfer:
     orbits
         Its duration, orbits.
     velocity_change
-        Of the farthest deputy by impulses, m/s, sum of all axes.
+        Velocity change of the farthest deputy by impulses, m/s, sum of all axes.
     """
 
     ellipse: RelativeEllipse

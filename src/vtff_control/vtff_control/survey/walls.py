@@ -39,7 +39,7 @@ class LocatedCrossing:
     altitude
         m above the ellipsoid.
     sigma
-        Of the place along the equator, m.
+        Sigma of the place along the equator, m.
     """
 
     time: float
@@ -100,7 +100,8 @@ class Wall:
     longitude, drift
         Longitude (rad) at the reference time and speed eastward (m/s).
     covariance
-        Of the place along the equator (m) and the speed (m/s) at the reference time, shape (2, 2).
+        Covariance of the place along the equator (m) and the speed (m/s) at the reference time,
+        shape (2, 2).
     time
         Reference time, s.
     radius

@@ -43,7 +43,7 @@ class RayEdgeEmulationSettings:
     lowest_elevation_deg
         deg.
     time_sigma
-        Of the time of an edge, s.
+        Sigma of the time of an edge, s.
     detection
         Probability that an edge of a ray is told.
     confirmation
@@ -67,7 +67,7 @@ class EmulatedRayEdge:
     Attributes
     ----------
     time
-        Of the edge, whole s after the start.
+        Time of the edge, whole s after the start.
     ray
         Number of the ray.
     spacecraft
@@ -75,7 +75,7 @@ class EmulatedRayEdge:
     is_entry
         Whether the ray enters the region.
     position_itrf
-        Of the spacecraft then, m, shape (3,).
+        Position of the spacecraft then, m, shape (3,).
     """
 
     time: float
@@ -113,7 +113,7 @@ class RayEdgeEmulation:
     Attributes
     ----------
     azimuths, elevations
-        Of the rays, rad, shape (n,).
+        Directions of the rays, rad, shape (n,).
     """
 
     def __init__(
