@@ -63,13 +63,3 @@ def test_another_controller_gives_other_messages(runs, make_run):
     )
     assert len(first) == len(second) == 60
     assert first != second
-
-
-def test_the_ionosphere_is_equal_byte_for_byte(runs):
-    """With receivers in the loop, down to densities and contents."""
-    short = "esf.yaml", "--duration", 12, "--composed", "--no-report"
-    first, second = (runs.make(name, *short)[0] for name in ("esf_short", "esf_short_again"))
-    names = {name for name in topics(first) if "iono/" in name or name.startswith("/deputy/")}
-    assert {"/chief/iono/slant_tec", "/deputy/iono/electron_density"} <= names <= topics(second)
-    assert_equal_messages(first, second, names)
-    assert BagReader(first).topics["/deputy/iono/electron_density"].message_count >= 9

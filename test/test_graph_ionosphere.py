@@ -9,7 +9,7 @@ import math
 import numpy as np
 import pytest
 from formation_recording import formation_seconds
-from graph_support import ROOT
+from graph_support import ROOT, assert_equal_messages, topics
 
 from vtff_analysis.tec.processing import process
 from vtff_analysis.tec.sources import from_bag
@@ -113,9 +113,12 @@ def vertical_boundaries(run):
 # ---- a short run -----------------------------------------------------------------------------
 
 
+SHORT = "esf.yaml", "--duration", 12, "--composed", "--no-report"
+
+
 @pytest.fixture(scope="module")
 def short(runs):
-    return runs.make("esf_short", "esf.yaml", "--duration", 12, "--composed", "--no-report")[0]
+    return runs.make("esf_short", *SHORT)[0]
 
 
 def test_online_and_offline_give_the_same_bytes(short):
@@ -140,6 +143,15 @@ def test_online_and_offline_give_the_same_bytes(short):
         assert len(online) >= 10
         pairs = itertools.zip_longest(online, offline[name])
         assert all(field_bytes(one) == field_bytes(other) for one, other in pairs)
+
+
+def test_two_runs_are_equal_byte_for_byte(short, runs):
+    """With receivers in the loop, down to densities and contents."""
+    again = runs.make("esf_short_again", *SHORT)[0]
+    names = {name for name in topics(short) if "iono/" in name or name.startswith("/deputy/")}
+    assert {"/chief/iono/slant_tec", "/deputy/iono/electron_density"} <= names <= topics(again)
+    assert_equal_messages(short, again, names)
+    assert BagReader(short).topics["/deputy/iono/electron_density"].message_count >= 9
 
 
 def field_bytes(message):
