@@ -19,6 +19,7 @@ LARGEST_SHARE_OF_A_PACKAGE = 0.2
 #: what nodes share (feeds, publishers and conversions between messages and the algorithms' values).
 ALGORITHM_PACKAGES = ("vtff_control", "vtff_iono", "vtff_nav", "vtff_sim_bridge")
 ROS_BY_NATURE = {
+    "vtff_control.guidance_conversions",
     "vtff_iono.conversions",
     "vtff_nav.receiver.driver_parameters",
     "vtff_nav.receiver.event_publisher",

@@ -110,23 +110,21 @@ class BagRecorderNode(VtffNode):
             self._ask_for_end,
         )
         self._alive_next = 0.0
-        self._has_acknowledged = False
+        self._was_stable = False
         self.create_timer(SEARCH_INTERVAL, self._tick, clock=self.steady_clock)
 
     def _tick(self) -> None:
         self._recorder.tick()
         now = time.monotonic()
-        if now >= self._alive_next:
+        # Told at once: the flight begins with it, and `vtff run` has something to lose from then.
+        if now >= self._alive_next or self._recorder.stable != self._was_stable:
             self._alive_next = now + ALIVE_INTERVAL
-            self.report_alive(self._has_acknowledged or self._recorder.stable)
+            self._was_stable = self._recorder.stable
+            self.report_alive(self._recorder.stable)
 
     def _acknowledge(self, stamp_nanoseconds: int) -> None:
         # What is acknowledged is in the file, also if this process is killed at once.
         self._recorder.flush()
-        if not self._has_acknowledged:
-            # The flight begins with it: from now on `vtff run` has something to lose.
-            self._has_acknowledged = True
-            self.report_alive(True)
         self.acknowledge_step(to_stamp(stamp_nanoseconds), time.perf_counter())
 
     def _end_recording(self, error: BagWriteError) -> None:

@@ -20,7 +20,6 @@ from rclpy.task import Future
 from vtff_control.guidance.formation_guidance import Reconfiguration
 from vtff_control.guidance.formations import read_formations
 from vtff_control.guidance.interface import (
-    FormationState,
     Guidance,
     GuidanceResult,
     GuidanceSetting,
@@ -35,6 +34,8 @@ from vtff_control.guidance.requests import (
     RequestError,
     read_timeline,
 )
+from vtff_control.guidance_conversions import MODE_NUMBERS, formation_state
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.action import Reconfigure
 from vtff_msgs.msg import FormationGuidance, RelativeState
@@ -49,20 +50,11 @@ from vtff_node.plugins.groups import GUIDANCES
 from vtff_node.plugins.loading import PluginError, plugin_names
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
-_MODES = {
-    "hold": FormationGuidance.MODE_HOLD,
-    "keep": FormationGuidance.MODE_KEEP,
-    "reconfigure": FormationGuidance.MODE_RECONFIGURE,
-    "phase": FormationGuidance.MODE_PHASE,
-    "free_drift": FormationGuidance.MODE_FREE_DRIFT,
-    "abort": FormationGuidance.MODE_ABORT,
-}
 _OBJECTIVES = {
     Reconfigure.Goal.OBJECTIVE_NORMS: "norms",
     Reconfigure.Goal.OBJECTIVE_AXES: "axes",
     Reconfigure.Goal.OBJECTIVE_ENERGY: "energy",
 }
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -145,7 +137,7 @@ class FormationGuidanceNode(VtffNode):
         self.plugin.sample_time = given.sample_time
         self._planner = dataclasses.replace(self.plugin, call_limit=given.planning_limit)
         self._guidance: Guidance = self.plugin.make(self._setting, self.plugin_parameters)
-        self._timeline = self._read_timeline([line for line in given.timeline if line.strip()])
+        self._timeline = self._read_timeline(given.timeline)
         self._entries = list(self._timeline)
         self._first: int | None = None
         self._newest = 0
@@ -223,7 +215,7 @@ class FormationGuidanceNode(VtffNode):
         """Ask for what the timeline has by now."""
         if self._first is None:
             self._first = stamp
-        elapsed = (stamp - self._first) / _NANOSECONDS
+        elapsed = (stamp - self._first) / NANOSECONDS_PER_SECOND
         while self._entries and self._entries[0].time <= elapsed + 1e-6:
             entry = self._entries.pop(0)
             try:
@@ -353,7 +345,7 @@ class FormationGuidanceNode(VtffNode):
         stamp = epoch.stamp_nanoseconds
         problem = ""
         result: GuidanceResult | None = None
-        state, self._reason = self._formation_state(epoch)
+        state, self._reason = formation_state(epoch, self._setting.deputies)
         try:
             if state is not None:
                 result = self.plugin.call(
@@ -378,27 +370,6 @@ class FormationGuidanceNode(VtffNode):
             return
         self.acknowledge_step(to_stamp(stamp), started)
 
-    def _formation_state(self, epoch: JoinedEpoch) -> tuple[FormationState | None, str]:
-        """Return the state of the formation, or why there is none."""
-        relative: dict[str, FloatArray] = {}
-        covariances: dict[str, FloatArray] = {}
-        chief = np.full(6, np.nan)
-        for name in self._setting.deputies:
-            message = epoch.measured.get(name)
-            if message is None:
-                return None, f"no state of {name}"
-            if message.solution == RelativeState.SOLUTION_NONE:
-                return None, f"navigation of {name} has no solution"
-            relative[name] = np.concatenate((message.position, message.velocity))
-            if message.solution != RelativeState.SOLUTION_TRUTH:
-                covariances[name] = np.array(message.covariance).reshape(6, 6)
-            if name == self._setting.deputies[0]:
-                chief = np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf))
-        arrays = (chief, *relative.values(), *covariances.values())
-        if not all(np.isfinite(values).all() for values in arrays):
-            return None, "a state is not finite"
-        return FormationState(epoch.stamp_nanoseconds, chief, relative, covariances), ""
-
     def _publish(self, epoch: JoinedEpoch, result: GuidanceResult | None) -> None:
         """Publish a result; without one there is no thrust and targets are those of before."""
         stamp = to_stamp(epoch.stamp_nanoseconds)
@@ -406,7 +377,7 @@ class FormationGuidanceNode(VtffNode):
         shown = result or self._result
         targets = dict(shown.targets) if shown is not None else {}
         report = FormationGuidance(
-            mode=_MODES.get(shown.mode, FormationGuidance.MODE_PLUGIN) if shown else 0,
+            mode=MODE_NUMBERS.get(shown.mode, FormationGuidance.MODE_PLUGIN) if shown else 0,
             formation=shown.formation if shown else "",
             reason=self._reason or (shown.reason if shown else ""),
             time_left=shown.time_left if shown else math.inf,

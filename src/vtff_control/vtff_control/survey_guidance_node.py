@@ -10,13 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from rclpy.action import ActionClient, ActionServer, CancelResponse, GoalResponse
 from rclpy.task import Future
 
-from vtff_control.guidance.interface import FormationState
-from vtff_control.guidance.requests import ModeRequest, ReconfigurationRequest
-from vtff_control.survey.goals import GoalError, SurveyGoal, TimedGoal, read_goals
+from vtff_control.guidance.requests import ModeRequest, ReconfigurationRequest, RequestError
+from vtff_control.guidance_conversions import MODE_NAMES, formation_state
+from vtff_control.survey.goals import SurveyGoal, TimedGoal, read_goals
 from vtff_control.survey.prediction import PredictedCrossing
 from vtff_control.survey.survey_guidance import SurveyGuidance, SurveyParameters
 from vtff_msgs.action import Reconfigure, Survey
@@ -35,17 +34,7 @@ from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
-_NANOSECONDS = 1_000_000_000
 _GUIDANCE = "/formation/guidance"
-_MODES = {
-    FormationGuidance.MODE_HOLD: "hold",
-    FormationGuidance.MODE_KEEP: "keep",
-    FormationGuidance.MODE_RECONFIGURE: "reconfigure",
-    FormationGuidance.MODE_PHASE: "phase",
-    FormationGuidance.MODE_FREE_DRIFT: "free_drift",
-    FormationGuidance.MODE_ABORT: "abort",
-    FormationGuidance.MODE_PLUGIN: "plugin",
-}
 
 
 @dataclass(frozen=True)
@@ -99,8 +88,8 @@ class SurveyGuidanceNode(VtffNode):
             SurveyParameters(**{name: getattr(given, name) for name in names}),
         )
         try:
-            self._timeline = read_goals([line for line in given.timeline if line.strip()])
-        except GoalError as error:
+            self._timeline = read_goals(given.timeline)
+        except RequestError as error:
             raise ParameterError(f"parameter 'timeline': {error}") from error
         self._entries: list[TimedGoal] = list(self._timeline)
         self._running: _RunningGoal | None = None
@@ -151,7 +140,7 @@ class SurveyGuidanceNode(VtffNode):
         asked = goal_handle.request
         try:
             goal = SurveyGoal(asked.kind, asked.altitude_difference)
-        except GoalError as error:
+        except RequestError as error:
             goal_handle.abort()
             return Survey.Result(message=str(error))
         self._end_goal("replaced by another goal")
@@ -237,10 +226,11 @@ class SurveyGuidanceNode(VtffNode):
         started = time.perf_counter()
         stamp = epoch.stamp_nanoseconds
         guidance = epoch.measured.get(_GUIDANCE)
-        mode = _MODES.get(guidance.mode, "") if guidance is not None else ""
+        mode = MODE_NAMES.get(guidance.mode, "") if guidance is not None else ""
         since_first = self._survey.seconds(stamp)
         self._take_due_goals(0.0 if math.isnan(since_first) else since_first)
-        result = self._survey.step(stamp, self._formation_state(epoch), mode)
+        state, _ = formation_state(epoch, tuple(self.parameters.deputies))
+        result = self._survey.step(stamp, state, mode)
 
         def end() -> None:
             self._publish(stamp)
@@ -262,21 +252,6 @@ class SurveyGuidanceNode(VtffNode):
         else:
             assert isinstance(result.request, ReconfigurationRequest)
             self._ask_reconfiguration(result.request, end_and_go_on)
-
-    def _formation_state(self, epoch: JoinedEpoch) -> FormationState | None:
-        relative, covariances = {}, {}
-        chief = np.full(6, np.nan)
-        for name in self.parameters.deputies:
-            message = epoch.measured.get(name)
-            if message is None or message.solution == RelativeState.SOLUTION_NONE:
-                return None
-            relative[name] = np.concatenate((message.position, message.velocity))
-            if message.solution != RelativeState.SOLUTION_TRUTH:
-                covariances[name] = np.array(message.covariance).reshape(6, 6)
-            chief = np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf))
-        if not all(np.isfinite(values).all() for values in (chief, *relative.values())):
-            return None
-        return FormationState(epoch.stamp_nanoseconds, chief, relative, covariances)
 
     def _ask_mode(self, request: ModeRequest, end: Callable[[], None]) -> None:
         def answered(future: Any) -> None:

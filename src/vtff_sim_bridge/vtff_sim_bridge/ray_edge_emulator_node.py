@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.local_time import mean_solar_local_time_hours
 from vtff_dynamics.time.timescales import GpsTime
@@ -27,8 +28,6 @@ from vtff_sim_bridge.atmosphere.ray_edge_emulation import (
     RayEdgeEmulationSettings,
 )
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
-
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -118,7 +117,7 @@ class RayEdgeEmulatorNode(VtffNode):
             for name, message in epoch.measured.items()
         }
         if len(states) == len(self._names):
-            seconds = (stamp - self._start) / _NANOSECONDS
+            seconds = (stamp - self._start) / NANOSECONDS_PER_SECOND
             edges, windows = self._emulation.advance(seconds, states)
             for edge in edges:
                 self._publish_edge(edge)
@@ -127,7 +126,7 @@ class RayEdgeEmulatorNode(VtffNode):
         self.acknowledge_step(to_stamp(stamp), started)
 
     def _publish_edge(self, edge: EmulatedRayEdge) -> None:
-        stamp = self._start + round(edge.time * _NANOSECONDS)
+        stamp = self._start + round(edge.time * NANOSECONDS_PER_SECOND)
         latitude, longitude, altitude = geodetic_from_itrf(edge.position_itrf).tolist()
         message = IrregularityBoundary(
             kind=IrregularityBoundary.KIND_HORIZONTAL,
@@ -173,7 +172,7 @@ class RayEdgeEmulatorNode(VtffNode):
             azimuth=_column(self._emulation.azimuths),
             samples=np.zeros(count, dtype=np.uint32),
         )
-        message.header.stamp = to_stamp(self._start + round(window.time * _NANOSECONDS))
+        message.header.stamp = to_stamp(self._start + round(window.time * NANOSECONDS_PER_SECOND))
         message.header.frame_id = f"{window.spacecraft}/gnss_antenna"
         self._window_publishers[window.spacecraft].publish(message)
         self._told["windows"] += 1

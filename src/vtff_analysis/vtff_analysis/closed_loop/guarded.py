@@ -77,7 +77,7 @@ class SpacecraftFault:
 
 @dataclass(frozen=True)
 class ChiefFlight:
-    """A chief that thrusts: it flies to an orbit beside its own, and keeps its place on that.
+    """A chief that thrusts: it flies to an orbit beside its own, and keeps its place on that orbit.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ class ChiefFlight:
     navigation
         Errors of its absolute navigation.
     fault
-        What fails on it.
+        Failures of the chief.
     """
 
     offset: tuple[float, float, float]

@@ -10,6 +10,7 @@ import numpy as np
 
 from vtff_analysis.survey.recording import SurveyCrossing, SurveyHistory
 from vtff_bag.run.description import RunDescription
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 
@@ -18,7 +19,6 @@ __all__ = ["edge_differences", "simulated_regions", "summarise_survey", "survey_
 _GNSS_ARGUMENT = "gnss"
 
 _SAME_EDGE = 30.0  # s in which the spacecraft of a formation cross the same edge
-_NANOSECONDS = 1_000_000_000
 
 
 def edge_differences(history: SurveyHistory) -> list[float]:
@@ -29,7 +29,7 @@ def edge_differences(history: SurveyHistory) -> list[float]:
         if (
             last is not None
             and crossing.is_entry == last.is_entry
-            and crossing.time - last.time <= _SAME_EDGE * _NANOSECONDS
+            and crossing.time - last.time <= _SAME_EDGE * NANOSECONDS_PER_SECOND
         ):
             groups[-1].append(crossing)
         else:
@@ -69,9 +69,10 @@ def survey_sentences(history: SurveyHistory | None, start_time: int) -> list[str
     if history is None or not history.decisions:
         return []
     last = history.decisions[-1]
+    seconds = [(plan.time - start_time) / NANOSECONDS_PER_SECOND for plan in history.plans]
     lines = [
-        f"survey_guidance at {(plan.time - start_time) / _NANOSECONDS:.0f} s: {plan.reason}"
-        for plan in history.plans
+        f"survey_guidance at {second:.0f} s: {plan.reason}"
+        for second, plan in zip(seconds, history.plans, strict=True)
     ]
     drift = ""
     if math.isfinite(last.drift) and max(history.wall_passes, default=0) > 1:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Any
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_node.stamps import to_nanoseconds
 
 __all__ = ["SURVEY_TOPIC", "SurveyCollector", "SurveyCrossing", "SurveyDecision", "SurveyHistory"]
 
 SURVEY_TOPIC = "/formation/survey"
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -141,7 +141,7 @@ class SurveyCollector:
         )
         history.crossings = sorted(
             (
-                SurveyCrossing(time - round(before * _NANOSECONDS), *values)
+                SurveyCrossing(time - round(before * NANOSECONDS_PER_SECOND), *values)
                 for before, *values in columns
             ),
             key=lambda crossing: crossing.time,

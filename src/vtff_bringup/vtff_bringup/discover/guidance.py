@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
 import time
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
 
-from vtff_bringup.discover.running_graph import domain_text, running_graph
+from vtff_bringup.discover.running_graph import running_graph
+from vtff_bringup.discover.waiting import GraphWaiter
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
-
-if TYPE_CHECKING:
-    from vtff_node.process.stop_signals import StopRequest
 
 app = typer.Typer(
     help="Modes of formation_guidance in a running graph in ROS_DOMAIN_ID (0 if it is not set).",
     no_args_is_help=True,
 )
 
-WAIT = 10.0  # s of wall time for the node
 ANSWER_WAIT = 90.0  # s of wall time for an answer: a plan is made before it
 SHOW_INTERVAL = 1.0  # s of wall time between lines of a reconfiguration under way
+NODE = "formation_guidance"
 MODE_SERVICE = "/formation/guidance/mode"
 RECONFIGURE_ACTION = "/formation/guidance/reconfigure"
 
@@ -41,12 +38,13 @@ def set_mode(
         from vtff_msgs.srv import SetGuidanceMode
 
         client = node.create_client(SetGuidanceMode, MODE_SERVICE)
-        wait_until(console, executor, stop, client.service_is_ready, WAIT)
+        waiter = GraphWaiter(console, node, executor, stop, NODE)
+        waiter.wait_until(client.service_is_ready)
         request = SetGuidanceMode.Request(
             mode=mode, formation=formation, angle_deg=angle_deg, orbits=orbits
         )
         future = client.call_async(request)
-        wait_until(console, executor, stop, future.done, ANSWER_WAIT)
+        waiter.wait_until(future.done, ANSWER_WAIT)
         answer = future.result()
     if not answer.success:
         raise exit_with_error(console, answer.message, EXIT_FAILURE)
@@ -79,12 +77,8 @@ def reconfigure(
         text = f"objective: one of {', '.join(objectives)} expected, got '{objective}'"
         raise exit_with_error(console, text, EXIT_USAGE)
     with running_graph() as (node, executor, stop):
-        from rclpy.action import ActionClient
-
         from vtff_msgs.action import Reconfigure
 
-        client = ActionClient(node, Reconfigure, RECONFIGURE_ACTION)
-        wait_until(console, executor, stop, client.server_is_ready, WAIT)
         goal = Reconfigure.Goal(
             formation=formation,
             duration=duration,
@@ -95,24 +89,10 @@ def reconfigure(
             passive_safety_orbits=passive_safety_orbits,
             preempt=preempt,
         )
-        show = _Feedback(console)
-        sent = client.send_goal_async(goal, feedback_callback=show.take)
-        wait_until(console, executor, stop, sent.done, WAIT)
-        handle = sent.result()
-        future = handle.get_result_async()
-        cancelled = False
-        with contextlib.suppress(KeyboardInterrupt):
-            while not future.done():
-                executor.spin_once(timeout_sec=0.1)
-                if stop.requested and not cancelled:
-                    cancelled = True
-                    handle.cancel_goal_async()
-                    deadline = time.monotonic() + WAIT
-                if cancelled and time.monotonic() > deadline:
-                    break
-        result = future.result().result if future.done() else None
-    if result is None:
-        raise exit_with_error(console, "no answer to the cancellation", EXIT_FAILURE)
+        waiter = GraphWaiter(console, node, executor, stop, NODE)
+        result, cancelled = waiter.follow_goal(
+            Reconfigure, RECONFIGURE_ACTION, goal, _Feedback(console).take
+        )
     if not result.success:
         code = EXIT_INTERRUPTED if cancelled else EXIT_FAILURE
         raise exit_with_error(console, result.message, code)
@@ -140,22 +120,3 @@ class _Feedback:
             f"closest approach {feedback.closest_approach:.2f} m planned",
             markup=False,
         )
-
-
-def wait_until(
-    console: Console,
-    executor: Any,
-    stop: StopRequest,
-    is_done: Any,
-    patience: float,
-    node: str = "formation_guidance",
-) -> None:
-    """Spin until something is done; end the command on a signal or when the patience is over."""
-    deadline = time.monotonic() + patience
-    while not is_done():
-        if stop.requested:
-            raise typer.Exit(EXIT_INTERRUPTED)
-        if time.monotonic() > deadline:
-            text = f"no answer of {node} in {domain_text()} within {patience:g} s"
-            raise exit_with_error(console, text, EXIT_FAILURE)
-        executor.spin_once(timeout_sec=0.1)

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from vtff_control.survey.goals import GoalError, SurveyGoal, read_goals
+from vtff_control.guidance.requests import RequestError
+from vtff_control.survey.goals import SurveyGoal, read_goals
 from vtff_control.survey.prediction import PredictedCrossing
 from vtff_control.survey.relative_orbits import (
     EllipseLimits,
@@ -126,7 +127,7 @@ def test_transfer_costs_no_less_than_the_bound_and_less_than_twice_it():
     ],
 )
 def test_timeline_that_cannot_be_read(line, reason):
-    with pytest.raises(GoalError, match=reason):
+    with pytest.raises(RequestError, match=reason):
         read_goals([line])
 
 

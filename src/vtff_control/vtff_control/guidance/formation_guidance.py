@@ -20,6 +20,7 @@ from vtff_control.guidance.interface import (
     GuidanceResult,
     GuidanceSetting,
     SpacecraftTarget,
+    describe_field,
 )
 from vtff_control.guidance.keeping import FormationKeeper
 from vtff_control.guidance.phasing import InfeasiblePhasingError, Phasing, phase
@@ -55,12 +56,6 @@ from vtff_dynamics.vectors import FloatArray
 __all__ = ["FormationGuidance", "FormationGuidanceParameters", "Reconfiguration"]
 
 
-def _parameter(default: float, description: str, unit: str, minimum: float) -> float:
-    metadata = {"description": description, "unit": unit, "minimum": minimum}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
 @dataclass(frozen=True)
 class FormationGuidanceParameters:
     """Parameters of `FormationGuidance`."""
@@ -68,29 +63,29 @@ class FormationGuidanceParameters:
     formation: str = field(
         default="", metadata={"description": "formation in which the flight begins; empty: none"}
     )
-    closest_approach: float = _parameter(
+    closest_approach: float = describe_field(
         10.0, "smallest distance of any pair in a reconfiguration", "m", 0.0
     )
-    tracking_margin: float = _parameter(
+    tracking_margin: float = describe_field(
         0.2, "added to it in plans, for deviations from them", "m", 0.0
     )
-    plan_share: float = _parameter(
+    plan_share: float = describe_field(
         0.95, "share of the largest thrust that plans use; the rest corrects deviations", "", 0.01
     )
-    plan_step: float = _parameter(
+    plan_step: float = describe_field(
         60.0, "length for which the thrust of a plan is constant", "s", 1.0
     )
     largest_steps: int = field(
         default=240,
         metadata={"description": "most steps of a plan; more are refused", "minimum": 1},
     )
-    lead_time: float = _parameter(
+    lead_time: float = describe_field(
         60.0, "time between a request and the start of its plan", "s", 0.0
     )
-    tracking_bandwidth: float = _parameter(
+    tracking_bandwidth: float = describe_field(
         5e-3, "natural frequency of the return to a plan", "rad/s", 1e-6
     )
-    update_interval: float = _parameter(
+    update_interval: float = describe_field(
         60.0, "time between states that the filters of relative elements take", "s", 1.0
     )
 

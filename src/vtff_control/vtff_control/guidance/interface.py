@@ -24,6 +24,7 @@ __all__ = [
     "GuidanceSetting",
     "SpacecraftTarget",
     "check_guidance_result",
+    "describe_field",
 ]
 
 PLUGIN_MODE = "plugin"
@@ -185,3 +186,20 @@ def check_guidance_result(result: object, spacecraft: tuple[str, ...]) -> None:
                 )
             if not np.isfinite(values).all():
                 raise ValueError(f"{what} of {name}: not finite, {values.tolist()}")
+
+
+def describe_field(default: float, description: str, unit: str = "", minimum: float = 0.0) -> float:
+    """Return the dataclass field of a number, which a node can take for its own parameter.
+
+    Parameters
+    ----------
+    default
+        Value where nothing is given.
+    description, unit
+        What ``vtff node NODE --help`` prints.
+    minimum
+        Smallest value that a node takes.
+    """
+    metadata = {"description": description, "unit": unit, "minimum": minimum}
+    value: float = field(default=default, metadata=metadata)
+    return value

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
@@ -19,8 +20,13 @@ __all__ = [
     "Request",
     "RequestError",
     "TimelineEntry",
+    "read_number",
+    "read_setting",
+    "read_timed_lines",
     "read_timeline",
 ]
+
+T = TypeVar("T")
 
 MODES = ("hold", "keep", "reconfigure", "phase", "free_drift", "abort")
 
@@ -177,55 +183,65 @@ def read_timeline(lines: Sequence[str]) -> list[TimelineEntry]:
     RequestError
         If a line has another form; the text names the line.
     """
+    timed = read_timed_lines(lines, _read_request, "time and mode expected, such as '120 keep pco'")
+    return [TimelineEntry(time, request) for time, request in timed]
+
+
+def read_timed_lines(
+    lines: Sequence[str], read_words: Callable[[list[str]], T], expected: str
+) -> list[tuple[float, T]]:
+    """Return what the lines of a timeline ask for, in the order of their times.
+
+    Parameters
+    ----------
+    lines
+        One entry each: time in s and at least one word more. Empty lines count for nothing.
+    read_words
+        Makes the entry of the words after the time, or raises RequestError.
+    expected
+        Text for a line without two words.
+
+    Returns
+    -------
+    list of tuple
+        Time in s and entry.
+
+    Raises
+    ------
+    RequestError
+        If a line has another form; the text names the line.
+    """
     entries = []
-    for line in lines:
+    for line in filter(str.strip, lines):
+        words = line.split()
         try:
-            entries.append(_read_line(line))
+            if len(words) < 2:
+                raise RequestError(expected)
+            time = read_number("time", words[0])
+            if time < 0.0:
+                raise RequestError(f"time: 0 s or more expected, got {words[0]}")
+            entries.append((time, read_words(words[1:])))
         except RequestError as error:
             raise RequestError(f"timeline, '{line}': {error}") from error
-    return sorted(entries, key=lambda entry: entry.time)
+    return sorted(entries, key=lambda entry: entry[0])
 
 
-def _read_line(line: str) -> TimelineEntry:
-    words = line.split()
-    if len(words) < 2:
-        raise RequestError("time and mode expected, such as '120 keep pco'")
-    time = _number("time", words[0])
-    if time < 0.0:
-        raise RequestError(f"time: 0 s or more expected, got {words[0]}")
-    mode, settings = words[1], words[2:]
-    if mode not in MODES:
-        raise RequestError(f"mode: one of {', '.join(MODES)} expected, got '{mode}'")
-    kind = ReconfigurationRequest if mode == "reconfigure" else ModeRequest
-    values: dict[str, object] = {} if mode == "reconfigure" else {"mode": mode}
-    if settings and "=" not in settings[0]:
-        values["formation"] = settings.pop(0)
-    fields = {
-        field.name: str(field.type) for field in dataclasses.fields(kind) if field.name != "designs"
-    }
-    for setting in settings:
-        name, equals, text = setting.partition("=")
-        if not equals or name not in fields or name == "mode":
-            raise RequestError(f"'{setting}': name=value expected, of {', '.join(fields)}")
-        values[name] = _value(name, fields[name], text)
-    try:
-        return TimelineEntry(time, kind(**values))  # type: ignore[arg-type]
-    except TypeError as error:
-        required = "formation and duration" if mode == "reconfigure" else "mode"
-        raise RequestError(f"{required} expected") from error
+def read_setting(text: str, names: Iterable[str]) -> tuple[str, str]:
+    """Return name and value of ``name=value``.
+
+    Raises
+    ------
+    RequestError
+        If the text has another form or the name is none of the names.
+    """
+    name, equals, value = text.partition("=")
+    if not equals or name not in names:
+        raise RequestError(f"'{text}': name=value expected, of {', '.join(names)}")
+    return name, value
 
 
-def _value(name: str, kind: str, text: str) -> object:
-    if kind == "float":
-        return _number(name, text)
-    if kind == "bool":
-        if text not in ("true", "false"):
-            raise RequestError(f"{name}: true or false expected, got '{text}'")
-        return text == "true"
-    return text
-
-
-def _number(name: str, text: str) -> float:
+def read_number(name: str, text: str) -> float:
+    """Return the finite number that a text is; raises RequestError with the name."""
     try:
         value = float(text)
     except ValueError:
@@ -233,3 +249,36 @@ def _number(name: str, text: str) -> float:
     if not math.isfinite(value):
         raise RequestError(f"{name}: a number expected, got '{text}'")
     return value
+
+
+def _read_request(words: list[str]) -> Request:
+    mode, settings = words[0], words[1:]
+    if mode not in MODES:
+        raise RequestError(f"mode: one of {', '.join(MODES)} expected, got '{mode}'")
+    kind = ReconfigurationRequest if mode == "reconfigure" else ModeRequest
+    values: dict[str, object] = {} if mode == "reconfigure" else {"mode": mode}
+    if settings and "=" not in settings[0]:
+        values["formation"] = settings.pop(0)
+    fields = {
+        field.name: str(field.type)
+        for field in dataclasses.fields(kind)
+        if field.name not in ("designs", "mode")
+    }
+    for setting in settings:
+        name, text = read_setting(setting, fields)
+        values[name] = _value(name, fields[name], text)
+    try:
+        return kind(**values)  # type: ignore[arg-type]
+    except TypeError as error:
+        required = "formation and duration" if mode == "reconfigure" else "mode"
+        raise RequestError(f"{required} expected") from error
+
+
+def _value(name: str, kind: str, text: str) -> object:
+    if kind == "float":
+        return read_number(name, text)
+    if kind == "bool":
+        if text not in ("true", "false"):
+            raise RequestError(f"{name}: true or false expected, got '{text}'")
+        return text == "true"
+    return text

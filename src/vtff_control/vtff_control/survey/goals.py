@@ -7,15 +7,18 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["GOAL_KINDS", "GoalError", "SurveyGoal", "TimedGoal", "read_goals"]
+from vtff_control.guidance.requests import (
+    RequestError,
+    read_number,
+    read_setting,
+    read_timed_lines,
+)
+
+__all__ = ["GOAL_KINDS", "SurveyGoal", "TimedGoal", "read_goals"]
 
 GOAL_KINDS = ("edge_altitudes", "both_walls", "profile", "default")
 """An edge at two altitudes; both walls of a bubble at two altitudes in one pass; the profile of a
 region by many altitude differences; the default ellipse, which ends a survey."""
-
-
-class GoalError(ValueError):
-    """A goal cannot be taken; one line that says why."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +35,7 @@ class SurveyGoal:
 
     Raises
     ------
-    GoalError
+    RequestError
         If a value is impossible.
     """
 
@@ -42,9 +45,9 @@ class SurveyGoal:
     def __post_init__(self) -> None:
         """Check the values."""
         if self.kind not in GOAL_KINDS:
-            raise GoalError(f"kind: one of {', '.join(GOAL_KINDS)} expected, got '{self.kind}'")
+            raise RequestError(f"kind: one of {', '.join(GOAL_KINDS)} expected, got '{self.kind}'")
         if not (math.isfinite(self.altitude_difference) and self.altitude_difference > 0.0):
-            raise GoalError(
+            raise RequestError(
                 f"altitude_difference: more than 0 m expected, got {self.altitude_difference:g}"
             )
 
@@ -76,40 +79,14 @@ def read_goals(lines: Sequence[str]) -> list[TimedGoal]:
 
     Raises
     ------
-    GoalError
+    RequestError
         If a line has another form; the text names the line.
     """
-    goals = []
-    for line in lines:
-        try:
-            goals.append(_read_line(line))
-        except GoalError as error:
-            raise GoalError(f"timeline, '{line}': {error}") from error
-    return sorted(goals, key=lambda timed: timed.time)
+    expected = "time and kind expected, such as '0 edge_altitudes'"
+    return [TimedGoal(time, goal) for time, goal in read_timed_lines(lines, _read_goal, expected)]
 
 
-def _read_line(line: str) -> TimedGoal:
-    words = line.split()
-    if len(words) < 2:
-        raise GoalError("time and kind expected, such as '0 edge_altitudes'")
-    time = _number("time", words[0])
-    if time < 0.0:
-        raise GoalError(f"time: 0 s or more expected, got {words[0]}")
+def _read_goal(words: list[str]) -> SurveyGoal:
     names = [field.name for field in dataclasses.fields(SurveyGoal) if field.name != "kind"]
-    values = {}
-    for setting in words[2:]:
-        name, equals, text = setting.partition("=")
-        if not equals or name not in names:
-            raise GoalError(f"'{setting}': name=value expected, of {', '.join(names)}")
-        values[name] = _number(name, text)
-    return TimedGoal(time, SurveyGoal(words[1], **values))
-
-
-def _number(name: str, text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise GoalError(f"{name}: a number expected, got '{text}'")
-    return value
+    settings = [read_setting(text, names) for text in words[1:]]
+    return SurveyGoal(words[0], **{name: read_number(name, text) for name, text in settings})

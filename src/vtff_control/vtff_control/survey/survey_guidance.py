@@ -10,11 +10,11 @@ from __future__ import annotations
 import math
 from collections import deque
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_control.guidance.interface import FormationState
+from vtff_control.guidance.interface import FormationState, describe_field
 from vtff_control.guidance.requests import ModeRequest, ReconfigurationRequest, Request
 from vtff_control.survey.crossings import CrossingFinder, RayEdge, WallCrossing
 from vtff_control.survey.goals import SurveyGoal
@@ -49,49 +49,45 @@ _ORBIT_SPEED = 7.2e3
 """Speed over the plasma, m/s: turns the sigma of a time into that of a place."""
 
 
-def _parameter(default: float, description: str, unit: str = "", minimum: float = 0.0) -> float:
-    metadata = {"description": description, "unit": unit, "minimum": minimum}
-    value: float = field(default=default, metadata=metadata)
-    return value
-
-
 @dataclass(frozen=True)
 class SurveyParameters:
     """Parameters of `SurveyGuidance`."""
 
-    decision_interval: float = _parameter(60.0, "time between decisions", "s", 1.0)
-    settling_time: float = _parameter(
+    decision_interval: float = describe_field(60.0, "time between decisions", "s", 1.0)
+    settling_time: float = describe_field(
         450.0, "after the last crossing of a pass, before its walls are judged", "s"
     )
-    horizon_orbits: float = _parameter(3.5, "how far ahead crossings are counted, orbits", "", 0.5)
-    worth: float = _parameter(
+    horizon_orbits: float = describe_field(
+        3.5, "how far ahead crossings are counted, orbits", "", 0.5
+    )
+    worth: float = describe_field(
         0.5, "velocity change that one crossing sampled as asked is worth", "m/s", 1e-6
     )
-    velocity_change_rate: float = _parameter(
+    velocity_change_rate: float = describe_field(
         0.1, "largest mean velocity change after the first ellipse is reached, for an hour", "m/s"
     )
-    least_probability: float = _parameter(
+    least_probability: float = describe_field(
         0.8, "of the history of crossings, below which nothing is planned on it"
     )
-    navigation_sigma: float = _parameter(
+    navigation_sigma: float = describe_field(
         5.0, "relative position sigma above which navigation is degraded", "m"
     )
-    navigation_patience: float = _parameter(
+    navigation_patience: float = describe_field(
         60.0, "time of degraded navigation after which the formation drifts", "s"
     )
-    largest_size: float = _parameter(
+    largest_size: float = describe_field(
         EllipseLimits.largest_size, "largest radial amplitude of a deputy", "m"
     )
-    separation: float = _parameter(
+    separation: float = describe_field(
         EllipseLimits.separation, "least distance of any pair across the track", "m"
     )
-    along_track: float = _parameter(
+    along_track: float = describe_field(
         EllipseLimits.along_track, "mean distance of each deputy behind the one before", "m"
     )
-    passive_safety_orbits: float = _parameter(
+    passive_safety_orbits: float = describe_field(
         2.0, "orbits of drift in which a loss of thrust in a change of ellipse is safe"
     )
-    refusal_patience: float = _parameter(
+    refusal_patience: float = describe_field(
         600.0, "time after a refusal in which nothing is asked for", "s"
     )
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
@@ -418,7 +418,7 @@ class MeasurementEngine:
         """Return the index of an epoch in the last measurements."""
         measured = self._last_measurements()
         since = (time.nanoseconds - self._start.nanoseconds) * EPOCHS_PER_SECOND
-        index = since // 1_000_000_000 - measured.first_epoch
+        index = since // NANOSECONDS_PER_SECOND - measured.first_epoch
         if not 0 <= index < measured.signals.epoch_count:
             raise ValueError(f"time: {time} was not measured last")
         return index

@@ -12,6 +12,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss import constants as c
 from vtff_gnss.novatel import message_ids as ids
 from vtff_gnss.novatel.encode.frame import HeaderSettings, encode_frame
@@ -30,7 +31,6 @@ _SIGNAL_NUMBER = {
     (system, signal): number for (system, number), signal in layout.SIGNAL_TYPES.items()
 }
 _PRN_OF_FIRST_SATELLITE = {c.SYSTEM_GLONASS: 38, c.SYSTEM_QZSS: 193}
-_SECOND = 1_000_000_000
 
 
 class _Signal(NamedTuple):
@@ -95,7 +95,7 @@ class RangeCmp4Encoder:
         ValueError
             If the time is not a whole millisecond, or RANGECMP4 has no number for a signal.
         """
-        second, nanoseconds = divmod(epoch.time.nanoseconds, _SECOND)
+        second, nanoseconds = divmod(epoch.time.nanoseconds, NANOSECONDS_PER_SECOND)
         if nanoseconds == 0 or second != self._second:
             self._references.clear()
             self._second = second

@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss import constants as c
 from vtff_gnss.novatel.range.range_logs import GLONASS_CHANNEL_OFFSET
@@ -160,7 +161,7 @@ class RangeCmp4Decoder:
         ValueError
             If the bit fields run over the end of the payload.
         """
-        second, nanoseconds = divmod(time.nanoseconds, 1_000_000_000)
+        second, nanoseconds = divmod(time.nanoseconds, NANOSECONDS_PER_SECOND)
         if nanoseconds == 0:
             self._references.clear()
         reader = _BitReader(RANGECMP4.name, payload)
