@@ -9,8 +9,8 @@ from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rota
 from vtff_dynamics.orbit.free_flight import free_flight
 
 
-def fly(monitor, seconds, thrust, reported, sigma=1e-4, seed=1):
-    """Return the second of the first difference, and it; thrust and reports are by the second."""
+def fly(monitor, seconds, thrust, reported, sigma=1e-4, seed=1, step=1.0):
+    """Return the step of the first difference, and it; thrust and reports are by the step."""
     generator = np.random.default_rng(seed)
     states = np.array([CHIEF, deputy_state_gcrf(CHIEF, relative(t=100.0))])
     covariance = np.diag([(100.0 * sigma) ** 2] * 3 + [sigma**2] * 3)
@@ -23,8 +23,8 @@ def fly(monitor, seconds, thrust, reported, sigma=1e-4, seed=1):
             return second, found
         before = np.asarray(reported(second), dtype=float)
         push = rotation_gcrf_to_rtn(states[0]).T @ np.asarray(thrust(second), dtype=float)
-        states = free_flight(states, [0.0, 1.0])[-1]
-        states[1] += np.concatenate((0.5 * push, push))
+        states = free_flight(states, [0.0, step])[-1]
+        states[1] += np.concatenate((0.5 * step**2 * push, step * push))
     return None, None
 
 
@@ -60,6 +60,41 @@ def test_stuck_off_is_seen():
     )
     assert second - 20 <= 2
     assert "stuck off" in text_of(found)
+
+
+T5_CAP = 25e-3 / 1600.0  # m/s2 an axis
+
+
+@pytest.mark.parametrize("step", [1.0, 10.0])
+@pytest.mark.parametrize("sigma", [3e-5, 1e-4])
+def test_a_weak_engine_stuck_on_is_seen_by_navigation(step, sigma):
+    """Seen as soon as the push exceeds floor and 7 sigma of both ends, a step or two later."""
+    healthy, stuck = round(200.0 / step), round(200.0 / step)
+    last, found = fly(
+        ThrustMonitor(T5_CAP, step),
+        healthy + stuck,
+        lambda s: (0.0, T5_CAP if s >= healthy else 0.0, 0.0),
+        lambda s: np.zeros(3),
+        sigma,
+        step=step,
+    )
+    visible = (2e-4 + 7.0 * np.sqrt(2.0) * sigma) / T5_CAP
+    assert last is not None
+    assert (last - healthy) * step <= 1.3 * visible + 3.0 * step
+    assert found.axes.tolist() == [False, True, False]
+
+
+def test_a_weak_engine_that_says_what_it_does_is_left_alone():
+    """5 % too strong and 3 deg off, steps of 1 s, ten minutes with bursts of a minute."""
+
+    def reported(second):
+        return (0.0, T5_CAP, -0.5 * T5_CAP) if second % 120 < 60 else (0.0, 0.0, 0.0)
+
+    def thrust(second):
+        return 1.05 * np.array(reported(second)) + 0.05 * np.array(reported(second))[[1, 2, 0]]
+
+    monitor = ThrustMonitor(T5_CAP)
+    assert fly(monitor, 600, thrust, reported, sigma=5e-5) == (None, None)
 
 
 def test_a_healthy_thruster_is_left_alone():

@@ -1,10 +1,11 @@
-"""Does a thruster do what it reports? Navigation is asked, over one, five and twenty seconds.
+"""Does a thruster do what it reports? Navigation is asked, over one, five and twenty steps.
 
-From each navigated state of the last twenty seconds the motion is continued with the thrust that
-the thrusters have reported: that of the deputy, and that of a chief that thrusts too. Where the
-change of the velocity that navigation has found since differs by more than its own covariance and
-the tolerance of healthy thrusters explain, a thruster is stuck on (it pushes without saying so) or
-stuck off (it says so and does not push).
+From each navigated state of the last twenty steps the motion is continued with the thrust that
+the thrusters have reported: that of the deputy, and that of a chief that thrusts too. A weak engine
+changes the velocity too little in that time; the monitor then looks at one and three minutes, too.
+Where the change of the velocity that navigation has found since differs by more than its own
+covariance and the tolerance of healthy thrusters explain, a thruster is stuck on (it pushes
+without saying so) or stuck off (it says so and does not push).
 
 Relative navigation of one deputy does not tell whose thruster that is. A push of the chief that
 nobody reports is seen by all deputies alike, one of a deputy by that deputy alone: `accused_axes`
@@ -28,11 +29,14 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["ThrustDifference", "ThrustMonitor", "accused_axes", "describe_fault"]
 
-_WINDOWS = (1, 5, 20)
+_WINDOWS = (1, 5, 20)  # steps
+_LONG_WINDOWS = (60.0, 180.0)  # s: for weak engines
 _SIGMAS = 7.0
 _TOLERANCE = 0.2  # of the thrust: scale, direction and noise of a healthy thruster
 _FLOOR_OF_CAP = 0.02  # s: change of velocity that is not looked at, in caps
 _FLOOR = 2e-4  # m/s
+# m/s: change of velocity that the longest window should contain, ten times the sigma of navigation.
+_VISIBLE = 1e-3
 _CERTAIN = 2.0  # of the threshold; a smaller excess must be seen twice
 
 
@@ -73,6 +77,7 @@ class ThrustMonitor:
     def __init__(self, acceleration_cap: float, step: float = 1.0) -> None:
         self._floor = _FLOOR_OF_CAP * acceleration_cap + _FLOOR
         self._step = step
+        self._windows = _windows(acceleration_cap, step)
         self._doubts = np.zeros(3, dtype=int)
         self.reset()
 
@@ -131,7 +136,7 @@ class ThrustMonitor:
             np.array([chief_rtn, reported_rtn]),
             np.zeros(3) if unreported_rtn is None else unreported_rtn,
         )
-        for age in _WINDOWS:
+        for age in self._windows:
             if age > len(self._pushed):
                 break
             anchor = age - 1
@@ -149,7 +154,7 @@ class ThrustMonitor:
                 found = ThrustDifference(trip.copy(), residual, deputy, chief, age)
         self._doubts = np.where(doubted, self._doubts + 1, 0)
         state_deputy = deputy_state_gcrf(state_chief_gcrf, relative_rtn)
-        oldest = max(_WINDOWS) - 1
+        oldest = self._windows[-1] - 1
         start = np.array([[state_chief_gcrf, state_deputy]])
         self._states_gcrf = np.concatenate((start, self._states_gcrf[:oldest]))
         self._variance = np.concatenate((variance[np.newaxis], self._variance[:oldest]))
@@ -188,6 +193,16 @@ class ThrustMonitor:
         size = float(np.linalg.norm(np.abs(reported_rtn).sum(axis=0) + unreported_rtn))
         self._pushed = self._pushed + self._step * size
         self._unreported = self._unreported + self._step * unreported_rtn
+
+
+def _windows(acceleration_cap: float, step: float) -> tuple[int, ...]:
+    """Return windows, in steps: longer ones until the longest contains a push that is visible."""
+    windows = list(_WINDOWS)
+    for seconds in _LONG_WINDOWS:
+        age = round(seconds / step)
+        if acceleration_cap * step * windows[-1] < _VISIBLE and age > windows[-1]:
+            windows.append(age)
+    return tuple(windows)
 
 
 def accused_axes(
