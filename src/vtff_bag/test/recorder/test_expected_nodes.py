@@ -3,7 +3,12 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from vtff_bag.recorder.expected_nodes import STATEMENT_PATIENCE, ExpectedNodes
+from vtff_bag.recorder.expected_nodes import (
+    COMPILE_PATIENCE,
+    DIAGNOSTICS_TOPIC,
+    STATEMENT_PATIENCE,
+    ExpectedNodes,
+)
 
 RECORDER = "/bag_recorder"
 
@@ -45,6 +50,16 @@ def test_a_node_that_states_nothing_is_named_once_and_not_waited_for_without_end
         assert not nodes.are_heard(5.1 + STATEMENT_PATIENCE)
     assert len(warnings) == 1 and "/foreign" in warnings[0]
     assert nodes.missing() == ["node /absent"]
+
+
+def test_a_node_that_compiles_at_its_first_start_is_waited_for():
+    nodes, warnings = make(["/slow"])
+    nodes.discover(DIAGNOSTICS_TOPIC, ["/slow"], 0.0)
+    nodes.discover("/x", ["/slow"], 0.0)
+    assert not nodes.are_heard(4.0 * STATEMENT_PATIENCE)
+    assert warnings == []
+    assert nodes.are_heard(1.0 + COMPILE_PATIENCE)
+    assert len(warnings) == 1
 
 
 @given(st.permutations([("/a", "/x"), ("/a", "/y"), ("/b", "/x")]), st.integers(0, 5))

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-__all__ = ["ExpectedNodes"]
+__all__ = ["DIAGNOSTICS_TOPIC", "ExpectedNodes"]
 
 #: Wall time from the discovery of a node after which it is taken for one that states nothing, s.
 STATEMENT_PATIENCE = 10.0
+#: The same for a node that reports on /diagnostics, as every vtff node does: on a first start it
+#: may compile for half a minute before it states anything.
+COMPILE_PATIENCE = 90.0
+
+DIAGNOSTICS_TOPIC = "/diagnostics"
 
 
 class ExpectedNodes:
@@ -68,7 +73,9 @@ class ExpectedNodes:
         named in a warning and no longer waited for.
         """
         for node, since in self._discovered_since.items():
-            is_silent = node not in self._stated and now - since > STATEMENT_PATIENCE
+            reports = DIAGNOSTICS_TOPIC in self._discovered[node]
+            patience = COMPILE_PATIENCE if reports else STATEMENT_PATIENCE
+            is_silent = node not in self._stated and now - since > patience
             if is_silent and node not in self._silent:
                 self._silent.add(node)
                 self._warn(
