@@ -124,3 +124,42 @@ def test_the_subject_is_what_was_recorded(summary, deputies, subject):
     assert subject_of(summary, deputies) == subject
     complete = {"run_duration_s": 9.0, "message_count": 3, **summary}
     assert find_verdict(complete, deputies).subject == subject
+
+
+SURVEY = {
+    "run_duration_s": 9000.0,
+    "scenario": "survey_software",
+    "message_count": 3000,
+    "control_input": "truth",
+    "minimum_separation_m": 304.0,
+    "settled_keeping_radial_rms_m": 11.2,
+    "survey_walls": 6,
+    "survey_edges_two_spacecraft": 12,
+    "survey_edges_1km": 6,
+    "survey_edges_2km": 5,
+    "survey_unsupported_crossings": 1,
+    "survey_drift_m_s": 101.4,
+    "survey_drift_sigma_m_s": 2.0,
+    "survey_true_drift_m_s": 100.0,
+    "survey_plans": 1,
+    "survey_velocity_change_m_s": 2.8354,
+}
+
+
+def test_a_survey_is_about_edges_and_not_about_a_target():
+    verdict = find_verdict(SURVEY, ["deputy"])
+    assert verdict.subject == "survey"
+    assert "12 edges with two spacecraft, 6 of them" in verdict.sentence
+    assert "2.84 m/s in one change of the formation" in verdict.sentence
+    assert "target" not in verdict.sentence
+    shown = figures(verdict)
+    assert (shown["zonal drift, eastward"].measured, shown["zonal drift, eastward"].bound) == (
+        "101 +- 2 m/s",
+        "100 m/s",
+    )
+    assert shown["closest to the chief"].measured == "304 m"
+
+
+def test_a_survey_without_walls_says_so():
+    nothing = {**SURVEY, "survey_walls": 0}
+    assert "no wall" in find_verdict(nothing, ["deputy"]).sentence

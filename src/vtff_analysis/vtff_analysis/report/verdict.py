@@ -34,6 +34,7 @@ SECTIONS = {
     "navigation": ("Navigation", "GNSS", "Formation", "Guidance", "Attitude", "Ionosphere"),
     "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation", "Guidance", "Attitude"),
     "attitude": ("Attitude", "Formation", "Guidance", "Navigation", "GNSS", "Ionosphere"),
+    "survey": ("Ionosphere", "Guidance", "Navigation", "GNSS", "Formation", "Attitude"),
     "log": ("GNSS", "Ionosphere", "Navigation", "Formation", "Guidance", "Attitude"),
     "messages": ("GNSS", "Navigation", "Formation", "Guidance", "Attitude", "Ionosphere"),
 }
@@ -117,6 +118,8 @@ class Verdict:
 
 def subject_of(summary: Summary, deputies: Sequence[str]) -> str:
     """Return what a run was about: a key of `SECTIONS`."""
+    if "survey_walls" in summary:
+        return "survey"
     if any(key.endswith(_ENDS_OF_IONOSPHERE) and _has(summary, key) for key in summary):
         return "ionosphere"
     numbers = [_numbers_of(summary, name, deputies) for name in deputies]
@@ -161,13 +164,15 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
         sentences, figures = _log(summary)
     elif subject == "attitude":
         sentences, figures = _attitude(summary)
+    elif subject == "survey":
+        sentences, figures = _survey(summary, deputies)
     warnings = _warnings(summary, deputies)
     return Verdict(
         subject,
         " ".join([*warnings, *sentences]),
         _conditions(summary),
         tuple(figures),
-        "true" if subject == "ionosphere" else "fed with truth",
+        "true" if subject in ("ionosphere", "survey") else "fed with truth",
         not warnings,
     )
 
@@ -250,6 +255,46 @@ def _attitude(summary: Summary) -> tuple[list[str], list[Figure]]:
             figures.append(Figure("its NEES", f"{numbers['attitude_error_nees']:.2f}"))
             dipole = 1e3 * numbers["attitude_dipole_error_rms_a_m2"]
             figures.append(Figure("dipole error, RMS", f"{dipole:.2f} mA m2"))
+    return sentences, figures
+
+
+def _survey(summary: Summary, deputies: Sequence[str]) -> tuple[list[str], list[Figure]]:
+    """Return sentences and figures of a survey of irregular plasma."""
+    walls, together = summary["survey_walls"], summary["survey_edges_two_spacecraft"]
+    far = summary["survey_edges_1km"]
+    plans, spent = summary["survey_plans"], _short(summary["survey_velocity_change_m_s"])
+    changes = "one change" if plans == 1 else f"{plans} changes"
+    sentence = (
+        f"The survey crossed {walls} walls of bubbles and sampled {together} edges with two "
+        f"spacecraft, {far} of them at altitudes at least 1 km apart, for {spent} m/s in {changes} "
+        "of the formation."
+    )
+    if not walls:
+        sentence = "The survey found no wall of a bubble."
+    figures = [
+        Figure("edges with two spacecraft", str(together)),
+        Figure("at altitudes 1 km apart", str(far)),
+        Figure("at altitudes 2 km apart", str(summary["survey_edges_2km"])),
+        Figure("crossings left out as false", str(summary["survey_unsupported_crossings"])),
+        Figure("velocity change", f"{spent} m/s"),
+    ]
+    drift, sigma = (summary.get(f"survey_drift{end}_m_s") for end in ("", "_sigma"))
+    if walls and drift is not None and sigma is not None:
+        true = summary.get("survey_true_drift_m_s")
+        bound = "" if true is None else f"{true:.0f} m/s"
+        figures.append(
+            Figure("zonal drift, eastward", f"{drift:.0f} +- {sigma:.0f} m/s", "", bound)
+        )
+    sentences = [sentence]
+    for name in deputies:
+        numbers = _numbers_of(summary, name, deputies)
+        label = f"{name}: " if len(deputies) > 1 else ""
+        told, shown = _navigation(numbers, name)
+        closest = numbers.get("minimum_separation_m")
+        if closest is not None:
+            shown.append(_length_figure("closest to the chief", closest, None, None))
+        sentences += told
+        figures += [dataclasses.replace(figure, label=label + figure.label) for figure in shown]
     return sentences, figures
 
 

@@ -30,7 +30,11 @@ from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
 from vtff_analysis.report.verdict import find_verdict
-from vtff_analysis.survey.figures import simulated_regions, survey_sentences
+from vtff_analysis.survey.figures import (
+    simulated_regions,
+    summarise_simulated_drift,
+    survey_sentences,
+)
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription, describe_run
 from vtff_bag.run.environment import describe_environment
@@ -92,6 +96,7 @@ def write_report(
     processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
     if processed or any(pair.density is not None for pair in history.pairs.values()):
         truth = read_ionosphere_truth(reader, described, run_path.folder)
+    regions = () if history.survey is None else simulated_regions(described)
     summary = {
         "run_name": run_path.name,
         **_named_arguments(described.arguments),
@@ -99,12 +104,12 @@ def write_report(
         **summarise_run(history, settings, flights),
         **_summarise_truth_fed(history, described, settings, list(flights)),
         **_summarise_ionosphere(history, reader, truth),
+        **summarise_simulated_drift(regions),
     }
     folder = output or run_path.output_folder(REPORT_FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    regions = () if history.survey is None else simulated_regions(described)
     pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth, regions)
     safety = safety_sentences(history.safety, history.start_time)
     survey = survey_sentences(history.survey, history.start_time)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,13 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 
-__all__ = ["edge_differences", "simulated_regions", "summarise_survey", "survey_sentences"]
+__all__ = [
+    "edge_differences",
+    "simulated_regions",
+    "summarise_simulated_drift",
+    "summarise_survey",
+    "survey_sentences",
+]
 
 _GNSS_ARGUMENT = "gnss"
 
@@ -62,6 +69,18 @@ def summarise_survey(history: SurveyHistory | None) -> dict[str, Any]:
         "survey_plans": last.plans,
         "survey_velocity_change_m_s": last.velocity_change,
     }
+
+
+def summarise_simulated_drift(regions: Sequence[IrregularityRegion]) -> dict[str, Any]:
+    """Return the mean zonal drift of the true bubbles; empty where none is known to drift.
+
+    Parameters
+    ----------
+    regions
+        `simulated_regions` of a run.
+    """
+    drifts = [region.drift_east for region in regions if region.drift_east is not None]
+    return {"survey_true_drift_m_s": math.fsum(drifts) / len(drifts)} if drifts else {}
 
 
 def survey_sentences(history: SurveyHistory | None, start_time: int) -> list[str]:
