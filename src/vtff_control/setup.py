@@ -33,6 +33,7 @@ setup(
         "console_scripts": [
             "adcs_can = vtff_control.adcs_can_node:main",
             "attitude_controller = vtff_control.attitude_controller_node:main",
+            "cluster_guidance = vtff_control.cluster_guidance_node:main",
             "formation_guidance = vtff_control.formation_guidance_node:main",
             "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",

@@ -35,6 +35,7 @@ setup(
             "adcs_emulator = vtff_sim_bridge.adcs_emulator_node:main",
             "can_thruster_emulator = vtff_sim_bridge.thruster.can_thruster_emulator:main",
             "laser_emulator = vtff_sim_bridge.laser_emulator_node:main",
+            "on_board_emulator = vtff_sim_bridge.on_board_emulator_node:main",
             "ray_edge_emulator = vtff_sim_bridge.ray_edge_emulator_node:main",
             "simgen_bridge = vtff_sim_bridge.simgen_bridge_node:main",
             "simgen_emulator = vtff_sim_bridge.simgen.simgen_emulator:main",

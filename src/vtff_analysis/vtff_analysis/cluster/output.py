@@ -8,17 +8,14 @@ from pathlib import Path
 import numpy as np
 from matplotlib import rc_context
 
-from vtff_analysis.cluster.flight import (
-    ClusterFlight,
-    Decay,
-    RangeSensor,
-    draw_starts,
-    fly_cluster,
-)
+from vtff_analysis.cluster.cluster_flight import ClusterFlight
+from vtff_analysis.cluster.flight import Decay, draw_starts, fly_cluster
 from vtff_analysis.cluster.literal import run_literal
+from vtff_analysis.cluster.pictures import draw_paths, draw_sides
 from vtff_analysis.paper_comparison import ComparisonRow, write_comparison
 from vtff_analysis.plot_style import AXIS_COLOURS, STYLE, make_figure, save_figure
-from vtff_control.guidance.potential_field import equilibrium_distance, potential
+from vtff_control.cluster.potential_field import equilibrium_distance, potential
+from vtff_sim_bridge.on_board.range_sensor import RangeSensor
 
 __all__ = ["run_potential_field"]
 
@@ -106,8 +103,8 @@ def run_potential_field(
             )
         )
     _write_potential(folder / "figure_2.png")
-    _write_paths(flights[:4], folder / "paths.png")
-    _write_sides(flights, wanted, folder / "sides.png")
+    draw_paths(flights[:4], folder / "paths.png")
+    draw_sides(flights, wanted, folder / "sides.png")
     _write_decay(decays, folder / "decay.png")
     write_comparison(rows, folder / "potential_field.csv")
     return rows
@@ -185,38 +182,6 @@ def _write_potential(path: Path) -> None:
     axes.plot(*(1e-3 * neighbours.T), "o", color="#D55E00")
     axes.set(xlabel="in-track (km)", ylabel="radial (km)", aspect="equal")
     save_figure(figure, path, "Figure 2: potential of two satellites (dots)")
-
-
-def _write_paths(flights: Sequence[ClusterFlight], path: Path) -> None:
-    figure = make_figure(4.6)
-    for column, flight in enumerate(flights):
-        axes = figure.add_subplot(1, len(flights), column + 1)
-        for craft in range(flight.positions.shape[1]):
-            track = 1e-3 * flight.positions[:, craft]
-            axes.plot(track[:, 1], track[:, 0], color=AXIS_COLOURS[craft], linewidth=1.0)
-            axes.plot(*track[0, [1, 0]], "o", color=AXIS_COLOURS[craft])
-            axes.plot(*track[-1, [1, 0]], "s", color=AXIS_COLOURS[craft])
-        axes.set(xlabel="in-track (km)", aspect="equal")
-        if not column:
-            axes.set_ylabel("radial (km)")
-    save_figure(figure, path, "Paths about the lead (blue): starts (circles), ends (squares)")
-
-
-def _write_sides(flights: Sequence[ClusterFlight], wanted: float, path: Path) -> None:
-    figure = make_figure(5.0)
-    axes = figure.add_subplot()
-    for flight in flights:
-        axes.plot(
-            flight.times / flight.period,
-            1e-3 * flight.sides,
-            color=AXIS_COLOURS[0],
-            linewidth=0.7,
-            alpha=0.5,
-        )
-    axes.axhline(1e-3 * wanted, color="0.2", linestyle=":")
-    axes.axhline(0.5, color=AXIS_COLOURS[1], linestyle="--")
-    axes.set(xlabel="time (orbits)", ylabel="side (km)", ylim=(0.0, None))
-    save_figure(figure, path, "Sides of all starts; dotted: equilibrium, dashed: smallest allowed")
 
 
 def _write_decay(decays: dict[bool, ClusterFlight], path: Path) -> None:

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from vtff_analysis.cluster.cluster_flight import cluster_of_run, summarise_cluster
 from vtff_analysis.evaluation.attitude import summarise_attitude
 from vtff_analysis.evaluation.deputy_pairs import normalised_error, summarise_pairs
 from vtff_analysis.evaluation.formation_flight import FormationFlight
@@ -70,10 +71,13 @@ def summarise_run(
         have are absent.
     """
     summary = _summarise_simulation(history, settings)
+    cluster = cluster_of_run(history)
     for name, flight in flights.items():
         prefix = f"{key_part(name)}_" if len(flights) > 1 else ""
         numbers = summarise_flight(flight)
-        numbers.update(_summarise_control(history.deputies[name], settings.controller(name)))
+        decides_alone = cluster is not None and f"/{name}/neighbours" in history.message_counts
+        controller = settings.controller(name)
+        numbers.update(_summarise_control(history.deputies[name], controller, decides_alone))
         numbers.update(_summarise_navigation(history.deputies[name]))
         summary.update({prefix + key: value for key, value in numbers.items()})
     summary.update(summarise_pairs({name: history.deputies[name] for name in flights}))
@@ -85,6 +89,7 @@ def summarise_run(
     summary.update(_summarise_late_calls(history.health))
     summary.update(summarise_safety(history.safety, history.start_time))
     summary.update(summarise_survey(history.survey))
+    summary.update(summarise_cluster(cluster))
     summary.update(summarise_attitude(history.attitude, history.start_time))
     summary["message_count"] = sum(history.message_counts.values())
     for topic, count in sorted(history.message_counts.items()):
@@ -252,10 +257,14 @@ def _summarise_thrust(flight: FormationFlight) -> Summary:
     return summary
 
 
-def _summarise_control(history: DeputyHistory, settings: ControllerSettings) -> Summary:
+def _summarise_control(
+    history: DeputyHistory, settings: ControllerSettings, decides_alone: bool
+) -> Summary:
     summary: Summary = {}
     if history.command is not None:
         summary["control_input"] = "truth" if history.estimate is None else "navigation"
+        if decides_alone:
+            summary["control_input"] = "own sensor"
     values = {
         "controller_design": settings.design,
         "controller_feedforward": settings.feedforward,

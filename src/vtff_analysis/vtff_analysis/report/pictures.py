@@ -6,10 +6,15 @@ import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
+import matplotlib as mpl
+
+from vtff_analysis.cluster.cluster_flight import ClusterFlight, cluster_of_run
+from vtff_analysis.cluster.pictures import draw_paths, draw_sides
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.page.page import Picture
+from vtff_analysis.plot_style import STYLE
 from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.history import (
     DeputyHistory,
@@ -41,6 +46,7 @@ from vtff_analysis.report.plots_ionosphere import (
 )
 from vtff_analysis.report.plots_receiver_ionosphere import plot_comparisons
 from vtff_analysis.report.plots_survey import plot_survey
+from vtff_control.cluster.potential_field import equilibrium_distance
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
 _FORMATION_CAPTIONS = {
@@ -125,6 +131,9 @@ def draw_pictures(
         ]
     if history.survey is not None and history.survey.decisions:
         tasks.append(partial(_draw_survey, history, regions, folder, labelled))
+    cluster = cluster_of_run(history)
+    if cluster is not None:
+        tasks.append(partial(_draw_cluster, cluster, folder))
     pairs = history.pair_histories()
     for pair in pairs:
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
@@ -189,6 +198,26 @@ def _draw_survey(
             "lines: changes of the formation, with their reasons.",
             "ionosphere",
         )
+    ]
+
+
+def _draw_cluster(flight: ClusterFlight, folder: pathlib.Path) -> list[Picture]:
+    sides, paths = folder / "cluster_sides.png", folder / "cluster_paths.png"
+    with mpl.rc_context(STYLE):
+        draw_sides([flight], equilibrium_distance(), sides)
+        draw_paths([flight], paths)
+    return [
+        Picture(
+            sides,
+            "Distances of all pairs of the cluster; dotted: equilibrium of the potential, dashed: "
+            "the smallest distance that is allowed.",
+            "formation",
+        ),
+        Picture(
+            paths,
+            "Paths of the chasers about the lead, from the circles to the squares.",
+            "formation",
+        ),
     ]
 
 

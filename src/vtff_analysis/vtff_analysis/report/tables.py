@@ -29,6 +29,9 @@ Section = Sequence[tuple[str, str, int]]  # label, key, decimals
 #: Below this a number is shown with an exponent.
 _SMALLEST_FIXED = 1e-3
 
+#: What fed a controller, by the summary's `control_input`; navigation is described further.
+_FED = {"truth": "truth", "own sensor": "its own fix and its own sensor of range and direction"}
+
 _AXIS_LABELS = dict(zip(AXES, ("radial", "in-track", "cross-track"), strict=True))
 
 
@@ -264,7 +267,7 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
     lines = []
     control_input = summary.get("control_input")
     if control_input is not None:
-        fed = "truth" if control_input == "truth" else _describe_navigation(summary)
+        fed = _FED.get(control_input) or _describe_navigation(summary)
         lines.append(f"measured: controller fed with {fed}{_comparable_column(summary, columns)}.")
     for column in columns:
         fed = (

@@ -12,6 +12,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from vtff_analysis.cluster.cluster_flight import describe_cluster
 from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER
 from vtff_analysis.evaluation.summary import SETTLED_WITHIN
 from vtff_analysis.paper_reference import PaperColumn, formation_columns, paper_columns
@@ -33,11 +34,15 @@ SECTIONS = {
     "formation": ("Formation", "Guidance", "Navigation", "Attitude", "Ionosphere", "GNSS"),
     "navigation": ("Navigation", "GNSS", "Formation", "Guidance", "Attitude", "Ionosphere"),
     "ionosphere": ("Ionosphere", "Navigation", "GNSS", "Formation", "Guidance", "Attitude"),
+    "cluster": ("Formation", "Guidance", "Navigation", "Attitude", "Ionosphere", "GNSS"),
     "attitude": ("Attitude", "Formation", "Guidance", "Navigation", "GNSS", "Ionosphere"),
     "survey": ("Ionosphere", "Guidance", "Navigation", "GNSS", "Formation", "Attitude"),
     "log": ("GNSS", "Ionosphere", "Navigation", "Formation", "Guidance", "Attitude"),
     "messages": ("GNSS", "Navigation", "Formation", "Guidance", "Attitude", "Ionosphere"),
 }
+
+#: Headings of the column of bounds.
+_BOUNDS = {"ionosphere": "true", "survey": "true", "cluster": "must"}
 
 #: Measured figures of the ionosphere: label, end of the key, unit, decimals.
 _IONOSPHERE = (
@@ -55,6 +60,18 @@ _IONOSPHERE_ERRORS = (
     ("differential TEC of 1 s, RMS error", "differential_tec_rms_tecu", "TECU", 4),
     ("chief: minutes of crossings found", "chief_scintillation_detected_percent", "%", 0),
     ("chief: false among the other minutes", "chief_scintillation_false_percent", "%", 1),
+)
+
+
+#: Figures of a cluster: end of the key, label, unit, decimals, what the guidance is built for.
+_CLUSTER = (
+    ("equilibrium_m", "side of the equilibrium", "m", 1, ""),
+    ("settling_time_s", "settled within 2.5 %", "s", 0, ""),
+    ("settling_delta_v_m_per_s", "velocity change to settle, largest", "m/s", 1, "40 m/s"),
+    ("side_mean_error_percent", "last orbit: largest error of a mean side", "%", 2, "1 %"),
+    ("side_largest_error_percent", "last orbit: largest error of a side", "%", 2, "2.5 %"),
+    ("last_orbit_delta_v_m_per_s", "last orbit: velocity change, largest", "m/s", 1, "18 m/s"),
+    ("closest_m", "closest of any two", "m", 0, "500 m"),
 )
 
 
@@ -122,6 +139,8 @@ def subject_of(summary: Summary, deputies: Sequence[str]) -> str:
         return "survey"
     if any(key.endswith(_ENDS_OF_IONOSPHERE) and _has(summary, key) for key in summary):
         return "ionosphere"
+    if "cluster_closest_m" in summary:
+        return "cluster"
     numbers = [_numbers_of(summary, name, deputies) for name in deputies]
     if any("control_input" in values for values in numbers):
         return "formation"
@@ -166,13 +185,15 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
         sentences, figures = _attitude(summary)
     elif subject == "survey":
         sentences, figures = _survey(summary, deputies)
+    elif subject == "cluster":
+        sentences, figures = [describe_cluster(summary)], _cluster(summary)
     warnings = _warnings(summary, deputies)
     return Verdict(
         subject,
         " ".join([*warnings, *sentences]),
         _conditions(summary),
         tuple(figures),
-        "true" if subject in ("ionosphere", "survey") else "fed with truth",
+        _BOUNDS.get(subject, "fed with truth"),
         not warnings,
     )
 
@@ -200,6 +221,8 @@ def _conditions(summary: Summary) -> str:
         parts.append(receivers)
     elif summary.get("control_input") == "truth":
         parts.append("controller fed with truth, no receivers")
+    elif "cluster_closest_m" in summary:
+        parts.append("each chaser alone with its own fix and sensor, emulated")
     if "scenario" in summary:
         parts.append(f"scenario '{summary['scenario']}'")
     if "run_seed" in summary:
@@ -226,6 +249,16 @@ def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
     if summary.get("run_complete") is False:
         warnings.append("The run was ended before its planned end.")
     return warnings
+
+
+def _cluster(summary: Summary) -> list[Figure]:
+    """Return the figures of a cluster beside the paper, which prints a triangle without numbers."""
+    figures = []
+    for key, label, unit, decimals, bound in _CLUSTER:
+        value = summary.get(f"cluster_{key}")
+        if value is not None:
+            figures.append(Figure(label, f"{value:.{decimals}f} {unit}", "", bound))
+    return figures
 
 
 def _attitude(summary: Summary) -> tuple[list[str], list[Figure]]:

@@ -60,6 +60,10 @@ class Effect(enum.IntEnum):
     NOISE_SLIP_SIGN = 21
     ELECTRON_DENSITY = 22
     RAY_EDGE = 23
+    RANGE_SENSOR = 24
+    SENSOR_MISALIGNMENT = 25
+    FIX_POSITION = 26
+    FIX_VELOCITY = 27
 
 
 def receiver_number(name: str) -> int:

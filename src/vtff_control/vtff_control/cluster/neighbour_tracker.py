@@ -102,24 +102,37 @@ class NeighbourTracker:
         self._longest_age = longest_age
         self.tracks: list[Track] = []
 
-    def predict(self, duration: float, mean_motion: float) -> None:
-        """Carry all tracks on by a time, s."""
+    def predict(
+        self,
+        duration: float,
+        mean_motion: float,
+        own_displacement: npt.ArrayLike = (0.0, 0.0, 0.0),
+        own_velocity_change: npt.ArrayLike = (0.0, 0.0, 0.0),
+    ) -> None:
+        """Carry all tracks on by a time.
+
+        Parameters
+        ----------
+        duration
+            s.
+        mean_motion
+            rad/s.
+        own_displacement, own_velocity_change
+            How far and how fast the chaser's own thrust has moved it in this time, m and m/s in
+            its RTN frame, shape (3,).
+        """
+        own = np.concatenate((own_displacement, own_velocity_change))
         transition = hcw_transition_matrix(mean_motion, duration)
         noise = np.zeros((6, 6))
         noise[:3, :3] = duration**3 / 3.0 * np.eye(3)
         noise[:3, 3:] = noise[3:, :3] = duration**2 / 2.0 * np.eye(3)
         noise[3:, 3:] = duration * np.eye(3)
         for track in self.tracks:
-            track.state = transition @ track.state
+            track.state = transition @ track.state - own
             track.covariance = transition @ track.covariance @ transition.T
             track.covariance += self._density**2 * noise
             track.age += duration
         self.tracks = [track for track in self.tracks if track.age <= self._longest_age]
-
-    def add_impulse(self, velocity_rtn: npt.ArrayLike) -> None:
-        """Take the chaser's own velocity change, m/s, shape (3,)."""
-        for track in self.tracks:
-            track.state[3:] -= np.asarray(velocity_rtn, dtype=float)
 
     def detect(self, positions: npt.ArrayLike) -> None:
         """Take the detections of one moment.

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from vtff_control.guidance.neighbour_tracker import NeighbourTracker
-from vtff_control.guidance.potential_field import (
+from vtff_control.cluster.neighbour_tracker import NeighbourTracker
+from vtff_control.cluster.potential_field import (
     PotentialField,
     equilibrium_distance,
     first_impulse,
@@ -90,11 +90,12 @@ def test_tracks_from_unlabelled_detections():
     assert not tracker.tracks
 
 
-def test_own_impulse_moves_the_tracks():
+def test_own_thrust_moves_the_tracks():
     tracker = NeighbourTracker(0.3, 2e-4)
     tracker.detect([[500.0, 0.0, 0.0]])
-    tracker.add_impulse([0.5, -1.0, 0.0])
-    np.testing.assert_array_equal(tracker.tracks[0].state[3:], [-0.5, 1.0, 0.0])
+    tracker.predict(10.0, 1e-6, [2.5, -5.0, 0.0], [0.5, -1.0, 0.0])
+    expected = [497.5, 5.0, 0.0, -0.5, 1.0, 0.0]
+    np.testing.assert_allclose(tracker.tracks[0].state, expected, atol=1e-4)
 
 
 def test_a_neighbour_that_leaves_the_station():
