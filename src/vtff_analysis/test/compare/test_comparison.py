@@ -1,5 +1,6 @@
 """Comparison of runs: the numbers of each, parts that only one has, equal names."""
 
+import dataclasses
 import json
 
 import numpy as np
@@ -34,15 +35,15 @@ def runs(tmp_path_factory):
 
 def row(runs, label):
     for _, rows in comparison_rows(runs):
-        for name, _, values in rows:
-            if name.strip() == label:
+        for shown, values in rows:
+            if shown.label.strip() == label:
                 return values
     raise AssertionError(label)
 
 
 def test_numbers_of_each_run_stand_side_by_side(runs):
     compared = [read_compared_run(path, path.name) for path in runs]
-    good, biased = row(compared, "RMS in-track, m")
+    good, biased = row(compared, "RMS in-track, mm")
     # Squares of the same noise with and without the bias differ by its square.
     assert biased**2 - good**2 == pytest.approx(BIAS**2, rel=0.3)
     assert row(compared, "closest approach, m")[0] == row(compared, "closest approach, m")[1]
@@ -103,15 +104,44 @@ def test_the_difference_of_two_runs_has_its_sign(runs):
     heads, sections = comparison_table([read_compared_run(path, path.name) for path in runs])
     assert heads[:3] == ["good", "biased", "difference"]
     texts = {label.strip(): texts for _, rows in sections for label, texts in rows}
-    good, biased, difference = texts["RMS in-track, m"][:3]
-    assert float(difference) == pytest.approx(float(biased) - float(good), abs=2e-4)
+    good, biased, difference = texts["RMS in-track, mm"][:3]
+    assert float(difference) == pytest.approx(float(biased) - float(good), abs=2e-3)
     assert difference.startswith("+")
+
+
+def test_flights_of_different_lengths_are_compared_over_what_both_have(runs):
+    whole, other = (read_compared_run(path, path.name) for path in runs)
+    cut = {name: flight.until(130.0) for name, flight in other.flights.items()}
+    short = dataclasses.replace(other, flights=cut)
+    assert row([whole, short], "compared, s") == [130.0, 130.0]
+    lengths = [run.flights["deputy"].time[-1] for run in (whole, short)]
+    assert lengths[0] > lengths[1] == 130.0
+    rows = [row for _, rows in comparison_rows([whole, short]) for row in rows]
+    for shown, values in rows:
+        if shown.key.startswith(("keeping_", "delta_v_", "minimum_")):
+            assert values[0] == pytest.approx(values[1]), shown.key
+
+
+def test_numbers_of_the_paper_stand_in_their_rows_alone(runs):
+    """Three sections have a row "radial": none may take the total dv of the paper for its own."""
+    run = read_compared_run(runs[0], "run")
+    run.summary["scenario"] = "reference"
+    run.summary["run_duration_s"] = 3600.0
+    heads, sections = comparison_table([run])
+    paper = heads.index("paper HIL")
+    texts = {(head, label): row[paper] for head, rows in sections for label, row in rows}
+    assert texts["dv total, m/s", "  radial"] == "5.63"
+    assert texts["dv acquisition, m/s", "  radial"] == ""
+    assert texts["dv acquisition, m/s", "  in-track"] == "75.45"
+    assert texts["dv keeping, m/s", "  in-track"] == "1.44"
+    run.summary["run_duration_s"] = 600.0  # too short for totals
+    assert dict(comparison_table([run])[1])["dv total, m/s"][0][1][paper] == ""
 
 
 def test_thrust_is_summed_per_axis_and_phase(runs):
     compared = [read_compared_run(path, path.name) for path in runs]
     sections = dict(comparison_rows(compared))
-    spent = {label.strip(): values for label, _, values in sections["dv acquisition, m/s"]}
+    spent = {row.label.strip(): values for row, values in sections["dv acquisition, m/s"]}
     assert spent["in-track"] == pytest.approx([5.0, 5.0])  # 0.5 m/s2 for ten steps of 1 s
     assert spent["radial"] == [0.0, 0.0]
 

@@ -7,7 +7,7 @@ import yaml
 
 from vtff_analysis.page.citation import PAPERS
 from vtff_analysis.page.page import Picture, render_figures, render_page, render_table
-from vtff_analysis.page.results import Section, flat_rows, write_results
+from vtff_analysis.page.results import Section, write_results
 from vtff_analysis.plot_style import make_figure, save_figure
 
 
@@ -45,12 +45,19 @@ def test_results_are_tables_remarks_and_pictures(tmp_path):
     figure = make_figure(3.0)
     figure.subplots().plot([0, 1], [2, 3])
     picture = save_figure(figure, tmp_path / "a.png", "t")
-    values = {"a_b": 1.23456789, "none": None, "of": {"x": (1, 2.5)}, "list": [{"y": "<z>"}]}
-    rows = flat_rows(values)
-    assert rows == [("a b", "1.23457"), ("of, x", "1, 2.5"), ("list 1, y", "<z>")]
+    rows = [("a b", "1.23457"), ("list", "<z>")]
     section = Section("Head", ("", "value"), rows, [(picture, "caption")], ("beware",))
-    write_results(tmp_path / "r.html", "Title", [section], ["004"], "vtff tec x")
+    write_results(tmp_path / "r.html", "Title", [section], ["004"], "vtff tec x", "Good <b>.")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
-    for text in ("Title", "Head", "&lt;z&gt;", "beware", "caption", "data-lines", "vtff tec x"):
+    for text in (
+        "Title",
+        "Good &lt;b&gt;.",
+        "Head",
+        "&lt;z&gt;",
+        "beware",
+        "caption",
+        "data-lines",
+        "vtff tec x",
+    ):
         assert text in page, text
     assert PAPERS["004"].doi in page

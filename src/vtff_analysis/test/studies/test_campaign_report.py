@@ -68,7 +68,7 @@ def test_the_page_is_well_formed_and_escaped(page):
 
     class Checker(html.parser.HTMLParser):
         def handle_starttag(self, tag, attributes):
-            if tag not in ("meta", "link", "img", "br"):
+            if tag not in ("meta", "link", "img", "br", "wbr"):
                 stack.append(tag)
 
         def handle_endtag(self, tag):

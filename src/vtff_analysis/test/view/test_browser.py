@@ -311,6 +311,34 @@ def test_the_formation_is_drawn_close_up(visit):
     assert visit.errors == []
 
 
+def check_close_view(visit):
+    """The formation at 60 s on a plain canvas; a drag turns it, the wheel zooms."""
+    close = "window.vtff.globe.close"
+    visit.page.keyboard.press("4")
+    visit.wait(f"{close}.labels?.length")
+    texts = visit.value(f"{close}.labels.map((label) => label.text)")
+    assert {"chief", "T", "N", "110.91 m"} < set(texts)
+    assert any(text.startswith("deputy\n3 sigma ") for text in texts)
+    assert visit.colours("#map") > 50
+    # Right, up and to the viewer are a right-handed set, whatever the turn.
+    box = visit.page.locator("#map").bounding_box()
+    visit.page.mouse.move(box["x"] + 200, box["y"] + 200)
+    visit.page.mouse.down()
+    visit.page.mouse.move(box["x"] + 260, box["y"] + 240, steps=3)
+    visit.page.mouse.up()
+    far = visit.value(f"{close}.range")
+    visit.page.mouse.wheel(0, -100)
+    visit.wait(f"{close}.range < {far}")
+    view = visit.value(f"[{close}.view.right, {close}.view.up, {close}.view.toViewer]")
+    assert np.cross(view[0], view[1]) == pytest.approx(view[2])
+    visit.page.locator("#map").dblclick()
+    visit.wait(f"{close}.range === {far}")
+    visit.page.keyboard.press("2")  # there is no globe with links
+    assert visit.value("window.vtff.camera") == "formation"
+    visit.page.keyboard.press("1")
+    assert visit.value("window.vtff.camera") == "earth"
+
+
 def test_an_exported_file_needs_nothing_else(browser, scene, tmp_path):
     write_page(scene, tmp_path / "run.html")
     visit = Visit(browser, (tmp_path / "run.html").as_uri())
@@ -319,6 +347,7 @@ def test_an_exported_file_needs_nothing_else(browser, scene, tmp_path):
     visit.wait("window.vtff.globe.counts.links >= 16")
     assert visit.page.get_by_role("status").inner_text() == ""
     assert visit.colours("#map") > 50 and visit.colours("#hill") > 20
+    check_close_view(visit)
     assert visit.errors == []
     assert [url for url in visit.requests if not re.match("file:|data:", url)] == []
     assert len([url for url in visit.requests if url.startswith("file:")]) == 1

@@ -16,6 +16,7 @@ from vtff_analysis.baseline.processing import BaselineRun
 from vtff_analysis.baseline.sources import BaselineError, TrueBaseline
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.rinex.compressed_file import read_file
 
 __all__ = ["errors_local"]
 
@@ -98,7 +99,7 @@ def _read_parquet(path: pathlib.Path) -> tuple[FloatArray, FloatArray]:
 
 def _read_csv(path: pathlib.Path) -> tuple[FloatArray, FloatArray, bool]:
     """Return times, positions, and whether these are positions of the rover, not baselines."""
-    content = path.read_bytes()
+    content = read_file(path)
     if content[:2] == b"\x1f\x8b":
         content = gzip.decompress(content)
     rows = list(csv.reader(io.StringIO(content.decode("ascii"))))

@@ -16,75 +16,93 @@ from vtff_analysis.evaluation.formation_flight import (
     formation_flight,
 )
 from vtff_analysis.evaluation.navigation import NavigationError, navigation_error
-from vtff_analysis.evaluation.summary import plain_value, summarise_run
+from vtff_analysis.evaluation.summary import plain_value, summarise_flight, summarise_run
 from vtff_analysis.paper_reference import formation_columns
 from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import read_settings
-from vtff_analysis.report.tables import number_text
+from vtff_analysis.report.tables import (
+    MILLIMETRES,
+    Row,
+    incomparable_keys,
+    paper_text,
+    scaled_text,
+)
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import describe_run
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
 
-#: Heading and rows of the table: label, key, decimals.
-SECTIONS: tuple[tuple[str, tuple[tuple[str, str, int], ...]], ...] = (
+#: Heading and rows of the table.
+SECTIONS: tuple[tuple[str, tuple[Row, ...]], ...] = (
     (
         "run",
         (
-            ("length, s", "run_duration_s", 0),
-            ("times real time", "real_time_factor", 0),
-            ("late commands", "late_commands", 0),
+            Row("length, s", "run_duration_s", 0),
+            Row("times real time", "real_time_factor", 0),
+            Row("late commands", "late_commands", 0),
         ),
     ),
     (
         "control",
         (
-            ("closest approach, m", "minimum_separation_m", 2),
-            ("minimum in-track, m", "minimum_in_track_m", 2),
-            ("settled, s", "settling_time_s", 0),
-            *((f"  {axis}", f"settling_time_{axis}_s", 0) for axis in AXES),
-            *((f"keeping RMS {axis}, m", f"keeping_{axis}_rms_m", 4) for axis in AXES),
+            Row("compared, s", "common_duration_s", 0),
+            Row("closest approach, m", "minimum_separation_m", 2),
+            Row("minimum in-track, m", "minimum_in_track_m", 2),
+            Row("settled, s", "settling_time_s", 0),
+            *(Row(f"  {axis}", f"settling_time_{axis}_s", 0) for axis in AXES),
             *(
-                (f"  from {SETTLED_AFTER:.0f} s on {axis}, m", f"settled_keeping_{axis}_rms_m", 5)
+                Row(f"keeping RMS {axis}, mm", f"keeping_{axis}_rms_m", 2, MILLIMETRES)
                 for axis in AXES
             ),
-            ("  dv in an hour, m/s", "settled_keeping_delta_v_m_per_s_per_h", 4),
+            *(
+                Row(
+                    f"  from {SETTLED_AFTER:.0f} s on {axis}, mm",
+                    f"settled_keeping_{axis}_rms_m",
+                    2,
+                    MILLIMETRES,
+                )
+                for axis in AXES
+            ),
+            Row("  dv in an hour, m/s", "settled_keeping_delta_v_m_per_s_per_h", 4),
         ),
     ),
     *(
         (
             f"dv {phase}, m/s",
-            tuple((f"  {axis}", f"delta_v_{phase}_{axis}_m_per_s", 3) for axis in AXES),
+            tuple(Row(f"  {axis}", f"delta_v_{phase}_{axis}_m_per_s", 4) for axis in AXES),
         )
         for phase in ("acquisition", "keeping", "total")
     ),
     (
         "navigation against truth",
         (
-            ("epochs with a solution", "navigation_epochs", 0),
-            ("epochs that all have", "navigation_common_epochs", 0),
-            *((f"  RMS {axis}, m", f"navigation_common_{axis}_rms_m", 4) for axis in AXES),
-            ("  largest, m", "navigation_common_maximum_m", 3),
-            ("  settled in all", "navigation_common_settled_epochs", 0),
-            ("    3-D RMS, m", "navigation_common_settled_3d_rms_m", 5),
-            ("within 3 sigma, %", "navigation_within_three_sigma_percent", 1),
-            ("fixed, % of the time", "navigation_fixed_percent", 1),
-            ("first fixed, s", "navigation_first_fixed_s", 0),
+            Row("epochs with a solution", "navigation_epochs", 0),
+            Row("epochs that all have", "navigation_common_epochs", 0),
+            *(
+                Row(f"  RMS {axis}, mm", f"navigation_common_{axis}_rms_m", 3, MILLIMETRES)
+                for axis in AXES
+            ),
+            Row("  largest, mm", "navigation_common_maximum_m", 3, MILLIMETRES),
+            Row("  settled in all", "navigation_common_settled_epochs", 0),
+            Row("    3-D RMS, mm", "navigation_common_settled_3d_rms_m", 3, MILLIMETRES),
+            Row("within 3 sigma, %", "navigation_within_three_sigma_percent", 1),
+            Row("fixed, % of the time", "navigation_fixed_percent", 1),
+            Row("first fixed, s", "navigation_first_fixed_s", 0),
         ),
     ),
     (
         "latency",
         (
-            ("of a step, sum of nodes, median, ms", "step_compute_time_median_ms", 3),
-            ("  99 % below, ms", "step_compute_time_99_percent_ms", 3),
+            Row("of a step, sum of nodes, median, ms", "step_compute_time_median_ms", 3),
+            Row("  99 % below, ms", "step_compute_time_99_percent_ms", 3),
         ),
     ),
     (
         "ionosphere",
         (
-            ("mean vertical TEC, TECU", "vertical_tec_mean_tecu", 2),
-            ("largest S4", "s4_maximum", 3),
+            Row("mean vertical TEC, TECU", "vertical_tec_mean_tecu", 2),
+            Row("largest S4", "s4_maximum", 3),
         ),
     ),
 )
@@ -160,8 +178,18 @@ def names_of_runs(paths: Sequence[pathlib.Path]) -> list[str]:
 
 
 def comparable_summaries(runs: Sequence[ComparedRun]) -> list[dict[str, Any]]:
-    """Return the numbers of each run with those at the epochs that all runs have."""
+    """Return the numbers of each run, those of flight and navigation over what all runs have.
+
+    Flights are cut where the shortest ends, errors of navigation are those of common epochs.
+    """
     summaries = [dict(run.summary) for run in runs]
+    for deputy in sorted({name for run in runs for name in run.flights}):
+        flights = {i: run.flights[deputy] for i, run in enumerate(runs) if deputy in run.flights}
+        end = min(float(flight.time[-1]) for flight in flights.values())
+        for index, flight in flights.items():
+            numbers = {"common_duration_s": end, **summarise_flight(flight.until(end))}
+            prefix = _prefix(runs[index], deputy)
+            summaries[index].update({prefix + k: plain_value(v) for k, v in numbers.items()})
     for deputy in sorted({name for run in runs for name in run.errors}):
         having = [index for index, run in enumerate(runs) if deputy in run.errors]
         common = summarise_common_epochs([runs[index].errors[deputy] for index in having])
@@ -187,46 +215,44 @@ def comparison_table(
     is_pair = len(runs) == 2
     heads = [run.name for run in runs]
     heads += ["difference"] * is_pair + [column.title.replace("\n", " ") for column in papers]
-    keys = {label.replace("_", "-"): key for _, section in SECTIONS for label, key, _ in section}
+    left_out = incomparable_keys(min(run.summary["run_duration_s"] for run in runs))
     sections = []
     for heading, rows in comparison_rows(runs):
         shown = []
-        for label, decimals, values in rows:
-            texts = [_value_text(value, decimals) for value in values]
+        for row, values in rows:
+            texts = [_value_text(value, row) for value in values]
             if is_pair:
-                texts.append(_difference_text(values, decimals))
-            printed = [column.values.get(keys[label]) for column in papers]
-            texts += ["" if value is None else number_text(value, decimals) for value in printed]
-            shown.append((label, texts))
+                texts.append(_difference_text(values, row))
+            texts += ["" if row.key in left_out else paper_text(paper, row) for paper in papers]
+            shown.append((row.label, texts))
         sections.append((heading, shown))
     return heads, sections
 
 
-def _value_text(value: Any, decimals: int) -> str:
+def _value_text(value: Any, row: Row) -> str:
     """Return a number, ``never`` where it does not exist, a blank where its subject is missing."""
     if value is ...:
         return ""
-    return "never" if value is None else number_text(value, decimals)
+    return "never" if value is None else scaled_text(value, row.decimals, row.scale)
 
 
-def _difference_text(values: Sequence[Any], decimals: int) -> str:
+def _difference_text(values: Sequence[Any], row: Row) -> str:
     """Return the second value less the first; a blank where one is missing."""
     if any(value is ... or value is None for value in values):
         return ""
-    difference = values[1] - values[0]
-    return f"{'+' if difference > 0 else ''}{number_text(difference, decimals)}"
+    return f"{(values[1] - values[0]) * row.scale:+.{row.decimals}f}"
 
 
 def comparison_rows(
     runs: Sequence[ComparedRun],
-) -> list[tuple[str, list[tuple[str, int, list[Any]]]]]:
+) -> list[tuple[str, list[tuple[Row, list[Any]]]]]:
     """Return the table: heading and rows of each section that any run has.
 
     Returns
     -------
     list
-        Heading and rows; a row is a label, the decimals to show, and one value for each run: None
-        where the number does not exist, ``...`` (Ellipsis) where the run has no such subject.
+        Heading and rows; a row has one value for each run: None where the number does not exist,
+        ``...`` (Ellipsis) where the run has no such subject.
     """
     summaries = comparable_summaries(runs)
     prefixes = sorted({_prefix(run, deputy) for run in runs for deputy in run.flights} or {""})
@@ -238,10 +264,10 @@ def comparison_rows(
                 continue
             section_prefix = "" if is_of_run else prefix
             rows = []
-            for label, key, decimals in section:
-                values = [summary.get(section_prefix + key, ...) for summary in summaries]
+            for row in section:
+                values = [summary.get(section_prefix + row.key, ...) for summary in summaries]
                 if any(value is not ... for value in values):
-                    rows.append((label.replace("_", "-"), decimals, values))
+                    rows.append((row._replace(label=row.label.replace("_", "-")), values))
             if rows:
                 sections.append((f"{section_prefix.rstrip('_')} {heading}".strip(), rows))
     return sections

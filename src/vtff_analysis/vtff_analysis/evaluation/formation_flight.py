@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,6 +81,22 @@ class FormationFlight:
     def settled_start(self) -> float:
         """Begin of the part of the keeping phase without a tail of the acquisition in s."""
         return self.keeping_start - ACQUISITION_DURATION + SETTLED_AFTER
+
+    def until(self, end: float) -> FormationFlight:
+        """Return the flight up to a time in s, the thrust that acts beyond it cut off."""
+        states = self.time <= end
+        thrust = self.thrust_time < end
+        return dataclasses.replace(
+            self,
+            time=self.time[states],
+            position_rtn=self.position_rtn[states],
+            deviation_rtn=None if self.deviation_rtn is None else self.deviation_rtn[states],
+            thrust_time=self.thrust_time[thrust],
+            thrust_rtn=self.thrust_rtn[thrust],
+            thrust_duration=np.minimum(
+                self.thrust_duration[thrust], end - self.thrust_time[thrust]
+            ),
+        )
 
     def minimum_in_track(self) -> tuple[float, float]:
         """Return the smallest in-track position in m and its time in s."""

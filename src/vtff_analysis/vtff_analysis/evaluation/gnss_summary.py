@@ -12,7 +12,7 @@ from vtff_gnss.constants import FLAG_LOCK_LOST, SYSTEM_LETTERS
 from vtff_gnss.fix import STATUS_NONE
 from vtff_gnss.signals import satellite_number, signal_from_number, signal_number
 
-__all__ = ["count_signals", "summarise_receiver", "system_name"]
+__all__ = ["count_signals", "signal_names", "summarise_receiver", "system_name"]
 
 GAP_FACTOR = 1.5
 """An interval this many times the usual one is a gap."""
@@ -57,16 +57,26 @@ def summarise_receiver(history: ReceiverHistory) -> dict[str, Any]:
     return summary
 
 
+def signal_names(
+    system: npt.NDArray[np.uint8], band: npt.NDArray[np.uint8], attribute: npt.NDArray[np.uint8]
+) -> npt.NDArray[np.str_]:
+    """Return each signal by RINEX system, frequency and attribute (``G1C``), shape (n,)."""
+    # PRN 0 stands for all satellites: only system, band and attribute are told apart.
+    numbers, rows = np.unique(signal_number(system, 0, band, attribute), return_inverse=True)
+    return np.array([_signal_name(number) for number in numbers], dtype=np.str_)[rows]
+
+
 def count_signals(history: ReceiverHistory) -> dict[str, int]:
-    """Return observations by signal, named by RINEX system, frequency and attribute (``G1C``)."""
-    # PRN 0 stands for all satellites: only system, band and attribute are counted apart.
+    """Return observations by signal, named as by `signal_names`."""
     numbers = signal_number(history.system, 0, history.band, history.attribute)
-    counts = {}
-    for number, count in zip(*np.unique(numbers, return_counts=True), strict=True):
-        signal = signal_from_number(number)
-        name = f"{_system_letter(signal.system)}{signal.band}{chr(signal.attribute)}"
-        counts[name] = int(count)
-    return counts
+    signals, counts = np.unique(numbers, return_counts=True)
+    names = [_signal_name(number) for number in signals]
+    return dict(zip(names, counts.tolist(), strict=True))
+
+
+def _signal_name(number: int) -> str:
+    signal = signal_from_number(number)
+    return f"{_system_letter(signal.system)}{signal.band}{chr(signal.attribute)}"
 
 
 def system_name(system: int) -> str:

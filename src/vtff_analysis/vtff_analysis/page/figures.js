@@ -13,9 +13,11 @@ const ROOM = 0.05; // of the values, above and below
 
 class Panel {
   constructor(content, group) {
-    Object.assign(this, content);
+    const { ticks, ...others } = content; // `ticks` is a method
+    Object.assign(this, others);
     this.group = group; // panels with the same x axis zoom together
     this.lines = content.lines;
+    this.named = ticks ?? [];
     this.hover = null;
     this.drag = null;
     this.canvas = document.createElement("canvas");
@@ -86,7 +88,7 @@ class Panel {
         high = Math.max(high, y);
       });
     }
-    if (!(low <= high)) return this.limits[1];
+    if (!(low <= high) || this.named.length) return this.limits[1];
     const [a, b] = [this.scaled(low, 1), this.scaled(high, 1)];
     const room = ROOM * (b - a) || Math.max(Math.abs(b) * ROOM, 1e-12);
     const range = [this.unscaled(a - room, 1), this.unscaled(b + room, 1)];
@@ -113,7 +115,8 @@ class Panel {
     context.fillStyle = "#ffffff";
     context.fillRect(0, 0, width, height);
     const ticks = {
-      x: this.ticks(x, frame.width < 300 ? 3 : 6, 0), y: this.ticks(y, Math.max(2, Math.round(frame.height / 45)), 1),
+      x: this.ticks(x, frame.width < 300 ? 3 : 6, 0),
+      y: this.namedTicks() ?? this.ticks(y, Math.max(2, Math.round(frame.height / 45)), 1),
     };
     const { toX, toY } = drawAxes(context, frame, { x, y }, ticks, { x: this.x, y: this.y });
     const place = { x: (value) => toX(this.scaled(value, 0)), y: (value) => toY(this.scaled(value, 1)) };
@@ -135,6 +138,13 @@ class Panel {
     const chosen = niceTicks(Math.min(low, high), Math.max(low, high), count);
     if (!this.log[axis]) return chosen;
     return { ticks: chosen.ticks, text: (value) => format(10 ** value, 3) };
+  }
+
+  // Ticks of an axis whose places have names; null where it has numbers.
+  namedTicks() {
+    if (!this.named.length) return null;
+    const names = new Map(this.named);
+    return { ticks: [...names.keys()], text: (value) => names.get(value) };
   }
 
   drawPointer(context, frame, place, width, height) {

@@ -9,6 +9,7 @@ from __future__ import annotations
 import base64
 import json
 import pathlib
+import re
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from matplotlib.collections import Collection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedLocator
 
 from vtff_dynamics.vectors import FloatArray
 
@@ -29,6 +31,10 @@ _MOST_SAMPLES = 2400
 #: satellites are drawn over each other, the eye tells no single second.
 _MOST_SAMPLES_OF_PANEL = 12_000
 _FEWEST_SAMPLES = 300
+_FORMULA = re.compile(r"\$([^$]*)\$")
+_RAISED, _LOWERED = re.compile(r"\^(?:\{([^}]*)\}|(.))"), re.compile(r"_(?:\{([^}]*)\}|(.))")
+_SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
+_SUBSCRIPTS = str.maketrans("0123456789e", "₀₁₂₃₄₅₆₇₈₉ₑ")
 _ROUND = 1e-3  # of a line's height in the figure: places of axes within a row
 
 
@@ -60,7 +66,8 @@ def line_data(figure: Figure) -> dict[str, Any] | None:
     -------
     dict or None
         ``rows``: a list of rows of panels from above, each panel with ``title``, ``x``, ``y``
-        (labels), ``log`` (whether x and y are logarithmic), ``limits`` (x and y) and ``lines``.
+        (labels), ``ticks`` (places on the y axis that have names), ``log`` (whether x and y are
+        logarithmic), ``limits`` (x and y) and ``lines``.
         A line has ``name``, ``colour``, ``dash``, ``points`` (whether it is points alone) and
         whether it is the outline of an ``area``, and
         either ``x`` and ``y``, numbers of ``arrays`` (`_packed`), or ``across`` or ``upright``: the
@@ -118,16 +125,36 @@ def _panel(axes: Axes) -> dict[str, Any]:
     lengths = [len(line.get_xdata()) for line in axes.lines if line.get_visible()]  # type: ignore[arg-type]
     share = min(1.0, _MOST_SAMPLES_OF_PANEL / max(1, sum(lengths)))
     return {
-        "title": axes.get_title(loc="left") or axes.get_title(),
-        "x": axes.get_xlabel(),
-        "y": axes.get_ylabel(),
+        "title": _without_markup(axes.get_title(loc="left") or axes.get_title()),
+        "x": _without_markup(axes.get_xlabel()),
+        "y": _without_markup(axes.get_ylabel()),
         "log": [axes.get_xscale() == "log", axes.get_yscale() == "log"],
+        "ticks": _named_ticks(axes),
         "limits": [list(map(float, axes.get_xlim())), list(map(float, axes.get_ylim()))],
         "lines": [
             *(_band(area) for area in axes.collections),
             *(_line(axes, line, share) for line in axes.lines if line.get_visible()),
         ],
     }
+
+
+def _without_markup(text: str) -> str:
+    """Return a text of matplotlib with its powers and indices between ``$`` as characters."""
+
+    def plain(formula: re.Match[str]) -> str:
+        raised = _RAISED.sub(lambda m: (m[1] or m[2]).translate(_SUPERSCRIPTS), formula[1])
+        return _LOWERED.sub(lambda m: (m[1] or m[2]).translate(_SUBSCRIPTS), raised)
+
+    return _FORMULA.sub(plain, text)
+
+
+def _named_ticks(axes: Axes) -> list[tuple[float, str]]:
+    """Return the places on the y axis that have names, with these."""
+    if not isinstance(axes.yaxis.get_major_locator(), FixedLocator):
+        return []
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    ticks = list(zip(map(float, axes.get_yticks()), names, strict=True))
+    return [(place, name) for place, name in ticks if name]
 
 
 def _band(area: Collection) -> dict[str, Any]:

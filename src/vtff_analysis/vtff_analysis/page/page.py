@@ -83,6 +83,7 @@ def render_template(name: str, folder: pathlib.Path, **values: Any) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
+    environment.filters["breakable"] = _breakable
     shown = {"head": "", "body": "", "command": "", **values}
     shown["papers"] = [PAPERS[number] for number in values.get("papers", ())]
     has_lines = "data-lines" in shown["body"]
@@ -99,6 +100,11 @@ def render_template(name: str, folder: pathlib.Path, **values: Any) -> str:
 def escape(value: Any) -> str:
     """Return a value as text of HTML."""
     return html.escape(str(value))
+
+
+def _breakable(value: Any) -> str:
+    """Return a value as HTML; names of topics, files and figures may break between their parts."""
+    return escape(value).replace("/", "/<wbr>").replace("_", "_<wbr>")
 
 
 def render_figures(pictures: Sequence[Picture], section: str) -> str:
@@ -140,7 +146,7 @@ def render_table(
 
     def cell(tag: str, column: int, value: str) -> str:
         style = ' class="number"' if numbers and column else ""
-        return f"<{tag}{style}>{escape(value)}</{tag}>"
+        return f"<{tag}{style}>{_breakable(value)}</{tag}>"
 
     head = "".join(cell("th", column, value) for column, value in enumerate(heads))
     lines = []

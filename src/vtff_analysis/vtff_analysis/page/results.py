@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from vtff_analysis.page.page import Picture, escape, render_figures, render_page, render_table
 
-__all__ = ["Section", "flat_rows", "write_results"]
+__all__ = ["Section", "write_results"]
 
 
 @dataclass(frozen=True)
@@ -46,6 +45,7 @@ def write_results(
     sections: Iterable[Section],
     papers: Iterable[str] = (),
     command: str = "",
+    lead: str = "",
 ) -> None:
     """Write a page of results.
 
@@ -61,6 +61,8 @@ def write_results(
         Numbers of the papers whose results stand beside the measured ones.
     command
         Command that makes the page again.
+    lead
+        The result in one sentence, which opens the page.
 
     Raises
     ------
@@ -68,28 +70,8 @@ def write_results(
         If a picture cannot be read or the page cannot be written.
     """
     body = "".join(_render(section) for section in sections)
-    path.write_text(render_page(title, "", body, papers, command), encoding="utf-8")
-
-
-def flat_rows(values: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
-    """Return a nested mapping as rows of a name and a text; what is None or empty is left out."""
-    rows: list[tuple[str, str]] = []
-    for name, value in values.items():
-        label = f"{prefix}{name}".replace("_", " ")
-        if isinstance(value, Mapping):
-            rows += flat_rows(value, f"{prefix}{name}, ")
-        elif isinstance(value, (list, tuple)) and value and isinstance(value[0], Mapping):
-            for number, item in enumerate(value, 1):
-                rows += flat_rows(item, f"{prefix}{name} {number}, ")
-        elif value is not None and value != [] and value != ():
-            rows.append((label, _text(value)))
-    return rows
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, (list, tuple)):
-        return ", ".join(_text(item) for item in value)
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    head = f'<div class="verdict"><p class="sentence">{escape(lead)}</p></div>' if lead else ""
+    path.write_text(render_page(title, head, body, papers, command), encoding="utf-8")
 
 
 def _render(section: Section) -> str:

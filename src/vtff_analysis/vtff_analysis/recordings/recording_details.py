@@ -291,8 +291,18 @@ class DetailCollector:
         for status in message.status:
             # Two spacecraft may have nodes of the same name.
             name = f"{status.name} ({status.hardware_id})" if status.hardware_id else status.name
-            self._health.setdefault(name, _Health()).add(time, status)
+            self._health_of(name).add(time, status)
             self._latency.add(status)
+
+    def _health_of(self, name: str) -> _Health:
+        """Return the reports of a name, and take over those from before its device was known.
+
+        A receiver is its port at first, and its port with a serial number once it has answered.
+        """
+        if name not in self._health:
+            earlier = [key for key in self._health if name.startswith(f"{key.removesuffix(')')} ")]
+            self._health[name] = self._health.pop(earlier[0]) if earlier else _Health()
+        return self._health[name]
 
     def _pair(self, message: Any) -> _Pair:
         # Another program may leave the name out.

@@ -38,12 +38,12 @@ from vtff_analysis.report.tables import (
     formation_heads,
     formation_remarks,
     formation_rows,
-    number_text,
     receiver_rows,
 )
 from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_gnss.signals import satellite_name
+from vtff_node.start.listeners import TOPICS_SUBJECT
 
 _LEVEL_NAMES = ("ok", "warning", "error", "stale")
 
@@ -267,19 +267,20 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
     if not items:
         return ""
     rows = []
-    for item in items:
+    # What nodes state of their topics is for the recorder, not for a reader.
+    for item in (item for item in items if not item.name.endswith(TOPICS_SUBJECT)):
         level = _LEVEL_NAMES[item.level]
         values = ", ".join(f"{key} {value}" for key, value in item.values.items())
-        not_ok = sum(item.counts[1:])
+        listed = f"<details><summary>values</summary>{escape(values)}</details>" if values else ""
+        part, device = item.name.removesuffix(f" ({item.hardware_id})"), item.hardware_id
         rows.append(
-            f"<tr><td>{escape(item.name)}</td><td class='{level}'>{level}</td>"
-            f"<td>{escape(item.message)}<br><span class='small'>{escape(values)}</span></td>"
-            f"<td class='number'>{sum(item.counts)}</td><td class='number'>{not_ok}</td></tr>"
+            f"<tr><td>{escape(part)}<br><span class='small'>{escape(device)}</span></td>"
+            f"<td class='{level}'>{level}</td><td>{escape(item.message)}{listed}</td>"
+            f"<td class='number'>{sum(item.counts[1:])} of {sum(item.counts)}</td></tr>"
         )
     table = (
-        "<table><thead><tr><th>part</th><th>state</th><th>last report</th>"
-        "<th class='number'>reports</th><th class='number'>not ok</th></tr></thead>"
-        f"<tbody>{''.join(rows)}</tbody></table>"
+        "<table class='health'><thead><tr><th>part</th><th>state</th><th>last report</th>"
+        f"<th class='number'>not ok</th></tr></thead><tbody>{''.join(rows)}</tbody></table>"
     )
     events = [
         [f"{max(0, time - start) * 1e-9:.0f} s" if time else "start", item.name, text]
@@ -358,7 +359,7 @@ def _render_parameters(described: RunDescription) -> str:
 def _format_value(value: Any) -> str:
     if isinstance(value, (dict, list)):
         return str(yaml.safe_dump(value, default_flow_style=True, width=4096)).strip()
-    return number_text(value, 6) if isinstance(value, float) and value % 1 else str(value)
+    return f"{value:.6g}" if isinstance(value, float) and value % 1 else str(value)
 
 
 def _render_topics(history: RunHistory) -> str:

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import pathlib
 from collections.abc import Mapping
+from typing import NamedTuple
 
 import matplotlib as mpl
 import numpy as np
+import numpy.typing as npt
+from matplotlib.axes import Axes
 from matplotlib.ticker import NullFormatter
 
+from vtff_analysis.evaluation.gnss_summary import signal_names
 from vtff_analysis.evaluation.navigation import NavigationError
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
@@ -49,6 +53,12 @@ _SATELLITE_COLOURS = (
     "#332288", "#88CCEE", "#44AA99", "#117733", "#999933", "#DDCC77",
     "#CC6677", "#882255", "#AA4499", "#000000", "#0072B2", "#D55E00",
 )  # fmt: skip
+
+# Okabe-Ito colours without the yellow, which is too faint on white; a mark tells the signals
+# apart where two colours are alike.
+_SIGNAL_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
+_SIGNAL_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
+_ELEVATION_STEP_DEG = 5.0  # of the medians of C/N0
 
 
 def plot_navigation_error(
@@ -133,38 +143,60 @@ def plot_navigation_quality(
 def plot_sky(
     history: ReceiverHistory, folder: pathlib.Path, prefix: str, title: str
 ) -> pathlib.Path | None:
-    """Draw where the satellites stood, coloured by C/N0, and C/N0 over elevation.
+    """Draw where the satellites stood, coloured by C/N0, and C/N0 over elevation by signal.
 
     Returns
     -------
     pathlib.Path or None
         ``sky.png``; None without fixes or ephemerides to compute it from.
     """
-    sky_points = _compute_sky(history)
-    if sky_points is None:
+    points = _compute_sky(history)
+    if points is None:
         return None
-    elevation, azimuth, cn0, names, first_rows = sky_points
     with mpl.rc_context(STYLE):
         figure = make_figure(6.4)
         sky = figure.add_subplot(1, 2, 1, projection="polar")
         sky.set_theta_zero_location("N")  # type: ignore[attr-defined]
         sky.set_theta_direction(-1)  # type: ignore[attr-defined]
-        lowest = min(0.0, np.floor(np.degrees(elevation.min()) / 10.0) * 10.0)
-        distance = 90.0 - np.degrees(elevation)
-        marks = sky.scatter(azimuth, distance, c=cn0, s=7.0, cmap="viridis")
+        lowest = min(0.0, np.floor(points.elevation_deg.min() / 10.0) * 10.0)
+        distance = 90.0 - points.elevation_deg
+        marks = sky.scatter(points.azimuth, distance, c=points.cn0_dbhz, s=7.0, cmap="viridis")
         sky.set_ylim(0.0, 90.0 - lowest)
         rings = [value for value in (60.0, 30.0, 0.0, lowest) if value >= lowest]
         sky.set_yticks([90.0 - ring for ring in rings], [f"{ring:.0f}°" for ring in rings])
         sky.set_xticks(np.radians([0.0, 90.0, 180.0, 270.0]), ["N", "E", "S", "W"])
-        for name, row in zip(names, first_rows, strict=True):
-            sky.annotate(name, (azimuth[row], distance[row]), fontsize=8.0, color="0.2")
-        panel = figure.add_subplot(1, 2, 2)
-        panel.scatter(np.degrees(elevation), cn0, s=5.0, color=STATE_COLOUR, alpha=0.35)
-        panel.set_xlabel("elevation (°)")
-        panel.set_ylabel("C/N0 (dB-Hz)")
-        panel.set_title("signal strength over elevation")
+        for name, row in points.first_rows.items():
+            sky.annotate(name, (points.azimuth[row], distance[row]), fontsize=8.0, color="0.2")
+        _draw_signal_strength(figure.add_subplot(1, 2, 2), points)
         figure.colorbar(marks, ax=sky, label="C/N0 (dB-Hz)", pad=0.12, shrink=0.8)
         return save_figure(figure, folder / f"{prefix}sky.png", title)
+
+
+def _draw_signal_strength(panel: Axes, points: _SkyPoints) -> None:
+    """Draw samples of C/N0 over elevation, and the median of each signal as a line with marks."""
+    for index, name in enumerate(sorted(set(points.signal))):
+        chosen = points.signal == name
+        colour = _SIGNAL_COLOURS[index % len(_SIGNAL_COLOURS)]
+        mark = _SIGNAL_MARKS[index % len(_SIGNAL_MARKS)]
+        elevation_deg, cn0_dbhz = points.elevation_deg[chosen], points.cn0_dbhz[chosen]
+        panel.plot(elevation_deg, cn0_dbhz, ".", color=colour, alpha=0.15, markersize=2.5)
+        middles, medians = _medians(elevation_deg, cn0_dbhz)
+        panel.plot(
+            middles, medians, color=colour, marker=mark, markersize=7.0, linewidth=1.4,
+            markeredgecolor="white", markeredgewidth=0.6, label=name,
+        )  # fmt: skip
+    panel.set_xlabel("elevation (°)")
+    panel.set_ylabel("C/N0 (dB-Hz)")
+    panel.set_title("signal strength; lines: medians")
+    panel.legend(loc="lower right", ncols=2, handlelength=2.6)
+
+
+def _medians(elevation_deg: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the middles of the elevations that have values, deg, and the median at each."""
+    step = np.floor(elevation_deg / _ELEVATION_STEP_DEG)
+    steps = np.unique(step)
+    medians = [np.nanmedian(values[step == number]) for number in steps]
+    return (steps + 0.5) * _ELEVATION_STEP_DEG, np.array(medians)
 
 
 def plot_satellite_values(
@@ -289,16 +321,30 @@ def plot_compute_time(
         return save_figure(figure, folder / "timing.png", title)
 
 
-def _compute_sky(
-    history: ReceiverHistory,
-) -> tuple[FloatArray, FloatArray, FloatArray, list[str], list[int]] | None:
+class _SkyPoints(NamedTuple):
+    """Observed signals with their directions, a row each.
+
+    Attributes
+    ----------
+    elevation_deg, azimuth, cn0_dbhz
+        deg, rad and dB-Hz, shape (n,).
+    signal
+        RINEX names of the signals as ``G1C``, shape (n,).
+    first_rows
+        First row of each satellite by its name.
+    """
+
+    elevation_deg: FloatArray
+    azimuth: FloatArray
+    cn0_dbhz: FloatArray
+    signal: npt.NDArray[np.str_]
+    first_rows: dict[str, int]
+
+
+def _compute_sky(history: ReceiverHistory) -> _SkyPoints | None:
     """Return the sky positions of the observed signals at up to `SKY_EPOCHS` epochs.
 
-    Returns
-    -------
-    elevation, azimuth, cn0, names, first_rows
-        rad, rad and dB-Hz of each signal, shape (n,); names of the satellites, and the first row
-        of each. None without fixes, ephemerides or observations.
+    None without fixes, ephemerides or observations.
     """
     usable = np.isfinite(history.fix_position_itrf).all(axis=1)
     if not usable.any() or not history.ephemerides or not history.epoch_time.size:
@@ -319,12 +365,12 @@ def _compute_sky(
     numbers = satellite_number(system, prn)[computed]
     satellites, first_rows = np.unique(numbers, return_index=True)
     names = [satellite_name(*satellite_from_number(number)) for number in satellites]
-    return (
-        geometry.elevation[computed],
+    return _SkyPoints(
+        np.degrees(geometry.elevation[computed]),
         geometry.azimuth[computed],
         cn0[computed].astype(float),
-        names,
-        first_rows.tolist(),
+        signal_names(system, history.band[rows], history.attribute[rows])[computed],
+        dict(zip(names, first_rows.tolist(), strict=True)),
     )
 
 

@@ -8,7 +8,7 @@ The numbers come from `vtff_analysis.evaluation.summary`, the columns of the pap
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 from rich import box
 from rich.console import Console
@@ -24,10 +24,29 @@ from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.verdict import describe_receivers
 
 Summary = Mapping[str, Any]
-Section = Sequence[tuple[str, str, int]]  # label, key, decimals
 
-#: Below this a number is shown with an exponent.
-_SMALLEST_FIXED = 1e-3
+
+class Row(NamedTuple):
+    """A row of a table of numbers.
+
+    Attributes
+    ----------
+    label, key
+        Text with the unit, and key of the summary.
+    decimals
+        Number of decimals.
+    scale
+        What the number is multiplied with, for a unit other than that of the key.
+    """
+
+    label: str
+    key: str
+    decimals: int
+    scale: float = 1.0
+
+
+Section = Sequence[Row]
+MILLIMETRES = 1e3  # of a metre
 
 #: What fed a controller, by the summary's `control_input`; navigation is described further.
 _FED = {"truth": "truth", "own sensor": "its own fix and its own sensor of range and direction"}
@@ -35,64 +54,67 @@ _FED = {"truth": "truth", "own sensor": "its own fix and its own sensor of range
 _AXIS_LABELS = dict(zip(AXES, ("radial", "in-track", "cross-track"), strict=True))
 
 
-def _axis_rows(label: str, unit: str, key: str, decimals: int) -> list[tuple[str, str, int]]:
+def _axis_rows(label: str, unit: str, key: str, decimals: int, scale: float = 1.0) -> list[Row]:
     """Return one row per axis; ``{}`` in the key stands for the axis."""
-    return [(f"{label} {_AXIS_LABELS[axis]}, {unit}", key.format(axis), decimals) for axis in AXES]
+    return [
+        Row(f"{label} {_AXIS_LABELS[axis]}, {unit}", key.format(axis), decimals, scale)
+        for axis in AXES
+    ]
 
 
 _STATISTICS = {"maximum": "maximum", "minimum": "minimum", "mean": "mean", "rms": "RMS"}
 
 _ACQUISITION: Section = [
-    ("minimum in-track, m", "minimum_in_track_m", 2),
-    ("  at, s", "minimum_in_track_time_s", 0),
-    ("closest approach, m", "minimum_separation_m", 2),
+    Row("minimum in-track, m", "minimum_in_track_m", 2),
+    Row("  at, s", "minimum_in_track_time_s", 0),
+    Row("closest approach, m", "minimum_separation_m", 2),
     *_axis_rows("settled", "s", "settling_time_{}_s", 0),
-    *_axis_rows("dv", "m/s", "delta_v_acquisition_{}_m_per_s", 2),
+    *_axis_rows("dv", "m/s", "delta_v_acquisition_{}_m_per_s", 3),
 ]
 
 _KEEPING: Section = [
-    ("begins at, s", "keeping_start_time_s", 0),
+    Row("begins at, s", "keeping_start_time_s", 0),
     *[
-        (f"{_AXIS_LABELS[axis]} {label}, m", f"keeping_{axis}_{what}_m", 4)
+        Row(f"{_AXIS_LABELS[axis]} {label}, m", f"keeping_{axis}_{what}_m", 5)
         for axis in AXES
         for what, label in _STATISTICS.items()
     ],
-    *_axis_rows("dv", "m/s", "delta_v_keeping_{}_m_per_s", 2),
+    *_axis_rows("dv", "m/s", "delta_v_keeping_{}_m_per_s", 4),
 ]
 
 _SETTLED_KEEPING: Section = [
-    *_axis_rows("RMS", "m", "settled_keeping_{}_rms_m", 5),
-    *_axis_rows("RMS, truth-fed twin,", "m", "truth_fed_settled_keeping_{}_rms_m", 5),
-    ("dv of all axes, m/s per hour", "settled_keeping_delta_v_m_per_s_per_h", 4),
-    ("dv, truth-fed twin, m/s per hour", "truth_fed_settled_keeping_delta_v_m_per_s_per_h", 4),
+    *_axis_rows("RMS", "mm", "settled_keeping_{}_rms_m", 3, MILLIMETRES),
+    *_axis_rows("RMS, truth-fed twin,", "mm", "truth_fed_settled_keeping_{}_rms_m", 3, MILLIMETRES),
+    Row("dv of all axes, m/s per hour", "settled_keeping_delta_v_m_per_s_per_h", 4),
+    Row("dv, truth-fed twin, m/s per hour", "truth_fed_settled_keeping_delta_v_m_per_s_per_h", 4),
 ]
 
-_TOTAL: Section = _axis_rows("dv", "m/s", "delta_v_total_{}_m_per_s", 2)
+_TOTAL: Section = _axis_rows("dv", "m/s", "delta_v_total_{}_m_per_s", 3)
 
 _NAVIGATION: Section = [
-    *_axis_rows("RMS", "m", "navigation_error_{}_rms_m", 4),
-    ("largest, m", "navigation_error_maximum_m", 4),
-    ("3-D RMS after 60 s, m", "navigation_error_settled_3d_rms_m", 5),
-    ("3-D RMS after 60 s, m/s", "navigation_error_settled_3d_rms_m_per_s", 7),
-    ("NEES after 60 s", "navigation_error_settled_nees", 2),
+    *_axis_rows("RMS", "mm", "navigation_error_{}_rms_m", 3, MILLIMETRES),
+    Row("largest, mm", "navigation_error_maximum_m", 3, MILLIMETRES),
+    Row("3-D RMS after 60 s, mm", "navigation_error_settled_3d_rms_m", 3, MILLIMETRES),
+    Row("3-D RMS after 60 s, mm/s", "navigation_error_settled_3d_rms_m_per_s", 4, MILLIMETRES),
+    Row("NEES after 60 s", "navigation_error_settled_nees", 2),
 ]
 
 _RECEIVER: Section = [
-    ("epochs", "gnss_epochs", 0),
-    ("time span, s", "gnss_time_span_s", 1),
-    ("interval, s", "gnss_interval_s", 3),
-    ("gaps", "gnss_gaps", 0),
-    ("  longest, s", "gnss_longest_gap_s", 1),
-    ("  missing epochs", "gnss_missing_epochs", 0),
-    ("satellites", "gnss_satellites", 0),
-    ("  per epoch, mean", "gnss_satellites_per_epoch_mean", 1),
-    ("mean C/N0, dB-Hz", "gnss_cn0_mean_dbhz", 1),
-    ("possible cycle slips", "gnss_possible_cycle_slips", 0),
-    ("position fixes", "gnss_fixes", 0),
-    ("  usable", "gnss_fixes_usable", 0),
-    ("ephemerides", "gnss_ephemerides", 0),
-    ("  of satellites", "gnss_ephemeris_satellites", 0),
-    ("observations", "gnss_observations", 0),
+    Row("epochs", "gnss_epochs", 0),
+    Row("time span, s", "gnss_time_span_s", 1),
+    Row("interval, s", "gnss_interval_s", 3),
+    Row("gaps", "gnss_gaps", 0),
+    Row("  longest, s", "gnss_longest_gap_s", 1),
+    Row("  missing epochs", "gnss_missing_epochs", 0),
+    Row("satellites", "gnss_satellites", 0),
+    Row("  per epoch, mean", "gnss_satellites_per_epoch_mean", 1),
+    Row("mean C/N0, dB-Hz", "gnss_cn0_mean_dbhz", 1),
+    Row("possible cycle slips", "gnss_possible_cycle_slips", 0),
+    Row("position fixes", "gnss_fixes", 0),
+    Row("  usable", "gnss_fixes_usable", 0),
+    Row("ephemerides", "gnss_ephemerides", 0),
+    Row("  of satellites", "gnss_ephemeris_satellites", 0),
+    Row("observations", "gnss_observations", 0),
 ]
 
 
@@ -161,13 +183,13 @@ def receiver_rows(summary: Summary, receivers: Sequence[str]) -> list[tuple[str,
         }
     )
     rows = []
-    for label, key, decimals in [
+    for row in [
         *_RECEIVER,
-        *[(f"  {key.removeprefix('gnss_observations_').upper()}", key, 0) for key in signals],
+        *[Row(f"  {key.removeprefix('gnss_observations_').upper()}", key, 0) for key in signals],
     ]:
-        values = [summary.get(prefix + key) for prefix in prefixes]
+        values = [summary.get(prefix + row.key) for prefix in prefixes]
         if any(value is not None for value in values):
-            rows.append((label, [number_text(value, decimals) for value in values]))
+            rows.append((row.label, [number_text(value, row.decimals) for value in values]))
     return rows
 
 
@@ -204,17 +226,18 @@ def formation_rows(
     list
         Heading and rows; a row is a label, the measured number, and one number for each column.
     """
-    left_out = _not_comparable(summary)
-    absent = "not yet" if _is_short(summary) else "never"
+    left_out = incomparable_keys(summary["run_duration_s"])
+    absent = "not yet" if _is_short(summary["run_duration_s"]) else "never"
     sections = []
     for heading, section in _sections(summary):
         rows = []
-        for label, key, decimals in section:
-            if key not in summary:
+        for row in section:
+            if row.key not in summary:
                 continue
-            printed = ["" if key in left_out else _paper_text(c.values.get(key)) for c in columns]
-            measured = absent if summary[key] is None else number_text(summary[key], decimals)
-            rows.append((label, measured, printed))
+            printed = ["" if row.key in left_out else paper_text(c, row) for c in columns]
+            value = summary[row.key]
+            measured = absent if value is None else scaled_text(value, row.decimals, row.scale)
+            rows.append((row.label, measured, printed))
         if rows:
             sections.append((heading, rows))
     return sections
@@ -235,20 +258,19 @@ def _formation_table(title: str, summary: Summary, columns: Sequence[PaperColumn
     return table
 
 
-def _is_short(summary: Summary) -> bool:
-    """Return whether the run is shorter than those of the paper."""
-    return bool(summary["run_duration_s"] < PAPER_DURATION - 1.0)
+def _is_short(duration: float) -> bool:
+    """Return whether a run of so many s is shorter than those of the paper."""
+    return duration < PAPER_DURATION - 1.0
 
 
-def _not_comparable(summary: Summary) -> set[str]:
-    """Return the keys of sums that cannot be compared, because the run is too short for them."""
-    duration = summary["run_duration_s"]
+def incomparable_keys(duration: float) -> set[str]:
+    """Return the keys of sums of the paper that a run of so many s is too short for."""
     keys: set[str] = set()
-    if _is_short(summary):
-        keys.update(key for _, key, _ in _TOTAL)
-        keys.update(key for _, key, _ in _KEEPING if key.startswith("delta_v_"))
+    if _is_short(duration):
+        keys.update(row.key for row in _TOTAL)
+        keys.update(row.key for row in _KEEPING if row.key.startswith("delta_v_"))
     if duration < ACQUISITION_DURATION:
-        keys.update(key for _, key, _ in _ACQUISITION if key.startswith("delta_v_"))
+        keys.update(row.key for row in _ACQUISITION if row.key.startswith("delta_v_"))
     return keys
 
 
@@ -277,7 +299,7 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
         )
         lines.append(f"{_join_lines(column.title)}: {column.source}; {fed}.")
     duration = summary["run_duration_s"]
-    if columns and _is_short(summary):
+    if columns and _is_short(duration):
         lines.append(
             f"the paper's runs have {PAPER_DURATION:.0f} s, this one {duration:.0f} s: "
             "its totals are left out, its statistics are of the longer time."
@@ -343,10 +365,17 @@ def number_text(value: Any, decimals: int) -> str:
         return "-"
     if not isinstance(value, float):
         return str(value)
-    if value != 0.0 and decimals > 0 and abs(value) < _SMALLEST_FIXED:
-        return f"{value:.1e}"
+    if value != 0.0 and decimals > 0 and abs(value) < 0.5 * 10.0**-decimals:
+        return f"{value:.1e}"  # else it would be shown as zero
     return f"{value:.{decimals}f}"
 
 
-def _paper_text(value: float | None) -> str:
-    return "" if value is None else f"{value:.7g}"
+def scaled_text(value: Any, decimals: int, scale: float) -> str:
+    """Return a measured number in another unit."""
+    return number_text(value if scale == 1.0 or value is None else value * scale, decimals)
+
+
+def paper_text(column: PaperColumn, row: Row) -> str:
+    """Return the number that the paper prints for a row, with its digits; blank without."""
+    value = column.values.get(row.key)
+    return "" if value is None else f"{value * row.scale:.7g}"

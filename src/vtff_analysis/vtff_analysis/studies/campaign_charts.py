@@ -124,7 +124,7 @@ def draw_scatter(pairs: Sequence[tuple[Column, Column]]) -> str:
             elif _spans_decades(driver.values):
                 panel.set_xscale("log")
             panel.set_xlabel(_wrapped(driver.label))
-            panel.set_ylabel(_wrapped(figure.label))
+            panel.set_ylabel(_wrapped(figure.label, _PANEL_HEIGHT))
         for panel in panels.flat[len(pairs) :]:
             panel.set_axis_off()
         return _data_url(picture)
@@ -156,6 +156,9 @@ def _draw_histogram(panel: Any, figure: Column) -> None:
 def _spans_decades(values: FloatArray) -> bool:
     finite = values[np.isfinite(values)]
     return bool(len(finite) and finite.min() > 0.0 and finite.max() / finite.min() >= 100.0)
+
+
+_PANEL_HEIGHT = 22  # letters that fit beside a panel
 
 
 def _wrapped(name: str, width: int = 34) -> str:

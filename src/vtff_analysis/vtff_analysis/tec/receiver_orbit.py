@@ -22,7 +22,7 @@ from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.orbits.precise_orbit import InterpolatedTrack, InterpolationError
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_gnss.orbits.sp3 import Sp3File, is_sp3, parse_sp3
-from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.signals import satellite_number
 from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
@@ -128,7 +128,7 @@ def open_receiver_orbit(path: pathlib.Path) -> ReceiverOrbit:
         If the file cannot be read.
     """
     try:
-        content = decompress(path.read_bytes(), path)
+        content = read_decompressed(path)
         if is_sp3(content):
             return _from_sp3(parse_sp3(content, path))
     except RinexError as error:

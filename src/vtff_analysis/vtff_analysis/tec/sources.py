@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pathlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -59,7 +60,7 @@ class TecSource:
 
 def is_bag(path: pathlib.Path) -> bool:
     """Return whether a path is a bag: a folder or an ``.mcap`` file."""
-    return path.is_dir() or path.suffix == ".mcap"
+    return os.path.isdir(path) or path.suffix == ".mcap"
 
 
 def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:

@@ -15,5 +15,9 @@ class BagWriteError(BagError):
     """A bag cannot be created or extended, for example because the disk is full."""
 
 
+class BagExistsError(BagWriteError):
+    """What stands at the place of a bag to be written is not overwritten."""
+
+
 class UnknownTypeError(BagError):
     """The definition of a message type is not installed."""

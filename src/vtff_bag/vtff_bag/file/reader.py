@@ -13,6 +13,7 @@ import bisect
 import contextlib
 import os
 import pathlib
+import stat
 from collections.abc import Collection, Iterator
 from typing import Any, BinaryIO, NamedTuple
 
@@ -87,7 +88,10 @@ class BagReader:
     """
 
     def __init__(self, path: str | os.PathLike[str], *, scan: bool = False) -> None:
-        self.path = _find_bag(pathlib.Path(path))
+        try:
+            self.path = _find_bag(pathlib.Path(path))
+        except OSError as error:  # a name that is too long, a folder that may not be read
+            raise BagReadError(f"{path}: {error.strerror}") from error
         self.notes: list[str] = []
         self.metadata: BagMetadata | None = None
         self.files = self._find_files()
@@ -189,6 +193,9 @@ class BagReader:
         if not self.path.exists():
             raise BagReadError(f"{self.path}: no such bag")
         if not self.path.is_dir():
+            mode = self.path.stat().st_mode
+            if stat.S_ISFIFO(mode) or stat.S_ISSOCK(mode) or stat.S_ISCHR(mode):
+                raise BagReadError(f"{self.path}: neither a folder nor a regular file")
             self._read_metadata_beside(self.path)
             return [self.path]
         present = sorted(self.path.glob(f"*{SUFFIX}"))

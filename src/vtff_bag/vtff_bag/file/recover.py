@@ -8,7 +8,7 @@ import pathlib
 from collections.abc import Callable
 
 from vtff_bag.file import mcap_blocks
-from vtff_bag.file.errors import BagReadError, BagWriteError
+from vtff_bag.file.errors import BagExistsError, BagReadError
 from vtff_bag.file.mcap_blocks import FileContent
 from vtff_bag.file.reader import BagReader
 from vtff_bag.file.writer import BagWriter
@@ -62,13 +62,15 @@ def recover(
     ------
     BagReadError
         If nothing in the bag is readable; the text names the file.
+    BagExistsError
+        If the output exists.
     BagWriteError
-        If the output exists or cannot be written; the text names its path.
+        If the output cannot be written; the text names its path.
     """
     reader = BagReader(path, scan=True)
     directory = pathlib.Path(output) if output is not None else default_output(reader.path)
     if directory.exists():
-        raise BagWriteError(f"{directory}: exists already; remove it or name another output")
+        raise BagExistsError(f"{directory}: exists already; remove it or name another output")
     notes = list(reader.notes)
     custom = {**reader.custom_data, "recovered_from": reader.path.absolute().name}
     with BagWriter(directory, custom) as writer:

@@ -7,6 +7,9 @@ import itertools
 import os
 import pathlib
 
+_made_parents: set[pathlib.Path] = set()
+"""Folders that this process made to hold a new folder: a refused command leaves none of them."""
+
 
 class RunFolderError(ValueError):
     """A folder cannot be used; the text names the folder and the reason."""
@@ -27,6 +30,8 @@ def new_folder(folder: pathlib.Path) -> pathlib.Path:
     """
     for number in itertools.count(1):
         candidate = folder if number == 1 else folder.with_name(f"{folder.name}_{number}")
+        parent = folder.parent.absolute()
+        is_new = not parent.is_dir()
         try:
             candidate.mkdir(parents=True)
         except FileExistsError:
@@ -35,6 +40,8 @@ def new_folder(folder: pathlib.Path) -> pathlib.Path:
             raise RunFolderError(f"{folder.parent} is not a folder") from None
         except OSError as error:
             raise RunFolderError(f"cannot make the folder {folder}: {error.strerror}") from error
+        if is_new:
+            _made_parents.add(parent.resolve())
         return candidate.resolve()
     raise AssertionError("unreachable: the count does not end")
 
@@ -97,6 +104,11 @@ def output_folder(
 
 
 def remove_if_empty(folder: pathlib.Path) -> None:
-    """Remove the folder of a run that did not start, if it is empty."""
+    """Remove the folder of a run that did not start, if it is empty.
+
+    The folder that was made to hold it goes too.
+    """
     if not any(folder.iterdir()):
         folder.rmdir()
+        if folder.parent in _made_parents and not any(folder.parent.iterdir()):
+            folder.parent.rmdir()

@@ -7,8 +7,8 @@ from typing import Annotated, Optional
 
 import typer
 
-from vtff_bag.file.errors import BagError
-from vtff_bringup.run.exit_codes import EXIT_FAILURE
+from vtff_bag.file.errors import BagError, BagExistsError, BagReadError
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help=True)
 
@@ -34,7 +34,10 @@ def recover_command(
         typer.Option(help="Folder to write; default: BAG_recovered beside it."),
     ] = None,
 ) -> None:
-    """Copy everything that is intact into a new, complete bag; the original is not touched."""
+    """Copy what is intact into a new, complete bag.
+
+    The original is not touched.
+    """
     from vtff_bag.file.recover import recover
 
     try:
@@ -46,4 +49,6 @@ def recover_command(
 def _exit_with_error(error: BagError) -> typer.Exit:
     # On standard error: the recovered path on standard output is for scripts.
     typer.echo(f"error: {error}", err=True)
-    return typer.Exit(EXIT_FAILURE)
+    return typer.Exit(
+        EXIT_USAGE if isinstance(error, (BagReadError, BagExistsError)) else EXIT_FAILURE
+    )

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import dataclasses
-import math
 import pathlib
 from typing import TYPE_CHECKING, Annotated, Optional
 
 import typer
 from rich.console import Console
 from rich.progress import Progress
-from rich.table import Table
+from rich.table import Column, Table
 
 from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
-    from vtff_analysis.baseline.processing import BaselineOptions, BaselineRun
+    from vtff_analysis.baseline.processing import BaselineOptions
     from vtff_analysis.baseline.sources import BaselineSources
-    from vtff_analysis.baseline.summary import BaselineSummary
     from vtff_dynamics.time.timescales import GpsTime
 
 _ESTIMATORS = ("cdgps", "paper")
@@ -126,11 +123,12 @@ def baseline(
         ),
     ] = "parquet",
 ) -> None:
-    """Compute the position of one receiver relative to another from recorded observations.
+    """Compute the position of one receiver relative to another.
 
-    Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed; the
-    format is found by content; orbits also from SP3 files. Epochs whose time tags differ by less
-    than 20 ms belong together. The filter is that of the loop, in the order of time.
+    Recorded observations are used. Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs,
+    any of them compressed; the format is found by content; orbits also from SP3 files. Epochs
+    whose time tags differ by less than 20 ms belong together. The filter is that of the loop, in
+    the order of time.
 
     Prints how many epochs were fixed, the baseline with its scatter and sigma (east, north, up of
     the base, or radial, in-track, cross-track) and writes a table of the epochs, JSON, a plot and
@@ -252,8 +250,9 @@ def _compute(
     from vtff_analysis.baseline.output import write_epochs, write_json, write_plot
     from vtff_analysis.baseline.processing import process_baseline
     from vtff_analysis.baseline.summary import summarise
+    from vtff_analysis.baseline.tables import component_rows, lead_sentence, summary_rows
     from vtff_analysis.baseline.truth import errors_local
-    from vtff_analysis.page.results import Section, flat_rows, write_results
+    from vtff_analysis.page.results import Section, write_results
     from vtff_bag.run.folder import output_folder
 
     for remark in sources.remarks:
@@ -268,77 +267,31 @@ def _compute(
     summary = summarise(run, errors)
     folder = output_folder(out, "baseline")
     title = f"{sources.rover_name} relative to {sources.base_name}"
-    table = write_epochs(run, errors, folder, form, title)
+    epochs = write_epochs(run, errors, folder, form, title)
     write_json(summary, folder / "baseline.json")
     plot = write_plot(run, errors, folder / "baseline.png", title)
-    rows = [("used", line) for line in sources.usage] + flat_rows(dataclasses.asdict(summary))
+    sentence = lead_sentence(run, summary)
+    facts = summary_rows(run, summary)
+    heads, components = component_rows(options, run, summary)
     caption = "Components with three sigma, kind of solution and satellites."
-    section = Section("", ("", "m, s"), rows, [(plot, caption)], sources.remarks)
-    write_results(folder / "baseline.html", title, (section,), command=command_line())
+    used = [("used", line) for line in sources.usage]
+    sections = (
+        Section("", heads, components, [(plot, caption)], sources.remarks),
+        Section("Epochs and solutions", ("", ""), [*facts, *used], numbers=False),
+    )
+    page = folder / "baseline.html"
+    write_results(page, title, sections, command=command_line(), lead=sentence)
     console.print(title, markup=False, style="bold", soft_wrap=True)
-    for line in (*sources.usage, *_summary_lines(run, summary)):
+    for line in (sentence, *sources.usage, *(f"{name:<12} {text}" for name, text in facts)):
         console.print(f"  {line}", markup=False, soft_wrap=True)
-    console.print(_make_table(options, run, summary))
+    table = Table(heads[0], *(Column(name, justify="right") for name in heads[1:]))
+    for row in components:
+        table.add_row(*row)
+    console.print(table)
     for reason, count in sorted(run.degraded.items(), key=lambda item: -item[1])[:_REASONS_SHOWN]:
         console.print(f"  {count} epochs: {reason}", markup=False, soft_wrap=True)
-    console.print(f"{table.name}, JSON, plot and page: {folder}", markup=False, soft_wrap=True)
+    console.print(f"{epochs.name}, JSON, plot and page: {folder}", markup=False, soft_wrap=True)
     if summary.mean is None:
         console.print("[red]error:[/red] no epoch has a solution")
         return EXIT_FAILURE
     return 0
-
-
-def _summary_lines(run: BaselineRun, summary: BaselineSummary) -> list[str]:
-    """Return the lines with the numbers that do not belong to an axis."""
-    unpaired = f", {run.unpaired[0]} + {run.unpaired[1]} without partner"
-    shares = ", ".join(
-        f"{100.0 * count / summary.epochs:.2f} % {name}"
-        for name, count in reversed(summary.counts.items())
-        if count
-    )
-    first = summary.time_to_first_fix
-    lines = [
-        f"epochs       {summary.epochs} in {summary.duration:.0f} s"
-        + (unpaired if any(run.unpaired) else ""),
-        f"solutions    {shares}",
-        "first fix    " + ("never" if first is None else f"{first:g} s after the first epoch"),
-    ]
-    if summary.satellites is not None:
-        lines.append("satellites   least {:.0f}, mean {:.1f}".format(*summary.satellites))
-    if summary.ratio is not None:
-        lines.append("ratio        least {:.1f}, median {:.1f}".format(*summary.ratio))
-    if summary.longest is not None:
-        lines.append(f"length       {summary.shortest:.4f} to {summary.longest:.4f} m")
-    return lines
-
-
-def _make_table(options: BaselineOptions, run: BaselineRun, summary: BaselineSummary) -> Table:
-    table = Table(show_header=True)
-    table.add_column(f"{options.estimator}, {options.dynamics}")
-    for name in (*run.axes, "3-D"):
-        table.add_column(name, justify="right")
-    if summary.mean is not None and summary.is_at_rest:
-        table.add_row("mean, m", *(f"{x:.4f}" for x in summary.mean), "")
-        if options.dynamics == "static" and summary.last is not None:
-            table.add_row("last, m", *(f"{x:.4f}" for x in summary.last), "")
-        table.add_row("scatter, mm", *_millimetres(summary.scatter))
-    table.add_row("sigma of the filter, mm", *_millimetres(summary.sigma))
-    for name, errors in (
-        ("since the first fix", summary.errors),
-        ("after 10 min", summary.errors_converged),
-    ):
-        if errors is not None:
-            label = f"error {name} ({errors.epochs} epochs)"
-            table.add_row(label)
-            table.add_row("  mean, mm", *_millimetres(errors.mean)[:3])
-            table.add_row("  RMS, mm", *_millimetres(errors.rms))
-            table.add_row("  largest, mm", "", "", "", f"{1e3 * errors.largest_3d:.3f}")
-    return table
-
-
-def _millimetres(lengths: tuple[float, ...] | None) -> list[str]:
-    """Return three lengths and their root sum square."""
-    if lengths is None:
-        return []
-    total = math.hypot(*lengths)
-    return [f"{1e3 * length:.3f}" for length in (*lengths, total)]

@@ -78,11 +78,12 @@ def campaign(
         typer.Option(help="Cases of a Dask task: more for short cases on many workers.", min=1),
     ] = 1,
 ) -> None:
-    """Fly a campaign: many cases of one system, each with other values, one table, one report.
+    """Fly many cases of one system: a table and a report.
 
-    The file names a system, what is fixed, what is varied (lists, ranges, distributions), the
-    figures to keep and the bounds that must hold. A case is a vtff run of its own or, with
-    loop: library, the closed loop without ROS. docs/campaigns.md tells all fields.
+    Each case has other values. The file names a system, what is fixed, what is varied (lists,
+    ranges, distributions), the figures to keep and the bounds that must hold. A case is a vtff run
+    of its own or, with loop: library, the closed loop without ROS. docs/campaigns.md tells all
+    fields.
 
     For example:
 

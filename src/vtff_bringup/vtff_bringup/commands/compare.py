@@ -37,11 +37,12 @@ def compare(
         typer.Option(help="Folder for plots and numbers; default: bags/compare_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Set runs side by side: errors against truth, dv per axis and phase, fix rate, latency, TEC.
+    """Set runs side by side in tables and plots.
 
-    Errors of navigation are compared at the epochs that all runs have. Prints a table with one
-    column a run and the difference of two, and writes comparison.html with the paper's numbers
-    and overlaid plots, and comparison.json.
+    Compared are errors against the truth, dv per axis and phase, fix rate, latency and TEC. Errors
+    of navigation are compared at the epochs that all runs have. Prints a table with one column a
+    run and the difference of two, and writes comparison.html with the paper's numbers and overlaid
+    plots, and comparison.json.
 
     Example: vtff compare bags/paper bags/delay_aware
     """

@@ -48,9 +48,10 @@ def export(
         typer.Option(help="Folder to write; default: RUN/export, or BAG_export beside a bag."),
     ] = None,
 ) -> None:
-    """Write a bag in the formats of other programs: Parquet tables, or what is named.
+    """Write a bag in the formats of other programs.
 
-    Orbits are the truth where it is recorded, else the receivers' own solutions.
+    Parquet tables, or the formats that are named. Orbits are the truth where it is recorded, else
+    the receivers' own solutions.
 
     For example:
 

@@ -42,13 +42,14 @@ def replay(
         float, typer.Option(help="Wall time for readers to find the topics, s.", min=0.0)
     ] = 0.5,
 ) -> None:
-    """Publish the messages of a bag: every message once, in order, its bytes unchanged.
+    """Publish the messages of a bag again.
 
-    /clock goes out as recorded, or before each message where the bag has none. Keys: space pauses
-    and resumes, right arrow publishes the next message, up and down change the rate, left goes
-    back 10 s, page down forward 10 s, 0 to the start, q ends. The node /bag_player offers the
-    same as services: ~/pause, ~/resume, ~/step, ~/seek, ~/set_rate. Messages are published in
-    ROS_DOMAIN_ID (0 if it is not set).
+    Every message comes once, in order, with its bytes unchanged. /clock goes out as recorded, or
+    before each message where the bag has none. Keys: space pauses and resumes, right arrow
+    publishes the next message, up and down change the rate, left goes back 10 s, page down forward
+    10 s, 0 to the start, q ends. The node /bag_player offers the same as services: ~/pause,
+    ~/resume, ~/step, ~/seek, ~/set_rate. Messages are published in ROS_DOMAIN_ID (0 if it is not
+    set).
 
     Example: vtff replay bags/mine --rate 10 --exclude-topics /deputy/relative_state
     """

@@ -27,10 +27,11 @@ def report(
         bool, typer.Option("--svg", help="Also write each picture as SVG beside its PNG file.")
     ] = False,
 ) -> None:
-    """Write report.html, plots and summary.json of a run, and print its tables.
+    """Write the report of a run: page, plots and summary.
 
-    report.html is one file that holds its pictures: it can be mailed and printed. Subjects that a
-    run does not have are left out; the report of a damaged bag covers what can be read.
+    Written are report.html, plots and summary.json; the tables are printed. report.html is one
+    file that holds its pictures: it can be mailed and printed. Subjects that a run does not have
+    are left out; the report of a damaged bag covers what can be read.
     """
     console = Console(highlight=False)
     # Imported here, because matplotlib and rclpy take a while.

@@ -62,11 +62,12 @@ def reprocess(
         bool, typer.Option("--verbose", "-v", help="Show everything the nodes print.")
     ] = False,
 ) -> None:
-    """Replay a bag in lockstep through chosen nodes and record what they make of it.
+    """Replay a bag in lockstep through chosen nodes.
 
-    The nodes of the system file run again; what they publish is left out of the replay and
-    recorded anew, everything else goes into the new bag as it was. Afterwards each recomputed
-    topic is compared with the recorded one: with unchanged parameters the bytes are the same.
+    What they make of it is recorded. The nodes of the system file run again; what they publish is
+    left out of the replay and recorded anew, everything else goes into the new bag as it was.
+    Afterwards each recomputed topic is compared with the recorded one: with unchanged parameters
+    the bytes are the same.
 
     Example: vtff reprocess bags/mine --set relative_ekf.estimator:=paper
     """

@@ -84,7 +84,7 @@ def run(
         bool, typer.Option("--verbose", "-v", help="Show everything the nodes print.")
     ] = False,
 ) -> None:
-    """Run a system of nodes, record every topic, and report on the run.
+    """Run a system of nodes, record every topic, report on it.
 
     Exit code: 0 complete, 1 a node failed or a message was not recorded, 2 a file, an argument
     or a parameter is wrong, 130 interrupted by Ctrl-C (the bag is complete up to then).

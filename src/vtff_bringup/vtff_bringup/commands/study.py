@@ -20,6 +20,7 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_node.executables import ExecutableNotFoundError, share_file
 
 if TYPE_CHECKING:
+    from vtff_analysis.page.results import Section
     from vtff_analysis.paper_comparison import ComparisonRow
     from vtff_analysis.studies.radial_offset import OffsetResult
     from vtff_analysis.studies.thrust_cap import ThrustCapFindings
@@ -46,9 +47,10 @@ def thrust_cap(
         typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Fly the reference formation with thrust caps from 0.01 to 10 m/s2 (paper 000, figure A2).
+    """Fly the reference formation with many thrust caps.
 
-    The caps are those of the campaign config/campaign/thrust_cap.yaml.
+    Caps from 0.01 to 10 m/s2 (paper 000, figure A2). The caps are those of the campaign
+    config/campaign/thrust_cap.yaml.
     """
     # Imported here, because numpy and matplotlib take a while.
     from vtff_analysis.studies.thrust_cap import (
@@ -75,8 +77,11 @@ def thrust_cap(
         landmarks = find_landmarks(points)
     except (OSError, ValueError) as error:
         stop(console, error, EXIT_FAILURE)
-    console.print(_findings_table(landmarks))
-    console.print(f"{len(points)} caps; plot and table: {folder}", markup=False, soft_wrap=True)
+    table = _findings_table(landmarks)
+    console.print(table)
+    picture = (folder / "thrust_cap.png", "Velocity change and smallest in-track distance by cap.")
+    page = _write_page(folder, "thrust_cap", "000", [_section(table, [picture])])
+    console.print(f"{len(points)} caps; plot and table: {page}", markup=False, soft_wrap=True)
 
 
 @app.command("radial_offset")
@@ -98,12 +103,12 @@ def radial_offset(
         typer.Option(help="Folder for plots, CSV and flights; default: studies/radial_offset_..."),
     ] = None,
 ) -> None:
-    """Retrieve the PLUMEX-like density with offsets of 0.1 to 10 km (paper 000, section 4.4).
+    """Retrieve density with radial offsets of 0.1 to 10 km.
 
-    Each offset is flown for an hour, receivers and navigation in the loop, as vtff run plumex does;
-    the deputy starts on its offset: the campaign config/campaign/radial_offset.yaml. A flight takes
-    some minutes of a core. Beside it stands the paper's simplified model: 75 dB of noise on the
-    vertical TEC.
+    The density is the PLUMEX-like one (paper 000, section 4.4). Each offset is flown for an hour,
+    receivers and navigation in the loop, as vtff run plumex does; the deputy starts on its offset:
+    the campaign config/campaign/radial_offset.yaml. A flight takes some minutes of a core. Beside
+    it stands the paper's simplified model: 75 dB of noise on the vertical TEC.
 
     Exit code: 0 complete, 1 a flight failed, 2 a file or an option is wrong, 130 interrupted by
     Ctrl-C: complete flights are kept, --runs goes on from there.
@@ -156,11 +161,12 @@ def formation_designs(
         typer.Option(help="Folder for the CSV files; default: none are written."),
     ] = None,
 ) -> None:
-    """Let formations drift for 15 orbits under J2: model errors, and passive safety (paper 002).
+    """Let formations drift for 15 orbits under J2.
 
-    The first table is the error of mean relative elements with the J2 transition against the
-    nonlinear motion; the second the closest approaches of paper 002's projected circular orbit,
-    of its equation (7) taken literally, and of a helix of the same size. It takes some seconds.
+    Shown are errors of models, and passive safety (paper 002). The first table is the error of
+    mean relative elements with the J2 transition against the nonlinear motion; the second the
+    closest approaches of paper 002's projected circular orbit, of its equation (7) taken
+    literally, and of a helix of the same size. It takes some seconds.
 
     Exit code: 0 complete, 2 the folder cannot be used.
     """
@@ -188,6 +194,7 @@ def formation_designs(
             f"{row.percent:.3f} %",
         )
     console.print(table)
+    sections = [_section(table)]
     pairs = [
         (elements, pair)
         for name, relative in fflas_formations().items()
@@ -207,12 +214,15 @@ def formation_designs(
             f"{pair.closest_radial_normal:.2f} m",
         )
     console.print(table)
-    console.print(
+    remark = (
         "pco_literal has the in-track offset of the paper's equation (7): with it B and C meet. "
         "A projected circle is not passively safe (R-N separation 0), a helix is."
     )
+    console.print(remark)
+    sections.append(_section(table, remarks=(remark,)))
     if folder is not None:
-        for path in write_formation_designs(folder, errors, pairs):
+        page = _write_page(folder, "formation_designs", "002", sections)
+        for path in (*write_formation_designs(folder, errors, pairs), page):
             console.print(f"wrote {path}")
 
 
@@ -227,10 +237,11 @@ def snap1(
         typer.Option(help="Folder for table and figures; default: studies/snap1_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Fly the attitude of SNAP-1 (paper 003): tables 2 and 5, figures 2 to 9, paper | measured.
+    """Fly the attitude of SNAP-1 (paper 003).
 
-    Truth, emulated ADCS module, estimator and controller in one loop without ROS. Written are
-    snap1.csv and one picture for each figure. What the paper does not give is assumed, and said.
+    Tables 2 and 5 and figures 2 to 9, paper beside measured. Truth, emulated ADCS module,
+    estimator and controller in one loop without ROS. Written are snap1.csv and one picture for
+    each figure. What the paper does not give is assumed, and said.
     """
     from vtff_analysis.attitude.snap1 import ASSUMPTIONS
     from vtff_analysis.attitude.snap1_output import run_snap1
@@ -254,11 +265,11 @@ def fflas(
         typer.Option(help="Folder for table and figures; default: studies/fflas_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Plan and fly the FFLAS extension (paper 002): tables 3 and 5, figures 4 to 6 and 9 to 15.
+    """Plan and fly the FFLAS extension (paper 002).
 
-    Phasing, reconfiguration by convex optimisation flown again in nonlinear motion, keeping by
-    pulses of the T5 engine on 8x8 truth, disposal. Written are fflas.csv and one picture for each
-    figure. It takes about a minute for each day.
+    Tables 3 and 5, figures 4 to 6 and 9 to 15. Phasing, reconfiguration by convex optimisation
+    flown again in nonlinear motion, keeping by pulses of the T5 engine on 8x8 truth, disposal.
+    Written are fflas.csv and one picture for each figure. It takes about a minute for each day.
     """
     from vtff_analysis.fflas.output import FAULTS, run_fflas
 
@@ -280,11 +291,12 @@ def potential_field(
         typer.Option(help="Folder for table and figures; default: studies/potential_field_..."),
     ] = None,
 ) -> None:
-    """Fly clusters by potential fields (paper 001), the published program beside a corrected one.
+    """Fly clusters by potential fields (paper 001).
 
-    Every chaser decides alone, from its own position and a sensor of range and direction with
-    noise, a range limit and dropouts; the truth is nonlinear with J2. Starts, one to five chasers,
-    a blind sensor, a neighbour that decays. It takes about three seconds for each start.
+    The published program stands beside a corrected one. Every chaser decides alone, from its own
+    position and a sensor of range and direction with noise, a range limit and dropouts; the truth
+    is nonlinear with J2. Starts, one to five chasers, a blind sensor, a neighbour that decays. It
+    takes about three seconds for each start.
     """
     from vtff_analysis.cluster.literal import FAULTS
     from vtff_analysis.cluster.output import run_potential_field
@@ -309,7 +321,7 @@ def _compare_with_paper(
 
     `run` gets the folder and the function that prints a line of progress.
     """
-    from vtff_analysis.page.results import Section, write_results
+    from vtff_analysis.page.results import Section
 
     console = Console(highlight=False)
     try:
@@ -319,8 +331,7 @@ def _compare_with_paper(
         pictures = [(path, path.stem.replace("_", " ")) for path in sorted(folder.glob("*.png"))]
         heads = ("", "", "paper", "measured")
         section = Section("", heads, texts, pictures, (remark,), numbers=False)
-        page = folder / f"{name}.html"
-        write_results(page, f"vtff study {name}", (section,), (paper,), command_line())
+        page = _write_page(folder, name, paper, [section])
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
     except OSError as error:
@@ -331,6 +342,29 @@ def _compare_with_paper(
     console.print(table)
     console.print(remark, markup=False)
     console.print(f"table and figures: {page}", markup=False, soft_wrap=True)
+
+
+def _section(
+    table: Table, pictures: Sequence[tuple[pathlib.Path, str]] = (), remarks: Sequence[str] = ()
+) -> Section:
+    """Return a table of the console as a section of a page."""
+    from vtff_analysis.page.results import Section
+
+    heads = [str(column.header) for column in table.columns]
+    rows = list(zip(*(map(str, column.cells) for column in table.columns), strict=True))
+    title = "" if table.title is None else str(table.title)
+    return Section(title, heads, rows, pictures, remarks, numbers=False)
+
+
+def _write_page(
+    folder: pathlib.Path, name: str, paper: str, sections: Sequence[Section]
+) -> pathlib.Path:
+    """Write the page of a study; return its file."""
+    from vtff_analysis.page.results import write_results
+
+    page = folder / f"{name}.html"
+    write_results(page, f"vtff study {name}", sections, (paper,), command_line())
+    return page
 
 
 def _fly_offsets(
@@ -403,12 +437,25 @@ def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pa
             write_spectra_plot(mine, folder / f"spectra_{source}.png")
     except OSError as error:
         stop(console, error, EXIT_FAILURE)
-    console.print(results_table(results))
-    console.print(
+    table = results_table(results)
+    console.print(table)
+    remark = (
         "mean error: of single samples, against the truth averaged over the separation. departs: "
         "squared spectrum ratio below -3.9 dB. resolved: neither averaged away nor in the noise."
     )
-    console.print(f"plots and table: {folder}", markup=False, soft_wrap=True)
+    console.print(remark)
+    captions = {
+        "profiles": "Density over altitude as retrieved, and the true one, for each offset",
+        "spectra": "Spectra of the retrieved densities, and of the true one",
+    }
+    pictures = [
+        (folder / f"{kind}_{source}.png", f"{caption} ({source}).")
+        for source in sorted({result.source for result in results})
+        for kind, caption in captions.items()
+    ]
+    section = _section(table, pictures, (remark,))
+    page = _write_page(folder, "radial_offset", "000", [section])
+    console.print(f"plots and table: {page}", markup=False, soft_wrap=True)
 
 
 def _findings_table(found: ThrustCapFindings) -> Table:

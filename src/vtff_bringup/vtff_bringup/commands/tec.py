@@ -74,15 +74,15 @@ def tec(
         typer.Option(help="Folder for tables and plots; default: tec_DATE_TIME."),
     ] = None,
 ) -> None:
-    """Compute absolute slant and vertical TEC, ROTI and scintillation of recorded receivers.
+    """Compute electron content and scintillation of recordings.
 
-    Files: RINEX 2, 3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed, and
-    bags with /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a
-    receiver without a stated position is located by its fixes or codes. The receiver bias is
-    estimated, with a sigma. Of several codes on a carrier those are used whose satellite biases
-    are known. A file that cannot be used is reported, the others are processed; the exit code
-    is then 1, and 2 if none can be used. As many receivers as there are processors are processed
-    at once.
+    Absolute slant and vertical TEC, ROTI, S4 and sigma phi of recorded receivers. Files: RINEX 2,
+    3 or 4, Compact RINEX (Hatanaka), NovAtel logs, any of them compressed, and bags with
+    /NAME/gnss/high_rate or /NAME/gnss/epoch. Receivers on the ground or in orbit; a receiver
+    without a stated position is located by its fixes or codes. The receiver bias is estimated,
+    with a sigma. Of several codes on a carrier those are used whose satellite biases are known. A
+    file that cannot be used is reported, the others are processed; the exit code is then 1, and 2
+    if none can be used. As many receivers as there are processors are processed at once.
 
     For example:
 

@@ -63,13 +63,14 @@ def view(
         int, typer.Option(help="Port for Foxglove; 0: a free one.", min=0, max=65535)
     ] = FOXGLOVE_PORT,
 ) -> None:
-    """Show a run: spacecraft, orbits, GNSS links, pierce points and TEC on a globe, and plots.
+    """Show a run on a globe and in plots, in the browser.
 
-    The page is served by this program to this machine only and loads nothing from elsewhere, so
-    that it works offline. Space plays and pauses, the arrows go 10 s back and forward, n and p go
-    through the events, a click in a plot goes to its time, a drag there zooms; ? shows all keys.
-    With --live the page follows a run or a `vtff replay` in the same ROS_DOMAIN_ID; its controls
-    also move the replay. Ctrl-C ends. An exported file has a map in place of the globe.
+    Shown are spacecraft, orbits, GNSS links, pierce points and TEC. The page is served by this
+    program to this machine only and loads nothing from elsewhere, so that it works offline. Space
+    plays and pauses, the arrows go 10 s back and forward, n and p go through the events, a click
+    in a plot goes to its time, a drag there zooms; ? shows all keys. With --live the page follows
+    a run or a `vtff replay` in the same ROS_DOMAIN_ID; its controls also move the replay. Ctrl-C
+    ends. An exported file has a map in place of the globe.
 
     Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live;
     vtff view RUN --beside OTHER;  vtff view RUN --export run.html

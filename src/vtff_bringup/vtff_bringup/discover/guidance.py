@@ -14,7 +14,8 @@ from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 app = typer.Typer(
-    help="Modes of formation_guidance in a running graph in ROS_DOMAIN_ID (0 if it is not set).",
+    help="Ask formation_guidance of a running graph.\n\nThe graph is that of ROS_DOMAIN_ID (0 if it"
+    " is not set).",
     no_args_is_help=True,
 )
 
@@ -70,7 +71,10 @@ def reconfigure(
         bool, typer.Option("--preempt", help="End a reconfiguration that runs.")
     ] = False,
 ) -> None:
-    """Bring the formation into another one; Ctrl-C ends it in a free drift."""
+    """Bring the formation into another one.
+
+    Ctrl-C ends it in a free drift.
+    """
     console = Console(highlight=False)
     objectives = ("norms", "axes", "energy")
     if objective not in objectives:

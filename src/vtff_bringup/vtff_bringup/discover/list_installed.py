@@ -5,7 +5,9 @@ from __future__ import annotations
 import ast
 import importlib.metadata
 import importlib.util
+import itertools
 import pathlib
+import re
 from collections.abc import Iterator
 from typing import Annotated, Optional
 
@@ -42,14 +44,16 @@ def list_installed(
         typer.Argument(help=f"{', '.join(KINDS)}; default: all.", autocompletion=complete_kind),
     ] = None,
 ) -> None:
-    """List systems, scenarios, worlds of the receivers, campaigns and nodes, with what they are.
+    """List systems, scenarios, worlds, campaigns and nodes.
 
-    Files of config/ in this folder come before installed ones of the same name. The topics of a
-    running graph or of a bag: vtff topic list. Parameters of a node: vtff node NODE --help.
+    Each with what it is. Worlds are those of the receivers. Files of config/ in this folder come
+    before installed ones of the same name. The topics of a running graph or of a bag: vtff topic
+    list. Parameters of a node: vtff node NODE --help.
     """
     console = Console(highlight=False)
     if kind is not None and kind not in KINDS:
         text = f"'{kind}' cannot be listed; choose one of: {', '.join(KINDS)}"
+        text += ", or topics of a run or bag by vtff topic list" if kind == "topics" else ""
         raise exit_with_error(console, text, EXIT_USAGE)
     for shown in KINDS if kind is None else (kind,):
         lines = _node_lines() if shown == "nodes" else _file_lines(shown)
@@ -92,15 +96,16 @@ def _file_lines(kind: str) -> Iterator[tuple[str, str]]:
 
 
 def _description(path: pathlib.Path) -> str:
-    """Return the description that a file gives itself, else its first comment."""
+    """Return the description that a file gives itself, else the first sentence of its comment."""
     lines = path.read_text(encoding="utf-8").splitlines()
     for line in lines:
         if line.startswith("description:"):
             text = line.partition(":")[2].strip()
             if text not in (">", ">-", "|", ""):
                 return text.strip("\"'")
-    comments = [line.lstrip("# ") for line in lines if line.startswith("#")]
-    return comments[0] if comments else ""
+    comments = itertools.takewhile(lambda line: line.startswith("#"), lines)
+    text = " ".join(line.lstrip("# ") for line in comments)
+    return re.split(r"(?<=[^.])\.(?: |$)", text, maxsplit=1)[0]  # its first sentence
 
 
 def _node_lines() -> Iterator[tuple[str, str]]:

@@ -23,10 +23,10 @@ def node(
         bool, typer.Option("--help", "-h", help="The same as without: the node's parameters.")
     ] = False,
 ) -> None:
-    """Show what a node does and its parameters, each with unit, range or choices, and default.
+    """Show what a node does, and its parameters.
 
-    A parameter is set with NODE.PARAMETER:=VALUE after `vtff run SYSTEM`.
-    Example: vtff node sdre_controller --help
+    Each parameter with its unit, its range or choices, and its default. A parameter is set with
+    NODE.PARAMETER:=VALUE after `vtff run SYSTEM`. Example: vtff node sdre_controller --help
     """
     console = Console(highlight=False)
     installed = {installed_name: package for installed_name, package, _ in nodes()}

@@ -24,10 +24,10 @@ def survey(
         float, typer.Option(help="Of the spacecraft at a crossing, m.")
     ] = 2000.0,
 ) -> None:
-    """Ask survey_guidance of a running graph to sample plasma; prints what it decides.
+    """Ask survey_guidance of a running graph to sample plasma.
 
-    The goal runs until Ctrl-C, or until another goal replaces it. The graph is that of
-    ROS_DOMAIN_ID (0 if it is not set).
+    Its decisions are printed. The goal runs until Ctrl-C, or until another goal replaces it. The
+    graph is that of ROS_DOMAIN_ID (0 if it is not set).
     """
     console = Console(highlight=False)
     with running_graph() as (node, executor, stop):

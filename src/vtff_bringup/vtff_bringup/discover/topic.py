@@ -19,7 +19,8 @@ if TYPE_CHECKING:
     from vtff_node.process.stop_signals import StopRequest
 
 app = typer.Typer(
-    help="Topics of a running graph in ROS_DOMAIN_ID (0 if it is not set), or of a bag.",
+    help="Look at the topics of a running graph, or of a bag.\n\nThe graph is that of"
+    " ROS_DOMAIN_ID (0 if it is not set).",
     no_args_is_help=True,
 )
 
@@ -35,7 +36,10 @@ Topic = Annotated[str, typer.Argument(help="Full name, e.g. /deputy/relative_sta
 
 @app.command("list")
 def list_topics(bag: Bag = None) -> None:
-    """List topics with their types; of a bag also the messages and their rate."""
+    """List topics with their types.
+
+    Of a bag also the number of messages and their rate.
+    """
     console = Console(highlight=False)
     if bag is not None:
         reader = _open(console, bag)
@@ -66,7 +70,10 @@ def echo(
     bag: Bag = None,
     count: Annotated[int, typer.Option(help="Messages; 0: all.", min=0)] = 0,
 ) -> None:
-    """Print messages field by field, with the units that the message definition gives."""
+    """Print messages field by field, with units.
+
+    Units are those that the message definition gives.
+    """
     from vtff_node.message_text import message_lines
 
     console = Console(highlight=False)
@@ -86,7 +93,10 @@ def hz(
     bag: Bag = None,
     window: Annotated[int, typer.Option(help="Messages of a mean.", min=2)] = 100,
 ) -> None:
-    """Print how often messages come in wall time; of a bag in recorded time, once."""
+    """Print how often messages come.
+
+    Of a running graph in wall time, until Ctrl-C; of a bag in recorded time, once.
+    """
     console = Console(highlight=False)
     if bag is not None:
         reader = _open(console, bag)

@@ -18,7 +18,7 @@ from vtff_gnss.orbits.ephemeris_selection import stores_by_system, validity_inte
 from vtff_gnss.orbits.precise_orbit import InterpolationError, PreciseOrbits
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_gnss.orbits.sp3 import Sp3File, is_sp3, parse_sp3
-from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 
 __all__ = ["NavigationFiles", "open_navigation"]
@@ -163,7 +163,7 @@ def open_navigation(
 def _open_sp3(path: pathlib.Path) -> Sp3File | None:
     """Return the content of an SP3 file; None for a file of another kind."""
     try:
-        content = decompress(path.read_bytes(), path)
+        content = read_decompressed(path)
         return parse_sp3(content, path) if is_sp3(content) else None
     except RinexError as error:
         raise ObservationFileError(str(error)) from None

@@ -17,7 +17,7 @@ from vtff_gnss.novatel.events import Event
 from vtff_gnss.novatel.stream import RawLogs
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.rinex.compressed_file import decompress, is_hatanaka, is_rinex
+from vtff_gnss.rinex.compressed_file import is_hatanaka, is_rinex, read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation import parse_rinex_navigation
 from vtff_gnss.rinex.observation import parse_rinex_observation
@@ -112,7 +112,7 @@ def open_observations(
     """
     path = pathlib.Path(path)
     try:
-        content = decompress(path.read_bytes(), path)
+        content = read_decompressed(path)
         if is_rinex(content):
             return _open_rinex(path, content, systems, signals, partial)
         if _NOVATEL_START.search(content):
@@ -134,7 +134,7 @@ def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]
     """
     path = pathlib.Path(path)
     try:
-        content = decompress(path.read_bytes(), path)
+        content = read_decompressed(path)
         if is_rinex(content):
             ephemerides = parse_rinex_navigation(content, path).ephemerides
         elif _NOVATEL_START.search(content):
@@ -163,7 +163,7 @@ def check_receiver_log(path: str | pathlib.Path) -> None:
     """
     path = pathlib.Path(path)
     try:
-        content = decompress(path.read_bytes(), path)
+        content = read_decompressed(path)
     except RinexError as error:
         raise ObservationFileError(str(error)) from None
     if is_rinex(content):

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.rinex.calendar_time import RinexClock
-from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation_records import Line
 
@@ -71,7 +71,7 @@ def read_sp3(path: str | pathlib.Path) -> Sp3File:
         If the file cannot be read.
     """
     path = pathlib.Path(path)
-    return parse_sp3(decompress(path.read_bytes(), path), path)
+    return parse_sp3(read_decompressed(path), path)
 
 
 def parse_sp3(content: bytes, path: str | pathlib.Path) -> Sp3File:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import bz2
+import errno
 import gzip
 import io
 import pathlib
+import stat
 import warnings
 import zipfile
 import zlib
@@ -20,6 +22,8 @@ __all__ = [
     "is_compressed",
     "is_hatanaka",
     "is_rinex",
+    "read_decompressed",
+    "read_file",
 ]
 
 COMPRESSION_MARK_LENGTH = 4
@@ -42,6 +46,26 @@ class _Readable(Protocol):
     """A compressed file that gives its content."""
 
     def read(self, size: int = ..., /) -> bytes: ...
+
+
+def read_file(path: str | pathlib.Path) -> bytes:
+    """Return the content of a file.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be read, or is a pipe or a device, which may never end.
+    """
+    path = pathlib.Path(path)
+    kind = path.stat().st_mode
+    if not stat.S_ISREG(kind) and not stat.S_ISDIR(kind):  # reading a folder tells that it is one
+        raise OSError(errno.EINVAL, "not a regular file", str(path))
+    return path.read_bytes()
+
+
+def read_decompressed(path: str | pathlib.Path) -> bytes:
+    """Return the content of a file without its compression; see `read_file`, `decompress`."""
+    return decompress(read_file(path), path)
 
 
 def decompress(content: bytes, path: str | pathlib.Path) -> bytes:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.ionosphere_parameters import KlobucharParameters, NeQuickParameters
-from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.compressed_file import decompress, read_file
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation_records import Line, read_ephemeris, read_number
 
@@ -90,7 +90,7 @@ def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
         If the file cannot be read.
     """
     path = pathlib.Path(path)
-    return parse_rinex_navigation(path.read_bytes(), path)
+    return parse_rinex_navigation(read_file(path), path)
 
 
 def parse_rinex_navigation(content: bytes, path: str | pathlib.Path) -> RinexNavigation:

@@ -10,7 +10,12 @@ import numpy as np
 
 from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.rinex.compressed_file import decompress, decompress_hatanaka, is_hatanaka
+from vtff_gnss.rinex.compressed_file import (
+    decompress,
+    decompress_hatanaka,
+    is_hatanaka,
+    read_file,
+)
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.rinex.navigation_records import Line
 from vtff_gnss.rinex.observation_continuity import set_lock_times
@@ -96,7 +101,7 @@ def read_rinex_observation(
     - Lock times are not in the file: see `set_lock_times`.
     """
     path = pathlib.Path(path)
-    content = path.read_bytes()
+    content = read_file(path)
     return parse_rinex_observation(content, path, systems, signals, partial, rinex2_attributes)
 
 

@@ -18,7 +18,7 @@ import re
 from vtff_dynamics.constants import SECONDS_PER_DAY
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.constants import SYSTEM_GLONASS, SYSTEM_GPS, SYSTEM_LETTERS
-from vtff_gnss.rinex.compressed_file import decompress
+from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_iono.bias.code_biases import BiasFileError, CodeBias, CodeBiasTable
 
@@ -67,7 +67,7 @@ def read_code_biases(path: str | pathlib.Path) -> CodeBiasTable:
     """
     path = pathlib.Path(path)
     try:
-        raw = decompress(path.read_bytes(), path)
+        raw = read_decompressed(path)
     except RinexError as error:
         raise BiasFileError(str(error)) from None
     lines = raw.decode("ascii", errors="replace").splitlines()

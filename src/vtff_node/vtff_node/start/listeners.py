@@ -12,7 +12,14 @@ import time
 from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
-__all__ = ["UNNAMED_NODE", "ListenerWatch", "listener_values", "read_listeners", "status_name"]
+__all__ = [
+    "TOPICS_SUBJECT",
+    "UNNAMED_NODE",
+    "ListenerWatch",
+    "listener_values",
+    "read_listeners",
+    "status_name",
+]
 
 #: Name that ROS gives to a node whose endpoint was discovered before its name.
 UNNAMED_NODE = "_NODE_NAME_UNKNOWN_"
@@ -20,7 +27,8 @@ UNNAMED_NODE = "_NODE_NAME_UNKNOWN_"
 #: Wall time for which a node looks often at its listeners, s; later it looks once a second.
 WATCH_TIME = 60.0
 
-_SUBJECT = ": topics"
+TOPICS_SUBJECT = ": topics"
+"""End of the name of a report with the topics of a node."""
 
 
 class ListenerWatch:
@@ -83,7 +91,7 @@ def status_name(node: str) -> str:
     node
         Fully qualified name.
     """
-    return node + _SUBJECT
+    return node + TOPICS_SUBJECT
 
 
 def listener_values(listeners: Mapping[str, Collection[str]]) -> dict[str, str]:
@@ -105,7 +113,7 @@ def read_listeners(status: Any) -> tuple[str, dict[str, set[str]]] | None:
         Fully qualified name of the node, and the names of the nodes that listen by topic; None for
         a status about something else.
     """
-    if not status.name.startswith("/") or not status.name.endswith(_SUBJECT):
+    if not status.name.startswith("/") or not status.name.endswith(TOPICS_SUBJECT):
         return None
-    node = status.name.removesuffix(_SUBJECT)
+    node = status.name.removesuffix(TOPICS_SUBJECT)
     return node, {item.key: set(item.value.split()) for item in status.values}

@@ -2,18 +2,14 @@
 // baselines with theirs, spacecraft, thrust, 3-sigma ellipsoids, keep-out sphere, trails.
 // Spacecraft and ellipsoids are drawn larger than they are, so that they are seen at any distance.
 
-import { lengthText, niceTicks } from "./canvas.js";
+import { lengthText } from "./canvas.js";
 import { CHIEF, craftColour } from "./colours.js";
+import {
+  ALONE_SHARE, ARROW_SIZES, ATTITUDE_ARROWS, AXIS_COLOURS, BODY_BOX, CRAFT_SHARE, ELLIPSOID_SHARE, KEEP_OUT_COLOUR,
+  LARGEST_RANGE, PANEL_BOXES, PANEL_COLOUR, SIGMAS, THRUST_SHARE, attitudeDirections, axisLength, covarianceAt,
+  deputyText, largestDistance, largestThrust, magnification, placeAt, thrustAt, trailOf,
+} from "./craft.js";
 import { Scene } from "./scene.js";
-
-const CRAFT_SHARE = 1 / 18; // of the distance of the camera: size of a spacecraft
-const ELLIPSOID_SHARE = 1 / 6; // largest half axis of an ellipsoid
-const THRUST_SHARE = 1 / 5; // the largest thrust of the scene
-const AXIS_SHARE = 1 / 4;
-const ALONE_SHARE = 1 / 4; // the same of a spacecraft that flies alone: its attitude is what is seen
-const LARGEST_RANGE = 4e5; // m: formations of 100 km still fit
-const AXIS_COLOURS = ["#5fb3ff", "#ff9a4d", "#4fd8a8"]; // radial, in-track, cross-track; before the sky
-const SIGMAS = 3;
 
 export class FormationView {
   constructor(Cesium, scene, view) {
@@ -29,7 +25,7 @@ export class FormationView {
     this.axes = AXIS_COLOURS.map((colour) => this.makeArrow(colour, 7));
     this.axisLabels = AXIS_COLOURS.map((colour) => this.makeLabel(colour));
     this.chief = this.makeCraft(CHIEF);
-    this.keepOut = this.makeSphere("#ff6b6b");
+    this.keepOut = this.makeSphere(KEEP_OUT_COLOUR);
     this.attitudes = new Map();
     this.update();
     this.show(false);
@@ -57,28 +53,15 @@ export class FormationView {
       const parts = this.deputies.get(deputy);
       parts.series = series;
       parts.trail.positions = this.trail(series);
-      const thrust = this.thrust(deputy);
-      const { radial, in_track: along, cross_track: across } = thrust?.columns ?? { radial: [] };
-      radial.forEach((value, index) => {
-        this.largestThrust = Math.max(this.largestThrust, Math.hypot(value, along[index], across[index]));
-      });
     }
-  }
-
-  thrust(deputy) {
-    return this.scene.get("thrust", deputy, "applied") ?? this.scene.get("thrust", deputy, "command");
+    this.largestThrust = largestThrust(this.scene);
   }
 
   // Distance in m from which the whole formation is seen at a time.
   fittingRange(time) {
-    let largest = 1;
-    for (const { series } of this.scene.deputies()) {
-      const place = placeAt(series, time);
-      if (place) largest = Math.max(largest, Math.hypot(...place));
-    }
     const { clientWidth, clientHeight } = this.view.canvas;
     const narrow = Math.max(1, clientHeight / Math.max(clientWidth, 1)); // a phone sees less to the sides
-    return Math.min(2.6 * narrow * largest, LARGEST_RANGE);
+    return Math.min(2.6 * narrow * largestDistance(this.scene, time), LARGEST_RANGE);
   }
 
   // Matrix from the RTN frame of the chief to ITRF at a time; null where there is no orbit.
@@ -113,8 +96,7 @@ export class FormationView {
   }
 
   drawAxes(range) {
-    const { ticks } = niceTicks(0, AXIS_SHARE * range, 1.5);
-    const length = ticks.at(-1) || AXIS_SHARE * range;
+    const length = axisLength(range);
     ["R", "T", "N"].forEach((name, axis) => {
       const end = [0, 0, 0];
       end[axis] = length;
@@ -133,8 +115,7 @@ export class FormationView {
     parts.length.position = middle;
     parts.length.text = lengthText(Math.hypot(...at), 6);
     parts.label.position = position;
-    const thrust = this.thrust(deputy)?.sampleAt(time, 30);
-    const force = thrust ? [thrust.radial, thrust.in_track, thrust.cross_track] : [0, 0, 0];
+    const force = thrustAt(this.scene, deputy, time);
     const strength = Math.hypot(...force);
     parts.arrow.show = strength > 1e-3 * this.largestThrust;
     if (parts.arrow.show) {
@@ -151,7 +132,7 @@ export class FormationView {
       const local = Cesium.Matrix4.fromRotationTranslation(ellipsoid.axes, position);
       const scaled = Cesium.Matrix4.multiplyByScale(local, new Cesium.Cartesian3(...radii), new Cesium.Matrix4());
       parts.ellipsoid.modelMatrix = Cesium.Matrix4.multiply(frame, scaled, new Cesium.Matrix4());
-      text += `\n3 sigma ${lengthText(largest, 3)}${factor > 1 ? `, drawn x ${factor}` : ""}`;
+      text = deputyText(deputy, largest, factor);
     }
     parts.label.text = text;
   }
@@ -168,10 +149,7 @@ export class FormationView {
       })));
     }
     const body = Cesium.Matrix3.fromQuaternion(new Cesium.Quaternion(...attitude.quaternion));
-    const directions = {
-      x: column(body, 0), y: column(body, 1), z: column(body, 2),
-      B: attitude.field, nadir: [-1, 0, 0],
-    };
+    const directions = attitudeDirections([0, 1, 2].map((index) => column(body, index)), attitude.field);
     for (const { name, arrow, label } of this.attitudes.get(craft)) {
       const direction = directions[name];
       arrow.show = direction !== null;
@@ -188,21 +166,16 @@ export class FormationView {
   // Variances along their axes and the axes of the covariance of a deputy at a time; or null.
   covariance(deputy, time) {
     const { Cesium } = this;
-    const sample = this.scene.get("covariance", deputy)?.sampleAt(time, 30);
-    if (!sample || sample.rr === null) return null;
-    const { rr, rt, rn, tt, tn, nn } = sample;
-    const scale = Math.max(rr, tt, nn);
-    if (!(scale > 0)) return null;
-    const matrix = new Cesium.Matrix3(...[rr, rt, rn, rt, tt, tn, rn, tn, nn].map((value) => value / scale));
+    const covariance = covarianceAt(this.scene, deputy, time);
+    if (!covariance) return null;
+    const scale = Math.max(...covariance.map((row, axis) => row[axis]));
+    const matrix = new Cesium.Matrix3(...covariance.flat().map((value) => value / scale));
     const { unitary, diagonal } = Cesium.Matrix3.computeEigenDecomposition(matrix);
     return { variances: [0, 4, 8].map((index) => scale * diagonal[index]), axes: unitary };
   }
 
   trail(series) {
-    const { radial, in_track: along, cross_track: across } = series.columns;
-    const step = Math.max(1, Math.floor(radial.length / 1500));
-    const points = [];
-    for (let index = 0; index < radial.length; index += step) points.push([radial[index], along[index], across[index]]);
+    const points = trailOf(series);
     return points.length > 1 ? this.cartesians(points) : [];
   }
 
@@ -261,24 +234,16 @@ export class FormationView {
       attributes: { color: Cesium.ColorGeometryInstanceAttribute.fromColor(shade) },
     });
     const body = Cesium.Color.fromCssColorString(colour);
-    const panel = Cesium.Color.fromCssColorString("#23406e");
+    const panel = Cesium.Color.fromCssColorString(PANEL_COLOUR);
     return this.solids.add(new Cesium.Primitive({
       asynchronous: false,
       geometryInstances: [
-        box([0.35, 0.45, 0.35], [0, 0, 0], body), box([0.02, 0.4, 0.6], [0, 0, 0.52], panel),
-        box([0.02, 0.4, 0.6], [0, 0, -0.52], panel),
+        box(...BODY_BOX, body), ...PANEL_BOXES.map((part) => box(...part, panel)),
       ],
       appearance: new Cesium.PerInstanceColorAppearance({ flat: false, translucent: false, closed: true }),
     }));
   }
 }
-
-// Body axes, the magnetic field and the direction to the Earth, and how many sizes they are long.
-const ATTITUDE_ARROWS = [
-  { name: "x", colour: "#ffd166" }, { name: "y", colour: "#c9a7ff" }, { name: "z", colour: "#ff8fab" },
-  { name: "B", colour: "#9be564" }, { name: "nadir", colour: "#b8c4d0" },
-];
-const ARROW_SIZES = 1.1;
 
 // The model is drawn along R, T and N; these are -z, x and -y of a body that points at the Earth.
 function modelToBody(Cesium) {
@@ -293,21 +258,4 @@ function place(Cesium, primitive, frame, at, size, rotation = null) {
   const local = Cesium.Matrix4.fromRotationTranslation(rotation ?? Cesium.Matrix3.IDENTITY, new Cesium.Cartesian3(...at));
   Cesium.Matrix4.multiplyByUniformScale(local, Math.max(size, 1e-6), local);
   primitive.modelMatrix = Cesium.Matrix4.multiply(frame, local, new Cesium.Matrix4());
-}
-
-// Relative position at a time, straight between samples; null before the first.
-function placeAt(series, time) {
-  const index = series.indexAt(time);
-  if (index < 0) return null;
-  const next = Math.min(index + 1, series.time.length - 1);
-  const part = next > index ? Math.min((time - series.time[index]) / (series.time[next] - series.time[index]), 1) : 0;
-  return ["radial", "in_track", "cross_track"].map((axis) => {
-    const column = series.columns[axis];
-    return column[index] + part * (column[next] - column[index]);
-  });
-}
-
-// Power of ten by which a length is enlarged to be about as long as wished; at least 1.
-function magnification(wished, length) {
-  return length > 0 ? 10 ** Math.max(0, Math.floor(Math.log10(wished / length))) : 1;
 }

@@ -13,6 +13,7 @@ import { Timeline, bindControls, bindKeys, drawMarks } from "./timeline.js";
 const element = (id) => document.getElementById(id);
 const DRAWN_LEAST = 100; // ms: what stands still is drawn this often, as sizes may change
 const CAMERAS = ["earth", "links", "chief", "formation", "region"];
+const MAP_CAMERAS = ["earth", "formation"]; // where there is no globe
 const QUANTITIES = { cn0_dbhz: ["C/N0", "dB-Hz", 0], s4: ["S4", "", 1], vtec_tecu: ["vertical TEC", "TECU", 1] };
 
 async function start() {
@@ -69,7 +70,13 @@ async function start() {
 
 function makeMap(scene) {
   element("globe").hidden = true;
-  for (const button of document.querySelectorAll("[data-camera]")) button.hidden = true;
+  for (const button of document.querySelectorAll("[data-camera]")) {
+    button.hidden = !MAP_CAMERAS.includes(button.dataset.camera);
+    if (button.dataset.camera === "earth") {
+      button.textContent = "Map";
+      button.title = "Map of the ground tracks (1)";
+    }
+  }
   return new GroundMap(element("map"), scene);
 }
 
@@ -200,11 +207,12 @@ function restore(state, hash) {
     element("colour").value = values.get("colour");
     state.globe.colourBy(values.get("colour"));
   }
-  look(state, CAMERAS.includes(values.get("camera")) ? values.get("camera") : "earth");
+  look(state, "earth");
+  if (CAMERAS.includes(values.get("camera"))) look(state, values.get("camera"));
 }
 
 function look(state, camera) {
-  if (!state.globe || (camera === "region" && !state.scene.regions.length)) return;
+  if (!state.globe || document.querySelector(`[data-camera="${camera}"]`).hidden) return;
   state.camera = camera;
   state.globe.look(camera);
   for (const button of document.querySelectorAll("[data-camera]")) {

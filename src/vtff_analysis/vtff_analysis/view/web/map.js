@@ -1,11 +1,15 @@
-// Map of the ground tracks on a plain canvas: what is shown where Cesium is not installed.
+// Map of the ground tracks on a plain canvas: what is shown where Cesium is not installed, and in
+// an exported page. The same canvas shows the formation close up.
 
 import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, css, partOf } from "./colours.js";
 import { prepare } from "./canvas.js";
+import { CloseView } from "./closeup.js";
 import { Scene, geodetic } from "./scene.js";
 
 // Tiles of the Earth that come with Cesium, from the north west: 4 by 2 pictures.
 const TILES = [4, 2];
+const NARROWEST = 1.4; // width of the map over its height: a phone shows it with room above and below
+const LABEL_ROOM = 44; // pixels for the name of a meridian
 const NIGHT = "rgba(4, 8, 20, .5)";
 
 export class GroundMap {
@@ -15,12 +19,17 @@ export class GroundMap {
     this.linkCount = 0;
     this.quantity = "cn0_dbhz";
     this.tiles = this.loadTiles();
+    this.close = new CloseView(canvas, scene);
     canvas.hidden = false;
   }
 
-  update() {}
+  update() {
+    this.close.update();
+  }
 
-  look() {}
+  look(camera) {
+    this.close.shown = camera === "formation";
+  }
 
   colourBy(quantity) {
     this.quantity = quantity;
@@ -51,7 +60,15 @@ export class GroundMap {
   }
 
   draw(time) {
-    const { context, width, height } = prepare(this.canvas);
+    const { context, width, height: room } = prepare(this.canvas);
+    if (this.close.shown) {
+      this.close.draw(context, width, room, time);
+      return;
+    }
+    const height = Math.min(room, width / NARROWEST);
+    context.fillStyle = "#0b1016";
+    context.fillRect(0, 0, width, room);
+    context.translate(0, (room - height) / 2);
     const toX = (longitude) => ((longitude + 180) / 360) * width;
     const toY = (latitude) => ((90 - latitude) / 180) * height;
     context.fillStyle = "#10202e";
@@ -129,8 +146,11 @@ export class GroundMap {
     context.font = "11px system-ui, sans-serif";
     context.textAlign = "left";
     context.lineWidth = 1;
+    const buttons = document.getElementById("camera")?.offsetLeft || width;
+    const step = width / 12 < LABEL_ROOM ? 60 : 30;
     for (let longitude = -150; longitude < 180; longitude += 30) {
       segment(context, toX(longitude), 0, toX(longitude), height);
+      if (longitude % step || toX(longitude) + LABEL_ROOM > buttons) continue;
       context.fillText(`${Math.abs(longitude)}°${longitude < 0 ? "W" : longitude ? "E" : ""}`,
         toX(longitude) + 3, 12);
     }
