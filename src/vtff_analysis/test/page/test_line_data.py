@@ -151,3 +151,16 @@ def test_the_file_stands_beside_the_picture_and_goes_with_it(tmp_path):
     figure.subplots().imshow(np.eye(2))
     save_figure(figure, path, "title")
     assert not lines_path(path).exists()
+
+
+def test_names_on_an_axis_and_powers_in_its_label_are_kept():
+    def draw(axes):
+        axes[0, 0].plot([0.0, 1.0], [1.0, 4.0])
+        axes[0, 0].set_yticks([1, 4], ["predicted", "fixed"])
+        axes[0, 0].set_ylabel("$N_e$ (10$^{12}$ m$^{-3}$), mA m$^2$")
+
+    (panel,) = drawn(draw)["rows"][0]
+    assert panel["ticks"] == [(1.0, "predicted"), (4.0, "fixed")]
+    assert panel["y"] == "Nₑ (10¹² m⁻³), mA m²"
+    (plain,) = drawn(lambda axes: axes[0, 0].plot([0.0, 1.0], [1.0, 4.0]))["rows"][0]
+    assert plain["ticks"] == []

@@ -61,7 +61,7 @@ def page(bag, tmp_path_factory):
 class Structure(html.parser.HTMLParser):
     """Checks nesting and collects headings, pictures and references."""
 
-    VOID = {"meta", "link", "img", "br"}
+    VOID = {"meta", "link", "img", "br", "wbr"}
 
     def __init__(self):
         super().__init__()

@@ -1,5 +1,6 @@
 """Bags written here are read by rosbags and mcap, and read back in order."""
 
+import os
 import resource
 import shutil
 import struct
@@ -233,6 +234,48 @@ def test_reader_errors_name_the_file(tmp_path, make, named):
     make(path)
     with pytest.raises(BagReadError, match=f"suspect.*{named}"):
         BagReader(path)
+
+
+@pytest.mark.parametrize(
+    ("opcode", "place", "value"),
+    [
+        pytest.param(0x08, 16, 1 << 63, id="chunk that begins nowhere"),
+        pytest.param(0x08, 24, 3, id="chunk shorter than its head"),
+        pytest.param(0x0D, 0, 1 << 63, id="metadata that begin nowhere"),
+        pytest.param(0x0D, 8, 1 << 62, id="metadata larger than any memory"),
+    ],
+)
+def test_an_index_that_names_no_place_of_the_file_is_not_believed(tmp_path, opcode, place, value):
+    """Found by the fuzzer: the checksum of the summary holds, or is switched off, as here."""
+    messages = bag_samples.sample_messages(30)
+    bag_samples.write_bag(tmp_path / "bag", messages)
+    file = tmp_path / "bag/bag_0.mcap"
+    content = bytearray(file.read_bytes())
+    footer = len(content) - 8 - 20
+    (position,) = struct.unpack_from("<Q", content, footer)
+    patched = 0
+    while position < footer - 9:
+        found, length = struct.unpack_from("<BQ", content, position)
+        if found == opcode:
+            struct.pack_into("<Q", content, position + 9 + place, value)
+            patched += 1
+        position += 9 + length
+    struct.pack_into("<I", content, footer + 16, 0)
+    file.write_bytes(content)
+    assert patched
+    assert len(list(BagReader(tmp_path / "bag").raw_messages())) == len(messages)
+
+
+@pytest.mark.parametrize("make", [os.mkfifo, lambda path: path.symlink_to("/dev/zero")])
+def test_what_never_ends_is_no_bag(tmp_path, make):
+    make(tmp_path / "endless")
+    with pytest.raises(BagReadError, match="endless: neither a folder nor a regular file"):
+        BagReader(tmp_path / "endless")
+
+
+def test_a_name_that_no_file_can_have_is_no_bag(tmp_path):
+    with pytest.raises(BagReadError, match="too long"):
+        BagReader(tmp_path / ("x" * 300))
 
 
 def test_other_storage_is_refused(bag):

@@ -257,7 +257,15 @@ def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileConten
         end_time=statistics.message_end_time,
         closed=True,
     )
+    size = file.seek(0, os.SEEK_END)
+
+    def is_inside(offset: int, length: int) -> bool:
+        # An index with a good checksum may still name places that no file has.
+        return length >= _RECORD.size and offset + length <= size
+
     for index in summary.chunk_indexes:
+        if not is_inside(index.chunk_start_offset, index.chunk_length):
+            return None
         file.seek(index.chunk_start_offset)
         header = file.read(_RECORD.size)
         expected = _RECORD.pack(Opcode.CHUNK, index.chunk_length - _RECORD.size)
@@ -273,6 +281,8 @@ def _read_content_from_summary(path: pathlib.Path, file: BinaryIO) -> FileConten
             )
         )
     for entry in summary.metadata_indexes:
+        if not is_inside(entry.offset, entry.length):
+            continue  # the messages can be read without it
         file.seek(entry.offset)
         _read_bag_metadata(content, file.read(entry.length)[_RECORD.size :])
     return content

@@ -38,7 +38,7 @@ Topic = Annotated[str, typer.Argument(help="Full name, e.g. /deputy/relative_sta
 def list_topics(bag: Bag = None) -> None:
     """List topics with their types.
 
-    Of a bag also the number of messages and their rate.
+    A bag also tells the number of messages and their rate.
     """
     console = Console(highlight=False)
     if bag is not None:
@@ -95,7 +95,7 @@ def hz(
 ) -> None:
     """Print how often messages come.
 
-    Of a running graph in wall time, until Ctrl-C; of a bag in recorded time, once.
+    A running graph is watched in wall time until Ctrl-C; a bag tells its recorded time, once.
     """
     console = Console(highlight=False)
     if bag is not None:

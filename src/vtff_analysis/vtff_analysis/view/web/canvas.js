@@ -27,7 +27,11 @@ export function niceTicks(low, high, count) {
     ticks.push(index * step);
   }
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  return { ticks, text: (value) => value.toFixed(Math.min(decimals, 8)) };
+  if (decimals > 4) { // as decimals they would cover the name of the axis
+    const digits = Math.max(0, Math.ceil(Math.log10(Math.max(...ticks.map(Math.abs), step) / step) - 1e-9));
+    return { ticks, text: (value) => (Math.abs(value) < step / 2 ? "0" : value.toExponential(Math.min(digits, 3))) };
+  }
+  return { ticks, text: (value) => value.toFixed(decimals) };
 }
 
 // Frame, grid and tick labels, and names of the axes where `labels` has them.
