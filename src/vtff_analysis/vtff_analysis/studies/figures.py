@@ -162,6 +162,7 @@ RUN_FIGURES = (
     "survey_edges_2km",
     "survey_drift_m_s",
     "survey_drift_sigma_m_s",
+    "survey_true_drift_m_s",
     "survey_plans",
     "survey_velocity_change_m_s",
 )

@@ -112,3 +112,4 @@ def remove_if_empty(folder: pathlib.Path) -> None:
         folder.rmdir()
         if folder.parent in _made_parents and not any(folder.parent.iterdir()):
             folder.parent.rmdir()
+            _made_parents.discard(folder.parent)

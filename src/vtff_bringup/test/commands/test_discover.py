@@ -8,6 +8,7 @@ import subprocess
 import sys
 
 import pytest
+import typer.main
 from typer.testing import CliRunner
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
@@ -123,3 +124,43 @@ def test_parameters_are_checked_before_anything_starts(override, expected, tmp_p
         assert not (tmp_path / "run").exists()
     else:
         assert isinstance(result.exception, AssertionError)
+
+
+def test_short_help_of_every_command_is_whole():
+    """A new user reads these lines first; a line that is too long ends in dots."""
+    group = typer.main.get_command(make_app())
+
+    def lines(group, prefix=()):
+        width = 78 - 6 - max(map(len, group.commands))  # what click leaves on 80 columns
+        for name, command in group.commands.items():
+            yield " ".join((*prefix, name)), command.get_short_help_str(width)
+            if hasattr(command, "commands"):
+                yield from lines(command, (*prefix, name))
+
+    assert [line for line in lines(group) if line[1].endswith("...") or not line[1]] == []
+
+
+def test_descriptions_of_files_are_whole_sentences():
+    found = run("list", "worlds").output
+    assert "12 satellites (6 GPS and" in found and "6 Galileo" in found.replace("\n", " ")
+    assert "vtff topic list" in run("list", "topics").output
+
+
+@pytest.mark.parametrize("command", [("info",), ("recover",)])
+def test_what_is_no_bag_is_a_usage_error_as_elsewhere(tmp_path, command):
+    (tmp_path / "random").write_bytes(bytes(range(256)) * 20)
+    os.mkfifo(tmp_path / "pipe")
+    for path in (tmp_path, tmp_path / "random", tmp_path / "pipe", tmp_path / ("x" * 300), "/etc"):
+        answer = run("bag", *command, str(path))
+        assert answer.exit_code == 2 and "error: " in answer.output, path
+        assert run("topic", "list", "--bag", str(path)).exit_code == 2
+
+
+def test_a_refused_run_leaves_nothing(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "list.yaml").write_text("- 1\n")
+    assert run("run", "list.yaml").exit_code == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["list.yaml"]
+    (tmp_path / "bags").mkdir()
+    assert run("run", "list.yaml").exit_code == 2
+    assert (tmp_path / "bags").is_dir()  # that of the user stays
