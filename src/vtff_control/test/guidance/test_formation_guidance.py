@@ -14,6 +14,7 @@ from vtff_control.guidance.formation_guidance import (
     FormationGuidanceParameters,
 )
 from vtff_control.guidance.interface import FormationState, GuidanceSetting, check_guidance_result
+from vtff_control.guidance.keeping import KeepingEngine
 from vtff_control.guidance.requests import ModeRequest, ReconfigurationRequest, RequestError
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames.rtn import (
@@ -26,6 +27,7 @@ from vtff_dynamics.relative.relative_elements import (
     mean_relative_elements,
     relative_state_of_mean_elements,
 )
+from vtff_dynamics.relative.separation import closest_on_path
 
 NAMES = ("alpha", "bravo", "charlie")
 CHIEF_MEAN = np.array([7.1531e6, 0.4, 0.0, 0.0, math.radians(98.51), 1.0])
@@ -335,3 +337,38 @@ def test_a_request_may_bring_its_own_designs():
     flight.guidance.request(ModeRequest("free_drift"))
     flight.guidance.request(ModeRequest("keep", "own"))
     assert flight.step().formation == "own"
+
+
+def test_a_loss_of_thrust_kilometres_apart_is_safe_in_true_motion():
+    """13 km back to an ellipse of 2.8 km: by linear motion 303 m after any loss, truly 36 m."""
+    chief = np.array([-386596.0, -6768486.0, 69961.74, 7546.335, -448.9027, -1307.478])
+    relative = np.array([-318.5256, 13003.52, 35.10554, -1.405465, -0.2164043, -0.2127499])
+    design = np.array([0.0, 4000.0, 2631.139338, -957.656401, 197.33545, -71.82423])
+    setting = GuidanceSetting(
+        "alpha", ("bravo",), 10.0, engine=KeepingEngine(1.0, 1e-4, 1e-4), mass=100.0
+    )
+    guidance = FormationGuidance(
+        setting, FormationGuidanceParameters(closest_approach=100.0, tracking_bandwidth=1e-3)
+    )
+    guidance.step(FormationState(10**18, chief, {"bravo": relative}, {}))
+    asked = ReconfigurationRequest(
+        "ellipse",
+        5820.0,
+        passive_safety_orbits=2.0,
+        designs={"alpha": np.zeros(6), "bravo": design},
+    )
+    flight = guidance.request(asked).flight
+    states = np.array([chief, deputy_state_gcrf(chief, relative)])
+    start = solve_ivp(rates, (0.0, flight.start), states.ravel(), "DOP853", args=(0.0,), rtol=1e-10)
+    flown = flight.rehearse(start.y[:, -1].reshape(2, 6), 1e-2, 10.0)
+    for loss in (flown[30], flown[44], flown[46]):
+        drift = solve_ivp(
+            rates,
+            (0.0, 11200.0),
+            loss.ravel(),
+            "DOP853",
+            t_eval=np.arange(0.0, 11200.0, 20.0),
+            args=(0.0,),
+            rtol=1e-10,
+        )
+        assert closest_on_path(drift.y[6:9].T - drift.y[:3].T) > 100.0

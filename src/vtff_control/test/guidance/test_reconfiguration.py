@@ -5,13 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from vtff_control.guidance.free_drift import FreeDrift
+from vtff_control.guidance.free_drift import FreeDrift, closest_of_paths, fly_drifts
 from vtff_control.guidance.reconfiguration import ReconfigurationPlanner
 from vtff_control.guidance.reconfiguration_plan import (
     InfeasibleReconfigurationError,
     ReconfigurationLimits,
 )
-from vtff_dynamics.constants import GM_EARTH
+from vtff_dynamics.constants import GM_EARTH, J2_EARTH
+from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.orbit.elements import ClassicalElements
 from vtff_dynamics.relative.designs import projected_circular_track_normal
 from vtff_dynamics.relative.linearised import linearise_motion
@@ -166,3 +167,22 @@ def test_loss_of_thrust_is_safe_at_every_step():
     positions = path.fly_within(initial, stopped)[:, 11 : 11 + orbit].reshape(2, -1, 3)
     closest = np.linalg.norm(positions[1] - positions[0], axis=1).min()
     assert closest == pytest.approx(plan.closest_drifts[11], abs=0.05)
+
+
+@pytest.mark.parametrize(("distance", "least", "most"), [(20.0, 0.0, 0.01), (18000.0, 20.0, 1e4)])
+def test_drifts_bend_from_linear_motion_by_the_square_of_the_distance(distance, least, most):
+    steps, samples = 4, 120
+    path = motion(0.05, steps, samples, J2_EARTH)
+    references = path.states_reference_gcrf
+    states = np.zeros((2, steps + 1, 6))
+    states[1, :, 1] = distance
+    gcrf = [
+        [deputy_state_gcrf(references[j], states[i, j]) for i in (0, 1)] for j in range(steps + 1)
+    ]
+    linear = FreeDrift(path, steps, 2)
+    true = fly_drifts(gcrf, references, path.step)
+    bends = true - linear.paths(states)
+    assert true[0, 0, 0] == pytest.approx([0.0, distance, 0.0], abs=1e-6)
+    assert least <= np.linalg.norm(bends, axis=3).max() <= most
+    linear.bends = bends
+    assert linear.closest(states) == pytest.approx(closest_of_paths(true), abs=1e-6)

@@ -8,6 +8,7 @@ thrust on where the whole formation is.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -15,6 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vtff_control.guidance.elements_estimator import ElementsEstimator
+from vtff_control.guidance.free_drift import FreeDrift, closest_of_paths, fly_drifts
 from vtff_control.guidance.interface import (
     FormationState,
     GuidanceResult,
@@ -45,7 +47,7 @@ from vtff_dynamics.orbit.mean_elements import (
     osculating_elements,
     state_from_elements,
 )
-from vtff_dynamics.relative.linearised import linearise_motion
+from vtff_dynamics.relative.linearised import LinearisedMotion, linearise_motion
 from vtff_dynamics.relative.relative_elements import (
     elements_of_deputy,
     mean_relative_elements,
@@ -54,6 +56,13 @@ from vtff_dynamics.relative.relative_elements import (
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["FormationGuidance", "FormationGuidanceParameters", "Reconfiguration"]
+
+_SAFE_PLANS = 4
+"""Plans at most, each with a larger distance after drifts in nonlinear motion fell short."""
+_REHEARSAL = 10.0
+"""Interval of constant thrust in a rehearsal of a plan, at least, s."""
+_RAISE = 1.2
+"""Of what the drifts fell short, by which the distance is raised."""
 
 
 @dataclass(frozen=True)
@@ -342,18 +351,58 @@ class FormationGuidance:
         designs = request.designs or self._designs_of(request.formation)
         final = [relative_state_of_mean_elements(at_end, designs[name]) for name in self._names]
         cap = request.acceleration_cap or setting.engine.largest / setting.mass
-        closest = request.closest_approach or given.closest_approach
         limits = ReconfigurationLimits(
-            given.plan_share * cap, closest + given.tracking_margin, request.axes, request.objective
+            given.plan_share * cap,
+            (request.closest_approach or given.closest_approach) + given.tracking_margin,
+            request.axes,
+            request.objective,
         )
-        planner = ReconfigurationPlanner(motion, len(self._names), limits, count)
         try:
-            plan = planner.plan([relative_state_rtn(reference, gcrf) for gcrf in craft], final)
+            return self._plan_safely(motion, limits, count, craft, final, start, request.formation)
         except InfeasibleReconfigurationError as error:
             raise RequestError(
                 f"reconfiguration to '{request.formation}' impossible: {error}"
             ) from error
-        return PlanFlight(plan, start, request.formation, given.tracking_bandwidth)
+
+    def _plan_safely(
+        self,
+        motion: LinearisedMotion,
+        limits: ReconfigurationLimits,
+        count: int,
+        craft_gcrf: FloatArray,
+        final: list[FloatArray],
+        start: float,
+        formation: str,
+    ) -> PlanFlight:
+        """Return a plan that keeps its distance after a loss of thrust in nonlinear motion, too."""
+        given = self._parameters
+        cap = limits.acceleration_cap / given.plan_share
+        reference = motion.states_reference_gcrf[0]
+        initial = [relative_state_rtn(reference, gcrf) for gcrf in craft_gcrf]
+        wanted = limits.closest_approach - given.tracking_margin
+        plan, bends, reached = None, None, -math.inf
+        for _ in range(_SAFE_PLANS):
+            planner = ReconfigurationPlanner(motion, len(self._names), limits, count)
+            plan = planner.plan(initial, final, plan, bends)
+            flight = PlanFlight(plan, start, formation, given.tracking_bandwidth)
+            if plan.safe_step is None:
+                return flight
+            flown = flight.rehearse(craft_gcrf, cap, max(self._setting.sample_time, _REHEARSAL))
+            paths = fly_drifts(flown, motion.states_reference_gcrf, motion.step)
+            reached = float(closest_of_paths(paths)[plan.safe_step :].min())
+            if reached >= wanted:
+                return flight
+            if bends is not None:
+                raised = limits.closest_approach + _RAISE * (wanted - reached)
+                limits = dataclasses.replace(limits, closest_approach=raised)
+            bends = paths - FreeDrift(motion, count, len(self._names)).paths(plan.states)
+        raise InfeasibleReconfigurationError(
+            f"passive_safety: {wanted:g} m wanted after a loss of thrust, {reached:.3f} m reached "
+            "in nonlinear motion",
+            "passive_safety",
+            wanted,
+            reached,
+        )
 
     def _predict(self, state: FormationState, duration: float) -> FloatArray:
         """Return the states of all spacecraft in GCRF after a free flight, (m, 6)."""

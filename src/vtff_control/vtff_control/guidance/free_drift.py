@@ -9,11 +9,13 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.relative.linearised import LinearisedMotion
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["DriftRow", "FreeDrift"]
+__all__ = ["DriftRow", "FreeDrift", "closest_of_paths", "fly_drifts"]
 
 
 @dataclass(frozen=True, order=True)
@@ -46,10 +48,17 @@ class FreeDrift:
         Steps of the manoeuvre.
     spacecraft
         Number of spacecraft.
+
+    Attributes
+    ----------
+    bends
+        By how much the drifts of a plan nearby bend from linear motion, m, shape (pairs, count + 1,
+        samples + 1, 3); None for linear drifts.
     """
 
     def __init__(self, motion: LinearisedMotion, count: int, spacecraft: int) -> None:
         self.count = count
+        self.bends: FloatArray | None = None
         self.samples = motion.count - count
         self.pairs = list(itertools.combinations(range(spacecraft), 2))
         # positions[j, k] carries a state at step j to the position k steps later.
@@ -80,6 +89,8 @@ class FreeDrift:
         paths: FloatArray = np.einsum(
             "jkab,pjb->pjka", self.positions[: state.shape[1]], differences
         )
+        if self.bends is not None:
+            paths += self.bends[:, : paths.shape[1]]
         return paths
 
     def closest(self, states: npt.ArrayLike) -> FloatArray:
@@ -90,13 +101,7 @@ class FreeDrift:
         states
             As in `paths`.
         """
-        paths = self.paths(states)
-        return np.array(
-            [
-                min(closest_on_path(paths[pair, loss]) for pair in range(len(self.pairs)))
-                for loss in range(paths.shape[1])
-            ]
-        )
+        return closest_of_paths(self.paths(states))
 
     def watched(self, states: npt.ArrayLike, distances: FloatArray) -> set[DriftRow]:
         """Return the rows of drifts that come nearer than a distance of each loss, m, (j,)."""
@@ -123,7 +128,8 @@ class FreeDrift:
             Matrix of each pair: acts on the difference of its states, all steps in one vector
             in units of `scale`, and gives the distances along the normals, m.
         bulges : dict
-            What the path between two samples may be nearer than the samples, m.
+            What the path between two samples may be nearer than the samples, less what a bend
+            adds to the distance, m.
         """
         paths = self.paths(states)
         distance = np.maximum(np.linalg.norm(paths, axis=3), 1e-9)
@@ -154,4 +160,60 @@ class FreeDrift:
                 shape=(len(chosen), width),
             )
             bulges[pair] = bulge[pair, loss, later]
+            if self.bends is not None:
+                bulges[pair] -= np.einsum("ra,ra->r", normals, self.bends[pair, loss, later])
         return matrices, bulges
+
+
+def fly_drifts(
+    states_gcrf: npt.ArrayLike, references_gcrf: npt.ArrayLike, step: float
+) -> FloatArray:
+    """Return the relative positions of all pairs after every loss in nonlinear motion with J2, m.
+
+    Parameters
+    ----------
+    states_gcrf
+        States of all spacecraft at each loss, m and m/s, shape (j, m, 6).
+    references_gcrf
+        States of the reference orbit from the first loss to the end of the last drift, m and m/s,
+        shape (j + samples, 6).
+    step
+        Between losses, and between the samples of a drift, s.
+
+    Returns
+    -------
+    ndarray, shape (pairs, j, samples + 1, 3)
+        In RTN of the reference orbit at the time of the sample, as `FreeDrift.paths`.
+    """
+    starts = np.asarray(states_gcrf, dtype=float)
+    losses, spacecraft = starts.shape[:2]
+    rotations = np.array([rotation_gcrf_to_rtn(state) for state in np.asarray(references_gcrf)])
+    samples = len(rotations) - losses
+    flown = free_flight(starts.reshape(-1, 6), step * np.arange(samples + 1))[..., :3]
+    positions = flown.reshape(samples + 1, losses, spacecraft, 3)
+    times = np.arange(losses)[:, np.newaxis] + np.arange(samples + 1)
+    paths: FloatArray = np.array(
+        [
+            np.einsum(
+                "jkab,kjb->jka", rotations[times], positions[:, :, second] - positions[:, :, first]
+            )
+            for first, second in itertools.combinations(range(spacecraft), 2)
+        ]
+    )
+    return paths
+
+
+def closest_of_paths(paths: FloatArray) -> FloatArray:
+    """Return the smallest distance of all pairs after each loss, m, shape (j,).
+
+    Parameters
+    ----------
+    paths
+        As of `FreeDrift.paths`.
+    """
+    return np.array(
+        [
+            min(closest_on_path(paths[pair, loss]) for pair in range(len(paths)))
+            for loss in range(paths.shape[1])
+        ]
+    )

@@ -12,9 +12,12 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+import numpy.typing as npt
 from scipy.interpolate import CubicHermiteSpline
 
 from vtff_control.guidance.reconfiguration_plan import ReconfigurationPlan
+from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_dynamics.vectors import FloatArray
 
@@ -91,6 +94,46 @@ class PlanFlight:
             -(self._bandwidth**2) * deviations[:, :3]
             - 2.0 * _DAMPING * self._bandwidth * deviations[:, 3:]
         )
+
+    def rehearse(
+        self, states_gcrf: npt.ArrayLike, acceleration_cap: float, interval: float
+    ) -> FloatArray:
+        """Return the states to which the plan leads in nonlinear motion with J2.
+
+        The plan is linear. Over kilometres the motion bends from it by metres, which the return to
+        the path lessens, and a drift from there by far more.
+
+        Parameters
+        ----------
+        states_gcrf
+            States of all spacecraft at the start, m and m/s, shape (m, 6); thrust is along the axes
+            of the first.
+        acceleration_cap
+            Largest thrust on an axis, m/s2.
+        interval
+            For which thrust is constant at most, s.
+
+        Returns
+        -------
+        ndarray, shape (n + 1, m, 6)
+            States in GCRF at the ends of the steps of the plan, m and m/s.
+        """
+        count = math.ceil(self.plan.step / interval)
+        duration = self.plan.step / count
+        states = np.array(states_gcrf, dtype=float)
+        flown = [states]
+        for index in range(count * self.plan.accelerations.shape[1]):
+            time = self.start + index * duration
+            relative = [relative_state_rtn(states[0], state) for state in states]
+            thrust = self.planned_accelerations(time) + self.correction(time, relative)
+            thrust = np.clip(thrust, -acceleration_cap, acceleration_cap)
+            accelerations = thrust @ rotation_gcrf_to_rtn(states[0])
+            states = free_flight(states, [0.0, duration])[-1]
+            states[:, :3] += 0.5 * duration**2 * accelerations
+            states[:, 3:] += duration * accelerations
+            if (index + 1) % count == 0:
+                flown.append(states)
+        return np.array(flown)
 
     def watch(self, states: Sequence[FloatArray]) -> None:
         """Take the states of all spacecraft for `closest_seen`, m."""

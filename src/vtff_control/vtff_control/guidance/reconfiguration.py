@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from vtff_control.guidance.free_drift import DriftRow, FreeDrift
+from vtff_control.guidance.free_drift import DriftRow, FreeDrift, closest_of_paths
 from vtff_control.guidance.reconfiguration_plan import (
     InfeasibleReconfigurationError,
     ReconfigurationLimits,
@@ -160,6 +160,7 @@ class ReconfigurationPlanner:
         initial_states: npt.ArrayLike,
         final_states: npt.ArrayLike,
         earlier: ReconfigurationPlan | None = None,
+        bends: FloatArray | None = None,
     ) -> ReconfigurationPlan:
         """Return a plan.
 
@@ -169,6 +170,8 @@ class ReconfigurationPlanner:
             Relative states of the spacecraft, m and m/s, shape (m, 6).
         earlier
             A plan of the same or a similar reconfiguration, from which the passes start.
+        bends
+            With passive safety: `FreeDrift.bends` of the earlier plan.
 
         Raises
         ------
@@ -187,11 +190,13 @@ class ReconfigurationPlanner:
             accelerations, passes = self._pass_until_converged(initial, final, earlier)
         safe_step, drifts = None, None
         if self._drift is not None:
+            self._drift.bends = bends
             accelerations, safe_step, more = self._make_passively_safe(
                 initial, final, accelerations, earlier
             )
             passes += more
-            drifts = self._drift.closest(self.motion.fly(initial, accelerations))
+            paths = self._drift.paths(self.motion.fly(initial, accelerations))
+            drifts = closest_of_paths(paths)
         path = self.motion.fly_within(initial, accelerations)
         return ReconfigurationPlan(
             step=self.motion.step,
