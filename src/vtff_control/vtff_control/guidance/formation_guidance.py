@@ -62,7 +62,7 @@ _SAFE_PLANS = 4
 _REHEARSAL = 10.0
 """Interval of constant thrust in a rehearsal of a plan, at least, s."""
 _RAISE = 1.2
-"""Of what the drifts fell short, by which the distance is raised."""
+"""How many times the shortfall of the drifts is added to the distance."""
 
 
 @dataclass(frozen=True)
