@@ -29,6 +29,7 @@ from vtff_node.step_moments import SECOND_RECEIVED, StepMoments
 __all__ = ["LiveFeed"]
 
 PUMP_INTERVAL = 0.01  # s; a timer is needed for time-outs only, as arriving bytes wake the node
+REST_INTERVAL = 0.2  # s without a read after which the timer reads also between seconds of lockstep
 SERVICE_TIMEOUT = 2.0  # s that send_command waits for the answer; meanwhile it reads the port
 SERVICE_POLL = 0.01  # s between two reads of the port while send_command waits
 
@@ -78,12 +79,13 @@ class LiveFeed:
         self._clock_received = 0.0
         self._is_reported_ready = False
         self._is_closed = False
+        self._pumped_at = -math.inf
         self._second_received = -1  # s since 1980-01-06 (GPS)
         self._seconds_received = StepMoments()
         if node.lockstep:
             node.subscribe(Clock, "/clock", self._on_clock)
         node.create_service(SendCommand, "send_command", self._on_send_command)
-        node.create_timer(PUMP_INTERVAL, self.pump, clock=node.steady_clock)
+        node.create_timer(PUMP_INTERVAL, self._on_timer, clock=node.steady_clock)
 
     @property
     def statistics(self) -> StreamStatistics:
@@ -96,7 +98,7 @@ class LiveFeed:
         """Read the port, publish the decoded events, and acknowledge a second that is done."""
         if self._is_closed:
             return
-        now = time.monotonic()
+        now = self._pumped_at = time.monotonic()
         events = self._receiver.advance(now)
         try:
             for event in events:
@@ -135,6 +137,11 @@ class LiveFeed:
             or self._clock_to_acknowledge is not None
             or not self._session.is_running
         )
+
+    def _on_timer(self) -> None:
+        """Look at the time-outs, and read what has waited in the port for long."""
+        if self._awaits_bytes() or time.monotonic() - self._pumped_at >= REST_INTERVAL:
+            self.pump()
 
     def _wake(self) -> None:
         """Let the executor read the port; called in the thread of the watch."""
