@@ -17,6 +17,7 @@ from rclpy._rclpy_pybind11 import RCLError, RCLInvalidROSArgsError, UnknownROSAr
 from rclpy.exceptions import NameValidationException
 from rclpy.executors import ExternalShutdownException
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from vtff_node import parameters
 from vtff_node.node import ACKNOWLEDGE_TIMEOUT, EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
@@ -29,6 +30,9 @@ from vtff_node.process.stop_signals import StopRequest
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
 #: returns from an infinite wait, and short, because it bounds the reaction to a signal.
 SPIN_TIMEOUT = 0.1
+
+#: Wait of the executor where messages gather between its looks, s; it takes 0 for no limit.
+NO_PATIENCE = 1e-4
 
 #: Time after the end of all nodes at which their process leaves ROS and DDS behind, s.
 LEAVE_TIMEOUT = 2.0
@@ -69,15 +73,34 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         The largest exit code of the nodes.
     """
     executor = make_executor()
+    ended: Future = Future()
+
+    def end() -> None:
+        if not ended.done():
+            ended.set_result(None)
+
+    def look() -> None:
+        # As long as messages come without a pause, the executor does not return by itself.
+        if stop.requested:
+            end()
+
     for node in nodes:
         executor.add_node(node)
+        node.on_finish = end
         node.begin()
+    timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
+    gather_time = min(node.gather_time for node in nodes)
+    patience = NO_PATIENCE if gather_time else SPIN_TIMEOUT
     try:
         while not stop.requested and not any(node.finished for node in nodes):
-            executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+            # It handles all that has come; `spin_once` would return after each callback.
+            executor.spin_until_future_complete(ended, patience)
+            if gather_time:
+                time.sleep(gather_time)
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        timer.cancel()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
         for node in nodes:
             node.close(max(0.0, deadline - time.monotonic()))

@@ -83,6 +83,8 @@ class VtffNode(Node):
 
     Parameters: ClassVar[type | None] = None
     Plugins: ClassVar[PluginGroup | None] = None
+    #: Wall time in s for which messages may gather before a process of such nodes alone takes them.
+    gather_time: ClassVar[float] = 0.0
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
         super().__init__(name, **node_arguments)
@@ -103,6 +105,8 @@ class VtffNode(Node):
         self.scenario_nanoseconds = 0
         self._first_scenario_nanoseconds = 0
         self.finished = False
+        #: Called when this node finishes; the main loop of its process sets it.
+        self.on_finish: Callable[[], object] = lambda: None
         self.exit_code = 0
         #: Why this node cannot go on, one line; empty while it can.
         self.problem = ""
@@ -363,6 +367,7 @@ class VtffNode(Node):
     def finish(self, exit_code: int = 0) -> None:
         """End this node's process (or its part of a composed run) after the current callback."""
         self.finished = True
+        self.on_finish()
         self.exit_code = max(self.exit_code, exit_code)
 
     def fail(self, problem: str) -> None:

@@ -126,6 +126,9 @@ class FakeNode:
     def get_topic_names_and_types(self):
         return [(name, [kind]) for name, kind in self.topics.items()]
 
+    def count_publishers(self, name):
+        return 1
+
     def get_publishers_info_by_topic(self, name):
         from rclpy.duration import Infinite
         from rclpy.qos import QoSProfile

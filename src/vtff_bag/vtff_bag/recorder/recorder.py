@@ -48,6 +48,7 @@ class _RecordedTopic:
     subscription: Any
     reliable: bool
     transient_local: bool
+    publishers: int = 0
 
 
 class Recorder:
@@ -155,6 +156,10 @@ class Recorder:
             is_wanted = name not in self._refused and self._selection.wants(name)
             if not is_wanted and name != DIAGNOSTICS_TOPIC:
                 continue
+            topic = self._topics.get(name)
+            count = self._node.count_publishers(name)
+            if not count or (self.stable and topic is not None and topic.publishers == count):
+                continue
             endpoints = self._node.get_publishers_info_by_topic(name)
             if not endpoints:
                 continue
@@ -166,8 +171,8 @@ class Recorder:
             if not is_wanted:
                 self._listen_to_diagnostics()
                 continue
-            topic = self._topics.get(name)
             if topic is not None:
+                topic.publishers = len(endpoints)
                 self._weaken(topic, endpoints)
             elif self._add(name, types, endpoints):
                 self._changed_at = now
