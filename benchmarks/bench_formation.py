@@ -26,7 +26,7 @@ SHORT = 50  # s of scenario; what a run takes to start cancels in the difference
 def fly(spacecraft: int, duration: int, folder: str) -> tuple[float, float]:
     """Fly a formation; return processor time of its nodes (s) and real-time factor."""
     out = pathlib.Path(folder) / f"{spacecraft}_{duration}"
-    arguments = [SYSTEM, f"number_of_deputies:={spacecraft - 1}", "--composed"]
+    arguments = [SYSTEM, f"number_of_deputies:={spacecraft - 1}"]
     command = ["vtff", "run", *arguments, "--duration", str(duration), "--out", str(out)]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode:

@@ -42,8 +42,8 @@ class Mode:
 
 
 MODES = (
-    Mode("1 Hz, separate processes", SOFTWARE, 400),
-    Mode("1 Hz, composed", (*SOFTWARE, "--composed"), 1000),
+    Mode("1 Hz, separate processes", (*SOFTWARE, "--distributed"), 400),
+    Mode("1 Hz, composed", SOFTWARE, 1000),
     Mode("20 Hz receivers", (*RECEIVERS, ON_TRUTH), 60, 600.0, without="relative_ekf"),
     Mode("20 Hz receivers and navigation", RECEIVERS, 60, 600.0),
 )

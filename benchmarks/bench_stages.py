@@ -2,7 +2,7 @@
 
 Processes: a short and a long run; user and system time of each process, read from /proc until it
 ends. The difference of the two runs is what a second costs, the rest of the short run is start and
-end. `--vtff` measures another checkout, `--composed` one process for all nodes but the recorder.
+end. `--vtff` measures another checkout, `--distributed` a process for each node.
 
 Stages: the same work in this process alone, best of several, so without ROS, without the other
 processes that empty the caches, and without the wake-ups between them. What a process needs beyond
@@ -199,14 +199,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seconds", type=int, nargs=2, default=[50, 350], metavar="S")
     parser.add_argument("--vtff", default="vtff", help="command of the checkout to measure")
-    parser.add_argument("--composed", action="store_true", help="one process for the nodes")
+    parser.add_argument("--distributed", action="store_true", help="a process for each node")
     parser.add_argument("--only", choices=("processes", "stages"))
     options = parser.parse_args()
     short, long = options.seconds
     if not 0 < short < long:
         parser.error("--seconds: two durations expected, the shorter first")
     if options.only != "stages":
-        print_processes(options.vtff, ["--composed"] * options.composed, short, long)
+        print_processes(options.vtff, ["--distributed"] * options.distributed, short, long)
     if options.only != "processes":
         print_stages()
 

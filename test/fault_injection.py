@@ -238,7 +238,7 @@ class SmallDisk:
 
 
 class Flight:
-    """A run in the background, whose processes can be disturbed.
+    """A run in the background, whose processes, one for each node, can be disturbed.
 
     Parameters
     ----------
@@ -270,7 +270,7 @@ class Flight:
         self._output = (folder / "output").open("w+")
         self._process = subprocess.Popen(
             [*([] if disk is None else disk.entry), sys.executable, "-m", "vtff_bringup.cli"]
-            + ["run", str(SYSTEMS / system), *map(str, arguments)]
+            + ["run", str(SYSTEMS / system), "--distributed", *map(str, arguments)]
             + ["--out", str(self._own_run), "--no-report"],
             cwd=ROOT,
             stdout=self._output,

@@ -21,9 +21,9 @@ def make_run(runs):
     arguments = {
         "composed_hour": ("--composed",),
         "composed": ("--composed", *short),
-        "distributed_1": short,
-        "distributed_2": short,
-        "distributed_hour": ("--no-report",),
+        "distributed_1": ("--distributed", *short),
+        "distributed_2": ("--distributed", *short),
+        "distributed_hour": ("--distributed", "--no-report"),
     }
     return lambda name: runs.make(name, SYSTEM, *arguments[name])[0]
 

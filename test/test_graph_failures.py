@@ -102,7 +102,8 @@ def test_a_missing_link_of_the_loop_is_named(tmp_path):
 
 def test_a_node_that_dies_ends_the_run_with_its_name(tmp_path):
     out = tmp_path / "run"
-    process = start(tmp_path, SYSTEM, "--out", out, "--no-report", "--duration", 100000)
+    options = ("--distributed", "--no-report", "--duration", 100000)
+    process = start(tmp_path, SYSTEM, "--out", out, *options)
     wait_for_recording(out, process)
     os.kill(process_ids(out, "sdre_controller.yaml")[0], signal.SIGKILL)
     printed = process.communicate(timeout=60)[0]

@@ -105,11 +105,13 @@ SOFTWARE = SYSTEMS / "reference_software.yaml"
 @pytest.mark.parametrize(
     ("number", "arguments"),
     [
-        pytest.param(signal.SIGKILL, (), id="killed"),
+        pytest.param(signal.SIGKILL, ("--distributed",), id="killed"),
         pytest.param(
             signal.SIGKILL, ("--composed",), id="killed, composed", marks=pytest.mark.slow
         ),
-        pytest.param(signal.SIGHUP, (), id="terminal closed", marks=pytest.mark.slow),
+        pytest.param(
+            signal.SIGHUP, ("--distributed",), id="terminal closed", marks=pytest.mark.slow
+        ),
         pytest.param(signal.SIGTERM, ("--composed",), id="terminated", marks=pytest.mark.slow),
     ],
 )

@@ -174,7 +174,7 @@ def test_three_hosts_in_lockstep_give_the_same_bytes_as_one(runs, tmp_path, qual
     one = runs.make("hosts_none_long", "reference.yaml", "--duration", 120, "--no-report")[0]
     with NetworkHosts(3, **quality) as network:
         parts = start_parts(
-            network, tmp_path, "--duration", 120, "--no-report",
+            network, tmp_path, "--duration", 120, "--distributed", "--no-report",
             placed=["simulator_host:=simulator", "recorder_host:=simulator"], hosts=HOSTS,
         )  # fmt: skip
         folder = complete(parts, bag_of=parts[2])

@@ -27,7 +27,7 @@ DURATION = RECEIVER_FLIGHT_DURATION
 
 @pytest.fixture(scope="module")
 def run(runs):
-    return runs.make("receivers_1", SYSTEM, *RECEIVER_FLIGHT, "--no-report")[0]
+    return runs.make("receivers_1", SYSTEM, *RECEIVER_FLIGHT, "--distributed", "--no-report")[0]
 
 
 @pytest.fixture(scope="module")

@@ -52,7 +52,7 @@ GUARDED = {
 def fly(folder, *arguments):
     system = folder / "guarded.yaml"
     system.write_text(yaml.safe_dump(GUARDED), encoding="utf-8")
-    run = folder / f"run{len(arguments)}"
+    run = folder / arguments[0].strip("-")
     result = run_vtff("run", system, "--duration", 100, "--out", run, *arguments)
     assert result.returncode == 0, result.stdout + result.stderr
     assert "formation_safety took deputy over" in result.stdout
@@ -64,7 +64,7 @@ def fly(folder, *arguments):
 
 
 def test_a_stuck_thruster_is_isolated_and_30_m_are_kept(tmp_path):
-    run, summary, digests = fly(tmp_path)
+    run, summary, digests = fly(tmp_path, "--distributed")
     assert summary["minimum_separation_m"] >= 30.0
     assert summary["safety_isolated_axes"] == "T"
     assert summary["safety_taken_over_time_s"] - STUCK_AFTER <= 2.0

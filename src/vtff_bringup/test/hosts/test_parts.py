@@ -210,6 +210,14 @@ def test_a_part_that_leaves_before_the_start_may_come_again(network):
         assert not isinstance(end_of(thread), Exception)
 
 
+@pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
+@pytest.mark.parametrize("composed", [None, True, False])
+def test_nodes_share_a_process_in_lockstep_unless_told_otherwise(pacing, composed):
+    order = RunOrder(pacing=pacing, composed=composed)
+    assert RunOrder.from_message(order.as_message()) == order
+    assert order.shares_process is (composed if composed is not None else pacing == "lockstep")
+
+
 @pytest.mark.parametrize(
     ("named", "reason"),
     [

@@ -45,8 +45,13 @@ def run(
         ),
     ] = None,
     composed: Annotated[
-        bool, typer.Option("--composed", help="All nodes in one process: fastest.")
-    ] = False,
+        Optional[bool],  # noqa: UP045
+        typer.Option(
+            "--composed/--distributed",
+            help="All nodes in one process, which is fastest, or each in a process of its own; "
+            "default: --composed in lockstep, --distributed with --realtime.",
+        ),
+    ] = None,
     realtime: Annotated[
         bool, typer.Option("--realtime", help="Pace with the wall clock instead of lockstep.")
     ] = False,
@@ -127,7 +132,7 @@ def run(
             console,
             description,
             settings,
-            composed=order.composed,
+            composed=order.shares_process,
             verbose=verbose,
             on_step=imports.begin if order.report else None,
             session=session,

@@ -24,7 +24,7 @@ class RunOrder:
     pacing, duration, seed, max_lag
         As in `RunSettings`.
     composed
-        Whether the nodes of each host share a process.
+        Whether the nodes of each host share a process; None: in lockstep they do.
     report
         Whether the host that records writes a report.
     """
@@ -34,7 +34,7 @@ class RunOrder:
     duration: float | None = None
     seed: int | None = None
     max_lag: float | None = None
-    composed: bool = False
+    composed: bool | None = None
     report: bool = True
 
     def settings(self, run_directory: pathlib.Path, free_ports: dict[str, int]) -> RunSettings:
@@ -47,6 +47,14 @@ class RunOrder:
             max_lag=self.max_lag,
             free_ports=free_ports,
         )
+
+    @property
+    def shares_process(self) -> bool:
+        """Whether the nodes of each host share a process.
+
+        In real time each has a process of its own, so that none waits for the work of another.
+        """
+        return self.pacing == "lockstep" if self.composed is None else self.composed
 
     def as_message(self) -> dict[str, Any]:
         """Return the order as a message for another host."""
@@ -68,7 +76,7 @@ class RunOrder:
                 duration=None if content["duration"] is None else float(content["duration"]),
                 seed=None if content["seed"] is None else int(content["seed"]),
                 max_lag=None if content["max_lag"] is None else float(content["max_lag"]),
-                composed=content["composed"] is True,
+                composed=None if content["composed"] is None else content["composed"] is True,
                 report=content["report"] is True,
             )
         except (KeyError, TypeError, ValueError) as error:
