@@ -30,7 +30,7 @@ def distance(run, chaser):
 def test_two_runs_are_equal_and_the_chasers_approach(tmp_path):
     runs = [tmp_path / "composed", tmp_path / "processes"]
     told = fly(runs[0], 900, "--composed")
-    fly(runs[1], 900, "--no-report")
+    fly(runs[1], 900, "--distributed", "--no-report")
     assert assert_equal_messages(*runs, topics(runs[0])) > 900
     assert "The sides of the cluster" in told
     assert (runs[0] / "report" / "cluster_sides.png").exists()

@@ -77,10 +77,11 @@ def test_timeline_is_flown_the_same_way_twice(tmp_path):
         "'20 reconfigure pco duration=4560', '30 keep triangle', '200 free_drift']"
     )
     runs = []
-    for number, form in enumerate(("--composed", "--no-report")):
+    forms = (("--composed",), ("--distributed", "--no-report"))
+    for number, form in enumerate(forms):
         runs.append(tmp_path / f"run{number}")
         result = run_vtff(
-            "run", "fflas_software", "--duration", 240, timeline, "--out", runs[-1], form
+            "run", "fflas_software", "--duration", 240, timeline, "--out", runs[-1], *form
         )
         assert result.returncode == 0, result.stdout + result.stderr
     assert assert_equal_messages(*runs, topics(runs[0])) > 400

@@ -27,8 +27,8 @@ def fly(run, duration, *arguments):
 @pytest.mark.slow
 def test_the_first_pass_and_the_plan_after_it_are_flown_the_same_way_twice(tmp_path):
     runs = [
-        fly(tmp_path / f"run{number}", 2000, form)
-        for number, form in enumerate(("--composed", "--no-report"))
+        fly(tmp_path / f"run{number}", 2000, *form)
+        for number, form in enumerate((("--composed",), ("--distributed", "--no-report")))
     ]
     assert assert_equal_messages(*runs, topics(runs[0])) > 2000
     assert messages(runs[0], "/formation/survey")[-1].plans == 1
