@@ -5,11 +5,10 @@ from __future__ import annotations
 import contextlib
 import math
 import pathlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 import numpy.typing as npt
-from scipy.interpolate import CubicSpline
 
 from vtff_analysis.tec.errors import TecError
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
@@ -44,6 +43,15 @@ _FEWEST_POINTS, _POINTS_WANTED = 4, 20
 _EARTH_FIXED_FRAMES = ("ITRF", "ECEF", "WGS84", "IGS")
 _INERTIAL_FRAMES = ("GCRF", "ICRF", "EME2000", "J2000")
 _OEM_MARK = b"CCSDS_OEM_VERS"
+
+
+def _fit_spline(seconds: FloatArray, positions: FloatArray) -> Callable[[FloatArray], FloatArray]:
+    """Return the cubic spline through positions, shape (n, 3), at increasing times, shape (n,)."""
+    # Imported here: it takes a seventh of the processing of a station, whose position is stated.
+    from scipy.interpolate import CubicSpline
+
+    spline: Callable[[FloatArray], FloatArray] = CubicSpline(seconds, positions)
+    return spline
 
 
 class ReceiverOrbit:
@@ -87,7 +95,7 @@ class ReceiverOrbit:
             with contextlib.suppress(InterpolationError):
                 self._track = InterpolatedTrack(name, times, positions[:, None, :])
         if self._track is None:
-            self._spline = CubicSpline(self._seconds(times), positions)
+            self._spline = _fit_spline(self._seconds(times), positions)
 
     def _seconds(self, times: npt.NDArray[np.int64]) -> FloatArray:
         return np.asarray((times - self._times[0]) / NANOSECONDS_PER_SECOND)
@@ -232,7 +240,7 @@ def positions_from_codes(
     if len(points) < _FEWEST_POINTS:
         raise TecError("the position of the receiver is not stated and cannot be computed")
     times = [now for now, _ in points]
-    spline = CubicSpline(np.array(times), np.array([point.position_itrf for _, point in points]))
+    spline = _fit_spline(np.array(times), np.array([point.position_itrf for _, point in points]))
     inside = (seconds >= times[0] - _INTERVAL_ON_GROUND) & (
         seconds <= times[-1] + _INTERVAL_ON_GROUND
     )
