@@ -287,7 +287,7 @@ def test_runs_are_equal_byte_for_byte(runs, own_log, own_run):
     first = contents(own_run)
     assert len(first) == 6
     assert contents(make(runs, "again", own_log)) == first
-    assert contents(make(runs, "composed", own_log, "--composed")) == first
+    assert contents(make(runs, "distributed", own_log, "--distributed")) == first
 
 
 def test_a_damaged_log_gives_exactly_its_intact_frames(runs, tmp_path):

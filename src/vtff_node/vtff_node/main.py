@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import faulthandler
+import gc
 import inspect
 import os
 import sys
@@ -72,6 +73,9 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     int
         The largest exit code of the nodes.
     """
+    # What is there now stays to the end: no collection has to look at it again.
+    gc.freeze()
+    gc.enable()
     executor = make_executor()
     ended: Future = Future()
 
