@@ -17,13 +17,15 @@ from vtff_nav.attitude.onboard import OnboardAttitudeEstimator
 from vtff_nav.attitude.orbit_memory import OrbitMemory
 from vtff_node.stamps import to_nanoseconds
 
-DETUMBLED = {"tumble_rpm": 0.0, "wheel_speed_rpm": 0.0}
+# Slow enough for a start, and not at rest: a body that hardly turns shows its turn about the field
+# too late for a short flight.
+DETUMBLED = {"tumble_rpm": 0.2, "wheel_speed_rpm": 0.0}
 TIMELINE = "attitude_controller.timeline:=['0 compass', '400 point']"
 
 
 @pytest.fixture(scope="module")
 def scenario_file(tmp_path_factory):
-    """Return the scenario of SNAP-1 at rest, so that the attitude is found within minutes."""
+    """Return the scenario of SNAP-1 turning slowly: its attitude is found within minutes."""
     fields = yaml.safe_load((ROOT / "config/scenario/snap1.yaml").read_text(encoding="utf-8"))
     attitude = fields["spacecraft"][0]["attitude"]
     attitude["start"] = DETUMBLED
@@ -31,7 +33,7 @@ def scenario_file(tmp_path_factory):
         {"kind": "magnetometer_stuck", "start": 600.0, "end": 660.0},
         {"kind": "magnetometer_saturated", "start": 700.0, "end": 740.0},
     ]
-    path = tmp_path_factory.mktemp("attitude") / "at_rest.yaml"
+    path = tmp_path_factory.mktemp("attitude") / "slow.yaml"
     path.write_text(yaml.safe_dump(fields), encoding="utf-8")
     return path
 
@@ -49,31 +51,34 @@ def messages(run, topic):
 def flight(runs, scenario_file):
     return runs.make(
         "attitude", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 800,
-        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=100", "--no-report",
+        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50", "--no-report",
     )[0]  # fmt: skip
 
 
 def test_equal_runs_are_equal_byte_for_byte_also_in_one_process(flight, runs, scenario_file):
     again = runs.make(
-        "attitude_again", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 340,
-        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=100",
+        "attitude_again", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 310,
+        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50",
         "--no-report", "--composed",
     )[0]  # fmt: skip
     end = BagReader(again).end_time  # it is the shorter of both; the bus goes off in it
     names = set(topics(flight)) - {"/sim/status"}  # it holds the length of the run
-    assert assert_equal_messages(flight, again, names, end) > 550
+    assert assert_equal_messages(flight, again, names, end) > 500
 
 
 def test_the_attitude_is_found_and_its_sigma_is_true(flight):
     truth = messages(flight, "/snap1/truth/attitude")
     estimates = messages(flight, "/snap1/attitude")
-    for time in (590.0, 800.0):
+    known = [time for time, estimate in estimates.items() if estimate.valid]
+    # An estimate that says of itself that it is not valid yet is no promise.
+    assert len(known) > 20 and known[-1] == 800.0
+    for time in known:
         true, estimate = truth[time], estimates[time]
         error = rotation_vector(
             multiply(conjugate(np.array(estimate.quaternion)), np.array(true.quaternion))
         )
         covariance = np.array(estimate.covariance).reshape(9, 9)[:3, :3]
-        assert np.degrees(np.linalg.norm(error)) < 5.0
+        assert np.degrees(np.linalg.norm(error)) < 10.0
         assert error @ np.linalg.solve(covariance, error) < 16.3  # 0.1 % of chi squared
 
 
@@ -81,7 +86,7 @@ def test_a_bus_that_is_off_means_rods_off_and_is_said(flight):
     reports = messages(flight, "/snap1/adcs/report")
     actuations = messages(flight, "/snap1/adcs/actuation")
     silent = [time for time, report in reports.items() if not report.heard]
-    assert silent == [300.0 + 5.0 * number for number in range(20)]
+    assert silent == [300.0 + 5.0 * number for number in range(10)]
     for time in silent:
         assert not actuations[time].accepted
         assert not np.array(actuations[time].pulse_steps).any()
@@ -126,9 +131,7 @@ def test_the_estimator_alone_on_the_log_says_what_the_node_said(flight):
         message = decoded.message
         state = np.concatenate((message.position, message.velocity))
         orbit.add(to_nanoseconds(message.header.stamp), state)
-    estimator = OnboardAttitudeEstimator(
-        BodyModel(), AttitudeFilterConfiguration(field_sigma=3e-7, field_time_constant=300.0)
-    )
+    estimator = OnboardAttitudeEstimator(BodyModel(), AttitudeFilterConfiguration(field_sigma=3e-7))
     frames = AdcsFrames(ROOT / "config/can/vtff_adcs.dbc")
     known = list(estimate_from_log(flight / "adcs.log", frames, orbit, estimator))
     estimates = messages(flight, "/snap1/attitude")

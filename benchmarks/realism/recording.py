@@ -9,7 +9,7 @@ import importlib.util
 import os
 import pathlib
 import pickle
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from vtff_gnss.novatel import ReceiverLogStream
 from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.signals import SignalKey
+from vtff_sim_bridge.attitude.attitude_motion import attitude_motion
 from vtff_sim_bridge.bridge.simgen_link import motion_state
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration
 from vtff_sim_bridge.gnss.signal_table import SIGNALS, satellite_from_name
@@ -127,9 +128,24 @@ class _Ambiguities(TruthFile):
 
 
 class EmulatedFormation:
-    """Truth and both emulated receivers with decoders of what they send, second by second."""
+    """Truth and both emulated receivers with decoders of what they send, second by second.
 
-    def __init__(self, gnss: GnssConfiguration, scenario: Scenario) -> None:
+    Parameters
+    ----------
+    gnss : GnssConfiguration
+    scenario : Scenario
+    attitude_deputy : callable, optional
+        Quaternion to GCRF (4,) and rate (3,), rad/s, of the deputy's body for its state (6,) and
+        the seconds since the start. By default the body is aligned with the local horizon.
+    """
+
+    def __init__(
+        self,
+        gnss: GnssConfiguration,
+        scenario: Scenario,
+        attitude_deputy: Callable[[FloatArray, int], tuple[FloatArray, FloatArray]] | None = None,
+    ) -> None:
+        self._attitude_deputy = attitude_deputy
         firmware = {
             receiver.name: ReceiverFirmware(settings=HeaderSettings(generation=receiver.generation))
             for receiver in gnss.receivers
@@ -155,7 +171,12 @@ class EmulatedFormation:
         chief, deputy = self._names
         for name, motion in zip(self._names, self._vehicles.values(), strict=True):
             applied = thrust_rtn if name == deputy else None
-            motion.command(nanoseconds, motion_state(self.truth.motion_itrf(name, applied)))
+            moved = self.truth.motion_itrf(name, applied)
+            if name == deputy and self._attitude_deputy is not None:
+                state = self.truth.state_gcrf(name)
+                attitude = self._attitude_deputy(state, second)
+                moved = np.concatenate((moved, attitude_motion(time, state, *attitude)))
+            motion.command(nanoseconds, motion_state(moved))
         sent: dict[str, bytearray] = {name: bytearray() for name in self._streams}
         self._set.advance(
             nanoseconds, self._vehicles.__getitem__, lambda name, new: sent[name].extend(new)

@@ -177,7 +177,12 @@ class AdcsCanNode(VtffNode):
             self._publish_actuation(message, None)
             self.acknowledge_step(message.header.stamp, started)
             return
-        self._due.append(_Awaited(stamp, started, started + self._timeout(), message))
+        timeout = self._timeout()
+        if self.lockstep and not self._newest.heard:
+            # Time stands still in lockstep: what has not reported cannot have come back since, and
+            # every wait for it would be wall time that the whole run waits for nothing.
+            timeout = 0.0
+        self._due.append(_Awaited(stamp, started, started + timeout, message))
         self._wait()
 
     def _publish_actuation(self, command: AdcsCommand, answer: AdcsAnswer | None) -> None:

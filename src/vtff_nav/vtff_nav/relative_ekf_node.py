@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
+import numpy as np
 from geometry_msgs.msg import AccelStamped
 from rosgraph_msgs.msg import Clock
 
@@ -18,6 +19,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.antex import AntexError, read_antex
 from vtff_msgs.msg import (
     AmbiguityStatus,
+    AttitudeState,
     GnssEphemeris,
     GnssObservations,
     LaserRange,
@@ -32,6 +34,7 @@ from vtff_nav.relative.common.antenna_correction import (
     Antenna,
     AntennaPair,
 )
+from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
@@ -234,7 +237,8 @@ class RelativeEkfParameters:
     )
     chief_attitude_frame: str = parameter(
         Antenna.attitude_frame,
-        "axes to which the chief's body is fixed: local horizon, own orbit, or inertial space",
+        "axes to which the chief's body is fixed: local horizon, own orbit, or inertial space; "
+        "estimated: as /<chief>/attitude says",
         choices=ATTITUDE_FRAMES,
     )
     deputy_attitude_frame: str = parameter(
@@ -360,9 +364,10 @@ class RelativeEkfNode(VtffNode):
     """Relative navigation of one deputy.
 
     Stands in the namespace of its deputy. Subscribes to gnss/epoch and gnss/ephemeris of chief
-    (/<chief>/gnss/...) and deputy, propulsion/thrust_applied of both, /clock, and laser_range if
-    asked for. Publishes once an epoch relative_state (RelativeState, m and m/s in the chief's RTN
-    frame), ambiguities (AmbiguityStatus) and differential_tec (SlantTec, TECU).
+    (/<chief>/gnss/...) and deputy, propulsion/thrust_applied of both, /clock, laser_range if asked
+    for, and attitude of each whose attitude frame is "estimated". Publishes once an epoch
+    relative_state (RelativeState, m and m/s in the chief's RTN frame), ambiguities
+    (AmbiguityStatus) and differential_tec (SlantTec, TECU).
     Every epoch of /clock is answered: without measurements by a prediction, before the filter has
     started by SOLUTION_NONE. An estimator that fails, is too slow or answers with something
     unusable is named, its solution is SOLUTION_NONE and the node ends.
@@ -381,6 +386,13 @@ class RelativeEkfNode(VtffNode):
             self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         except ValueError as error:
             raise ParameterError(str(error)) from error
+        self._add_attitude: Callable[..., None] = getattr(self._estimator, "add_attitude", None)
+        if self._add_attitude is None:
+            for name in ("chief_attitude_frame", "deputy_attitude_frame"):
+                if getattr(given, name) == "estimated":
+                    raise ParameterError(
+                        f"parameter '{name}': estimator '{given.estimator}' takes no attitudes"
+                    )
         self._namespaces = {given.chief: f"/{given.chief}/", given.deputy: ""}
         if len(self._namespaces) < 2:
             raise ParameterError(f"parameter 'deputy': {given.deputy!r} is the chief")
@@ -427,6 +439,13 @@ class RelativeEkfNode(VtffNode):
                 functools.partial(self._on_thrust, craft),
                 required=False,  # a spacecraft may coast
             )
+            if getattr(given, f"{self._role(craft)}_attitude_frame") == "estimated":
+                self.subscribe(
+                    AttitudeState,
+                    f"{namespace}attitude",
+                    functools.partial(self._on_attitude, craft),
+                    required=False,  # without one the lever arm is not known
+                )
         if given.use_laser:
             self.subscribe(LaserRange, "laser_range", self._on_laser)
         if self._source_of_node and self.lockstep:
@@ -437,6 +456,28 @@ class RelativeEkfNode(VtffNode):
 
     def _on_ephemeris(self, message: GnssEphemeris) -> None:
         self._tell(self._estimator.add_ephemeris, ephemeris_from_message(message))
+
+    def _role(self, craft: str) -> str:
+        """Return the prefix of the parameters of a spacecraft."""
+        return "deputy" if craft == self.parameters.deputy else "chief"
+
+    def _on_attitude(self, craft: str, message: AttitudeState) -> None:
+        """Hand on an attitude that is valid; its covariance enters."""
+        if not message.valid:
+            return
+        time = GpsTime.from_unix_nanoseconds(to_nanoseconds(message.header.stamp))
+        covariance = np.array(message.covariance).reshape(9, 9)[:3, :3]
+        try:
+            attitude = BodyAttitude(
+                time, np.array(message.quaternion), np.array(message.rate_body), covariance
+            )
+        except ValueError as error:
+            self.get_logger().warning(
+                f"attitude of {craft}: {error}: ignored", throttle_duration_sec=5.0
+            )
+            return
+        is_of_chief = self._role(craft) == "chief"
+        self._tell(functools.partial(self._add_attitude, is_of_chief=is_of_chief), attitude)
 
     def _on_thrust(self, craft: str, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)

@@ -30,6 +30,7 @@ from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.step_source import StepSource, StepSourceParameters
 from vtff_sim_bridge.attitude import adcs_module
+from vtff_sim_bridge.attitude.attitude_motion import attitude_motion
 from vtff_sim_bridge.bridge.lateness import Lateness
 from vtff_sim_bridge.bridge.simgen_link import SimGenLink
 from vtff_sim_bridge.bridge.thrust_buffer import ThrustBuffer
@@ -465,10 +466,20 @@ class SimgenBridgeNode(VtffNode):
     # ---- SimGEN ------------------------------------------------------------------------------
 
     def _motions(self) -> dict[str, np.ndarray]:
-        return {
+        """Return the motion of each spacecraft, and its attitude where it has one."""
+        motions = {
             name: self._truth.motion_itrf(name, self._thrust_in_force.get(name))
             for name in self._truth.names
         }
+        for name, attitude in self._attitudes.items():
+            turning = attitude_motion(
+                self._truth.time,
+                self._truth.state_gcrf(name),
+                attitude.state.quaternion_gcrf,
+                attitude.state.rate_body,
+            )
+            motions[name] = np.concatenate((motions[name], turning))
+        return motions
 
     def _send_motion(self) -> None:
         if self._simgen is None:

@@ -324,7 +324,7 @@ def fly_three_axis(
 
 
 def _filter(field_sigma: float) -> AttitudeFilterConfiguration:
-    return AttitudeFilterConfiguration(field_sigma=field_sigma, field_time_constant=300.0)
+    return AttitudeFilterConfiguration(field_sigma=field_sigma)
 
 
 @dataclass(frozen=True)
@@ -362,11 +362,14 @@ def fly_kick(
     orbits_between: int = 3,
     damped: bool = True,
     seed: int = 1,
+    settled: bool = True,
 ) -> KickResult:
     """Fire for 3 s about pitch in compass mode over the equator, ascending; five times, weaker.
 
     The dipole is along -z with the 0.2 A m2 of the paper's model. Torquers damp throughout (compass
-    mode), or until the first firing.
+    mode), or until the first firing. What is left of the swing then, 1 to 6 deg that the turning
+    field keeps up, adds to the kick or takes from it. With `settled` false the first firing is at
+    the start, 28 deg north, from rest against the field as the pendulum formula has it.
     """
     track = snap1_track()
     body = SpacecraftBody(dipole=(0.0, 0.0, -0.2))
@@ -377,8 +380,8 @@ def fly_kick(
     )  # fmt: skip
     orbit = round(ORBITAL_PERIOD / track.period)
     # The second ascending pass of the equator: the first orbit settles.
-    number = orbit
-    while not track.state_gcrf(number)[2] < 0.0 <= track.state_gcrf(number + 1)[2]:
+    number = orbit if settled else 0
+    while settled and not track.state_gcrf(number)[2] < 0.0 <= track.state_gcrf(number + 1)[2]:
         number += 1
     firings = [number + orbits_between * orbit * index for index in range(len(strengths))]
     periods = firings[-1] + round(1.2 * orbit)
@@ -394,7 +397,7 @@ def fly_kick(
             swing_rate = math.sqrt(strength * 0.2 / inertia)
             ratio = min(kick * 3.0 / inertia / swing_rate / 2.0, 1.0)
             formula.append(2.0 * math.degrees(math.asin(ratio)))
-        if not damped and row == firings[0] - 1:
+        if not damped and row == max(firings[0] - 1, 0):
             loop.controller.request("off")
         history.set_row(row, loop, loop.step(windows))
         if row in firings:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from datetime import date, timedelta
 from pathlib import Path
 
 import numpy as np
 
 from vtff_analysis.attitude.loop import AttitudeHistory
+from vtff_analysis.attitude.orbit_raising import OrbitRaising, fly_orbit_raising
 from vtff_analysis.attitude.snap1 import (
     CompassResult,
     DipoleResult,
@@ -32,7 +34,7 @@ _AVERAGING_STARTS, _AVERAGING_HOURS = 3, 4.0
 def run_snap1(
     folder: Path, hours: float = 28.0, seed: int = 1, say: Callable[[str], None] = print
 ) -> list[ComparisonRow]:
-    """Fly the cases of the paper, write figures 2 to 9 and the table, and return its rows.
+    """Fly the cases of the paper, write figures 2 to 11 and the table, and return its rows.
 
     Parameters
     ----------
@@ -93,6 +95,10 @@ def run_snap1(
         kick.history,
         [("swing (deg)", kick.swing_deg[:, None], ("dipole to field",))],
     )
+    say("orbit raising, figures 10 and 11")
+    raising = fly_orbit_raising()
+    rows += _raising_rows(raising)
+    _write_raising(raising, folder)
     write_comparison(rows, folder / "snap1.csv")
     return rows
 
@@ -207,6 +213,55 @@ def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
             f"{damped.after_an_orbit_deg:.1f} deg",
         ),
     ]
+
+
+def _raising_rows(result: OrbitRaising) -> list[ComparisonRow]:
+    subject = "orbit raising towards Tsinghua-1 (figures 10, 11)"
+    launch = date(2000, 6, 28)
+    peak, raised = (
+        (launch + timedelta(days=day)).strftime("%d %B")
+        for day in (result.peak_day, result.raised_day)
+    )
+    return [
+        ComparisonRow(
+            subject,
+            "largest separation",
+            "124 deg, 11 September",
+            f"{result.peak_deg:.0f} deg, {peak}",
+        ),
+        ComparisonRow(subject, "1 km above", "19 September", raised),
+        ComparisonRow(subject, "closest approach", "16.7 deg", f"{result.closest_deg:.1f} deg"),
+        ComparisonRow(
+            subject, "turn of the perigee", "115 days", f"{result.perigee_period:.0f} days"
+        ),
+        ComparisonRow(
+            subject,
+            "decay against Tsinghua-1; raise in October (both fitted)",
+            "not given",
+            f"{result.decay_difference:.1f} m a day; {result.last_firings:.0f} m",
+        ),
+    ]
+
+
+def _write_raising(result: OrbitRaising, folder: Path) -> None:
+    for number, title, panels in (
+        (
+            10,
+            "SNAP-1 against Tsinghua-1",
+            (
+                ("semi-major axis (km)", 1e-3 * result.axis_difference),
+                ("separation (deg)", result.separation_deg),
+            ),
+        ),
+        (11, "mean eccentricity of SNAP-1", (("eccentricity", result.eccentricity),)),
+    ):
+        figure = make_figure(1.5 + 3.2 * len(panels))
+        for row, (label, values) in enumerate(panels):
+            axes = figure.add_subplot(len(panels), 1, row + 1)
+            axes.plot(result.days, values, color=AXIS_COLOURS[0], linewidth=1.2)
+            axes.set_ylabel(label)
+        axes.set_xlabel("days since 28 June 2000")
+        save_figure(figure, folder / f"figure_{number}.png", f"Figure {number}: {title}")
 
 
 def _write_lines(

@@ -239,10 +239,11 @@ def snap1(
 ) -> None:
     """Fly the attitude of SNAP-1 (paper 003).
 
-    Tables 2 and 5 and figures 2 to 9, paper beside measured. Truth, emulated ADCS module,
+    Tables 2 and 5 and figures 2 to 11, paper beside measured. Truth, emulated ADCS module,
     estimator and controller in one loop without ROS. Written are snap1.csv and one picture for
     each figure. What the paper does not give is assumed, and said.
     """
+    from vtff_analysis.attitude.orbit_raising import RAISING_ASSUMPTIONS
     from vtff_analysis.attitude.snap1 import ASSUMPTIONS
     from vtff_analysis.attitude.snap1_output import run_snap1
 
@@ -251,7 +252,7 @@ def snap1(
         "003",
         out,
         lambda folder, say: run_snap1(folder, hours, seed, say),
-        "assumed: " + "; ".join(ASSUMPTIONS),
+        "assumed: " + "; ".join((*ASSUMPTIONS, *RAISING_ASSUMPTIONS)),
     )
 
 

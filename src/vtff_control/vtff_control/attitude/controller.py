@@ -395,6 +395,8 @@ class AttitudeController:
         settings = self._configuration
         momentum = self._momentum(knowledge)
         reference = settings.wheel_inertia * settings.pointing_wheel_rpm * _RATE_OF_RPM
+        if not knowledge.wheel_follows:
+            reference = momentum  # a torque for a wheel that does not take it up spins the body
         pointing = self._mode == "point"
         period = settings.limits.period
         if pointing:
@@ -418,8 +420,9 @@ class AttitudeController:
         moment = momentum_moment(
             errors, self._inertia, momentum, reference, self._wheel_axis, motion.field_body, gains
         )
-        if not pointing:
-            # The start of the wheel turns the body about its axis; the torquers take that up too.
+        if not pointing or not knowledge.wheel_follows:
+            # The start of the wheel, and a wheel that is stuck, leave the body turning about its
+            # axis; the torquers take that up too.
             spin = float(self._wheel_axis @ errors.rate_body)
             wanted = -gains.nutation * self._wheel_moment * spin * self._wheel_axis
             square = float(motion.field_body @ motion.field_body)

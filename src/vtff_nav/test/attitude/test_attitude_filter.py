@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from attitude_support import DIPOLE as TRUE_DIPOLE
 from attitude_support import TRACK, MeasuredFlight
+from scipy.linalg import expm
 
 from vtff_dynamics.attitude.quaternion import (
     conjugate,
@@ -18,7 +19,16 @@ from vtff_dynamics.attitude.quaternion import (
 from vtff_nav.attitude.attitude_filter import AttitudeFilter
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.filter_bank import AttitudeFilterBank
-from vtff_nav.attitude.kernels import BIAS, DIPOLE, FIELD, INERTIA, RATE, STATES, predict_attitude
+from vtff_nav.attitude.kernels import (
+    BIAS,
+    DIPOLE,
+    FIELD,
+    FIELD_RATE,
+    INERTIA,
+    RATE,
+    STATES,
+    predict_attitude,
+)
 
 
 def predicted(change, covariance):
@@ -26,9 +36,7 @@ def predicted(change, covariance):
     inertia = np.diag([0.055, 0.058, 0.056])
     quaternion = from_rotation_vector(np.array([0.3, -0.8, 0.5]))
     quaternion = multiply(quaternion, from_rotation_vector(change[:3]))
-    mean = np.concatenate(
-        ([0.01, -0.02, 0.005], [0.1, 0.05, -0.2], np.zeros(3), np.zeros(3), np.zeros(3))
-    )
+    mean = np.concatenate(([0.01, -0.02, 0.005], [0.1, 0.05, -0.2], np.zeros(STATES - RATE - 6)))
     mean += change[3:]
     state = TRACK.state_gcrf(0)
     noise = np.zeros(8)
@@ -44,8 +52,9 @@ def predicted(change, covariance):
 def test_linear_model_is_the_derivative_of_the_motion():
     """Each column of the transition against a central difference of the prediction."""
     scale = np.concatenate(([1e-4] * 3, [1e-5] * 3, [1e-4] * 3, [1e-9] * 3, [1e-4] * 3, [1e-8] * 3))
+    # The rate of the field error acts through the field error, which is held over a period.
     centre, _ = predicted(np.zeros(STATES), np.zeros((STATES, STATES)))
-    for column in [*range(BIAS), *range(INERTIA, STATES)]:
+    for column in [*range(BIAS), *range(INERTIA, FIELD_RATE)]:
         change = np.zeros(STATES)
         change[column] = scale[column]
         ends = []
@@ -63,6 +72,31 @@ def test_linear_model_is_the_derivative_of_the_motion():
         analytic = sign * covariance[:6, biggest] / math.sqrt(covariance[biggest, biggest])
         np.testing.assert_allclose(analytic, numeric, atol=2e-3 * np.abs(numeric).max())
     assert BIAS - DIPOLE == FIELD - INERTIA == RATE == 3
+
+
+def test_error_of_the_field_model_is_a_second_order_process():
+    """Stationary covariance, transition against scipy, and a correlation without a kink."""
+    sigma, time_constant, period = 3e-7, 170.0, 60.0
+    stationary = np.diag([sigma**2, (sigma / time_constant) ** 2])
+    covariance = np.zeros((STATES, STATES))
+    pairs = [[FIELD + axis, FIELD_RATE + axis] for axis in range(3)]
+    for pair in pairs:
+        covariance[np.ix_(pair, pair)] = stationary
+    noise = np.zeros(8)
+    noise[4:6] = sigma, time_constant
+    mean = np.zeros(STATES - 3)
+    mean[12], mean[15] = sigma, -2.0 * sigma / time_constant
+    state = TRACK.state_gcrf(0)
+    predict_attitude(
+        np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, period, 1, TRACK.field_gcrf(0),
+        TRACK.field_gcrf(1), state[:3], 0.0, 0.0, np.array([0.0, 1.0, 0.0]), np.eye(3),
+        np.zeros(3), 0.127, np.eye(3), noise,
+    )  # fmt: skip
+    system = np.array([[0.0, 1.0], [-1.0 / time_constant**2, -2.0 / time_constant]])
+    expected = expm(period * system) @ [sigma, -2.0 * sigma / time_constant]
+    np.testing.assert_allclose(mean[[12, 15]], expected, rtol=1e-12)
+    for pair in pairs:
+        np.testing.assert_allclose(covariance[np.ix_(pair, pair)], stationary, atol=1e-24)
 
 
 def test_from_37_degrees_the_attitude_and_the_dipole_are_found():

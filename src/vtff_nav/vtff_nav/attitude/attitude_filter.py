@@ -28,6 +28,7 @@ from vtff_nav.attitude.kernels import (
     BIAS,
     DIPOLE,
     FIELD,
+    FIELD_RATE,
     INERTIA,
     RATE,
     ROTATION,
@@ -88,8 +89,8 @@ class AttitudeEstimate:
     field_error_gcrf
         True less model field, T, shape (3,); zero if not estimated.
     covariance
-        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections and field
-        error, shape (18, 18); zero where not estimated.
+        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections, field
+        error and its rate, shape (21, 21); zero where not estimated.
     """
 
     quaternion_gcrf: FloatArray
@@ -148,7 +149,7 @@ class AttitudeFilter:
         self._coupling = np.ascontiguousarray(body.torquer_coupling, dtype=float)
         self._noise = configuration.noise()
         self._quaternion = check_quaternion("quaternion_gcrf", quaternion_gcrf)
-        self._mean = np.zeros(15)
+        self._mean = np.zeros(STATES - 3)
         self._mean[:3] = check_vector("rate_body", rate_body, 3, "rad/s")
         self._mean[3:6] = np.asarray(configuration.initial_dipole, dtype=float)
         sigma = np.zeros(STATES)
@@ -158,7 +159,8 @@ class AttitudeFilter:
             sigma[DIPOLE:BIAS] = configuration.initial_dipole_sigma
         sigma[BIAS:INERTIA] = configuration.bias_sigma
         sigma[INERTIA:FIELD] = configuration.inertia_sigma
-        sigma[FIELD:] = configuration.field_sigma
+        sigma[FIELD:FIELD_RATE] = configuration.field_sigma
+        sigma[FIELD_RATE:] = configuration.field_sigma / configuration.field_time_constant
         self._covariance = np.diag(sigma**2)
         if rotation_covariance is not None:
             self._covariance[:3, :3] = np.asarray(rotation_covariance, dtype=float)
@@ -188,6 +190,16 @@ class AttitudeFilter:
             self._coupling,
             self._noise,
         )
+
+    def exchange_momentum(self, momentum: float) -> None:
+        """Give the wheel a momentum, N m s, that the filter had believed in the body.
+
+        The sum of both stays. The samples have shown a part of it already, if it came slowly: all
+        of it is doubted.
+        """
+        change = -momentum * np.linalg.solve(self._inertia, self._wheel_axis)
+        self._mean[:3] += change
+        self._covariance[RATE:DIPOLE, RATE:DIPOLE] += np.outer(change, change)
 
     def update(self, measured_body: FloatArray, field_gcrf: FloatArray) -> bool:
         """Update by a sample of the magnetometer, T, and the field of the model there, T.
@@ -238,6 +250,6 @@ class AttitudeFilter:
             mean[3:6],
             mean[6:9],
             mean[9:12],
-            mean[12:],
+            mean[12:15],
             self._covariance.copy(),
         )

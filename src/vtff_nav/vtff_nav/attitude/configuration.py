@@ -87,7 +87,9 @@ class AttitudeFilterConfiguration:
         Share by which each principal moment may be wrong. 0: not estimated.
     field_sigma, field_time_constant : float
         Error of the field model on each axis, T, and its time constant in inertial axes, s: a
-        Gauss-Markov process. 0: the field is perfect.
+        second-order Gauss-Markov process. A field of degree n changes along the orbit in 1 / n of
+        a radian; degrees 5 and 6, the middle of what model errors have in a low orbit, in 170 s.
+        A sigma of 0: the field is perfect.
     wheel_sigma : float
         Sigma of what the momentum of the wheel changes in a period besides what is known, N m s.
     torquer_sigma : float
@@ -115,7 +117,7 @@ class AttitudeFilterConfiguration:
     bias_walk: float = 0.0
     inertia_sigma: float = 0.0
     field_sigma: float = 0.0
-    field_time_constant: float = 600.0
+    field_time_constant: float = 170.0
     wheel_sigma: float = 1e-7
     torquer_sigma: float = 0.0
     gate: float = math.inf

@@ -163,6 +163,11 @@ class AttitudeDetermination:
             )
         return self._status(used, innovation, "" if used else "sample outside the gate")
 
+    def note_wheel(self, momentum: float) -> None:
+        """Take it that the wheel had another momentum than was believed, by so much, N m s."""
+        if self._bank is not None:
+            self._bank.exchange_momentum(momentum)
+
     def _start(self, sample: FloatArray, field: FloatArray) -> None:
         self._innovations.clear()
         self._bank = AttitudeFilterBank(

@@ -104,6 +104,11 @@ class AttitudeFilterBank:
         for member in self._filters:
             member.predict(period)
 
+    def exchange_momentum(self, momentum: float) -> None:
+        """Give the wheel a momentum, N m s, that all members had believed in the body."""
+        for member in self._filters:
+            member.exchange_momentum(momentum)
+
     def update(self, measured_body: FloatArray, field_gcrf: FloatArray) -> bool:
         """Update all members by a sample and drop those that explain it worse.
 

@@ -1,13 +1,19 @@
 """Compiled steps of the attitude filters: prediction over a period and update by the field.
 
-Error state, 18 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
+Error state, 21 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
 magnetometer bias (T), inertia corrections (share of each diagonal moment), error of the field model
-(T, GCRF). What is not estimated has zero variance and zero process noise: its rows and columns stay
-zero and cost little. The true attitude is the estimate times the small rotation, in body axes.
+(T, GCRF) and its rate (T/s). What is not estimated has zero variance and zero process noise: its
+rows and columns stay zero and cost little. The true attitude is the estimate times the small
+rotation, in body axes.
+
+The error of the field model is a potential field, so it is smooth along the orbit: a second-order
+Gauss-Markov process. The first-order process has a kink in its correlation, that is noise at high
+frequencies that no potential field has, and too little at some turns an orbit.
 
 References
 ----------
 Markley and Crassidis (2014), Fundamentals of Spacecraft Attitude Determination and Control, 6.2.
+Gelb (1974), Applied Optimal Estimation, table 2.2-1: second-order Gauss-Markov process.
 """
 
 from __future__ import annotations
@@ -25,6 +31,7 @@ __all__ = [
     "BIAS",
     "DIPOLE",
     "FIELD",
+    "FIELD_RATE",
     "INERTIA",
     "RATE",
     "ROTATION",
@@ -35,10 +42,10 @@ __all__ = [
     "update_by_field",
 ]
 
-ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD = 0, 3, 6, 9, 12, 15
+ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD, FIELD_RATE = 0, 3, 6, 9, 12, 15, 18
 """First number of each part of the error state."""
 
-STATES = 18
+STATES = 21
 """Size of the error state."""
 
 
@@ -102,9 +109,9 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     quaternion : (4,)
-    mean : (15,)
-        Rate, dipole, bias, inertia corrections, field error.
-    covariance : (18, 18)
+    mean : (18,)
+        Rate, dipole, bias, inertia corrections, field error and its rate.
+    covariance : (21, 21)
     steps : int
         Steps of the integration.
     field_start, field_end : (3,)
@@ -242,23 +249,33 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         quaternion[i] = state[i]
     for i in range(3):
         mean[i] = state[4 + i]
-    decay = math.exp(-period / noise[5])
-    keep = np.ones(STATES)
+    # Error of the field model: value and rate over the period.
+    share = period / noise[5]
+    decay = math.exp(-share)
+    stay, gain = decay * (1.0 + share), decay * period
+    pull, slow = -decay * share / noise[5], decay * (1.0 - share)
     for i in range(3):
-        keep[FIELD + i] = decay
-        mean[12 + i] *= decay
+        value, change = mean[12 + i], mean[15 + i]
+        mean[12 + i] = stay * value + gain * change
+        mean[15 + i] = pull * value + slow * change
     upper = _product(growth, covariance)
     corner = _product(upper, growth.T.copy())
     for i in range(6):
         for j in range(6):
             covariance[i, j] = 0.5 * (corner[i, j] + corner[j, i])
-    for i in range(6):
         for j in range(6, STATES):
-            covariance[i, j] = upper[i, j] * keep[j]
-            covariance[j, i] = covariance[i, j]
-    for i in range(6, STATES):
-        for j in range(6, STATES):
-            covariance[i, j] *= keep[i] * keep[j]
+            covariance[i, j] = upper[i, j]
+            covariance[j, i] = upper[i, j]
+    for i in range(STATES):
+        for j in range(3):
+            value, change = covariance[i, FIELD + j], covariance[i, FIELD_RATE + j]
+            covariance[i, FIELD + j] = stay * value + gain * change
+            covariance[i, FIELD_RATE + j] = pull * value + slow * change
+    for j in range(STATES):
+        for i in range(3):
+            value, change = covariance[FIELD + i, j], covariance[FIELD_RATE + i, j]
+            covariance[FIELD + i, j] = stay * value + gain * change
+            covariance[FIELD_RATE + i, j] = pull * value + slow * change
     # Torque noise, and what wheel and rods give besides what is known of them.
     spread = np.zeros((3, 3))
     for i in range(3):
@@ -287,7 +304,18 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         covariance[DIPOLE + i, DIPOLE + i] += noise[1] ** 2 * period
         covariance[BIAS + i, BIAS + i] += noise[2] ** 2 * period
         covariance[INERTIA + i, INERTIA + i] += noise[3] ** 2 * period
-        covariance[FIELD + i, FIELD + i] += noise[4] ** 2 * (1.0 - decay * decay)
+        # What is lost of the stationary variances, sigma^2 and (sigma / time constant)^2.
+        variance = noise[4] ** 2
+        variance_rate = variance / noise[5] ** 2
+        covariance[FIELD + i, FIELD + i] += variance * (1.0 - stay * stay) - (
+            variance_rate * gain * gain
+        )
+        covariance[FIELD_RATE + i, FIELD_RATE + i] += variance_rate * (1.0 - slow * slow) - (
+            variance * pull * pull
+        )
+        crossed = variance * stay * pull + variance_rate * gain * slow
+        covariance[FIELD + i, FIELD_RATE + i] -= crossed
+        covariance[FIELD_RATE + i, FIELD + i] -= crossed
 
 
 @compiled
@@ -356,7 +384,7 @@ def update_by_field(  # type: ignore[no-untyped-def]
     length = math.sqrt(np.sum(turned * turned))
     for i in range(4):
         quaternion[i] = turned[i] / length
-    for i in range(15):
+    for i in range(STATES - 3):
         mean[i] += change[3 + i]
     # The small rotation starts anew in the axes of the turned body.
     reset = np.eye(STATES)

@@ -156,7 +156,9 @@ class OnboardAttitudeEstimator:
             report.rate_across,
         )
         if report.heard:
-            wheel.update(report.wheel_speed_rpm)
+            surprise = wheel.update(report.wheel_speed_rpm)
+            if surprise:
+                self._determination.note_wheel(surprise)
         return OnboardAttitude(
             status,
             self._determination.estimate,

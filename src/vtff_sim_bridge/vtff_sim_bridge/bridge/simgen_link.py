@@ -82,7 +82,7 @@ class SimGenLink:
             Start and length (s) of the run.
         motions
             Initial motion of each spacecraft, shape (4, 3): position, velocity, acceleration
-            and jerk in ITRF.
+            and jerk in ITRF; shape (8, 3) with an attitude, see `motion_state`.
 
         Raises
         ------
@@ -187,6 +187,12 @@ class SimGenLink:
 
 
 def motion_state(motion: npt.NDArray[np.float64]) -> MotionState:
-    """Return a motion array (4, 3) as the fields of a MOT command; attitude and rates are zero."""
-    position, velocity, acceleration, jerk = (tuple(row) for row in motion.tolist())
-    return MotionState(position, velocity, acceleration, jerk)
+    """Return a motion array as the fields of a MOT command.
+
+    Parameters
+    ----------
+    motion : ndarray, shape (4, 3) or (8, 3)
+        Position and its derivatives in ITRF, and attitude and its derivatives; without these the
+        body stays aligned with north, east and down.
+    """
+    return MotionState(*(tuple(row) for row in motion.tolist()))

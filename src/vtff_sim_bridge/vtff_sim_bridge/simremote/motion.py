@@ -268,7 +268,7 @@ def _rotate(
     scale = math.sin(magnitude / 2.0) / magnitude
     x, y, z = rotation_vector
     turn = (math.cos(magnitude / 2.0), scale * x, scale * y, scale * z)
-    return _angles_of(_product(_quaternion_of(heading_elevation_bank), turn))
+    return angles_of_quaternion(_product(_quaternion_of(heading_elevation_bank), turn))
 
 
 def _quaternion_of(heading_elevation_bank: Vector) -> Quaternion:
@@ -297,8 +297,11 @@ def _product(left: Quaternion, right: Quaternion) -> Quaternion:
     )
 
 
-def _angles_of(quaternion: Quaternion) -> Vector:
-    """Return heading, elevation and bank of a unit quaternion; bank is 0 at the poles."""
+def angles_of_quaternion(quaternion: Quaternion) -> Vector:
+    """Return heading, elevation and bank, rad, of a unit quaternion (scalar first).
+
+    It turns body axes into north-east-down. Where the elevation is 90 deg either way, bank is 0.
+    """
     w, x, y, z = quaternion
     sin_elevation = 2.0 * (w * y - x * z)
     if abs(sin_elevation) > 1.0 - 1e-12:

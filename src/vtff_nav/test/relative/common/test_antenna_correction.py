@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vtff_dynamics.frames.earth import state_gcrf_to_itrf, state_itrf_to_gcrf
+from vtff_dynamics.frames.earth import (
+    rotation_gcrf_to_itrf,
+    state_gcrf_to_itrf,
+    state_itrf_to_gcrf,
+)
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import parse_epoch
@@ -16,6 +20,8 @@ from vtff_nav.relative.common.antenna_correction import (
     AntennaPair,
     check_frequencies,
 )
+from vtff_nav.relative.common.body_attitude import BodyAttitude
+from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
 
 TIME = parse_epoch("2016-03-21T01:00:00 GPS")
 STATE_GCRF = np.array([4.9e6, 3.1e6, 3.8e6, -4.1e3, 6.2e3, 0.2e3])
@@ -132,3 +138,58 @@ def test_antenna_without_a_carrier_that_is_used_is_refused() -> None:
         check_frequencies(antenna, {SYSTEM_GPS: (1, 2)})
     with pytest.raises(ValueError, match="has no frequency E01"):
         check_frequencies(antenna, {SYSTEM_GALILEO: (1,)})
+
+
+def estimated(time, lever_arm=(0.3, -0.2, 0.4), variances=(1e-6, 2e-6, 3e-6)):
+    """Return an antenna on a body of estimated attitude, and that attitude."""
+    antenna = Antenna(lever_arm_body=lever_arm, attitude_frame="estimated")
+    quaternion = Rotation.random(random_state=4).as_quat()
+    rate = np.array([1e-3, -2e-3, 3e-3])
+    return antenna, BodyAttitude(time, quaternion, rate, np.diag(variances))
+
+
+def test_an_estimated_attitude_turns_on_with_its_rate() -> None:
+    """Against scipy, 20 s after the estimate."""
+    antenna, attitude = estimated(TIME - 20.0)
+    turned = antenna.rotation_body_to_itrf(TIME, STATE_ITRF, attitude)
+    now = Rotation.from_quat(attitude.quaternion_gcrf) * Rotation.from_rotvec(
+        20.0 * attitude.rate_body
+    )
+    np.testing.assert_allclose(turned, rotation_gcrf_to_itrf(TIME) @ now.as_matrix(), atol=1e-12)
+    level = antenna.rotation_body_to_itrf(TIME, STATE_ITRF)
+    np.testing.assert_allclose(level, Antenna().rotation_body_to_itrf(TIME, STATE_ITRF))
+
+
+def test_error_of_an_attitude_moves_the_antenna_across_its_lever_arm() -> None:
+    """The derivative of a single difference against a body that is turned by a small angle."""
+    antenna, attitude = estimated(TIME)
+    directions = np.array([[0.6, 0.0, 0.8], [0.0, -0.8, 0.6]])
+    for receiver, sign in ((0, -1.0), (1, 1.0)):  # deputy less chief
+        pair = AntennaPair(*(antenna if index == receiver else Antenna() for index in (0, 1)))
+        rotation = antenna.rotation_body_to_itrf(TIME, STATE_ITRF, attitude)
+        columns = pair.attitude_columns(directions, np.array([rotation, rotation]))
+        for axis in range(3):
+            small = 1e-6 * np.eye(3)[axis]
+            moved = rotation @ (Rotation.from_rotvec(small).apply(antenna.lever_arm_body))
+            moved = moved - rotation @ antenna.lever_arm_body
+            change = -sign * directions @ moved  # a range shrinks as its antenna comes nearer
+            np.testing.assert_allclose(1e-6 * columns[:, axis], change, atol=1e-12)
+        known = pair.attitude_variances((attitude, attitude))
+        assert list(known) == [("attitude_error", receiver, axis) for axis in range(3)]
+        assert list(known.values()) == [1e-6, 2e-6, 3e-6]
+        unknown = pair.attitude_variances((None, None))
+        assert min(unknown.values()) >= 1.0
+
+
+def test_an_attitude_counts_from_the_next_epoch_on_and_not_for_ever() -> None:
+    """Whether it comes before or after the observations of its own time changes nothing."""
+    inputs = EstimatorInputs()
+    _, attitude = estimated(TIME)
+    inputs.add_attitude(attitude)
+    assert inputs._attitudes_at(TIME) == (None, None)
+    assert inputs._attitudes_at(TIME + 1.0) == (None, attitude)
+    assert inputs._attitudes_at(TIME + 61.0) == (None, None)
+    inputs.add_attitude(attitude, is_of_chief=True)
+    assert inputs._attitudes_at(TIME + 60.0) == (attitude, attitude)
+    with pytest.raises(ValueError, match="covariance"):
+        BodyAttitude(TIME, attitude.quaternion_gcrf, attitude.rate_body, np.zeros(3))

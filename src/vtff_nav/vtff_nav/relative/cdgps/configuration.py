@@ -118,6 +118,8 @@ class CdgpsConfiguration:
         Time without measurements after which the solution is given up, s.
     antennas : AntennaPair or None
         Where the antennas of chief and deputy are; None: in the centres of mass.
+    attitude_time : float
+        Correlation time of errors of estimated attitudes, s.
     laser_latency_sigma : float
         A priori sigma of the latency of the laser, s.
     """
@@ -170,6 +172,7 @@ class CdgpsConfiguration:
     global_probability: float = 1e-9
     longest_prediction: float = EstimatorSetting.longest_prediction
     antennas: AntennaPair | None = None
+    attitude_time: float = 600.0
     laser_latency_sigma: float = 0.02
 
     def __post_init__(self) -> None:

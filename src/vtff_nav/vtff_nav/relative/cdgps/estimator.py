@@ -337,7 +337,9 @@ class CdgpsEstimator(EstimatorInputs):
         antennas = self.configuration.antennas
         if antennas is None:
             return states, None
-        rotations = antennas.rotations_body_to_itrf(time, states)
+        attitudes = self._attitudes_at(time)
+        rotations = antennas.rotations_body_to_itrf(time, states, attitudes)
+        self._relative.expect_attitude_errors(antennas.attitude_variances(attitudes))
         to_navigation = self._motion.to_itrf(time).T
         return antennas.states_itrf(states, rotations), to_navigation @ rotations
 

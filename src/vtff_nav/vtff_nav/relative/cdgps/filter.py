@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -54,6 +54,8 @@ _DETECTION_PASSES = 6
 # The noise is learnt at so many first epochs, then at two consecutive ones of each cycle: it
 # changes slowly.
 _EPOCHS_OF_LEARNING, _LEARNING_CYCLE = 120, 5
+# Ratio of the variances of two attitudes, from which the errors of both have little in common.
+_ANOTHER_ATTITUDE = 4.0
 # Limits of the white error of the thrust relative to its magnitude, the gain with which it follows
 # the corrections, the largest of these as a multiple of their variance, and the change of velocity
 # below which they say little of it, m/s.
@@ -186,6 +188,26 @@ class RelativeFilter:
         if configuration.antennas is not None:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
+        self._attitude_variances: dict[Label, float] = {}
+
+    def expect_attitude_errors(self, variances: Mapping[Label, float]) -> None:
+        """Have errors of estimated attitudes in the state.
+
+        Parameters
+        ----------
+        variances : mapping of Label to float
+            rad2, see `AntennaPair.attitude_variances`. An attitude that is suddenly known much
+            better, or worse, has another error than the one before it.
+        """
+        for label, variance in variances.items():
+            last = self._attitude_variances.get(label)
+            if last is None:
+                self.state.add(label, 0.0, variance)
+            elif not 1.0 / _ANOTHER_ATTITUDE < variance / max(last, 1e-30) < _ANOTHER_ATTITUDE:
+                self.state.renew(label, variance)
+            else:
+                continue
+            self._attitude_variances[label] = variance
 
     def predict(self, predicted: Prediction, interval: float, chief_motion_deg: FloatArray) -> None:
         """Propagate the state.
@@ -240,6 +262,9 @@ class RelativeFilter:
             return self._slow_phase
         if label[0] == "satellite_offset":
             return self._satellite_offset
+        if label[0] == "attitude_error":
+            sigma = math.sqrt(self._attitude_variances[label])
+            return SlowError(sigma, configuration.attitude_time)
         if label[0] == "troposphere":
             return SlowError(1.0, configuration.troposphere_time)
         if label[0] == "plasma":

@@ -61,6 +61,8 @@ class Sky:
         Direction of the satellites at the chief, rad.
     antenna_offset : ndarray, shape (n, k)
         Derivatives by the errors of lever arms, see `AntennaPair.offset_columns`; k may be 0.
+    antenna_turn : ndarray, shape (n, k)
+        The same by the errors of estimated attitudes, see `AntennaPair.attitude_columns`.
     ray_turn : ndarray
         Derivative by the error of the satellite's position across its ray, towards the deputy.
     troposphere : ndarray
@@ -74,6 +76,7 @@ class Sky:
     elevation: FloatArray
     azimuth: FloatArray
     antenna_offset: FloatArray
+    antenna_turn: FloatArray
     ray_turn: FloatArray
     troposphere: FloatArray
 
@@ -116,11 +119,12 @@ def make_sky(
             configuration.troposphere_height_sigma * (height_deputy - height_chief),
         )
         troposphere = zenith_sigma * troposphere_mapping(elevation[1])
-    antenna_offset, antennas = np.zeros((len(measured), 0)), configuration.antennas
-    if antennas is not None and rotations_body is not None:
-        directions = geometry.direction[1, columns]
-        antenna_offset = antennas.offset_columns(directions, rotations_body)
     direction = geometry.direction[1, columns]
+    antenna_offset, antennas = np.zeros((len(measured), 0)), configuration.antennas
+    antenna_turn = antenna_offset
+    if antennas is not None and rotations_body is not None:
+        antenna_offset = antennas.offset_columns(direction, rotations_body)
+        antenna_turn = antennas.attitude_columns(direction, rotations_body)
     baseline = positions[1] - positions[0]
     along = direction @ baseline
     across = np.sqrt(np.maximum(baseline @ baseline - along**2, 0.0))
@@ -144,6 +148,7 @@ def make_sky(
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
+        antenna_turn=antenna_turn,
         ray_turn=across / geometry.range[1, columns],
         troposphere=troposphere,
     )
@@ -276,7 +281,7 @@ def measurement_innovation(
     predicted = np.empty(size)
     predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)
-    _add_antenna_offset(design, predicted, state, sky)
+    _add_antennas(design, predicted, state, sky)
     _add_troposphere(design, predicted, state, sky)
     columns, code_columns, cycles = _bias_columns(state, arcs, measured)
     rows = np.arange(count)
@@ -333,17 +338,21 @@ def _add_plasma(
     predicted[count : 2 * count] -= total
 
 
-def _add_antenna_offset(
+def _add_antennas(
     design: FloatArray, predicted: FloatArray, state: GaussianState, sky: Sky
 ) -> None:
-    """Add the errors of lever arms, which lengthen codes and phases alike."""
-    count, offsets = sky.antenna_offset.shape
-    if not offsets:
-        return
-    columns = [index for index, label in enumerate(state.labels) if label[0] == "antenna_offset"]
-    for rows in (slice(0, count), slice(count, 2 * count)):
-        design[rows, columns] = sky.antenna_offset
-        predicted[rows] += sky.antenna_offset @ state.mean[columns]
+    """Add the errors of lever arms and of attitudes, which lengthen codes and phases alike."""
+    for kind, derivatives in (
+        ("antenna_offset", sky.antenna_offset),
+        ("attitude_error", sky.antenna_turn),
+    ):
+        count, members = derivatives.shape
+        if not members:
+            continue
+        columns = [index for index, label in enumerate(state.labels) if label[0] == kind]
+        for rows in (slice(0, count), slice(count, 2 * count)):
+            design[rows, columns] = derivatives
+            predicted[rows] += derivatives @ state.mean[columns]
 
 
 def _add_troposphere(

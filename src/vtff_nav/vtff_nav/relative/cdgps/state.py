@@ -167,6 +167,14 @@ class GaussianState:
             self.covariance = self.covariance[np.ix_(kept, kept)]
             self._number_labels()
 
+    def renew(self, label: Label, variance: float) -> None:
+        """Give a member zero mean and a variance, independent of the others."""
+        index = self._index_of[label]
+        self.mean[index] = 0.0
+        self.covariance[index, :] = 0.0
+        self.covariance[:, index] = 0.0
+        self.covariance[index, index] = variance
+
     def rename(self, old: Label, new: Label) -> None:
         """Give a member another label."""
         self.labels[self._index_of[old]] = new

@@ -22,6 +22,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, skew
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
 
 __all__ = [
@@ -30,12 +31,19 @@ __all__ = [
     "Antenna",
     "AntennaPair",
     "AttitudeFrame",
+    "Attitudes",
     "check_frequencies",
 ]
 
-AttitudeFrame = Literal["north_east_down", "rtn", "gcrf"]
-ATTITUDE_FRAMES: tuple[AttitudeFrame, ...] = ("north_east_down", "rtn", "gcrf")
-"""Axes to which an attitude can be fixed: the local horizon, the own orbit, and inertial space."""
+AttitudeFrame = Literal["north_east_down", "rtn", "gcrf", "estimated"]
+ATTITUDE_FRAMES: tuple[AttitudeFrame, ...] = ("north_east_down", "rtn", "gcrf", "estimated")
+"""Axes to which an attitude can be fixed: the local horizon, the own orbit, and inertial space; an
+estimated attitude is given from time to time, and is that of the local horizon until then."""
+
+_UNKNOWN_ATTITUDE_SIGMA = 1.0  # rad, before the first attitude
+
+Attitudes = tuple[BodyAttitude | None, BodyAttitude | None]
+"""Newest estimates of chief and deputy."""
 
 # North, east and up of an antenna are x, y and -z of the body.
 _ANTENNA_AXES = np.array([1.0, 1.0, -1.0])
@@ -58,8 +66,9 @@ class Antenna:
         Error of offset and variation in a range, m, root mean square over the directions. What of
         it is as that of an offset is estimated with the error of the lever arm; what else is left
         is as slow as multipath.
-    attitude_frame : {"north_east_down", "rtn", "gcrf"}
-        Axes to which the body is fixed.
+    attitude_frame : {"north_east_down", "rtn", "gcrf", "estimated"}
+        Axes to which the body is fixed; "estimated": the attitude is given as it is estimated, and
+        its error, which moves the antenna by the lever arm, is a state of the filter.
     quaternion : tuple of 4 float
         x, y, z, w: turns components along the body axes into those along the axes of
         `attitude_frame`. By default the axes of the two coincide.
@@ -102,7 +111,14 @@ class Antenna:
         """Error of the phase centre that is constant in the body, on each axis, m."""
         return math.hypot(self.lever_arm_sigma, self.phase_map_sigma)
 
-    def rotation_body_to_itrf(self, time: GpsTime, state_itrf: FloatArray) -> FloatArray:
+    @property
+    def is_turned_by_estimate(self) -> bool:
+        """Whether the error of an estimated attitude moves the antenna."""
+        return self.attitude_frame == "estimated" and any(self.lever_arm_body)
+
+    def rotation_body_to_itrf(
+        self, time: GpsTime, state_itrf: FloatArray, attitude: BodyAttitude | None = None
+    ) -> FloatArray:
         """Return the rotation from body axes to ITRF, shape (3, 3).
 
         Parameters
@@ -110,9 +126,13 @@ class Antenna:
         time : GpsTime
         state_itrf : ndarray, shape (6,)
             Position and Earth-fixed velocity of the centre of mass, m and m/s.
+        attitude : BodyAttitude, optional
+            The newest estimate, where the attitude is estimated.
         """
+        if self.attitude_frame == "estimated" and attitude is not None:
+            return rotation_gcrf_to_itrf(time) @ attitude.rotation_gcrf_from_body(time)
         from_body = _rotation_of_quaternion(self.quaternion)
-        if self.attitude_frame == "north_east_down":
+        if self.attitude_frame in ("north_east_down", "estimated"):
             up = ellipsoid_normal(state_itrf[:3])
             east = np.cross((0.0, 0.0, 1.0), up)
             east /= np.linalg.norm(east)
@@ -159,12 +179,14 @@ class AntennaPair:
         """Chief and deputy."""
         return self.chief, self.deputy
 
-    def rotations_body_to_itrf(self, time: GpsTime, states_itrf: FloatArray) -> FloatArray:
+    def rotations_body_to_itrf(
+        self, time: GpsTime, states_itrf: FloatArray, attitudes: Attitudes = (None, None)
+    ) -> FloatArray:
         """Return the rotations from the body axes of both to ITRF, shape (2, 3, 3)."""
         return np.array(
             [
-                antenna.rotation_body_to_itrf(time, state)
-                for antenna, state in zip(self.both, states_itrf, strict=True)
+                antenna.rotation_body_to_itrf(time, state, attitude)
+                for antenna, state, attitude in zip(self.both, states_itrf, attitudes, strict=True)
             ]
         )
 
@@ -228,6 +250,31 @@ class AntennaPair:
             if antenna.offset_sigma > 0.0
             for axis in range(3)
         }
+
+    def attitude_variances(self, attitudes: Attitudes) -> dict[tuple[str, int, int], float]:
+        """Return the variances of the errors of estimated attitudes, rad2, body axes, by label."""
+        unknown = np.full(3, _UNKNOWN_ATTITUDE_SIGMA**2)
+        return {
+            ("attitude_error", receiver, axis): float(variance)
+            for receiver, (antenna, attitude) in enumerate(zip(self.both, attitudes, strict=True))
+            if antenna.is_turned_by_estimate
+            for axis, variance in enumerate(
+                unknown if attitude is None else np.diagonal(attitude.covariance)
+            )
+        }
+
+    def attitude_columns(self, directions: FloatArray, rotations: FloatArray) -> FloatArray:
+        """Return the derivatives of single differences by errors of estimated attitudes, (n, 3 k).
+
+        A small rotation a of the body moves the antenna by a x l. Parameters are those of
+        `offset_columns`.
+        """
+        columns = [
+            np.asarray(-sign * (directions @ rotation) @ skew(np.array(antenna.lever_arm_body)))
+            for sign, antenna, rotation in zip((1.0, -1.0), self.both, rotations, strict=True)
+            if antenna.is_turned_by_estimate
+        ]
+        return np.concatenate([np.zeros((len(directions), 0)), *columns], axis=1)
 
     def offset_columns(self, directions: FloatArray, rotations: FloatArray) -> FloatArray:
         """Return the derivatives of single differences by the errors of lever arms, (n, 3 k).

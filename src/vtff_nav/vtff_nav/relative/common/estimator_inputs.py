@@ -11,9 +11,14 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
+from vtff_nav.relative.common.antenna_correction import Attitudes
+from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.dynamics import ThrustInterval
 
 __all__ = ["EstimatorInputs"]
+
+_ATTITUDES_KEPT = 8
+_LONGEST_ATTITUDE_AGE = 60.0  # s; rates of 1e-5 rad/s that are not known turn by 0.03 deg
 
 
 class EstimatorInputs:
@@ -30,6 +35,7 @@ class EstimatorInputs:
         self._store: EphemerisStore | None = None
         self._precise_orbits: SatelliteOrbits | None = None
         self._thrust: list[ThrustInterval] = []
+        self._attitudes: tuple[list[BodyAttitude], list[BodyAttitude]] = ([], [])
 
     def add_ephemeris(self, ephemeris: BroadcastEphemeris) -> None:
         """Add a broadcast ephemeris; one that is already there costs nothing."""
@@ -40,6 +46,32 @@ class EstimatorInputs:
     def use_orbits(self, orbits: SatelliteOrbits) -> None:
         """Use these orbits and clocks in place of the ephemerides."""
         self._precise_orbits = orbits
+
+    def add_attitude(self, attitude: BodyAttitude, *, is_of_chief: bool = False) -> None:
+        """Add an estimated attitude; it counts for the epochs after it until there is a newer one.
+
+        An attitude of the time of an epoch does not count for that epoch: whether it comes before
+        or after the observations must not change the solution. Only antennas whose attitude frame
+        is "estimated" use attitudes.
+        """
+        of_receiver = self._attitudes[0 if is_of_chief else 1]
+        of_receiver.append(attitude)
+        del of_receiver[:-_ATTITUDES_KEPT]
+
+    def _attitudes_at(self, time: GpsTime) -> Attitudes:
+        """Return the newest attitudes before an epoch; None where none is young enough."""
+        chief, deputy = (
+            next(
+                (
+                    attitude
+                    for attitude in reversed(attitudes)
+                    if 0.0 < time - attitude.time <= _LONGEST_ATTITUDE_AGE
+                ),
+                None,
+            )
+            for attitudes in self._attitudes
+        )
+        return chief, deputy
 
     def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
         """Add the thrust of the deputy; see `RelativeEstimator.add_thrust`.

@@ -1,0 +1,260 @@
+"""Attitude of SNAP-1 and of a deputy that turns: errors and NEES of drawn cases, without ROS.
+
+Sensor 60 nT, error of the field model 300 nT. NEES is e' P^-1 e over its degrees of freedom, so 1
+is honest; a flight of an orbit or two has few independent errors, and scatters.
+"""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+from realism.flight import Log, summarise
+from realism.recording import EmulatedFormation
+from realism.worlds import WORLDS
+
+from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
+from vtff_analysis.attitude.snap1 import (
+    DIPOLE_FINAL,
+    ORBITAL_PERIOD,
+    fly_dipole_estimation,
+    fly_kick,
+    fly_three_axis,
+    snap1_track,
+)
+from vtff_dynamics.attitude.quaternion import (
+    conjugate,
+    from_rotation_matrix,
+    from_rotation_vector,
+    multiply,
+    rotation_matrix,
+)
+from vtff_dynamics.attitude.rigid_body import AttitudeState
+from vtff_dynamics.attitude.spacecraft import SpacecraftBody
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
+from vtff_nav.relative.common.body_attitude import BodyAttitude
+from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_nav.relative.shipped_estimators import make_cdgps
+from vtff_sim_bridge.attitude.magnetometer import MagnetometerModel
+
+FIELD_SIGMA = 3e-7
+"""Error of the field model on each axis, T."""
+LEVER_ARM = (0.4, 0.1, -0.2828)
+"""Lever arm of the deputy's antenna, m: 0.5 m from the centre of mass, most of it across z."""
+
+_CONVERGED_DEG = 5.0
+_KNOWN_DEG = 0.1
+
+
+def pointing(seeds: range) -> None:
+    """Fly four hours of pointing with compensation on board; the first 1.5 h do not count."""
+    print("pointing: NEES of attitude, rate, dipole; RMS error, deg; pointing sigma, deg")
+    rows = []
+    for seed in seeds:
+        result = fly_three_axis("estimated", 4.0, FIELD_SIGMA, seed)
+        history, late = result.history, result.history.time > 5400.0
+        rows.append(_nees(history, late))
+        error = np.degrees(np.sqrt((history.rotation_error[late] ** 2).mean(axis=0)))
+        print(
+            seed, rows[-1].round(2), error.round(2), history.angles_deg[late].std(axis=0).round(2)
+        )
+    print("mean", np.mean(rows, axis=0).round(2), flush=True)
+
+
+def _nees(history: AttitudeHistory, rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> FloatArray:
+    parts = [history.normalised_error_squared(first, 3)[rows].mean() for first in (0, 3, 6)]
+    return np.array(parts)
+
+
+def robust(seeds: range, wheel_rpm: float = -2700.0) -> None:
+    """Fly three orbits from drawn attitudes: bias 0.5 uT, inertia 5 % wrong, drifting dipole."""
+    print("robust: orbits until it stays below 5 deg; RMS of the last orbit, deg; NEES of it")
+    rows = []
+    for seed in seeds:
+        history = _fly_robust(seed, wheel_rpm)
+        late = history.time > history.time[-1] - ORBITAL_PERIOD
+        off = np.nonzero(~(history.attitude_error_deg < _CONVERGED_DEG))[0]
+        converged = (off[-1] + 1) * 5.0 / ORBITAL_PERIOD if len(off) else 0.0
+        rms = math.sqrt(float(np.mean(history.attitude_error_deg[late] ** 2)))
+        rows.append([converged, rms, *_nees(history, late)])
+        print(seed, np.round(rows[-1], 2), flush=True)
+    table = np.array(rows)
+    errors = table[:, 1]
+    print(
+        f"latest {table[:, 0].max():.2f} orbits; {(errors <= 1.0).sum()} of {len(table)} "
+        f"<= 1 deg, median {np.median(errors):.2f}, worst {errors.max():.2f}; "
+        f"mean NEES {table[:, 2:].mean(axis=0).round(2)}"
+    )
+
+
+def _fly_robust(seed: int, wheel_rpm: float) -> AttitudeHistory:
+    generator = np.random.default_rng((seed, 0x50))
+    quaternion = generator.standard_normal(4)
+    rate = 2e-3 * generator.standard_normal(3)
+    inertia = np.array([0.055, 0.058, 0.056])
+    wrong = inertia * (1.0 + 0.05 * generator.choice([-1.0, 1.0], 3))
+    bias, drift = (row / norm(row) for row in generator.standard_normal((2, 3)))
+    body = SpacecraftBody(
+        inertia=inertia, dipole=DIPOLE_FINAL, dipole_rate=0.1 * norm(DIPOLE_FINAL) * drift
+    )
+    configuration = LoopConfiguration(
+        body=body,
+        believed_body=BodyModel(inertia=wrong),
+        magnetometer=MagnetometerModel(bias=0.5e-6 * bias),
+        # The dipole drifts by 0.9 mA m2 in an orbit; a walk of 1e-5 gives 0.8.
+        filter=AttitudeFilterConfiguration(
+            field_sigma=FIELD_SIGMA, bias_sigma=0.3e-6, inertia_sigma=0.05, dipole_walk=1e-5
+        ),
+    )
+    start = AttitudeState(quaternion / norm(quaternion), rate, body.wheel_momentum(wheel_rpm))
+    track = snap1_track(FIELD_SIGMA, seed)
+    mode = "point" if wheel_rpm else "off"
+    loop = AttitudeLoop(track, configuration, start, seed, mode, mode)
+    return loop.fly(round(3.0 * ORBITAL_PERIOD / track.period))
+
+
+def robust_free(seeds: range) -> None:
+    """Fly the same without wheel and control."""
+    robust(seeds, 0.0)
+
+
+def six_states(seeds: range) -> None:
+    """Estimate the dipole with the paper's filter, without the wheel and at -2700 rpm."""
+    print(
+        "six states: rpm, seed, largest error (mA m2) after 10 min of x, y, z; at the end; sigmas"
+    )
+    for wheel_rpm in (0.0, -2700.0):
+        for seed in seeds:
+            result = fly_dipole_estimation(wheel_rpm, seed=seed)
+            error = 1e3 * np.abs(result.dipole - result.true_dipole)
+            sigma = 1e3 * result.sigma
+            after = result.time >= 600.0
+            print(
+                wheel_rpm, seed, error[after].max(axis=0).round(1), error[-1].round(2),
+                sigma[after][0].round(1), sigma[-1].round(2), flush=True,
+            )  # fmt: skip
+
+
+def kick(seeds: range) -> None:
+    """Fire from rest against the field, and after an orbit of compass mode; without damping."""
+    print("kick: peak over the pendulum formula less 1, %: from rest; with what swings already")
+    for seed in seeds:
+        flights = [fly_kick(damped=False, strengths=(1.0,), seed=seed, settled=s) for s in (0, 1)]
+        off = [100.0 * (float(f.peak_deg[0] / f.formula_deg[0]) - 1.0) for f in flights]
+        print(seed, np.round(off, 1), flush=True)
+
+
+def lever_arm(seeds: range, seconds: int = 600) -> None:
+    """Navigate to a deputy that turns once an orbit about the radial axis, antenna to the zenith.
+
+    The errors of the attitude are a bias and a slow wave (known to 0.1 deg), and those of the
+    magnetometer-only estimator of a flight of SNAP-1; the filter takes neither for what it is.
+    """
+    print("lever arm: RMS, largest error, stated sigma (mm), NEES of position, wrong integers")
+    for seed in seeds:
+        for name in ("exact", "known", "magnetometer", "not corrected"):
+            print(seed, f"{name:14s}", _fly_lever_arm(seed, seconds, name), flush=True)
+
+
+def _fly_lever_arm(seed: int, seconds: int, name: str) -> str:
+    world = WORLDS["ideal"]
+    scenario, gnss = world.make(seed, seconds)
+    chief, deputy = gnss.receivers
+    deputy = dataclasses.replace(deputy, lever_arm_body=LEVER_ARM)
+    gnss = dataclasses.replace(gnss, receivers=(chief, deputy))
+    formation = EmulatedFormation(gnss, scenario, _turning_about_the_radial_axis)
+    antenna = Antenna(lever_arm_body=LEVER_ARM, attitude_frame="estimated")
+    pair = AntennaPair(deputy=Antenna() if name == "not corrected" else antenna)
+    estimator = make_cdgps(dataclasses.replace(EstimatorSetting(), antennas=pair))
+    error_of = _attitude_errors(seed, name)
+    log = Log()
+    for number in range(seconds):
+        second = formation.measure(np.zeros(3))
+        for ephemeris in second.ephemerides:
+            estimator.add_ephemeris(ephemeris)
+        log.add(number, second, estimator.process(second.time, *second.epochs))
+        if number % 5 == 0:
+            state = second.state_deputy_gcrf
+            true, rate = _turning_about_the_radial_axis(state, number)
+            # The errors are given in axes to the front, against the normal and to the Earth.
+            turn = rotation_matrix(true).T @ _orbit_axes(state)
+            error, covariance = error_of(number)
+            wrong = multiply(true, conjugate(from_rotation_vector(turn @ error)))
+            estimator.add_attitude(
+                BodyAttitude(second.time, wrong, rate, turn @ covariance @ turn.T)
+            )
+        formation.advance(np.zeros(3))
+    figures = summarise([log.flight()], world)
+    return (
+        f"{figures.rms:.2f} {figures.largest:.2f} {figures.sigma:.2f} "
+        f"{figures.nees_position:.2f} {figures.wrong} of {figures.integers}"
+    )
+
+
+def _orbit_axes(state_gcrf: FloatArray) -> FloatArray:
+    radial, along, normal = rotation_gcrf_to_rtn(state_gcrf)
+    return np.column_stack((along, -normal, -radial))
+
+
+def _turning_about_the_radial_axis(
+    state_gcrf: FloatArray, second: int
+) -> tuple[FloatArray, FloatArray]:
+    position, velocity = state_gcrf[:3], state_gcrf[3:]
+    radial, along, normal = rotation_gcrf_to_rtn(state_gcrf)
+    orbit_rate = norm(cross(position, velocity)) / float(position @ position)
+    angle = orbit_rate * second
+    x = math.cos(angle) * along + math.sin(angle) * normal
+    to_gcrf = np.column_stack((x, cross(-radial, x), -radial))
+    rate = to_gcrf.T @ (orbit_rate * (normal + radial))
+    return from_rotation_matrix(np.ascontiguousarray(to_gcrf)), rate
+
+
+def _attitude_errors(seed: int, name: str) -> Callable[[int], tuple[FloatArray, FloatArray]]:
+    """Return the error of the attitude (rad) and its stated covariance by the second."""
+    if name == "magnetometer":
+        history = fly_three_axis("estimated", 4.0, FIELD_SIGMA, seed).history
+        first = len(history.time) // 2
+        return lambda second: (
+            history.rotation_error[first + second // 5],
+            history.covariance[first + second // 5, :3, :3],
+        )
+    generator = np.random.default_rng((seed, 77))
+    sigma = math.radians(_KNOWN_DEG if name == "known" else 0.0) / math.sqrt(3.0)
+    bias = math.sqrt(0.5) * sigma * generator.standard_normal(3)
+    phase = generator.uniform(0.0, 2.0 * math.pi, 3)
+    covariance = max(sigma, 1e-6) ** 2 * np.eye(3)
+    return lambda second: (
+        bias + sigma * np.sin(2.0 * math.pi * second / 5900.0 + phase),
+        covariance,
+    )
+
+
+CASES: dict[str, Callable[[range], None]] = {
+    case.__name__: case for case in (pointing, robust, robust_free, six_states, kick, lever_arm)
+}
+
+
+def main() -> None:
+    """Fly the cases of the command line."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("cases", nargs="*", metavar="case", help=f"{', '.join(CASES)}; default all")
+    parser.add_argument("--seeds", type=int, default=3, help="flights of each case (3)")
+    parser.add_argument("--first-seed", type=int, default=1, help="seed of the first flight (1)")
+    given = parser.parse_args()
+    unknown = sorted(set(given.cases) - set(CASES))
+    if unknown:
+        parser.error(f"no case {unknown[0]!r}")
+    for name in given.cases or CASES:
+        CASES[name](range(given.first_seed, given.first_seed + given.seeds))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,62 @@
+"""Estimated attitudes of the spacecraft, as the lever arms of their antennas need them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vtff_dynamics.attitude.quaternion import (
+    check_quaternion,
+    from_rotation_vector,
+    multiply,
+    rotation_matrix,
+)
+from vtff_dynamics.checks import check_vector
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["BodyAttitude"]
+
+
+@dataclass(frozen=True, eq=False)
+class BodyAttitude:
+    """Attitude of a spacecraft that an estimator found.
+
+    Parameters
+    ----------
+    time : GpsTime
+        Time at which it holds.
+    quaternion_gcrf : array_like, shape (4,)
+        Body to GCRF, x, y, z, w.
+    rate_body : array_like, shape (3,)
+        Rate against GCRF, rad/s, body axes; the attitude of another time follows from it.
+    covariance : array_like, shape (3, 3)
+        Covariance of the small rotation, in body axes, by which the true attitude differs, rad2.
+
+    Raises
+    ------
+    ValueError
+        One line that names what is wrong.
+    """
+
+    time: GpsTime
+    quaternion_gcrf: FloatArray
+    rate_body: FloatArray
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        """Check the values and turn them into arrays."""
+        quaternion = check_quaternion("quaternion_gcrf", self.quaternion_gcrf)
+        object.__setattr__(self, "quaternion_gcrf", quaternion)
+        object.__setattr__(self, "rate_body", check_vector("rate_body", self.rate_body, 3, "rad/s"))
+        covariance = np.array(self.covariance, dtype=float)
+        if covariance.shape != (3, 3) or not (np.diagonal(covariance) >= 0.0).all():
+            raise ValueError("covariance: 3 x 3 numbers (rad2), variances 0 or more, expected")
+        object.__setattr__(self, "covariance", covariance)
+
+    def rotation_gcrf_from_body(self, time: GpsTime) -> FloatArray:
+        """Return the rotation R with ``vector_gcrf = R @ vector_body`` at a time, shape (3, 3)."""
+        turn = from_rotation_vector((time - self.time) * self.rate_body)
+        rotation: FloatArray = rotation_matrix(multiply(self.quaternion_gcrf, turn))
+        return rotation
