@@ -36,6 +36,7 @@ from vtff_nav.relative.common.antenna_correction import (
 )
 from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
+from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.signal_bands import parse_bands
@@ -386,13 +387,12 @@ class RelativeEkfNode(VtffNode):
             self._estimator: RelativeEstimator = self.plugin.make(setting, self.plugin_parameters)
         except ValueError as error:
             raise ParameterError(str(error)) from error
-        self._add_attitude: Callable[..., None] = getattr(self._estimator, "add_attitude", None)
-        if self._add_attitude is None:
-            for name in ("chief_attitude_frame", "deputy_attitude_frame"):
-                if getattr(given, name) == "estimated":
-                    raise ParameterError(
-                        f"parameter '{name}': estimator '{given.estimator}' takes no attitudes"
-                    )
+        for name in ("chief_attitude_frame", "deputy_attitude_frame"):
+            takes_attitudes = hasattr(self._estimator, "add_attitude")
+            if getattr(given, name) == "estimated" and not takes_attitudes:
+                raise ParameterError(
+                    f"parameter '{name}': estimator '{given.estimator}' takes no attitudes"
+                )
         self._namespaces = {given.chief: f"/{given.chief}/", given.deputy: ""}
         if len(self._namespaces) < 2:
             raise ParameterError(f"parameter 'deputy': {given.deputy!r} is the chief")
@@ -476,8 +476,10 @@ class RelativeEkfNode(VtffNode):
                 f"attitude of {craft}: {error}: ignored", throttle_duration_sec=5.0
             )
             return
+        # Only subscribed to where the estimator has the method.
+        add_attitude = cast(EstimatorInputs, self._estimator).add_attitude
         is_of_chief = self._role(craft) == "chief"
-        self._tell(functools.partial(self._add_attitude, is_of_chief=is_of_chief), attitude)
+        self._tell(functools.partial(add_attitude, is_of_chief=is_of_chief), attitude)
 
     def _on_thrust(self, craft: str, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)
