@@ -391,6 +391,8 @@ def test_nothing_overlaps_or_is_cut(browser, scene, width, scheme, monkeypatch):
                     or top + down <= y + 0.5
                 )
                 assert apart, (name, other)
+        bar = page.evaluate("document.querySelector('footer').getBoundingClientRect().height")
+        assert bar < 120  # the rest is for what is shown
         background = page.evaluate("getComputedStyle(document.body).backgroundColor")
         assert background == ("rgb(255, 255, 255)" if scheme == "light" else "rgb(20, 24, 28)")
         page.close()
