@@ -165,6 +165,13 @@ def test_kick_is_that_of_the_pendulum_and_damped_within_an_orbit():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [101, 102, 103])
+def test_kick_from_rest_is_that_of_the_pendulum(seed):
+    free = fly_kick(damped=False, strengths=(1.0,), seed=seed, settled=False)
+    assert free.peak_deg[0] == pytest.approx(free.formula_deg[0], rel=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [101, 102, 103])
 def test_what_is_left_of_the_swing_before_a_firing_explains_its_peak(seed):
     """The rest, some 2 %, is the field that grows by 9 % until the peak: B to the power of -1/4."""
     free = fly_kick(damped=False, strengths=(1.0,), seed=seed)
