@@ -101,6 +101,7 @@ def test_a_batch_with_broken_files(tmp_path, hours):
     assert metadata["stec_tecu"] == b"TECU" and metadata["elevation_deg"] == b"deg"
     page = (out / "tec.html").read_text(encoding="utf-8")
     assert "receiver bias G C1C-C2W" in page and " ns, in slant TEC " in page
+    assert "1 receiver, 3 failed: vertical TEC " in page
     told = json.loads(table.schema.metadata[b"vtff"])
     assert told["table"] == "tec" and told["first_time"].endswith("GPS")
     assert table.num_rows > found["good_samples"]

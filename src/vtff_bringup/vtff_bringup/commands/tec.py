@@ -156,7 +156,9 @@ def tec(
         remove_if_empty(folder)
         raise typer.Exit(EXIT_USAGE)
     write_summary(summaries, folder / "tec.json")
-    write_results(folder / "tec.html", "Electron content", sections, command=command_line())
+    lead = _lead_sentence(summaries, failed)
+    page = folder / "tec.html"
+    write_results(page, "Electron content", sections, command=command_line(), lead=lead)
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
@@ -197,6 +199,18 @@ def _read_biases(names: list[str]) -> str | CodeBiasTable:
     if words:
         return words[0]
     return CodeBiasTable.joined([read_code_biases(name) for name in names])
+
+
+def _lead_sentence(summaries: list[dict[str, Any]], failed: int) -> str:
+    """Return the result of all receivers in one sentence."""
+    count = "1 receiver" if len(summaries) == 1 else f"{len(summaries)} receivers"
+    vertical = [summary["vtec_tecu"] for summary in summaries if summary["vtec_tecu"]]
+    content = "no electron content could be told"
+    if vertical:
+        least = min(range_of_receiver["minimum"] for range_of_receiver in vertical)
+        most = max(range_of_receiver["maximum"] for range_of_receiver in vertical)
+        content = f"vertical TEC {least:.1f} to {most:.1f} TECU"
+    return f"{count}{f', {failed} failed' if failed else ''}: {content}."
 
 
 def _print_summary(console: Console, summary: dict[str, Any]) -> None:
