@@ -58,6 +58,10 @@ class ElementsEstimator:
         """Mean motion of the chief, rad/s."""
         return math.sqrt(GM_EARTH / float(self.chief_mean[0]) ** 3)
 
+    def restart(self) -> None:
+        """Forget what was known; the next state is the first."""
+        self.time = math.nan
+
     def update(
         self,
         time: float,

@@ -303,6 +303,7 @@ class FormationGuidance:
         if running is not None:
             running.end(False, message)
             self._formation, self._designs = "", None
+            self._restart_estimators()
 
     def _begin_reconfiguration(self, request: ReconfigurationRequest) -> Reconfiguration:
         if self._running() is not None and not request.preempt:
@@ -484,6 +485,18 @@ class FormationGuidance:
             self._begin_keeping()
         self._centre_keepers()
 
+    def _restart_estimators(self) -> None:
+        """Let the filters begin anew with the state of now, after the thrust of a plan.
+
+        An engine that is some percent too strong is so in every step of a plan. The filters take
+        errors of thrust as independent and would be wrong by ten of their sigmas for an orbit.
+        """
+        assert self._state is not None
+        for estimator in self._estimators.values():
+            estimator.restart()
+        self._updated = -math.inf
+        self._update_estimators(self._state)
+
     def _note_thrust(self, thrust: FloatArray) -> None:
         duration = self._setting.sample_time
         elapsed = self._time - self._updated + self._delay + 0.5 * duration
@@ -501,6 +514,7 @@ class FormationGuidance:
         if self._time >= flight.end:
             running.end(True)
             self._mode = "keep"
+            self._restart_estimators()
             self._begin_keeping()
         if begins < flight.start or begins >= flight.end:
             return planned - planned[0], np.zeros((len(self._names), 3))
