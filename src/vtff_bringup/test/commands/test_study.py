@@ -21,7 +21,10 @@ def test_radial_offset_with_the_model_alone(tmp_path):
     names = {path.name for path in (tmp_path / "study").iterdir()}
     # Lines of pictures may stand beside them.
     names = {name for name in names if not name.endswith(".lines.json")}
-    assert names == {"radial_offset.csv", "profiles_model.png", "spectra_model.png"}
+    pictures = {"profiles_model.png", "spectra_model.png"}
+    assert names == {"radial_offset.csv", "radial_offset.html", *pictures}
+    page = (tmp_path / "study/radial_offset.html").read_text(encoding="utf-8")
+    assert "Spectra of the retrieved densities" in page and "10.1002/navi.354" in page
 
 
 def test_radial_offset_refuses_an_offset_above_the_chief(tmp_path):
@@ -54,6 +57,6 @@ def test_thrust_cap_finds_the_landmarks_of_the_paper(tmp_path, monkeypatch):
         rows = {float(row["cap_m_per_s2"]): row for row in csv.DictReader(stream)}
     assert len(rows) == 67
     assert float(rows[1.95]["minimum_in_track_m"]) == pytest.approx(69.03, abs=0.01)
-    assert (out / "thrust_cap.png").is_file()
+    assert (out / "thrust_cap.png").is_file() and (out / "thrust_cap.html").is_file()
     again = CliRunner().invoke(app, ["thrust_cap", "--out", str(out)])
     assert "67 of 67 cases are finished already" in again.output
