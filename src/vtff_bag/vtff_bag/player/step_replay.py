@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 
+from diagnostic_msgs.msg import DiagnosticArray
+
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.player.messages_in_order import (
@@ -16,12 +18,14 @@ from vtff_bag.player.messages_in_order import (
 )
 from vtff_bag.player.player_parameters import BagPlayerParameters
 from vtff_bag.player.replay_publishers import ReplayPublishers
+from vtff_bag.recorder.expected_nodes import DIAGNOSTICS_TOPIC, STATEMENT_PATIENCE
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics
 from vtff_node.node import STEP_DONE_TOPIC, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_stamp
+from vtff_node.start.listeners import read_listeners
 from vtff_node.step_source import StepSource
 
 __all__ = ["StepReplay"]
@@ -66,6 +70,11 @@ class StepReplay:
         self._created_at = time.monotonic()
         self._recomputed_topics: frozenset[str] = frozenset()
         self._recomputed_changed_at = self._created_at
+        # Discovery may be late; what the nodes themselves state of their topics counts, too.
+        self._stated_topics: dict[str, frozenset[str]] = {}
+        self._reports = node.subscribe(
+            DiagnosticArray, DIAGNOSTICS_TOPIC, self._take_reports, required=False
+        )
         self._publishers_created_at = 0.0
         self._done_publisher = (
             node.publisher(StepDone, STEP_DONE_TOPIC) if parameters.stands_for else None
@@ -102,11 +111,14 @@ class StepReplay:
             if now - self._created_at > self._parameters.start_timeout:
                 self._node.fail(f"the replay did not start: not in the graph: {', '.join(absent)}")
             return
-        published = self._find_topics_of_other_nodes()
+        published = self._find_topics_of_other_nodes().union(*self._stated_topics.values())
         if published != self._recomputed_topics:
             self._recomputed_topics, self._recomputed_changed_at = published, now
-        if now - self._recomputed_changed_at < SETTLE_TIME:
+        unsettled_time = now - self._recomputed_changed_at
+        is_stated = self._stated_topics.keys() >= set(self._parameters.expected_nodes)
+        if unsettled_time < (SETTLE_TIME if is_stated else STATEMENT_PATIENCE):
             return
+        self._node.destroy_subscription(self._reports)
         excluded = {*self._parameters.exclude_topics, *self._recomputed_topics}
         wanted = [name for name in self._parameters.topics if name not in excluded]
         selection = select_topics(self._reader, wanted, excluded)
@@ -116,6 +128,13 @@ class StepReplay:
         self._publishers_created_at = now
         self._steps = self._read_steps(selection)
         self._next_step = next(self._steps, None)
+
+    def _take_reports(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            statement = read_listeners(status)
+            if statement is not None and statement[0] != self._node.get_fully_qualified_name():
+                node, listeners = statement
+                self._stated_topics[node] = frozenset(listeners)
 
     def _find_topics_of_other_nodes(self) -> frozenset[str]:
         own_name = self._node.get_fully_qualified_name()
