@@ -51,7 +51,8 @@ def messages(run, topic):
 def flight(runs, scenario_file):
     return runs.make(
         "attitude", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 800,
-        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50", "--no-report",
+        "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50",
+        "--no-report", "--composed",
     )[0]  # fmt: skip
 
 
@@ -59,7 +60,7 @@ def test_equal_runs_are_equal_byte_for_byte_also_in_one_process(flight, runs, sc
     again = runs.make(
         "attitude_again", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 310,
         "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50",
-        "--no-report", "--composed",
+        "--no-report", "--distributed",
     )[0]  # fmt: skip
     end = BagReader(again).end_time  # it is the shorter of both; the bus goes off in it
     names = set(topics(flight)) - {"/sim/status"}  # it holds the length of the run
