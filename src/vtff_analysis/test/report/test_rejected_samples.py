@@ -31,11 +31,13 @@ def columns(rejected_before):
 def drawn(monkeypatch, tmp_path):
     """A function that returns the lines and the title of the panel that would be saved."""
 
-    def draw(content):
+    def draw(content, **options):
         figures = []
         monkeypatch.setattr(plots_details, "save_figure", lambda figure, *_: figures.append(figure))
         panels = {"stec_tecu": ("slant TEC", "TECU")}
-        plots_details.plot_satellite_values(content, panels, 0, tmp_path / "x.png", "title")
+        plots_details.plot_satellite_values(
+            content, panels, 0, tmp_path / "x.png", "title", **options
+        )
         panel = figures[0].axes[0]
         return [line for line in panel.lines if len(line.get_xdata())], panel.get_title("left")
 
@@ -58,3 +60,12 @@ def test_good_samples_are_all_drawn(drawn):
 def test_samples_that_are_all_rejected_are_grey_and_said(drawn):
     (line,), title = drawn(columns(100))
     assert line.get_color() == "0.75" and "all samples were rejected" in title
+
+
+def test_medians_show_what_noise_hides(drawn):
+    """Samples are pale, the line has 30 medians over the time, the last sample in the last."""
+    content = columns(0)
+    content.values["stec_tecu"][::10] += 5.0
+    (samples, line), title = drawn(content, has_medians=True)
+    assert samples.get_alpha() < 0.5 and "medians of 3 s" in title
+    assert len(line.get_xdata()) == 30 and set(line.get_ydata()) == {30.0}

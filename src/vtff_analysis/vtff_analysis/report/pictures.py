@@ -378,7 +378,14 @@ def _ionosphere_tasks(
     def draw(topic: str, columns: SatelliteColumns, panels: _Panels, what: str) -> list[Picture]:
         path = folder / f"{key_part(topic)}.png"
         title = f"{run_name}: {topic}"
-        drawn = plot_satellite_values(columns, panels, history.start_time, path, title)
+        drawn = plot_satellite_values(
+            columns,
+            panels,
+            history.start_time,
+            path,
+            title,
+            has_medians=panels is _DIFFERENTIAL_PANELS,
+        )
         return [] if drawn is None else [Picture(drawn, f"{topic}: {what}.", "ionosphere")]
 
     return [

@@ -59,6 +59,7 @@ _SATELLITE_COLOURS = (
 _SIGNAL_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00", "#000000")
 _SIGNAL_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _ELEVATION_STEP_DEG = 5.0  # of the medians of C/N0
+_MEDIANS = 30  # over the time of a figure
 
 
 def plot_navigation_error(
@@ -180,7 +181,7 @@ def _draw_signal_strength(panel: Axes, points: _SkyPoints) -> None:
         mark = _SIGNAL_MARKS[index % len(_SIGNAL_MARKS)]
         elevation_deg, cn0_dbhz = points.elevation_deg[chosen], points.cn0_dbhz[chosen]
         panel.plot(elevation_deg, cn0_dbhz, ".", color=colour, alpha=0.15, markersize=2.5)
-        middles, medians = _medians(elevation_deg, cn0_dbhz)
+        middles, medians = _medians(elevation_deg, cn0_dbhz, _ELEVATION_STEP_DEG)
         panel.plot(
             middles, medians, color=colour, marker=mark, markersize=7.0, linewidth=1.4,
             markeredgecolor="white", markeredgewidth=0.6, label=name,
@@ -191,12 +192,13 @@ def _draw_signal_strength(panel: Axes, points: _SkyPoints) -> None:
     panel.legend(loc="lower right", ncols=2, handlelength=2.6)
 
 
-def _medians(elevation_deg: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the middles of the elevations that have values, deg, and the median at each."""
-    step = np.floor(elevation_deg / _ELEVATION_STEP_DEG)
-    steps = np.unique(step)
-    medians = [np.nanmedian(values[step == number]) for number in steps]
-    return (steps + 0.5) * _ELEVATION_STEP_DEG, np.array(medians)
+def _medians(places: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Return the middles of the steps along an axis that have values, and the median in each."""
+    known = np.isfinite(values)
+    numbers = np.floor(places[known] / step)
+    found = np.unique(numbers)
+    medians = [np.median(values[known][numbers == number]) for number in found]
+    return (found + 0.5) * step, np.array(medians)
 
 
 def plot_satellite_values(
@@ -205,8 +207,9 @@ def plot_satellite_values(
     start: int,
     path: pathlib.Path,
     title: str,
+    has_medians: bool = False,
 ) -> pathlib.Path | None:
-    """Draw columns over time, one line for each satellite.
+    """Draw columns over time, one colour for each satellite.
 
     Rejected samples are left out, and the title of the first panel counts them with their reasons:
     until the bias of a receiver is known, its content is off by up to tens of TECU. Where no
@@ -224,6 +227,9 @@ def plot_satellite_values(
         PNG file.
     title
         Title of the figure.
+    has_medians
+        Draw running medians as lines and the samples pale: for samples whose noise hides how the
+        satellites differ.
 
     Returns
     -------
@@ -252,13 +258,23 @@ def plot_satellite_values(
             for number in numbers.tolist():
                 rows = satellites == number
                 named = number in longest
+                colour = next(colours) if named and not all_rejected else "0.75"
+                label_of_satellite = satellite_name(*satellite_from_number(number))
+                times, values = seconds[rows] * factor, columns.values[name][rows]
                 panel.plot(
-                    seconds[rows] * factor, columns.values[name][rows],
-                    ".", markersize=2.5 if named else 1.5,
-                    color=next(colours) if named and not all_rejected else "0.75",
-                    zorder=3 if named else 2,
-                    label=satellite_name(*satellite_from_number(number)) if named else None,
+                    times, values, ".", markersize=2.5 if named else 1.5, color=colour,
+                    zorder=3 if named else 2, alpha=0.2 if has_medians else None,
+                    label=label_of_satellite if named and not has_medians else None,
                 )  # fmt: skip
+                if has_medians and named and end > 0.0:
+                    # A little longer, so that the last sample has no median of its own.
+                    step = 1.000001 * end * factor / _MEDIANS
+                    panel.plot(
+                        *_medians(times, values, step), color=colour, linewidth=1.4, zorder=4,
+                        label=label_of_satellite,
+                    )  # fmt: skip
+            if has_medians:
+                text += f"; lines: medians of {end / _MEDIANS:.0f} s"
             panel.set_title(text + (remark if panel is drawn[0] else ""))
             panel.set_ylabel(label)
         drawn[-1].set_xlim(-0.02 * end * factor, 1.02 * end * factor)
