@@ -13,6 +13,7 @@ from vtff_control.cluster.cluster_member import ClusterMember, MemberSetting
 from vtff_control.cluster.neighbour_tracker import NeighbourTracker
 from vtff_control.cluster.potential_field import PotentialField
 from vtff_control.cluster.timeline import MemberTimeline
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -25,7 +26,6 @@ from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 _FIX, _NEIGHBOURS = "gnss/fix", "neighbours"
-_NANOSECONDS = 1_000_000_000
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ class ClusterGuidanceNode(VtffNode):
         super().__init__("cluster_guidance", **node_arguments)
         given: ClusterGuidanceParameters = self.parameters
         try:
-            self._timeline = MemberTimeline.read([line for line in given.timeline if line.strip()])
+            self._timeline = MemberTimeline.read(given.timeline)
             self._member = self._make_member()
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
@@ -148,7 +148,7 @@ class ClusterGuidanceNode(VtffNode):
         if own is not None:
             if self._first is None:
                 self._first = stamp
-            elapsed = (stamp - self._first) / _NANOSECONDS
+            elapsed = (stamp - self._first) / NANOSECONDS_PER_SECOND
             self._member.is_gathering = self._timeline.mode_at(elapsed) == "gather"
             detected = _positions(epoch.measured.get(_NEIGHBOURS))
             acceleration = self._member.step(elapsed, own, detected)

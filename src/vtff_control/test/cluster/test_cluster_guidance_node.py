@@ -121,9 +121,9 @@ def test_timeline_and_a_jump_back(make_node):
     ("line", "reason"),
     [
         ("gather", "time and mode"),
-        ("x gather", "time and mode"),
+        ("x gather", "a number expected"),
         ("-1 gather", "0 s or more"),
-        ("nan gather", "0 s or more"),
+        ("nan gather", "a number expected"),
         ("0 keep", "gather, free_drift"),
         ("0 gather now", "time and mode"),
     ],

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import bisect
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from vtff_control.guidance.requests import RequestError, read_timed_lines
+
 __all__ = ["MODES", "MemberTimeline"]
 
+_FORM = "time and mode expected, such as '600 gather'"
 MODES = ("gather", "free_drift")
 """Climb the potential; look on without thrust."""
 
@@ -34,28 +36,21 @@ class MemberTimeline:
 
         Raises
         ------
-        ValueError
+        RequestError
             If a line has another form; the text names the line.
         """
-        entries = []
-        for line in lines:
-            words = line.split()
-            try:
-                (time, mode), seconds = words, float(words[0])
-            except (ValueError, IndexError) as error:
-                text = "time and mode expected, such as '600 gather'"
-                raise ValueError(f"timeline, '{line}': {text}") from error
-            if not (math.isfinite(seconds) and seconds >= 0.0):
-                raise ValueError(f"timeline, '{line}': time: 0 s or more expected, got {time}")
-            if mode not in MODES:
-                raise ValueError(
-                    f"timeline, '{line}': mode: one of {', '.join(MODES)} expected, got '{mode}'"
-                )
-            entries.append((seconds, mode))
-        entries.sort(key=lambda entry: entry[0])
+        entries = read_timed_lines(lines, _read_mode, _FORM)
         return cls(tuple(time for time, _ in entries), tuple(mode for _, mode in entries))
 
     def mode_at(self, time: float) -> str:
         """Return the mode at a time, s after the first fix."""
         index = bisect.bisect_right(self.times, time + 1e-6)
         return self.modes[index - 1] if index else "free_drift"
+
+
+def _read_mode(words: list[str]) -> str:
+    if len(words) > 1:
+        raise RequestError(_FORM)
+    if words[0] not in MODES:
+        raise RequestError(f"mode: one of {', '.join(MODES)} expected, got '{words[0]}'")
+    return words[0]
