@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from typing import Any
 
@@ -16,31 +17,25 @@ def compiled(function: Callable[..., Any]) -> Any:
     time, so that a call with one epoch (online) and a call with a whole file (offline) give the
     same numbers. numba itself, half a second of processor, is imported with the first call too.
     """
-    return _Uncompiled(function)
+    found: list[Any] = []
 
-
-class _Uncompiled:
-    """Stands for a function of numba until the first call, which puts that in its place."""
-
-    def __init__(self, function: Callable[..., Any]) -> None:
-        self.__doc__, self.__name__ = function.__doc__, function.__name__
-        self.__module__, self.__wrapped__ = function.__module__, function
-        self._dispatcher: Any = None
-
-    def __call__(self, *arguments: Any) -> Any:
-        return self.dispatcher()(*arguments)
-
-    def dispatcher(self) -> Any:
+    def dispatcher() -> Any:
         """Return the function of numba, and have its module and those that it calls refer to it."""
-        if self._dispatcher is None:
-            function = self.__wrapped__
-            self._dispatcher = _compile_lazily(function)
+        if not found:
+            found.append(_compile_lazily(function))
             names = function.__globals__
-            for name in [*function.__code__.co_names, self.__name__]:
-                item = names.get(name)
-                if isinstance(item, _Uncompiled):
-                    names[name] = item.dispatcher()
-        return self._dispatcher
+            for name in [*function.__code__.co_names, function.__name__]:
+                find = getattr(names.get(name), "find_dispatcher", None)
+                if find is not None:
+                    names[name] = find()
+        return found[0]
+
+    @functools.wraps(function)
+    def call(*arguments: Any) -> Any:
+        return dispatcher()(*arguments)
+
+    call.find_dispatcher = dispatcher  # type: ignore[attr-defined]
+    return call
 
 
 def _compile_lazily(function: Callable[..., Any]) -> Any:

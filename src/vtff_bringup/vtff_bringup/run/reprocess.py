@@ -7,6 +7,7 @@ import json
 import pathlib
 from collections.abc import Iterable
 
+from vtff_bag.file.message_content import have_equal_content
 from vtff_bag.file.reader import BagReader, RawMessage
 from vtff_bag.run.description import PARAMETER_FOLDER, describe_run
 from vtff_bringup.run.runner import NODE_RECORDS
@@ -26,7 +27,7 @@ class OutputComparison:
     recorded, recomputed
         Number of messages in the two bags.
     differing
-        Number of messages whose bytes differ from those of the message with the same index.
+        Number of messages that differ from the message with the same index in a bit of a field.
     first_difference
         Time of the first difference, s since the begin of the recording; None without one.
     """
@@ -39,7 +40,7 @@ class OutputComparison:
 
     @property
     def identical(self) -> bool:
-        """Whether both bags hold the same bytes."""
+        """Whether both bags hold the same messages."""
         return self.recorded == self.recomputed and not self.differing
 
 
@@ -65,7 +66,7 @@ def recomputed_topics(run_directory: pathlib.Path, replaying: Iterable[str]) -> 
 def compare_outputs(
     recorded: BagReader, recomputed: BagReader, topics: Iterable[str]
 ) -> list[OutputComparison]:
-    """Compare topics of two bags byte by byte, in the order in which they are stored."""
+    """Compare topics of two bags bit by bit, in the order in which messages are stored."""
     return [_compare_topic(recorded, recomputed, topic) for topic in topics]
 
 
@@ -74,7 +75,7 @@ def _compare_topic(recorded: BagReader, recomputed: BagReader, topic: str) -> Ou
     differences = [
         old.log_time
         for old, new in zip(before, after, strict=False)
-        if old.serialized != new.serialized
+        if not have_equal_content(bytes(old.serialized), bytes(new.serialized), old.type)
     ]
     first = (differences[0] - recorded.start_time) * 1e-9 if differences else None
     return OutputComparison(topic, len(before), len(after), len(differences), first)

@@ -101,6 +101,14 @@ def test_lost_report_is_asked_for_again(bench: Bench) -> None:
     assert bench.link.counters.resent == 2 and bench.bus.unit.commands == 1
 
 
+def test_a_report_that_has_come_is_read_however_late_the_call_is(bench: Bench) -> None:
+    """The process was busy with something else for longer than the wait."""
+    bench.link.send_command(START, [0.1, 0.2, -0.3])
+    bench.wall[0] += 60.0
+    assert bench.link.wait_for_report(-59.0).sequence == 0
+    assert bench.link.counters.resent == 0
+
+
 def test_damaged_report_is_counted_and_asked_for_again(bench: Bench) -> None:
     intact = [False]
 

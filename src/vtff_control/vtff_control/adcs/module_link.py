@@ -95,19 +95,21 @@ class AdcsLink:
         Parameters
         ----------
         timeout
-            Longest wait in s of wall time.
+            Longest wait in s of wall time. Frames that have come by then are read, also where the
+            wait is already over: the process may have been busy with something else.
         time_of_week
             GPS time of week at the end of the period.
         """
         deadline = self._clock() + timeout
         while True:
-            content = self._next(max(0.0, deadline - self._clock()))
+            now = self._clock()
+            is_heard, content = self._next(max(0.0, deadline - now))
             if isinstance(content, AdcsModuleReport) and (
                 time_of_week is None or same_time_of_week(content.time_of_week, time_of_week)
             ):
                 self.counters.reports += 1
                 return content
-            if self._clock() >= deadline:
+            if not is_heard and now >= deadline:
                 return None
 
     def send_command(
@@ -138,19 +140,23 @@ class AdcsLink:
         Parameters
         ----------
         timeout
-            Longest wait in s of wall time; the command stays open when it is over.
+            Longest wait in s of wall time; the command stays open when it is over. Frames that have
+            come by then are read.
         """
         deadline = self._clock() + timeout
-        while self._command and (now := self._clock()) < deadline:
-            if now >= self._resend_at:
+        while self._command:
+            now = self._clock()
+            if self._resend_at <= now < deadline:
                 self._resend_at = now + RESEND_INTERVAL
                 self.counters.resent += 1
                 self._send()
-            content = self._next(min(deadline, self._resend_at) - now)
+            is_heard, content = self._next(max(0.0, min(deadline, self._resend_at) - now))
             if isinstance(content, AdcsAnswer) and content.sequence == self._sequence:
                 self._command = ()
                 self.counters.answers += 1
                 return content
+            if not is_heard and now >= deadline:
+                return None
         return None
 
     def give_up(self) -> None:
@@ -168,21 +174,24 @@ class AdcsLink:
         for frame in self._command:
             self._on_frame(frame)
 
-    def _next(self, timeout: float) -> AdcsAnswer | AdcsModuleReport | None:
-        """Return what the next frame completes; a bus that is not there takes the time."""
+    def _next(self, timeout: float) -> tuple[bool, AdcsAnswer | AdcsModuleReport | None]:
+        """Return whether there is a frame, and what it completes.
+
+        A bus that is not there takes the time.
+        """
         if not self.bus.connect():
             time.sleep(min(timeout, FIRST_RETRY))
-            return None
+            return False, None
         frame = self.bus.receive(timeout)
         if frame is None:
-            return None
+            return False, None
         if frame.arbitration_id not in self._frames.command_identifiers:
             self._on_frame(frame)  # those that it sent are noted already
         try:
             content = self._frames.decode(frame)
         except AdcsFrameError:
             self.counters.rejected_frames += 1
-            return None
+            return True, None
         if content is not None:
             self.heard_at = self._clock()
-        return content
+        return True, content

@@ -173,7 +173,9 @@ class ThrusterLink:
         Parameters
         ----------
         timeout
-            Longest wait in s of wall time; the command stays open when it is over.
+            Longest wait in s of wall time; the command stays open when it is over. Frames that have
+            come by then are read, also where the wait is already over: the process may have been
+            busy with something else.
 
         Returns
         -------
@@ -181,20 +183,24 @@ class ThrusterLink:
             The report of this very command, which is no longer open then; or None.
         """
         deadline = self._clock() + timeout
-        while self._open_command is not None and (now := self._clock()) < deadline:
-            if now >= self._resend_at:
+        while self._open_command is not None:
+            now = self._clock()
+            if self._resend_at <= now < deadline:
                 self._resend_at = now + RESEND_INTERVAL
                 self.counters.resent += 1
                 self._send(self._open_command)
-            if not self.connect():
+            frame = None
+            if self.connect():
+                frame = self._bus.receive(max(0.0, min(deadline, self._resend_at) - now))
+            elif now < deadline:
                 time.sleep(min(deadline - now, FIRST_RETRY))
-                continue
-            frame = self._bus.receive(min(deadline, self._resend_at) - now)
             report = None if frame is None else self._take(frame)
             if report is not None and self._is_awaited(report):
                 self._open_command = None
                 self.counters.reports += 1
                 return report
+            if frame is None and now >= deadline:
+                return None
         return None
 
     def give_up(self) -> None:

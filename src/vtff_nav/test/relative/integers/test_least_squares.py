@@ -295,7 +295,7 @@ def test_works_where_nothing_can_be_cached(tmp_path):
         "for locator in list(caching.CacheImpl._locator_classes):\n"
         "    locator.from_function = classmethod(lambda *arguments: None)\n"
         "import kernels_without_cache as kernels\n"
-        "print(type(kernels.search.dispatcher()).__name__)\n"
+        "print(type(kernels.search.find_dispatcher()).__name__)\n"
     )
     search_path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
     environment = {**os.environ, "PYTHONPATH": search_path}
