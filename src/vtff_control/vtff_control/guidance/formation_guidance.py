@@ -8,7 +8,6 @@ thrust on where the whole formation is.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -16,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vtff_control.guidance.elements_estimator import ElementsEstimator
-from vtff_control.guidance.free_drift import FreeDrift, closest_of_paths, fly_drifts
+from vtff_control.guidance.free_drift import closest_of_paths, fly_drifts
 from vtff_control.guidance.interface import (
     FormationState,
     GuidanceResult,
@@ -381,9 +380,9 @@ class FormationGuidance:
         reference = motion.states_reference_gcrf[0]
         initial = [relative_state_rtn(reference, gcrf) for gcrf in craft_gcrf]
         wanted = limits.closest_approach - given.tracking_margin
+        planner = ReconfigurationPlanner(motion, len(self._names), limits, count)
         plan, bends, reached = None, None, -math.inf
         for _ in range(_SAFE_PLANS):
-            planner = ReconfigurationPlanner(motion, len(self._names), limits, count)
             plan = planner.plan(initial, final, plan, bends)
             flight = PlanFlight(plan, start, formation, given.tracking_bandwidth)
             if plan.safe_step is None:
@@ -394,9 +393,9 @@ class FormationGuidance:
             if reached >= wanted:
                 return flight
             if bends is not None:
-                raised = limits.closest_approach + _RAISE * (wanted - reached)
-                limits = dataclasses.replace(limits, closest_approach=raised)
-            bends = paths - FreeDrift(motion, count, len(self._names)).paths(plan.states)
+                shortfall = wanted - reached
+                planner.keep_apart(planner.limits.closest_approach + _RAISE * shortfall)
+            bends = planner.bends(plan, paths)
         raise InfeasibleReconfigurationError(
             f"passive_safety: {wanted:g} m wanted after a loss of thrust, {reached:.3f} m reached "
             "in nonlinear motion",

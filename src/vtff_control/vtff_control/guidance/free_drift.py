@@ -73,7 +73,7 @@ class FreeDrift:
         )
 
     def paths(self, states: npt.ArrayLike) -> FloatArray:
-        """Return the relative positions of all pairs after every loss, m.
+        """Return the relative positions of all pairs after every loss, with `bends`, m.
 
         Parameters
         ----------
@@ -84,13 +84,18 @@ class FreeDrift:
         -------
         ndarray, shape (pairs, j, samples + 1, 3)
         """
+        paths = self.linear_paths(states)
+        if self.bends is not None:
+            paths += self.bends[:, : paths.shape[1]]
+        return paths
+
+    def linear_paths(self, states: npt.ArrayLike) -> FloatArray:
+        """Return the same as `paths` in linear motion, without `bends`."""
         state = np.asarray(states, dtype=float)
         differences = np.array([state[second] - state[first] for first, second in self.pairs])
         paths: FloatArray = np.einsum(
             "jkab,pjb->pjka", self.positions[: state.shape[1]], differences
         )
-        if self.bends is not None:
-            paths += self.bends[:, : paths.shape[1]]
         return paths
 
     def closest(self, states: npt.ArrayLike) -> FloatArray:

@@ -19,6 +19,7 @@ How (2008), Safe Trajectories for Autonomous Rendezvous of Spacecraft, J. Guidan
 
 from __future__ import annotations
 
+import dataclasses
 import itertools
 import math
 import time
@@ -171,7 +172,7 @@ class ReconfigurationPlanner:
         earlier
             A plan of the same or a similar reconfiguration, from which the passes start.
         bends
-            With passive safety: `FreeDrift.bends` of the earlier plan.
+            With passive safety: `bends` of the earlier plan.
 
         Raises
         ------
@@ -208,6 +209,23 @@ class ReconfigurationPlanner:
             passes=passes,
             solve_time=time.perf_counter() - begin,
         )
+
+    def bends(self, plan: ReconfigurationPlan, paths: FloatArray) -> FloatArray:
+        """Return by how much the drifts of a plan bend from linear motion, m, as `FreeDrift.bends`.
+
+        Parameters
+        ----------
+        plan
+            A plan with passive safety.
+        paths
+            Its drifts in nonlinear motion, of `vtff_control.guidance.free_drift.fly_drifts`.
+        """
+        assert self._drift is not None
+        return paths - self._drift.linear_paths(plan.states)
+
+    def keep_apart(self, closest_approach: float) -> None:
+        """Set the closest approach of the plans to come, m; the problem stays compiled."""
+        self.limits = dataclasses.replace(self.limits, closest_approach=closest_approach)
 
     def _pass_until_converged(
         self, initial: FloatArray, final: FloatArray, earlier: ReconfigurationPlan | None
