@@ -196,7 +196,7 @@ def describe_field(default: float, description: str, unit: str = "", minimum: fl
     default
         Value where nothing is given.
     description, unit
-        What ``vtff node NODE --help`` prints.
+        Text and unit that ``vtff node NODE --help`` prints.
     minimum
         Smallest value that a node takes.
     """

@@ -17,7 +17,7 @@ from scipy.interpolate import CubicHermiteSpline
 
 from vtff_control.guidance.reconfiguration_plan import ReconfigurationPlan
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
-from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.orbit.free_flight import add_thrust, free_flight
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_dynamics.vectors import FloatArray
 
@@ -129,8 +129,7 @@ class PlanFlight:
             thrust = np.clip(thrust, -acceleration_cap, acceleration_cap)
             accelerations = thrust @ rotation_gcrf_to_rtn(states[0])
             states = free_flight(states, [0.0, duration])[-1]
-            states[:, :3] += 0.5 * duration**2 * accelerations
-            states[:, 3:] += duration * accelerations
+            add_thrust(states, accelerations, duration)
             if (index + 1) % count == 0:
                 flown.append(states)
         return np.array(flown)

@@ -38,6 +38,7 @@ from vtff_control.safety.thrust_monitor import (
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import osculating_mean_motion
+from vtff_dynamics.orbit.free_flight import add_thrust
 from vtff_dynamics.orbit.gravity import predict_state
 from vtff_dynamics.relative.motion import hcw_transition_matrix
 from vtff_dynamics.vectors import FloatArray
@@ -755,9 +756,7 @@ def _fly(
 ) -> FloatArray:
     """Return a state in GCRF after a step with constant thrust in the chief's axes."""
     after = predict_state(state, step)
-    acceleration = rotation_gcrf_to_rtn(chief).T @ acceleration_rtn
-    after[:3] += 0.5 * step**2 * acceleration
-    after[3:] += step * acceleration
+    add_thrust(after, rotation_gcrf_to_rtn(chief).T @ acceleration_rtn, step)
     return after
 
 

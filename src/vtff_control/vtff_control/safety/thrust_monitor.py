@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, relative_state_rtn, rotation_gcrf_to_rtn
-from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.orbit.free_flight import add_thrust, free_flight
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["ThrustDifference", "ThrustMonitor", "accused_axes", "describe_fault"]
@@ -186,8 +186,7 @@ class ThrustMonitor:
         accelerations = reported_rtn @ rotation_gcrf_to_rtn(self._states_gcrf[0, 0])
         flown = free_flight(self._states_gcrf.reshape(-1, 6), [0.0, self._step])[-1]
         flown = flown.reshape(-1, 2, 6)
-        flown[..., :3] += 0.5 * self._step**2 * accelerations
-        flown[..., 3:] += self._step * accelerations
+        add_thrust(flown, accelerations, self._step)
         self._states_gcrf = flown
         self._reported = self._reported + self._step * reported_rtn
         size = float(np.linalg.norm(np.abs(reported_rtn).sum(axis=0) + unreported_rtn))

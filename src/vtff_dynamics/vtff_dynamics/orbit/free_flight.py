@@ -16,7 +16,7 @@ from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH, J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["free_flight"]
+__all__ = ["add_thrust", "free_flight"]
 
 
 @compiled
@@ -95,3 +95,21 @@ def free_flight(
     oblateness = 1.5 * j2 * RADIUS_EARTH_JGM3**2
     flown: FloatArray = _fly(states, instants, GM_EARTH, oblateness)
     return flown
+
+
+def add_thrust(states_gcrf: FloatArray, accelerations_gcrf: FloatArray, duration: float) -> None:
+    """Add a constant thrust over a short time to states after a free flight of that time.
+
+    Gravity at the place that the thrust leads to counts as that of the free flight.
+
+    Parameters
+    ----------
+    states_gcrf
+        Positions and velocities, m and m/s, shape (..., 6); changed in place.
+    accelerations_gcrf
+        m/s2, of a shape that fits (..., 3).
+    duration
+        s.
+    """
+    states_gcrf[..., :3] += 0.5 * duration**2 * accelerations_gcrf
+    states_gcrf[..., 3:] += duration * accelerations_gcrf
