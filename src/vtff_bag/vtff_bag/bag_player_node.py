@@ -21,10 +21,10 @@ from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_nanoseconds
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
 
 POLL_INTERVAL = 0.001  # s of wall time between looks at what is due
 STATE_INTERVAL = 0.2  # s of wall time between messages on ~/state
-DIAGNOSTICS_TOPIC = "/diagnostics"
 
 
 class BagPlayerNode(VtffNode):

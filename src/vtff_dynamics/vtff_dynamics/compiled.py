@@ -19,7 +19,7 @@ def compiled(function: Callable[..., Any]) -> Any:
     """
     found: list[Any] = []
 
-    def dispatcher() -> Any:
+    def find_dispatcher() -> Any:
         """Return the function of numba, and have its module and those that it calls refer to it."""
         if not found:
             found.append(_compile_lazily(function))
@@ -32,9 +32,9 @@ def compiled(function: Callable[..., Any]) -> Any:
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
-        return dispatcher()(*arguments)
+        return find_dispatcher()(*arguments)
 
-    call.find_dispatcher = dispatcher  # type: ignore[attr-defined]
+    call.find_dispatcher = find_dispatcher  # type: ignore[attr-defined]
     return call
 
 

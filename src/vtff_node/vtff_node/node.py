@@ -26,7 +26,12 @@ from vtff_node.plugins.loading import Plugin, PluginError, PluginGroup, load_plu
 from vtff_node.process.run_environment import PROGRESS_VARIABLE, RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_nanoseconds, to_stamp
 from vtff_node.start.awaited_inputs import AwaitedInputs
-from vtff_node.start.listeners import ListenerWatch, listener_values, status_name
+from vtff_node.start.listeners import (
+    DIAGNOSTICS_TOPIC,
+    ListenerWatch,
+    listener_values,
+    status_name,
+)
 
 #: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
 STEP_DONE_TOPIC = "/sim/step_done"
@@ -121,7 +126,7 @@ class VtffNode(Node):
             self.publisher(StepDone, STEP_DONE_TOPIC) if publishes_step_done else None
         )
         self.steady_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self._diagnostics_publisher = self.publisher(DiagnosticArray, "/diagnostics")
+        self._diagnostics_publisher = self.publisher(DiagnosticArray, DIAGNOSTICS_TOPIC)
         self._closing = False
         self._required_topics: list[str] = []
         self._awaited_inputs = AwaitedInputs(self.awaited_inputs, self._say)

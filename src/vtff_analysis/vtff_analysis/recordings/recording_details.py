@@ -21,10 +21,10 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_msgs.msg import IrregularityBoundary
 from vtff_node.stamps import to_nanoseconds
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
 from vtff_node.step_moments import COMMAND_SENT, SECOND_RECEIVED, read_moments
 
 STEP_TOPIC = "/sim/step_done"
-DIAGNOSTICS_TOPIC = "/diagnostics"
 
 _SLANT_TEC = re.compile(r"/(?:iono/slant_tec|gnss/ism/slant_tec|differential_tec)$")
 _SCINTILLATION = re.compile(r"/(?:iono|gnss/ism)/scintillation$")

@@ -36,7 +36,7 @@ class Row(NamedTuple):
     decimals
         Number of decimals.
     scale
-        What the number is multiplied with, for a unit other than that of the key.
+        Factor of the number, for a unit other than that of the key.
     """
 
     label: str

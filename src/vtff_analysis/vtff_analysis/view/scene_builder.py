@@ -24,6 +24,7 @@ from vtff_gnss.signals import satellite_name
 from vtff_msgs.msg import AttitudeState, FormationSafety, RelativeState
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
 
 _CRAFT_TOPIC = re.compile(
     r"^/(?P<craft>.+?)/(?P<what>truth/orbit|gnss/fix|gnss/epoch|gnss/ephemeris"
@@ -33,7 +34,6 @@ _BOUNDARY_TOPIC = re.compile(r"boundar")
 
 _SAFETY_TOPIC = "/formation/safety"
 _DENSITY_TOPIC = re.compile(r"^/(?P<deputy>.+)/iono/electron_density$")
-_DIAGNOSTICS_TOPIC = "/diagnostics"
 
 #: Topics of which every message is taken, whatever the interval of the samples: nothing that
 #: happens for a second only is missed.
@@ -123,7 +123,7 @@ class SceneBuilder:
             return self._add_boundary
         return {
             _SAFETY_TOPIC: self._add_safety,
-            _DIAGNOSTICS_TOPIC: self._add_diagnostics,
+            DIAGNOSTICS_TOPIC: self._add_diagnostics,
         }.get(topic)
 
     def claim_slot(self, topic: str, time: int) -> bool:

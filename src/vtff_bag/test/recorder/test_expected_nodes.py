@@ -5,10 +5,10 @@ from hypothesis import strategies as st
 
 from vtff_bag.recorder.expected_nodes import (
     COMPILE_PATIENCE,
-    DIAGNOSTICS_TOPIC,
     STATEMENT_PATIENCE,
     ExpectedNodes,
 )
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
 
 RECORDER = "/bag_recorder"
 

@@ -16,7 +16,7 @@ class BagWriteError(BagError):
 
 
 class BagExistsError(BagWriteError):
-    """What stands at the place of a bag to be written is not overwritten."""
+    """A folder or file at the place of a bag to be written is not overwritten."""
 
 
 class UnknownTypeError(BagError):

@@ -18,14 +18,14 @@ from vtff_bag.player.messages_in_order import (
 )
 from vtff_bag.player.player_parameters import BagPlayerParameters
 from vtff_bag.player.replay_publishers import ReplayPublishers
-from vtff_bag.recorder.expected_nodes import DIAGNOSTICS_TOPIC, STATEMENT_PATIENCE
+from vtff_bag.recorder.expected_nodes import STATEMENT_PATIENCE
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_msgs.msg import StepDone
 from vtff_node import diagnostics
 from vtff_node.node import STEP_DONE_TOPIC, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.stamps import to_stamp
-from vtff_node.start.listeners import read_listeners
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC, read_listeners
 from vtff_node.step_source import StepSource
 
 __all__ = ["StepReplay"]

@@ -4,15 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping
 
-__all__ = ["DIAGNOSTICS_TOPIC", "ExpectedNodes"]
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
+
+__all__ = ["ExpectedNodes"]
 
 #: Wall time from the discovery of a node after which it is taken for one that states nothing, s.
 STATEMENT_PATIENCE = 10.0
 #: The same for a node that reports on /diagnostics, as every vtff node does: on a first start it
 #: may compile for half a minute before it states anything.
 COMPILE_PATIENCE = 90.0
-
-DIAGNOSTICS_TOPIC = "/diagnostics"
 
 
 class ExpectedNodes:

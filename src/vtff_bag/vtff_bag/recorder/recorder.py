@@ -20,10 +20,10 @@ from vtff_bag.file.message_definitions import (
 )
 from vtff_bag.file.stamps import CLOCK_TYPE, leading_stamp
 from vtff_bag.file.writer import BagWriter
-from vtff_bag.recorder.expected_nodes import DIAGNOSTICS_TOPIC, ExpectedNodes
+from vtff_bag.recorder.expected_nodes import ExpectedNodes
 from vtff_bag.recorder.offered_qos import qos_entries, strongest_common
 from vtff_bag.recorder.recording_rules import Acknowledger, ScenarioTime, TopicSelection
-from vtff_node.start.listeners import read_listeners
+from vtff_node.start.listeners import DIAGNOSTICS_TOPIC, read_listeners
 
 #: Topic on which nodes state which nodes hear them, and its type.
 DIAGNOSTICS_TYPE = "diagnostic_msgs/msg/DiagnosticArray"

@@ -71,7 +71,7 @@ class GraphWaiter:
         action, name
             Type and name of the action.
         goal
-            What to ask for.
+            Goal message.
         take_feedback
             Takes each message of feedback.
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 __all__ = [
+    "DIAGNOSTICS_TOPIC",
     "TOPICS_SUBJECT",
     "UNNAMED_NODE",
     "ListenerWatch",
@@ -20,6 +21,8 @@ __all__ = [
     "read_listeners",
     "status_name",
 ]
+
+DIAGNOSTICS_TOPIC = "/diagnostics"
 
 #: Name that ROS gives to a node whose endpoint was discovered before its name.
 UNNAMED_NODE = "_NODE_NAME_UNKNOWN_"

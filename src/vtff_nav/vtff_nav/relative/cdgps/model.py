@@ -62,7 +62,7 @@ class Sky:
     antenna_offset : ndarray, shape (n, k)
         Derivatives by the errors of lever arms, see `AntennaPair.offset_columns`; k may be 0.
     antenna_turn : ndarray, shape (n, k)
-        The same by the errors of estimated attitudes, see `AntennaPair.attitude_columns`.
+        Derivatives by the errors of estimated attitudes, see `AntennaPair.attitude_columns`.
     ray_turn : ndarray
         Derivative by the error of the satellite's position across its ray, towards the deputy.
     troposphere : ndarray
