@@ -181,9 +181,18 @@ def kinematics_itrf(
 
 def state_gcrf_to_itrf(time: GpsTime, state_gcrf: npt.ArrayLike) -> FloatArray:
     """Return position and Earth-fixed velocity in ITRF, shape (6,), of a GCRF state (6,)."""
-    matrix = _kinematics_matrix(time)[:6, :6]
-    state_itrf: FloatArray = matrix @ np.asarray(state_gcrf, dtype=float)
+    state_itrf: FloatArray = _state_matrix(time) @ np.asarray(state_gcrf, dtype=float)
     return state_itrf
+
+
+@functools.lru_cache(maxsize=_CACHED_EPOCHS)
+def _state_matrix(time: GpsTime) -> FloatArray:
+    """Return the matrix (6, 6) that carries position and velocity from GCRF to ITRF."""
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = matrix[3:, 3:] = rotation_gcrf_to_itrf(time)
+    matrix[3:, :3] = -skew(_angular_velocity_earth_itrf(time)) @ rotation_gcrf_to_itrf(time)
+    matrix.flags.writeable = False
+    return matrix
 
 
 def state_itrf_to_gcrf(time: GpsTime, state_itrf: npt.ArrayLike) -> FloatArray:

@@ -83,8 +83,6 @@ class Propagator:
         self._thrust_derivative = np.zeros(6)
         self._takes_thrust = False
         self._brahe: Any = None
-        if integrator == "rk4":
-            self._brahe = self._new_brahe_propagator()
 
     @property
     def time(self) -> GpsTime:
@@ -188,6 +186,8 @@ class Propagator:
         if not self._takes_thrust and self._thrust_derivative.any():
             # The control callback costs a quarter of a step: free flight goes without it.
             self._takes_thrust = True
+            self._brahe = None
+        if self._brahe is None:
             self._brahe = self._new_brahe_propagator()
         self._brahe.step()
         self._state_gcrf = np.array(self._brahe.current_state())

@@ -127,6 +127,8 @@ class EphemerisTable:
         self.group_delay = self._column("group_delay")
         self.group_delay_secondary = self._column("group_delay_secondary")
         self._columns = {name: self._column(name) for name in _COLUMNS}
+        self._sine_terms = np.array([self._columns[name] for name in ("cus", "crs", "cis")])
+        self._cosine_terms = np.array([self._columns[name] for name in ("cuc", "crc", "cic")])
         # Reference times are kept as integers: week and seconds of week lose nothing.
         self._toe = np.array([e.time_of_ephemeris.nanoseconds for e in ephemerides], np.int64)
         self._toc = np.array([e.time_of_clock.nanoseconds for e in ephemerides], np.int64)
@@ -216,14 +218,16 @@ class EphemerisTable:
         acceleration = -2.0 * rate * eccentricity * sine * inverse * anomaly_rate
         sine_2, cosine_2 = np.sin(2.0 * argument), np.cos(2.0 * argument)
 
-        def harmonic(c: str, s: str) -> tuple[FloatArray, FloatArray, FloatArray]:
-            value = column[s] * sine_2 + column[c] * cosine_2
-            derivative = 2.0 * (column[s] * cosine_2 - column[c] * sine_2)
-            return value, derivative * rate, derivative * acceleration - 4.0 * rate**2 * value
-
-        du, du_rate, du_acceleration = harmonic("cuc", "cus")
-        dr, dr_rate, dr_acceleration = harmonic("crc", "crs")
-        di, di_rate, di_acceleration = harmonic("cic", "cis")
+        # Harmonics of the argument of latitude, of the radius and of the inclination.
+        axes = (3, *(1,) * (argument.ndim - 1), len(self))
+        of_sine, of_cosine = self._sine_terms.reshape(axes), self._cosine_terms.reshape(axes)
+        value = of_sine * sine_2 + of_cosine * cosine_2
+        derivative = 2.0 * (of_sine * cosine_2 - of_cosine * sine_2)
+        du, dr, di = value
+        du_rate, dr_rate, di_rate = derivative * rate
+        du_acceleration, dr_acceleration, di_acceleration = (
+            derivative * acceleration - 4.0 * rate**2 * value
+        )
         stretch = axis * eccentricity
         stretch_rate = stretch * sine * anomaly_rate
         return _PlaneMotion(

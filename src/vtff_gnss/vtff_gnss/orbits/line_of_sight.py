@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -32,6 +33,9 @@ __all__ = [
 # transmission by a parabola; 0.03 s away from it the third derivative makes 4e-10 m.
 _TYPICAL_TRAVEL_TIME = 0.075
 _NEWTON_ITERATIONS = 2
+# The Earth turns by this angle in the meantime.
+_ANGLE_IN_FLIGHT = EARTH_ROTATION_RATE_BROADCAST * _TYPICAL_TRAVEL_TIME
+_COSINE_IN_FLIGHT, _SINE_IN_FLIGHT = math.cos(_ANGLE_IN_FLIGHT), math.sin(_ANGLE_IN_FLIGHT)
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,7 +142,7 @@ def lines_of_sight(
     range_rate = closing / (1.0 + _dot(direction, velocity_satellite) / SPEED_OF_LIGHT)
 
     position_satellite = relative + receiver
-    direction_itrf = np.moveaxis(direction, 0, -1)
+    direction_itrf = _vectors(direction)
     elevation, azimuth = elevation_azimuth(direction_itrf, zenith[..., np.newaxis, :])
     return LineOfSight(
         travel_time=travel_time,
@@ -147,9 +151,9 @@ def lines_of_sight(
         direction_itrf=direction_itrf,
         elevation=elevation,
         azimuth=azimuth,
-        position_satellite_itrf=np.moveaxis(position_satellite, 0, -1),
-        velocity_satellite_itrf=np.moveaxis(
-            _add_rotation(position_satellite, velocity_satellite, -1.0), 0, -1
+        position_satellite_itrf=_vectors(position_satellite),
+        velocity_satellite_itrf=_vectors(
+            _add_rotation(position_satellite, velocity_satellite, -1.0)
         ),
         clock_offset_satellite=states.clock_offset - delay * states.clock_drift,
         clock_drift_satellite=np.broadcast_to(states.clock_drift, delay.shape),
@@ -240,6 +244,7 @@ def earth_obstructs(
     stretch = np.array([1.0 / equatorial, 1.0 / equatorial, 1.0 / polar])
     stretched = np.asarray(position_receiver_itrf, dtype=float) * stretch
     difference = np.asarray(position_satellite_itrf, dtype=float) * stretch - stretched
+    stretched = np.broadcast_to(stretched, difference.shape)
     receiver, along = np.moveaxis(stretched, -1, 0), np.moveaxis(difference, -1, 0)
     length_squared = _dot(along, along)
     fraction = -_dot(receiver, along) / length_squared
@@ -266,18 +271,13 @@ def _motion_in_axes_of_reception(
         velocity_fixed,
         _add_rotation(velocity, _components(states.acceleration_itrf, axes)),
     )
-    angle = EARTH_ROTATION_RATE_BROADCAST * _TYPICAL_TRAVEL_TIME
-    cosine, sine = np.cos(angle), np.sin(angle)
-
-    def rotate(vector: FloatArray) -> FloatArray:
-        x, y, z = vector
-        result = np.empty_like(vector)
-        np.add(cosine * x, sine * y, out=result[0])
-        np.subtract(cosine * y, sine * x, out=result[1])
-        result[2] = z
-        return result
-
-    return rotate(position), -rotate(velocity_fixed), rotate(acceleration_fixed)
+    fixed = np.array((position, -velocity_fixed, acceleration_fixed))
+    x, y = fixed[:, 0], fixed[:, 1]
+    turned = np.array(
+        (_COSINE_IN_FLIGHT * x + _SINE_IN_FLIGHT * y, _COSINE_IN_FLIGHT * y - _SINE_IN_FLIGHT * x)
+    )
+    fixed[:, 0], fixed[:, 1] = turned
+    return fixed[0], fixed[1], fixed[2]
 
 
 def _components(vectors: FloatArray, axes: int) -> FloatArray:
@@ -288,6 +288,11 @@ def _components(vectors: FloatArray, axes: int) -> FloatArray:
     missing = (1,) * (axes + 1 - vectors.ndim)
     first = vectors.transpose(vectors.ndim - 1, *range(vectors.ndim - 1))
     return np.ascontiguousarray(first).reshape(3, *missing, *vectors.shape[:-1])
+
+
+def _vectors(components: FloatArray) -> FloatArray:
+    """Return a view of vectors (3, ...) as (..., 3)."""
+    return np.asarray(components.transpose(*range(1, components.ndim), 0))
 
 
 def _add_rotation(position: FloatArray, velocity: FloatArray, sign: float = 1.0) -> FloatArray:
@@ -303,4 +308,4 @@ def _add_rotation(position: FloatArray, velocity: FloatArray, sign: float = 1.0)
 
 def _dot(left: FloatArray, right: FloatArray) -> FloatArray:
     """Return the scalar products of vectors (3, ...)."""
-    return np.asarray(left[0] * right[0] + left[1] * right[1] + left[2] * right[2])
+    return np.asarray(np.add.reduce(left * right, axis=0))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import pairwise
@@ -101,11 +102,13 @@ class ArcBook:
         is_lock_lost, half_cycles = measured.is_lock_lost.tolist(), measured.half_cycles.tolist()
         is_parity_known = measured.is_parity_known.tolist()
         lock_times = measured.lock_time.T.tolist()
+        last, gap = time, 0.0
         for row, key in enumerate(measured.keys):
             arc = self.arcs.get(key)
             if arc is None:
                 continue
-            gap = time - arc.time
+            if arc.time is not last:
+                last, gap = arc.time, time - arc.time
             if is_lock_lost[row]:
                 reasons[key] = "lock was lost"
             elif half_cycles[row] != arc.half_cycles:
@@ -119,7 +122,7 @@ class ArcBook:
         reasons.update(self._find_geometry_free_jumps(measured, reasons))
         present = set(measured.keys)
         for key, arc in self.arcs.items():
-            if time - arc.time > self._longest_gap and key not in present:
+            if key not in present and time - arc.time > self._longest_gap:
                 reasons[key] = "not seen any more"
         return reasons
 
@@ -200,7 +203,7 @@ class ArcBook:
     def fixed_groups(self) -> dict[tuple[int, int, int], list[Arc]]:
         """Return the arcs with integers by `SignalKey.group`, oldest first."""
         groups: dict[tuple[int, int, int], list[Arc]] = {}
-        for arc in sorted(self.arcs.values(), key=lambda arc: arc.number):
+        for arc in sorted(self.arcs.values(), key=operator.attrgetter("number")):
             if arc.integer is not None:
                 groups.setdefault(arc.key.group, []).append(arc)
         return groups
@@ -222,7 +225,7 @@ def has_lock_restarted(now: Iterable[float], before: Iterable[float], gap: float
     gap : float
         Since the last epoch, s.
     """
-    return any(
-        math.isfinite(lock) and lock < last and lock < last + gap - 0.1
-        for lock, last in zip(now, before, strict=True)
-    )
+    for lock, last in zip(now, before, strict=True):
+        if lock < last and lock < last + gap - 0.1 and math.isfinite(lock):
+            return True
+    return False

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -239,7 +240,7 @@ class RelativeFilter:
                 content, *gradient = _shell_members(shell)
                 state.couple([content], chief_motion_deg[None, :], gradient)
         decay, steady = np.ones(len(state)), np.zeros(len(state))
-        for index, label in enumerate(state.labels):
+        for index, label in enumerate(state.labels[DYNAMIC_STATES:], DYNAMIC_STATES):
             process = self._process_of(label)
             if process is not None:
                 decay[index] = math.exp(-interval / process.correlation_time)
@@ -251,9 +252,8 @@ class RelativeFilter:
                 power = 2.0 * self._plasma_sigma(content) ** 2
                 state.add_noise(content, power / configuration.electron_density_time * interval)
         walk = configuration.receiver_bias_walk**2 * interval
-        for label in state.labels:
-            if label[0] in ("code_bias", "phase_bias"):
-                state.add_noise(label, walk)
+        for label in state.labels_of("code_bias", "phase_bias"):
+            state.add_noise(label, walk)
 
     def _process_of(self, label: Label) -> SlowError | None:
         """Return the Gauss-Markov process of a member of the state; None for other members."""
@@ -370,7 +370,7 @@ class RelativeFilter:
             Distance of the satellites from the antennas, m.
         """
         state, last = self.state, self._satellite_offset
-        labels = [label for label in state.labels if label[0] == "satellite_offset"]
+        labels = state.labels_of("satellite_offset")
         state.remove([label for label in labels if label[1] not in satellites])
         if sigma * norm(state.mean[:3]) < _SMALLEST_RAY_ERROR * distance:
             state.remove(labels)
@@ -385,7 +385,7 @@ class RelativeFilter:
                 state.add(("satellite_offset", satellite), 0.0, sigma**2)
 
     def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
-        excess = np.array([self.scatter.variance(key) for key in measured.keys])
+        excess = self.scatter.variances(measured)
         return PhaseChanges(
             keys=tuple(measured.keys),
             residual=measured.phase - sky.predicted,
@@ -496,7 +496,7 @@ class RelativeFilter:
         if 2 * np.count_nonzero(is_scattered) > count:
             is_scattered[:] = False
         used = innovation.is_used
-        labels = [label for label in self.state.labels if label[0] in PLASMA_KINDS]
+        labels = self.state.labels_of(*PLASMA_KINDS)
         sigmas = [self._plasma_sigma(label) for label in labels]
         plasma = phase_plasma(received, sky)[:, : len(labels)] * np.array(sigmas)
         predicted = sky.predicted + clock
@@ -540,7 +540,7 @@ class RelativeFilter:
         state, last = self.state, self._slow_phase
         if slow.sigma == 0.0 and last.sigma == 0.0:
             return
-        labels = [label for label in state.labels if label[0] == "phase_error"]
+        labels = state.labels_of("phase_error")
         ratio = slow.sigma / last.sigma if last.sigma > 0.0 else math.inf
         if 1.0 / _SIGMA_STEP < ratio < _SIGMA_STEP:
             self._slow_phase = SlowError(last.sigma, slow.correlation_time)
@@ -648,7 +648,7 @@ class RelativeFilter:
         if most satellites are faulty without it, and not most with it.
         """
         without_cause = search()
-        state, satellites = self.state, len(np.unique(measured.satellite))
+        state, satellites = self.state, len(set(measured.satellite.tolist()))
         faulty = without_cause.count_satellites(measured)
         if faulty < 2 and not self._is_unlikely(without_cause.innovation):
             return without_cause
@@ -753,8 +753,8 @@ class RelativeFilter:
         count = len(measured)
         code_used = innovation.is_used[:count]
         phase_used = innovation.is_used[count : 2 * count]
-        satellites = len(np.unique(measured.satellite[code_used | phase_used]))
-        used = [key for key, is_used in zip(measured.keys, phase_used, strict=True) if is_used]
+        satellites = len(set(measured.satellite[code_used | phase_used].tolist()))
+        used = list(itertools.compress(measured.keys, phase_used.tolist()))
         with_integer = [key for key in used if self.arcs[key].integer is not None]
         # Most integers are lost and refused: those that are left cannot be trusted either.
         has_collapsed = 2 * len(with_integer) < len(used) and bool(self.attempt.reason)
@@ -766,7 +766,7 @@ class RelativeFilter:
     def local_density(self) -> tuple[float, float]:
         """Return the electron density at the chief and its sigma, 1/m3; NaN without plasma."""
         state = self.state
-        layers = [index for index, label in enumerate(state.labels) if label[0] == "plasma"]
+        layers = state.columns("plasma")
         if not layers:
             return math.nan, math.nan
         variance = float(state.covariance[np.ix_(layers, layers)].sum())

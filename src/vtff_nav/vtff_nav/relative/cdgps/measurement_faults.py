@@ -31,7 +31,7 @@ class FaultSearch:
 
     def count_satellites(self, measured: SingleDifferences) -> int:
         """Return how many satellites had a faulty phase."""
-        return len(np.unique(measured.satellite[self.faulty_phases]))
+        return len(set(measured.satellite[self.faulty_phases].tolist()))
 
 
 def reject_faults(

@@ -288,7 +288,7 @@ def measurement_innovation(
     design[rows + count, columns] = 1.0
     _add_ray_turn(design, predicted, state, measured, sky)
     slow_errors = np.zeros(count)
-    for row, key in enumerate(measured.keys):
+    for row, key in enumerate(measured.keys) if state.columns("phase_error") else ():
         if ("phase_error", key) in state:
             slow = state.index(("phase_error", key))
             growth = measured.noise_growth[row]
@@ -330,7 +330,7 @@ def _add_plasma(
         return
     count = len(measured)
     delay = -phase_plasma(measured, sky)
-    columns = [index for index, label in enumerate(state.labels) if label[0] in PLASMA_KINDS]
+    columns = state.columns(*PLASMA_KINDS)
     design[:count, columns] = delay
     design[count : 2 * count, columns] = -delay
     total = delay @ state.mean[columns]
@@ -349,7 +349,7 @@ def _add_antennas(
         count, members = derivatives.shape
         if not members:
             continue
-        columns = [index for index, label in enumerate(state.labels) if label[0] == kind]
+        columns = state.columns(kind)
         for rows in (slice(0, count), slice(count, 2 * count)):
             design[rows, columns] = derivatives
             predicted[rows] += derivatives @ state.mean[columns]
@@ -375,6 +375,8 @@ def _add_ray_turn(
     sky: Sky,
 ) -> None:
     """Add the errors of satellites across their rays, which turn these."""
+    if not state.columns("satellite_offset"):
+        return
     count = len(measured)
     for row, key in enumerate(measured.keys):
         label = ("satellite_offset", key.satellite)
@@ -399,17 +401,20 @@ def _bias_columns(
         Offset and integer of each phase.
     """
     columns, code_columns, cycles = [], [], []
+    code_biases, phase_biases = (
+        {label[1]: state.index(label) for label in state.labels_of(kind)}
+        for kind in ("code_bias", "phase_bias")
+    )
     for key in measured.keys:
-        arc = arcs[key]
+        arc, group = arcs[key], key.group
         phase_cycles = arc.offset_cycles
         if arc.integer is None:
             columns.append(state.index(("ambiguity", key)))
         else:
-            columns.append(state.index(("phase_bias", key.group)))
+            columns.append(phase_biases[group])
             phase_cycles += arc.integer
         cycles.append(phase_cycles)
-        label = ("code_bias", key.group)
-        code_columns.append(state.index(label) if label in state else -1)
+        code_columns.append(code_biases.get(group, -1))
     return (
         np.array(columns, dtype=np.intp),
         np.array(code_columns, dtype=np.intp),

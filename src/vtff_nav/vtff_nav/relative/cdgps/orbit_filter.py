@@ -12,7 +12,8 @@ It is a state of code and phase alike, so that neither averages it out (Montenbr
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -25,9 +26,9 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.state import GaussianState, Innovation
+from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
-from vtff_nav.relative.common.measurements import Geometry, SignalTable
+from vtff_nav.relative.common.measurements import Geometry, SignalTable, median
 from vtff_nav.relative.common.orbit_single_point import (
     Combinations,
     SinglePoint,
@@ -56,8 +57,7 @@ _STATED_FREEDOM, _QUIET_SHARE = 10.0, 0.4
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
 
-@dataclass(frozen=True)
-class _Lock:
+class _Lock(NamedTuple):
     """What a receiver said of the carriers of a combination at its last epoch.
 
     Parameters
@@ -300,10 +300,10 @@ class AbsoluteFilter:
             self.reset()
 
     @property
-    def _range_errors(self) -> list[tuple[str, int]]:
+    def _range_errors(self) -> list[Label]:
         """Labels of the range errors in the state."""
         assert self.state is not None
-        return [label for label in self.state.labels if label[0] == "range_error"]
+        return self.state.labels_of("range_error")
 
     def _learn_range_sigma(self) -> None:
         """Adapt the a priori sigma of range errors to their estimates (MacKay 1992).
@@ -444,7 +444,7 @@ def mean_codes(chief: Combinations, deputy: Combinations, seen: Geometry) -> Com
     columns = seen.columns(chief.satellite[of_chief])
     predicted = (seen.range - seen.clock)[:, columns]
     difference = deputy.code[of_deputy] - predicted[1] - chief.code[of_chief] + predicted[0]
-    difference -= float(np.median(difference))
+    difference -= median(difference)
     variance, variance_deputy = chief.code_sigma[of_chief] ** 2, deputy.code_sigma[of_deputy] ** 2
     weight = variance / (variance + variance_deputy)
     code, code_sigma = chief.code.copy(), chief.code_sigma.copy()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
@@ -87,33 +89,36 @@ def ambiguity_table(
     """
     groups = arcs.fixed_groups()
     references = {group: members[0] for group, members in groups.items()}
-    rows: list[tuple[SignalKey, int, float, float, int, GpsTime | None]] = []
-    for row, key in enumerate(measured.keys):
+    rows: list[tuple[int, float, float, int, GpsTime | None]] = []
+    columns = (measured.keys, measured.wavelength.tolist(), sigmas.tolist())
+    for key, wavelength, innovation_sigma in zip(*columns, strict=True):
         arc = arcs[key]
-        wavelength = float(measured.wavelength[row])
         if arc.integer is None:
             label = ("ambiguity", key)
             value = state.value(label) / wavelength + arc.offset_cycles
             sigma = state.sigma(label) / wavelength
-            rows.append((key, 0, value, sigma, AMBIGUITY_FLOAT, None))
+            rows.append((0, value, sigma, AMBIGUITY_FLOAT, None))
             continue
         reference = references[key.group]
         value = arc.integer + arc.offset_cycles
         value -= (reference.integer or 0.0) + reference.offset_cycles
         status = AMBIGUITY_FIXED if key in is_new else AMBIGUITY_HELD
-        sigma = float(sigmas[row]) / wavelength
-        rows.append((key, reference.key.prn, value, sigma, status, arc.fixed_since))
-    columns = np.array([row[0] for row in rows], dtype=np.uint8).reshape(-1, 4)
+        sigma = innovation_sigma / wavelength
+        rows.append((reference.key.prn, value, sigma, status, arc.fixed_since))
+    names = np.array(measured.keys, dtype=np.uint8).reshape(-1, 4)
+    reference_prn, cycles, sigma_cycles, states, fixed_since = (
+        zip(*rows, strict=True) if rows else ((),) * 5
+    )
     return AmbiguityTable(
-        system=columns[:, 0],
-        prn=columns[:, 1],
-        band=columns[:, 2],
-        attribute=columns[:, 3],
-        reference_prn=np.array([row[1] for row in rows], dtype=np.uint8),
-        ambiguity_cycles=np.array([row[2] for row in rows], dtype=float),
-        ambiguity_sigma_cycles=np.array([row[3] for row in rows], dtype=float),
-        state=np.array([row[4] for row in rows], dtype=np.uint8),
-        fixed_since=tuple(row[5] for row in rows),
+        system=names[:, 0],
+        prn=names[:, 1],
+        band=names[:, 2],
+        attribute=names[:, 3],
+        reference_prn=np.array(reference_prn, dtype=np.uint8),
+        ambiguity_cycles=np.array(cycles, dtype=float),
+        ambiguity_sigma_cycles=np.array(sigma_cycles, dtype=float),
+        state=np.array(states, dtype=np.uint8),
+        fixed_since=fixed_since,
     )
 
 
@@ -129,24 +134,27 @@ def differential_tec_table(
     if not pairs:
         return DifferentialTecTable()
     values, sigmas = [], []
+    # Arithmetic on single numbers of an array takes several times as long.
+    phase, phase_variance = measured.phase.tolist(), measured.phase_variance.tolist()
+    wavelength, frequency_hz = measured.wavelength.tolist(), measured.frequency_hz.tolist()
+    mean, covariance = state.mean, state.covariance
     for first, second in pairs:
         total, variance = 0.0, 0.0
         for row, sign in ((first, 1.0), (second, -1.0)):
             arc = arcs[measured.keys[row]]
             cycles = arc.offset_cycles + (arc.integer or 0.0)
-            total += sign * (measured.phase[row] - measured.wavelength[row] * cycles)
-            variance += measured.phase_variance[row]
+            total += sign * (phase[row] - wavelength[row] * cycles)
+            variance += phase_variance[row]
         bias1 = state.index(("phase_bias", measured.keys[first].group))
         bias2 = state.index(("phase_bias", measured.keys[second].group))
-        total -= state.mean[bias1] - state.mean[bias2]
-        covariance = state.covariance
-        variance += covariance[bias1, bias1] + covariance[bias2, bias2]
-        variance -= 2.0 * covariance[bias1, bias2]
+        total -= mean.item(bias1) - mean.item(bias2)
+        variance += covariance.item(bias1, bias1) + covariance.item(bias2, bias2)
+        variance -= 2.0 * covariance.item(bias1, bias2)
         scale = (IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU) * (
-            measured.frequency_hz[second] ** -2 - measured.frequency_hz[first] ** -2
+            frequency_hz[second] ** -2 - frequency_hz[first] ** -2
         )
         values.append(total / scale)
-        sigmas.append(np.sqrt(variance) / abs(scale))
+        sigmas.append(math.sqrt(max(variance, 0.0)) / abs(scale))
     leading = [first for first, _ in pairs]
     keys = [(measured.keys[first], measured.keys[second]) for first, second in pairs]
     return DifferentialTecTable(

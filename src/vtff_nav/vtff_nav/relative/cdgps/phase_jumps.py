@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from scipy.linalg import lapack
 from scipy.special import gammaincc
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.measurements import median
 
 __all__ = ["JumpSearch", "PhaseChanges", "PhaseJumpDetector"]
 
@@ -117,18 +120,20 @@ class PhaseJumpDetector:
 
     def search(self, changes: PhaseChanges, interval: float) -> JumpSearch:
         """Search for jumps since the last recorded epoch, `interval` s ago."""
-        rows = [row for row, key in enumerate(changes.keys) if key in self._last]
-        if not rows or interval > _LONGEST_INTERVAL:
+        found = [row for row, key in enumerate(changes.keys) if key in self._last]
+        if not found or interval > _LONGEST_INTERVAL:
             return JumpSearch()
-        last = np.array([self._last[changes.keys[row]] for row in rows])
+        last = np.array([self._last[changes.keys[row]] for row in found])
+        rows = np.array(found)
         change = changes.residual[rows] - last[:, 0]
         # The clock may have jumped by any number of metres, which a square would not forgive.
-        change = change - np.median(change)
+        change = change - median(change)
         variance = changes.variance[rows] + last[:, 1]
         variance = variance + _CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2
-        satellites = [changes.keys[row].satellite for row in rows]
+        satellites = [changes.keys[row].satellite for row in found]
         rate = SPEED_OF_LIGHT * (changes.clock_rate[rows] - 1.0)
-        design = np.column_stack((-changes.direction[rows], np.ones(len(rows)), rate))
+        design = np.empty((len(rows), 5))
+        design[:, :3], design[:, 3], design[:, 4] = -changes.direction[rows], 1.0, rate
         # Where a clock has jumped, the time of reception is in doubt by as much.
         jump = max(abs(changes.clock - self._last_clock), _TIME_SIGMA)
         sigmas = np.array([self._motion_sigma] * 3 + [_CLOCK_SIGMA, jump])
@@ -153,10 +158,8 @@ class PhaseJumpDetector:
         """
         residual, variance = changes.residual + correction, changes.variance
         self._last_clock = changes.clock
-        self._last = {
-            changes.keys[row]: (float(residual[row]), float(variance[row]))
-            for row in np.flatnonzero(used).tolist()
-        }
+        values = zip(residual.tolist(), variance.tolist(), strict=True)
+        self._last = dict(itertools.compress(zip(changes.keys, values, strict=True), used.tolist()))
 
     def forget(self, keys: Iterable[SignalKey]) -> None:
         """Forget signals whose arc has ended."""
@@ -199,19 +202,23 @@ class _SatelliteSums:
         sigmas: FloatArray,
     ) -> None:
         self.names = sorted(set(satellites))
-        index = np.array([self.names.index(satellite) for satellite in satellites])
-        weighted = design / variance[:, None]
-        count, unknowns = len(self.names), design.shape[1]
+        self._satellites, self._design, self._change = satellites, design, change
+        self._variance, self._weighted = variance, design / variance[:, None]
         self._prior = np.diag(1.0 / sigmas**2)
         # Unknowns that the satellites have to tell; the others are known well enough.
         self._unknowns = 1 + 3 * int(sigmas[0] > 1.0) + int(sigmas[4] > _TIME_SIGMA)
-        self._normal = np.zeros((count, unknowns, unknowns))
-        self._right, self._square = np.zeros((count, unknowns)), np.zeros(count)
-        self._signals = np.bincount(index, minlength=count)
-        np.add.at(self._normal, index, design[:, :, None] * weighted[:, None, :])
-        np.add.at(self._right, index, weighted * change[:, None])
-        np.add.at(self._square, index, change**2 / variance)
-        self._total = self._normal.sum(axis=0), self._right.sum(axis=0), float(self._square.sum())
+
+    @functools.cached_property
+    def _shares(self) -> tuple[FloatArray, FloatArray, FloatArray, npt.NDArray[np.intp]]:
+        """Matrices, right sides, sums of squares and numbers of signals of each satellite."""
+        index = np.array([self.names.index(satellite) for satellite in self._satellites])
+        count, unknowns = len(self.names), self._design.shape[1]
+        normal = np.zeros((count, unknowns, unknowns))
+        right, square = np.zeros((count, unknowns)), np.zeros(count)
+        np.add.at(normal, index, self._design[:, :, None] * self._weighted[:, None, :])
+        np.add.at(right, index, self._weighted * self._change[:, None])
+        np.add.at(square, index, self._change**2 / self._variance)
+        return normal, right, square, np.bincount(index, minlength=count)
 
     def probability(self, left_out: tuple[int, ...]) -> float:
         """Return the probability of residuals as large without some satellites; 1 if undecidable.
@@ -221,9 +228,18 @@ class _SatelliteSums:
         out = list(left_out)
         if len(self.names) - len(out) <= self._unknowns:
             return 0.0 if out else 1.0
-        normal = self._total[0] - self._normal[out].sum(axis=0) + self._prior
-        right = self._total[1] - self._right[out].sum(axis=0)
-        square = self._total[2] - float(self._square[out].sum())
-        squared_norm = square - float(right @ np.linalg.solve(normal, right))
-        freedom = int(self._signals.sum() - self._signals[out].sum()) - self._unknowns
+        normal = self._design.T @ self._weighted + self._prior
+        right = self._weighted.T @ self._change
+        square = float(self._change @ (self._change / self._variance))
+        freedom = len(self._change) - self._unknowns
+        if out:
+            of_normal, of_right, of_square, signals = self._shares
+            normal -= of_normal[out].sum(axis=0)
+            right -= of_right[out].sum(axis=0)
+            square -= float(of_square[out].sum())
+            freedom -= int(signals[out].sum())
+        _, solution, info = lapack.dposv(normal, right)
+        if info != 0:
+            raise ValueError("the changes of the phases tell nothing of the motion")
+        squared_norm = square - float(right @ solution)
         return float(gammaincc(0.5 * freedom, 0.5 * max(squared_norm, 0.0)))

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.measurements import SingleDifferences
@@ -92,22 +93,30 @@ class PhaseScatter:
 
     def __init__(self) -> None:
         self._signals: dict[SignalKey, _Signal] = {}
+        # Without scintillation no signal has an excess.
+        self._has_excess = False
 
     def variance(self, key: SignalKey) -> float:
         """Return the excess variance of the single-differenced phase of a signal, m2."""
         signal = self._signals.get(key)
         return 0.0 if signal is None else signal.variance
 
+    def variances(self, measured: SingleDifferences) -> FloatArray:
+        """Return the excess variances of all phases, m2, shape (n,)."""
+        if not self._has_excess:
+            return np.zeros(len(measured))
+        return np.array([self.variance(key) for key in measured.keys])
+
     def is_scattered(self, measured: SingleDifferences) -> npt.NDArray[np.bool_]:
         """Return whether each phase is noisier than stated, shape (n,)."""
-        return np.array([self.variance(key) > 0.0 for key in measured.keys], dtype=bool)
+        return self.variances(measured) > 0.0
 
     def add_excess(self, measured: SingleDifferences) -> SingleDifferences:
         """Return single differences with the excess variances added to those of the phases."""
-        excess = np.array([self.variance(key) for key in measured.keys])
-        if not excess.any():
+        if not self._has_excess:
             return measured
-        return dataclasses.replace(measured, phase_variance=measured.phase_variance + excess)
+        variance = measured.phase_variance + self.variances(measured)
+        return dataclasses.replace(measured, phase_variance=variance)
 
     def learn(
         self,
@@ -137,26 +146,33 @@ class PhaseScatter:
         risen: dict[SignalKey, float] = {}
         count = len(stated)
         phases = slice(count, 2 * count)
-        residual, variance = (column[phases] for column in innovation.leave_one_out)
+        all_residuals, all_variances = innovation.leave_one_out
+        variance = all_variances[phases]
         # The residual is precise if the noise of the phase itself is most of its variance. It is
         # not with ambiguities that are still unknown.
         is_precise = variance < 2.0 * innovation.noise[phases]
         is_precise &= innovation.is_used[phases]
-        for row, key in enumerate(stated.keys):
-            signal = self._signals.setdefault(key, _Signal(time))
+        columns = (all_residuals[phases], stated.phase_variance, is_phase_fault, is_precise)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        for key, (residual, white, is_fault, is_known) in zip(stated.keys, rows, strict=True):
+            signal = self._signals.get(key)
+            if signal is None:
+                signal = self._signals[key] = _Signal(time)
             signal.last_seen = time
-            if not is_precise[row]:
+            if not is_known:
                 signal.residual = math.nan
                 continue
-            before, is_fault = signal.variance, bool(is_phase_fault[row])
-            signal.add_residual(float(residual[row]), float(stated.phase_variance[row]), is_fault)
+            before = signal.variance
+            signal.add_residual(residual, white, is_fault)
             if signal.variance > before and (is_fault or before == 0.0):
                 risen[key] = signal.variance - before
-        self._signals = {
-            key: signal
+        for key in [
+            key
             for key, signal in self._signals.items()
-            if time - signal.last_seen <= _LONGEST_ABSENCE
-        }
+            if signal.last_seen is not time and time - signal.last_seen > _LONGEST_ABSENCE
+        ]:
+            del self._signals[key]
+        self._has_excess = any(signal.variance > 0.0 for signal in self._signals.values())
         return risen
 
 

@@ -6,6 +6,7 @@ update is that of an infinite prior variance, without the loss of digits of a la
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -124,6 +125,7 @@ class GaussianState:
 
     def _number_labels(self) -> None:
         self._index_of = {label: index for index, label in enumerate(self.labels)}
+        self._columns_of: dict[tuple[str, ...], list[int]] = {}
 
     def __len__(self) -> int:
         """Return the number of members."""
@@ -137,14 +139,26 @@ class GaussianState:
         """Return the index of a member in mean and covariance."""
         return self._index_of[label]
 
+    def columns(self, *kinds: str) -> list[int]:
+        """Return the indices of all members of some kinds, in their order."""
+        columns = self._columns_of.get(kinds)
+        if columns is None:
+            columns = [index for index, label in enumerate(self.labels) if label[0] in kinds]
+            self._columns_of[kinds] = columns
+        return columns
+
+    def labels_of(self, *kinds: str) -> list[Label]:
+        """Return the labels of all members of some kinds, in their order."""
+        return [self.labels[index] for index in self.columns(*kinds)]
+
     def value(self, label: Label) -> float:
         """Return the mean of a member."""
-        return float(self.mean[self._index_of[label]])
+        return self.mean.item(self._index_of[label])
 
     def sigma(self, label: Label) -> float:
         """Return the sigma of a member."""
         index = self._index_of[label]
-        return float(np.sqrt(max(self.covariance[index, index], 0.0)))
+        return math.sqrt(max(self.covariance.item(index, index), 0.0))
 
     def add(self, label: Label, mean: float, variance: float) -> None:
         """Add a member that is independent of the others."""
@@ -156,16 +170,18 @@ class GaussianState:
         self.mean = np.append(self.mean, mean)
         self.labels.append(label)
         self._index_of[label] = size
+        self._columns_of.clear()
 
     def remove(self, labels: Iterable[Label]) -> None:
         """Remove members (marginalise); labels that are absent are ignored."""
-        removed = set(labels)
+        removed = self._index_of.keys() & set(labels)
+        if not removed:
+            return
         kept = [index for index, label in enumerate(self.labels) if label not in removed]
-        if len(kept) < len(self.labels):
-            self.labels = [self.labels[index] for index in kept]
-            self.mean = self.mean[kept]
-            self.covariance = self.covariance[np.ix_(kept, kept)]
-            self._number_labels()
+        self.labels = [self.labels[index] for index in kept]
+        self.mean = self.mean[kept]
+        self.covariance = self.covariance[np.ix_(kept, kept)]
+        self._number_labels()
 
     def renew(self, label: Label, variance: float) -> None:
         """Give a member zero mean and a variance, independent of the others."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.orbits.satellite_table import SatelliteTable
+from vtff_gnss.signals import satellite_number, satellite_number_of_signal, signal_from_number
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
@@ -41,6 +43,7 @@ _LARGEST_POINT_CONDITION = 1e10
 _FEWEST_DOPPLER_SATELLITES = 5
 _SMALLEST_VELOCITY_SIGMA = 0.5
 _TOP_OF_TROPOSPHERE = 20e3
+_LAYOUTS_KEPT = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,25 +109,18 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
     table : SatelliteTable
         All satellites of `signals` must be in it; their group delays are taken off the codes.
     """
-    # Signals are in the order of satellites and bands.
-    is_first = np.ones(len(signals), dtype=bool)
-    is_first[1:] = signals.satellite[1:] != signals.satellite[:-1]
-    first = np.flatnonzero(is_first)
-    count = np.diff(np.append(first, len(signals)))
-    second = first + (count > 1)
-    f1_squared, f2_squared = signals.frequency_hz[first] ** 2, signals.frequency_hz[second] ** 2
-    is_dual = f1_squared != f2_squared
-    difference = np.where(is_dual, f1_squared - f2_squared, 1.0)
-    factor1 = np.where(is_dual, f1_squared / difference, 1.0)
-    factor2 = np.where(is_dual, -f2_squared / difference, 0.0)
-    code1, code2 = (_corrected_code(signals, rows, table) for rows in (first, second))
+    carriers = _first_carriers(signals.signal.tobytes(), signals.frequency_hz.tobytes())
+    first, second, is_dual = carriers.first, carriers.second, carriers.is_dual
+    factor1, factor2 = carriers.factor_first, carriers.factor_second
+    code = signals.pseudorange - _code_delays(table, signals.signal.tobytes())
+    code1, code2 = code[first], code[second]
     phase1, phase2 = signals.carrier_range[first], signals.carrier_range[second]
     code_sigma1, code_sigma2 = signals.code_sigma[first], signals.code_sigma[second]
     phase_sigma1, phase_sigma2 = signals.phase_sigma[first], signals.phase_sigma[second]
     is_lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
     is_added = (signals.flags & c.FLAG_HALF_CYCLE_ADDED) > 0
     return Combinations(
-        satellite=signals.satellite[first],
+        satellite=carriers.satellite,
         system=signals.system[first],
         second_band=np.where(is_dual, signals.band[second], 0),
         code=factor1 * code1 + factor2 * code2,
@@ -137,21 +133,61 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
         ),
         is_lock_lost=is_lost[first] | is_lost[second],
         half_cycles=is_added[first] + 2 * is_added[second].astype(np.int64),
-        lock_time=np.column_stack((signals.lock_time[first], signals.lock_time[second])),
+        lock_time=np.array((signals.lock_time[first], signals.lock_time[second])).T,
         range_rate=signals.range_rate[first],
     )
 
 
-def _corrected_code(
-    signals: SignalTable, rows: npt.NDArray[np.intp], table: SatelliteTable
-) -> FloatArray:
-    """Return the codes of some rows less their broadcast group delays, m, shape (n,)."""
-    code, bands = signals.pseudorange[rows], signals.band[rows]
-    table_rows = np.searchsorted(satellite_numbers(table), signals.satellite[rows])
+@dataclass(frozen=True, eq=False)
+class _Carriers:
+    """Rows of the first two carriers of each of n satellites, and the combination's factors.
+
+    `second` is `first` and `factor_second` 0 where a satellite has one carrier.
+    """
+
+    satellite: npt.NDArray[np.int64]
+    first: npt.NDArray[np.intp]
+    second: npt.NDArray[np.intp]
+    is_dual: npt.NDArray[np.bool_]
+    factor_first: FloatArray
+    factor_second: FloatArray
+
+
+@functools.lru_cache(maxsize=_LAYOUTS_KEPT)
+def _first_carriers(signal_bytes: bytes, frequency_bytes: bytes) -> _Carriers:
+    """Return the carriers of a column of signals, which stays the same for minutes."""
+    # Signals are in the order of satellites and bands.
+    satellite = satellite_number_of_signal(np.frombuffer(signal_bytes, dtype=np.int64))
+    frequency_hz = np.frombuffer(frequency_bytes)
+    is_first = np.ones(len(satellite), dtype=bool)
+    is_first[1:] = satellite[1:] != satellite[:-1]
+    first = np.flatnonzero(is_first)
+    second = first + (np.diff(np.append(first, len(satellite))) > 1)
+    f1_squared, f2_squared = frequency_hz[first] ** 2, frequency_hz[second] ** 2
+    is_dual = f1_squared != f2_squared
+    difference = np.where(is_dual, f1_squared - f2_squared, 1.0)
+    return _Carriers(
+        satellite=satellite[first],
+        first=first,
+        second=second,
+        is_dual=is_dual,
+        factor_first=np.where(is_dual, f1_squared / difference, 1.0),
+        factor_second=np.where(is_dual, -f2_squared / difference, 0.0),
+    )
+
+
+@functools.lru_cache(maxsize=_LAYOUTS_KEPT)
+def _code_delays(table: SatelliteTable, signal_bytes: bytes) -> FloatArray:
+    """Return the broadcast group delays of the codes of signals, m, shape (n,)."""
+    signals = [signal_from_number(n) for n in np.frombuffer(signal_bytes, dtype=np.int64).tolist()]
+    satellites = np.array([satellite_number(s.system, s.prn) for s in signals], dtype=np.int64)
+    table_rows = np.searchsorted(satellite_numbers(table), satellites)
+    bands = np.array([signal.band for signal in signals])
+    delays = np.zeros(len(signals))
     for band in set(bands.tolist()):
         has_band = bands == band
-        code[has_band] -= code_group_delay(table, band)[table_rows[has_band]]
-    return code
+        delays[has_band] = code_group_delay(table, band)[table_rows[has_band]]
+    return delays
 
 
 @dataclass(frozen=True, eq=False)
