@@ -45,6 +45,14 @@ PROCESSES = {
     "bag_recorder": "parameters/bag_recorder.yaml",
 }
 
+#: Processes of the same system when its nodes share one, as they do in lockstep by default.
+SHARED_PROCESSES = {
+    "simgen_emulator": "simgen_emulator",
+    "deputy__can_thruster_emulator": "can_thruster_emulator",
+    "composed": "composed.json",
+    "bag_recorder": "parameters/bag_recorder.yaml",
+}
+
 #: Multicast group of the emulated CAN bus: the default of config/system/reference.yaml.
 CAN_GROUP = "239.74.163.2"
 
@@ -238,7 +246,7 @@ class SmallDisk:
 
 
 class Flight:
-    """A run in the background, whose processes, one for each node, can be disturbed.
+    """A run in the background whose processes can be disturbed.
 
     Parameters
     ----------
@@ -250,6 +258,8 @@ class Flight:
         Further variables of the environment.
     disk
         File system for the folder of the run; None for that of the test.
+    distributed
+        Whether each node has a process of its own.
     """
 
     def __init__(
@@ -259,6 +269,7 @@ class Flight:
         system: str = "reference.yaml",
         environment: dict[str, str] | None = None,
         disk: SmallDisk | None = None,
+        distributed: bool = True,
     ) -> None:
         self.run = (folder if disk is None else disk.folder) / "run"
         #: Folder of the run as its processes see it.
@@ -270,7 +281,8 @@ class Flight:
         self._output = (folder / "output").open("w+")
         self._process = subprocess.Popen(
             [*([] if disk is None else disk.entry), sys.executable, "-m", "vtff_bringup.cli"]
-            + ["run", str(SYSTEMS / system), "--distributed", *map(str, arguments)]
+            + ["run", str(SYSTEMS / system), "--distributed" if distributed else "--composed"]
+            + [str(argument) for argument in arguments]
             + ["--out", str(self._own_run), "--no-report"],
             cwd=ROOT,
             stdout=self._output,
@@ -300,7 +312,7 @@ class Flight:
 
     def process_id(self, name: str) -> int:
         """Return the process of a name of `PROCESSES`, or of a node of another system."""
-        words = PROCESSES.get(name, f"parameters/{name}.yaml")
+        words = {**PROCESSES, **SHARED_PROCESSES}.get(name, f"parameters/{name}.yaml")
         for number in self._children():
             if words in _command_line(number):
                 return number

@@ -11,6 +11,7 @@ from __future__ import annotations
 import contextlib
 import os
 import pathlib
+import re
 import resource
 import shutil
 import signal
@@ -22,6 +23,7 @@ from fault_injection import (
     CAN_GROUP,
     FLIGHTS,
     PROCESSES,
+    SHARED_PROCESSES,
     CanLink,
     ClockShim,
     EmulatedThruster,
@@ -57,6 +59,16 @@ SILENT = ("deputy__can_thruster_emulator", "hang")
 HANGING_RECORDER = ("bag_recorder", signal.SIGUSR1)
 
 
+#: Processes of `reference`, and whether each node has one of its own or all but the recorder share
+#: one, as they do in lockstep by default.
+SUBJECTS = [(name, True) for name in PROCESSES] + [(name, False) for name in SHARED_PROCESSES]
+
+
+def name_subject(name: str, distributed: bool) -> str:
+    """Return the name of a process in the table."""
+    return name if distributed else f"nodes in one process: {name}"
+
+
 def check(outcome: Outcome, *named: str) -> None:
     """Check what holds for each fault that ends a run."""
     assert outcome.exit_code == 1, outcome.output
@@ -89,79 +101,85 @@ def check_complete(outcome: Outcome) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PROCESSES)
-def test_kill(name, tmp_path, fault_table):
-    flight = Flight(tmp_path, *ENDLESS)
+@pytest.mark.parametrize(("name", "distributed"), SUBJECTS)
+def test_kill(name, distributed, tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS, distributed=distributed)
     flight.wait_for_steps()
     with flight.fault():
         flight.send(name, signal.SIGKILL)
     outcome = flight.end()
-    fault_table(name, "kill", outcome)
+    fault_table(name_subject(name, distributed), "kill", outcome)
     check(outcome, name.replace("__", "/"), name)
     assert outcome.closed
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("name", "how"),
+    ("name", "distributed", "how"),
     [
-        (name, how)
+        (name, distributed, how)
         for how in ("stop", "hang")
-        for name in PROCESSES
+        for name, distributed in SUBJECTS
         if (name, how) not in (SILENT, ("bag_recorder", "hang"))
     ],
 )
-def test_stand_still(name, how, tmp_path, fault_table):
-    flight = Flight(tmp_path, *ENDLESS)
+def test_stand_still(name, distributed, how, tmp_path, fault_table):
+    flight = Flight(tmp_path, *ENDLESS, distributed=distributed)
     flight.wait_for_steps()
     with flight.fault():
         flight.send(name, signal.SIGSTOP if how == "stop" else signal.SIGUSR1)
     outcome = flight.end()
-    fault_table(name, how, outcome)
+    fault_table(name_subject(name, distributed), how, outcome)
     # The pacing node is missed by the runner, when a minute has brought no progress.
+    if (name, how) == ("composed", "hang"):
+        assert re.search(r"of /\S+ \(.*\) has not returned for 2\d s", outcome.output)
     check(outcome, *((name,) if how == "stop" else MISSED.get(name, (name,))))
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("pacing", ["lockstep", "realtime"])
-def test_a_recorder_that_hangs_is_replaced(pacing, tmp_path, fault_table):
+@pytest.mark.parametrize(
+    ("pacing", "distributed"), [("lockstep", True), ("lockstep", False), ("realtime", True)]
+)
+def test_a_recorder_that_hangs_is_replaced(pacing, distributed, tmp_path, fault_table):
     """A second one takes what the nodes hold; in real time nobody but the runner misses it."""
     further = ("--realtime",) if pacing == "realtime" else ()
-    flight = Flight(tmp_path, *ENDLESS, *further)
+    flight = Flight(tmp_path, *ENDLESS, *further, distributed=distributed)
     flight.wait_for_steps(size=50_000 if further else 250_000)
     with flight.fault():
         flight.send(*HANGING_RECORDER)
     outcome = flight.end()
-    fault_table(HANGING_RECORDER[0], f"hang, {pacing}", outcome)
+    subject = name_subject(HANGING_RECORDER[0], distributed)
+    fault_table(subject, f"hang, {pacing}", outcome)
     check_replaced(outcome)
 
 
 @pytest.mark.slow
-def test_a_thruster_that_hangs_is_a_silent_one(tmp_path, fault_table):
+@pytest.mark.parametrize("distributed", [True, False])
+def test_a_thruster_that_hangs_is_a_silent_one(distributed, tmp_path, fault_table):
     """It costs the thrust, as a cut bus does; the run goes on and says so."""
-    flight = Flight(tmp_path, *ENDLESS)
+    flight = Flight(tmp_path, *ENDLESS, distributed=distributed)
     flight.wait_for_steps()
     with flight.fault():
         flight.send(SILENT[0], signal.SIGUSR1)
     flight.wait_for_output("no report from the thruster: zero thrust till then")
     flight.wait_for_steps(size=30_000)
     outcome = flight.end(interrupts=True)
-    fault_table(*SILENT, outcome)
+    fault_table(name_subject(SILENT[0], distributed), SILENT[1], outcome)
     check_interrupted(outcome)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", PROCESSES)
-def test_pause(name, tmp_path, fault_table):
+@pytest.mark.parametrize(("name", "distributed"), SUBJECTS)
+def test_pause(name, distributed, tmp_path, fault_table):
     """A process that stands still for less than the time-out goes on; nothing is lost."""
-    flight = Flight(tmp_path, "--duration", 60)
+    flight = Flight(tmp_path, "--duration", 60, distributed=distributed)
     flight.wait_for_steps()
     with flight.fault():
         flight.send(name, signal.SIGSTOP)
         time.sleep(PAUSE)
         flight.send(name, signal.SIGCONT)
     outcome = flight.end()
-    fault_table(name, f"pause of {PAUSE:g} s", outcome)
+    fault_table(name_subject(name, distributed), f"pause of {PAUSE:g} s", outcome)
     check_complete(outcome)
     assert outcome.steps == 61
 

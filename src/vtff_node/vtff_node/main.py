@@ -24,6 +24,7 @@ from vtff_node import parameters
 from vtff_node.node import ACKNOWLEDGE_TIMEOUT, EXIT_FAILURE, EXIT_USAGE, CommonParameters, VtffNode
 from vtff_node.parameters import ParameterError
 from vtff_node.plugins.loading import PluginError, help_lines
+from vtff_node.process.callback_watch import CallbackWatch
 from vtff_node.process.leaving import leave_process
 from vtff_node.process.lifeline import watch_lifeline
 from vtff_node.process.stop_signals import StopRequest
@@ -83,7 +84,10 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         if not ended.done():
             ended.set_result(None)
 
+    watch = CallbackWatch(VtffNode, lambda text: nodes[0].get_logger().warning(text))
+
     def look() -> None:
+        watch.come_round()
         # As long as messages come without a pause, the executor does not return by itself.
         if stop.requested:
             end()
@@ -92,6 +96,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         executor.add_node(node)
         node.on_finish = end
         node.begin()
+    watch.start()
     timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
     gather_time = min(node.gather_time for node in nodes)
     patience = NO_PATIENCE if gather_time else SPIN_TIMEOUT
@@ -104,6 +109,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
     finally:
+        watch.close()
         timer.cancel()
         deadline = time.monotonic() + ACKNOWLEDGE_TIMEOUT
         for node in nodes:

@@ -234,11 +234,13 @@ class Runner:
     def _start(
         self, environment: dict[str, str], progress_descriptor: int, lifelines: Lifelines
     ) -> None:
-        def start(name: str, command: Sequence[str], stage: Stage) -> ManagedProcess:
+        def start(
+            name: str, command: Sequence[str], stage: Stage, shown_name: str = ""
+        ) -> ManagedProcess:
             log_path = self._directory / "logs" / f"{name}.log"
             own = {**lifelines.environment(stage), LOG_FILE_VARIABLE: str(log_path)}
             return ManagedProcess(
-                name,
+                shown_name or name,
                 command,
                 log_path,
                 {**environment, **own},
@@ -276,7 +278,9 @@ class Runner:
             file = self._directory / "composed.json"
             file.write_text(json.dumps(composed, indent=1), encoding="utf-8")
             command = [sys.executable, "-m", "vtff_bringup.system.composed", str(file)]
-            self._nodes.append((start("composed", command, Stage.NODES), composed_ends_run))
+            shown_name = f"composed ({len(composed)} nodes)"
+            shared = start("composed", command, Stage.NODES, shown_name)
+            self._nodes.append((shared, composed_ends_run))
 
     def _write_parameters(self, node: NodeDescription) -> pathlib.Path:
         path = self._directory / "parameters" / f"{_process_name(node.qualified_name)}.yaml"
