@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SECONDS_PER_WEEK
 from vtff_dynamics.time.timescales import GpsTime
 
 __all__ = [
@@ -139,8 +140,12 @@ class GlonassEphemeris:
 
 def nearest_time_of_week(time_of_week: float, reference: GpsTime) -> GpsTime:
     """Return the time with the given seconds of week that is nearest to `reference`."""
-    candidates = (GpsTime.from_week_tow(reference.week + k, time_of_week) for k in (-1, 0, 1))
-    return min(candidates, key=lambda time: abs(time - reference))
+    time = GpsTime.from_week_tow(reference.week, time_of_week)
+    week = SECONDS_PER_WEEK * NANOSECONDS_PER_SECOND
+    after = time.nanoseconds - reference.nanoseconds
+    if 2 * after >= week:
+        return GpsTime(time.nanoseconds - week)
+    return GpsTime(time.nanoseconds + week) if 2 * after < -week else time
 
 
 def lnav_accuracy(user_range_accuracy_index: int) -> float:

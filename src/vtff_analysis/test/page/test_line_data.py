@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from vtff_analysis.page.line_data import line_data, lines_path
+from vtff_analysis.page.line_data import line_data
+from vtff_analysis.page.page import lines_path
 from vtff_analysis.plot_style import FIGURES_VARIABLE, make_figure, save_figure
 
 

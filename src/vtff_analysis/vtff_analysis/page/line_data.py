@@ -20,9 +20,10 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator
 
+from vtff_analysis.page.page import lines_path
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["line_data", "lines_path", "write_lines"]
+__all__ = ["line_data", "write_lines"]
 
 #: Samples of a line that are kept; longer lines keep smallest and largest value of equal pieces. A
 #: panel is at most 1400 pixels wide, and each piece gives two samples.
@@ -36,11 +37,6 @@ _RAISED, _LOWERED = re.compile(r"\^(?:\{([^}]*)\}|(.))"), re.compile(r"_(?:\{([^
 _SUPERSCRIPTS = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 _SUBSCRIPTS = str.maketrans("0123456789e", "₀₁₂₃₄₅₆₇₈₉ₑ")
 _ROUND = 1e-3  # of a line's height in the figure: places of axes within a row
-
-
-def lines_path(picture: pathlib.Path) -> pathlib.Path:
-    """Return the file of the lines of a picture."""
-    return picture.with_suffix(".lines.json")
 
 
 def write_lines(figure: Figure, picture: pathlib.Path) -> None:

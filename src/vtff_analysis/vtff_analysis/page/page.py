@@ -15,11 +15,18 @@ import jinja2
 from PIL import Image
 
 from vtff_analysis.page.citation import PAPERS
-from vtff_analysis.page.line_data import lines_path
 from vtff_analysis.view.page_modules import import_map
 from vtff_bag.run.environment import vtff_version
 
-__all__ = ["Picture", "escape", "render_figures", "render_page", "render_table", "render_template"]
+__all__ = [
+    "Picture",
+    "escape",
+    "lines_path",
+    "render_figures",
+    "render_page",
+    "render_table",
+    "render_template",
+]
 
 _FOLDER = pathlib.Path(__file__).resolve().parent
 _COLOURS = 128  # of a picture in a page; the PNG files have all
@@ -116,6 +123,11 @@ def render_figures(pictures: Sequence[Picture], section: str) -> str:
         for picture in pictures
         if picture.section == section
     )
+
+
+def lines_path(picture: pathlib.Path) -> pathlib.Path:
+    """Return the file of the lines of a picture."""
+    return picture.with_suffix(".lines.json")
 
 
 def _lines_attribute(picture: pathlib.Path) -> str:

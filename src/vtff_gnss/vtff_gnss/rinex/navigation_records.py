@@ -54,6 +54,15 @@ _GALILEO_FIELDS: tuple[tuple[str | None, ...], ...] = (
 )
 
 
+# Those that an ephemeris holds as they are.
+_ELEMENTS = tuple(
+    name
+    for row in _ORBIT_FIELDS
+    for name in row
+    if name is not None and name in BroadcastEphemeris.__dataclass_fields__
+)
+
+
 class Line(NamedTuple):
     """One line of a file, with its place for error messages."""
 
@@ -128,8 +137,7 @@ def read_ephemeris(
         value[name] = read_number(first, f"{satellite} {name}", column, _FIELD_WIDTH)
     time_of_ephemeris = nearest_time_of_week(_week_seconds(record, satellite, value), time_of_clock)
     system_values = _gps_values(value) if is_gps else _galileo_values(value, message)
-    names = [name for row in _ORBIT_FIELDS[:4] for name in row if name is not None]
-    orbit = {n: value[n] for n in names if n in BroadcastEphemeris.__dataclass_fields__}
+    orbit = {name: value[name] for name in _ELEMENTS}
     orbit["issue_of_data_ephemeris"] = int(value["issue_of_data_ephemeris"])
     # A product is correctly rounded, which ** 2 is not.
     axis_root = value["square_root_of_semi_major_axis"]
@@ -160,9 +168,16 @@ def _fields(
             if entry is None:
                 continue
             name, column = entry.rstrip("?"), indent + _FIELD_WIDTH * position
-            if entry.endswith("?") and not line.text[column : column + _FIELD_WIDTH].strip():
+            text = line.text[column : column + _FIELD_WIDTH]
+            if entry.endswith("?") and not text.strip():
                 continue
-            value[name] = read_number(line, f"{satellite} {name}", column, _FIELD_WIDTH)
+            try:
+                number = float(text)
+            except ValueError:  # an exponent with D, or an error to tell
+                number = math.nan
+            if not math.isfinite(number):
+                number = read_number(line, f"{satellite} {name}", column, _FIELD_WIDTH)
+            value[name] = number
     return value
 
 
