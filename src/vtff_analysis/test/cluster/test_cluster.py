@@ -79,6 +79,12 @@ def test_figures_of_a_recorded_cluster():
     short = summarise_cluster(cluster_of_run(recorded(positions[:50], np.zeros(3))))
     assert "cluster_last_orbit_delta_v_m_per_s" not in short
     assert "have not settled" in describe_cluster(short)
+    # Half an orbit to the side, then as long as before: the last orbit has the way there in it.
+    slow = np.concatenate((np.linspace(1800.0, SIDE, 301)[:-1], np.full(300, SIDE)))
+    moving = recorded(slow[:, np.newaxis] * [0.6, 0.0, 0.8], np.zeros(3))
+    late = summarise_cluster(cluster_of_run(moving))
+    assert late["cluster_settling_time_s"] < 6000.0 - 2000.0
+    assert "cluster_side_mean_error_percent" not in late
     no_sensor = dataclasses.replace(history, message_counts={})
     assert cluster_of_run(no_sensor) is None
     assert not summarise_cluster(None) and not describe_cluster({})

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from vtff_analysis.evaluation.guidance import phases_of, smallest_distance
+from vtff_analysis.evaluation.guidance import phases_of, smallest_distance, summarise_guidance
 from vtff_analysis.recordings.guidance import GuidanceHistory
+from vtff_analysis.recordings.history import DeputyHistory, RelativeStateHistory, RunHistory
 
 SECOND = 10**9
 
@@ -56,3 +57,23 @@ def test_steps_without_states_cost_no_phase():
     guidance = history([0, 0], ["", ""], [np.nan, np.nan])
     (phase,) = phases_of(guidance, np.full((2, 3, 3), np.nan))
     assert np.isnan(phase.flown_closest) and phase.deviation == {}
+
+
+def test_the_summary_is_of_the_last_phase_and_of_the_whole_flight():
+    nan = np.nan
+    guidance = history([1, 1, 2, 2, 1, 1], [*"aabbbb"], [nan, nan, 9, 9, nan, nan])
+    deputies = {}
+    for column, name in enumerate(guidance.spacecraft[1:], 1):
+        position = guidance.position_rtn[:, column].copy()
+        position[4:, 2] += 0.01 * column  # cross-track, in the last phase
+        states = RelativeStateHistory(guidance.time, position, np.zeros_like(position))
+        deputies[name] = DeputyHistory(name, truth=states)
+    run = RunHistory(0, 5 * SECOND, {}, deputies=deputies, guidance=guidance)
+    summary = summarise_guidance(run)
+    assert summary["guidance_last_phase"] == "keep b"
+    assert summary["guidance_last_phase_start_time_s"] == 4.0
+    assert summary["guidance_last_phase_deviation_rms_m"] == pytest.approx(0.02)
+    assert summary["guidance_closest_m"] == pytest.approx(20.0)
+    assert summary["guidance_planned_closest_m"] == 9.0
+    assert summary["guidance_delta_v_m_per_s"] == pytest.approx(0.036)
+    assert summarise_guidance(RunHistory(0, 1, {})) == {}

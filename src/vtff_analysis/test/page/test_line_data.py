@@ -165,3 +165,18 @@ def test_names_on_an_axis_and_powers_in_its_label_are_kept():
     assert panel["y"] == "Nₑ (10¹² m⁻³), mA m²"
     (plain,) = drawn(lambda axes: axes[0, 0].plot([0.0, 1.0], [1.0, 4.0]))["rows"][0]
     assert plain["ticks"] == []
+
+
+def test_a_scale_that_is_logarithmic_on_both_sides_is_the_one_of_the_picture():
+    figure = make_figure(3.0)
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0], [-30.0, 40.0])
+    axes.set_yscale("symlog", linthresh=2.0, linscale=1.5)
+    limit, part = line_data(figure)["rows"][0][0]["symlog"]
+    values = np.array([-30.0, -2.0, -0.5, 0.0, 1.0, 2.0, 2.1, 40.0])
+    size = np.abs(values) / limit
+    beyond = part + np.log10(np.maximum(size, 1.0))
+    drawn_at = np.sign(values) * np.where(size <= 1.0, part * size, beyond)
+    np.testing.assert_allclose(drawn_at * limit, axes.yaxis.get_transform().transform(values))
+    axes.set_yscale("linear")
+    assert line_data(figure)["rows"][0][0]["symlog"] is None

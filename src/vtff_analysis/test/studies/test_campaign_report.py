@@ -82,16 +82,32 @@ def test_the_page_is_well_formed_and_escaped(page):
 def test_percentiles_are_those_of_the_complete_cases(page, table):
     values = [v for v in table["settling_time_s"].to_pylist() if v is not None]
     text = cells(page)
-    assert f"settling_time_s (s)|{len(values)}" in text.replace(" |", "|")
+    assert f"settling time (s)|{len(values)}" in text.replace(" |", "|")
     for percentile in (0, 5, 50, 95, 100):
-        assert f"|{np.percentile(values, percentile):.5g}" in text
+        # All of a figure to the same place, here three digits of a range of tens.
+        assert f"|{np.percentile(values, percentile):.1f}" in text
 
 
 def test_the_bound_and_the_failed_case_are_told(page):
     text = cells(page)
-    assert "settling_time_s at most 145 in every case" in text and "does not hold" in text
+    assert "settling time at most 145 s in every case" in text and "does not hold" in text
     assert "|hung |hung: &lt;10 s&gt;vtff campaign trial --case 4" in text
     assert "39 of 40" in text
+
+
+def test_figures_and_variables_stand_in_words(page):
+    text = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
+    assert "final radial (m)" in cells(text)
+    assert not re.findall(r"settling_time_s|final_radial_m", cells(text))
+
+
+@pytest.mark.parametrize(
+    ("kept", "state"), [(20, "holds"), (11, "not shown"), (5, "does not hold")]
+)
+def test_too_few_cases_are_not_called_a_failure(kept, state):
+    bound = Bound("settling_time_s", at_most=1.0, fraction=0.5)
+    verdict = judge_bound(bound, [0.5] * kept + [2.0] * (20 - kept))
+    assert verdict.state == state and verdict.holds == (state == "holds")
 
 
 def test_the_worst_cases_have_a_command_each(page):

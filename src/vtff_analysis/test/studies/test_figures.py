@@ -13,6 +13,7 @@ from vtff_analysis.studies.figures import (
     FLIGHT_FIGURES,
     NAVIGATION_FIGURES,
     RUN_FIGURES,
+    describe_name,
     figure_problem,
     unit_of,
 )
@@ -26,6 +27,7 @@ NOT_FIGURES = {
     *("machine_python", "machine_platform", "control_input", "controller_design"),
     *("controller_feedforward", "acceleration_cap_m_per_s2", "receivers"),
     *("safety_taken_over_deputies", "safety_reason", "safety_isolated_axes", "attitude_mode"),
+    "guidance_last_phase",
 }
 """Keys of a summary that say how it was made, or are words."""
 
@@ -85,7 +87,33 @@ def test_a_name_that_no_run_has_is_refused(figure, deputies, library, problem):
         ("settling_time_s", "s"),
         ("final_radial_m", "m"),
         ("message_count", ""),
+        ("settled_keeping_delta_v_m_per_s_per_h", "m/s per h"),
+        ("survey_drift_m_s", "m/s"),
+        ("attitude_wheel_lowest_rpm", "rpm"),
+        ("attitude_dipole_error_rms_a_m2", "A m²"),
     ],
 )
 def test_units_come_from_names(figure, unit):
     assert unit_of(figure) == unit
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("settling_time_s", "settling time"),
+        ("delta_v_total_in_track_m_per_s", "velocity change total in-track"),
+        ("navigation_error_settled_3d_rms_m", "navigation error settled 3-D RMS"),
+        ("navigation_error_settled_nees", "navigation error settled NEES"),
+        ("survey_edges_2km", "survey edges 2 km apart"),
+        ("thrust_cap", "thrust cap"),
+    ],
+)
+def test_names_have_words(name, words):
+    assert describe_name(name) == words
+
+
+def test_the_words_of_two_figures_differ():
+    """In a campaign they are told apart by their words and units."""
+    names = [*FLIGHT_FIGURES, *NAVIGATION_FIGURES, *RUN_FIGURES]
+    shown = {(describe_name(name), unit_of(name)) for name in names}
+    assert len(shown) == len(names)

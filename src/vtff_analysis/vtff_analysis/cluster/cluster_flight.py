@@ -124,7 +124,7 @@ def cluster_of_run(history: RunHistory) -> ClusterFlight | None:
 def summarise_cluster(flight: ClusterFlight | None) -> dict[str, Any]:
     """Return the keys ``cluster_...`` of docs/summary.md; empty without a cluster.
 
-    Figures of the last orbit are left out where the run is shorter than an orbit, figures of
+    Figures of the last orbit are left out where the cluster has not settled before it, figures of
     settling where it has not settled.
     """
     if flight is None:
@@ -140,7 +140,7 @@ def summarise_cluster(flight: ClusterFlight | None) -> dict[str, Any]:
     if math.isfinite(settled):
         spent = flight.velocity_change(0.0, settled)
         summary["cluster_settling_delta_v_m_per_s"] = spent.max()
-    if flight.times[-1] >= flight.period:
+    if settled <= flight.times[-1] - flight.period:
         last = flight.sides[flight.last_orbit] / wanted - 1.0
         hold = flight.velocity_change(flight.times[-1] - flight.period, math.inf)
         summary["cluster_side_mean_error_percent"] = 100.0 * np.abs(last.mean(axis=0)).max()

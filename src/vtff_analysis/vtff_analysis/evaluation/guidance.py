@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -12,7 +14,13 @@ from vtff_analysis.recordings.guidance import MODE_NAMES, GuidanceHistory
 from vtff_analysis.recordings.history import RunHistory, interpolate
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["GuidancePhase", "flown_positions", "phases_of", "smallest_distance"]
+__all__ = [
+    "GuidancePhase",
+    "flown_positions",
+    "phases_of",
+    "smallest_distance",
+    "summarise_guidance",
+]
 
 _MILLIMETRE = 1e-3
 
@@ -43,6 +51,11 @@ class GuidancePhase:
     flown_closest: float
     velocity_change: dict[str, float]
     deviation: dict[str, float]
+
+    @property
+    def name(self) -> str:
+        """Mode and formation in words."""
+        return f"{self.mode} {self.formation}".strip()
 
 
 def flown_positions(history: RunHistory, guidance: GuidanceHistory) -> FloatArray:
@@ -109,6 +122,23 @@ def phases_of(guidance: GuidanceHistory, flown: FloatArray) -> list[GuidancePhas
             )
         )
     return phases
+
+
+def summarise_guidance(history: RunHistory) -> dict[str, Any]:
+    """Return the keys ``guidance_...`` of docs/summary.md; empty without guidance."""
+    guidance = history.guidance
+    if guidance is None or not len(guidance.time):
+        return {}
+    phases = phases_of(guidance, flown_positions(history, guidance))
+    last = phases[-1]
+    return {
+        "guidance_last_phase": last.name,
+        "guidance_last_phase_start_time_s": (last.first - history.start_time) * 1e-9,
+        "guidance_last_phase_deviation_rms_m": max(last.deviation.values(), default=math.nan),
+        "guidance_closest_m": _smallest(np.array([phase.flown_closest for phase in phases])),
+        "guidance_planned_closest_m": _smallest(np.array([p.planned_closest for p in phases])),
+        "guidance_delta_v_m_per_s": float(guidance.velocity_change[-1].sum()),
+    }
 
 
 def _smallest(values: npt.NDArray[np.float64]) -> float:

@@ -19,6 +19,7 @@ from vtff_analysis.evaluation.attitude import summarise_attitude
 from vtff_analysis.evaluation.deputy_pairs import normalised_error, summarise_pairs
 from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.gnss_summary import summarise_receiver
+from vtff_analysis.evaluation.guidance import summarise_guidance
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.safety import summarise_safety
 from vtff_analysis.recordings.history import AXES, DeputyHistory, HealthItem, RunHistory
@@ -88,6 +89,7 @@ def summarise_run(
     summary.update(_summarise_receiver_logs(history.health))
     summary.update(_summarise_late_calls(history.health))
     summary.update(summarise_safety(history.safety, history.start_time))
+    summary.update(summarise_guidance(history))
     summary.update(summarise_survey(history.survey))
     summary.update(summarise_cluster(cluster))
     summary.update(summarise_attitude(history.attitude, history.start_time))
@@ -287,6 +289,7 @@ def _summarise_navigation(history: DeputyHistory) -> Summary:
     summary["navigation_error_maximum_m"] = np.linalg.norm(position, axis=1).max()
     settled = error.is_settled
     if settled.any():
+        summary["navigation_error_settled_samples"] = int(np.count_nonzero(settled))
         summary["navigation_error_settled_3d_rms_m"] = _rms_3d(position[settled])
         summary["navigation_error_settled_3d_rms_m_per_s"] = _rms_3d(velocity[settled])
         covariance = error.position_covariance_rtn[settled]

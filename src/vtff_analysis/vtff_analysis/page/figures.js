@@ -9,6 +9,9 @@ const MARGIN = { left: 66, right: 16, bottom: 36 };
 const DRAG_LEAST = 6; // pixels: less is a click
 const DIGITS = 7;
 const NARROW = 560; // pixels: panels of a row stand below each other
+const HEIGHT = 250; // pixels of a panel with one row of names, as in page.css
+const LEGEND_ROW = 16; // pixels
+const LEAST_ROOM = 15; // pixels between ticks of a symmetric logarithmic axis
 const ROOM = 0.05; // of the values, above and below
 
 class Panel {
@@ -62,10 +65,20 @@ class Panel {
   }
 
   scaled(value, axis) {
+    if (axis === 1 && this.symlog) {
+      const [limit, part] = this.symlog;
+      const size = Math.abs(value) / limit;
+      return Math.sign(value) * (size <= 1 ? part * size : part + Math.log10(size));
+    }
     return this.log[axis] ? Math.log10(value) : value;
   }
 
   unscaled(value, axis) {
+    if (axis === 1 && this.symlog) {
+      const [limit, part] = this.symlog;
+      const size = Math.abs(value);
+      return Math.sign(value) * limit * (size <= part ? size / part : 10 ** (size - part));
+    }
     return this.log[axis] ? 10 ** value : value;
   }
 
@@ -88,7 +101,7 @@ class Panel {
         high = Math.max(high, y);
       });
     }
-    if (!(low <= high) || this.named.length) return this.limits[1];
+    if (!(low <= high) || (this.named.length && !this.symlog)) return this.limits[1];
     const [a, b] = [this.scaled(low, 1), this.scaled(high, 1)];
     const room = ROOM * (b - a) || Math.max(Math.abs(b) * ROOM, 1e-12);
     const range = [this.unscaled(a - room, 1), this.unscaled(b + room, 1)];
@@ -102,11 +115,14 @@ class Panel {
   }
 
   draw() {
-    const { context, width, height } = prepare(this.canvas);
-    if (!width || !height) return;
+    if (!this.canvas.clientWidth) return;
     const named = this.lines.filter((line) => line.name);
-    const legendRows = legend(context, named, width);
-    const top = (this.title ? 20 : 4) + 16 * legendRows.length + 4;
+    const legendRows = legend(this.canvas.getContext("2d", { willReadFrequently: true }), named, this.canvas.clientWidth);
+    // Names of many lines take no room from the lines.
+    this.canvas.style.height = `${HEIGHT + LEGEND_ROW * Math.max(0, legendRows.length - 1)}px`;
+    const { context, width, height } = prepare(this.canvas);
+    if (!height) return;
+    const top = (this.title ? 20 : 4) + LEGEND_ROW * legendRows.length + 4;
     const frame = { x: MARGIN.left, y: top, width: width - MARGIN.left - MARGIN.right, height: height - top - MARGIN.bottom };
     const shown = this.rangeX();
     const x = shown.map((value) => this.scaled(value, 0));
@@ -116,7 +132,7 @@ class Panel {
     context.fillRect(0, 0, width, height);
     const ticks = {
       x: this.ticks(x, frame.width < 300 ? 3 : 6, 0),
-      y: this.namedTicks() ?? this.ticks(y, Math.max(2, Math.round(frame.height / 45)), 1),
+      y: this.namedTicks() ?? this.symmetricTicks(y, frame.height) ?? this.ticks(y, Math.max(2, Math.round(frame.height / 45)), 1),
     };
     const { toX, toY } = drawAxes(context, frame, { x, y }, ticks, { x: this.x, y: this.y });
     const place = { x: (value) => toX(this.scaled(value, 0)), y: (value) => toY(this.scaled(value, 1)) };
@@ -136,15 +152,30 @@ class Panel {
 
   ticks([low, high], count, axis) {
     const chosen = niceTicks(Math.min(low, high), Math.max(low, high), count);
-    if (!this.log[axis]) return chosen;
-    return { ticks: chosen.ticks, text: (value) => format(10 ** value, 3) };
+    if (!this.log[axis] && !(axis === 1 && this.symlog)) return chosen;
+    return { ticks: chosen.ticks, text: (value) => format(this.unscaled(value, axis), 3) };
   }
 
   // Ticks of an axis whose places have names; null where it has numbers.
   namedTicks() {
-    if (!this.named.length) return null;
+    if (!this.named.length || this.symlog) return null;
     const names = new Map(this.named);
     return { ticks: [...names.keys()], text: (value) => names.get(value) };
+  }
+
+  // Zero, the ends of the linear part and whole powers beyond, as far as they have room.
+  symmetricTicks([low, high], height) {
+    if (!this.symlog) return null;
+    const [limit, part] = this.symlog;
+    const room = (LEAST_ROOM * Math.abs(high - low)) / height;
+    const [least, most] = [Math.min(low, high), Math.max(low, high)];
+    const sides = [0];
+    for (let power = 0; part + power <= Math.max(-least, most); power += 1) {
+      if (part + power - sides.at(-1) >= room) sides.push(part + power);
+    }
+    const ticks = [...sides.slice(1).map((tick) => -tick), ...sides].filter((tick) => tick >= least && tick <= most);
+    if (ticks.length < 2) return this.ticks([low, high], Math.max(2, Math.round(height / 45)), 1);
+    return { ticks, text: (value) => format(this.unscaled(value, 1), 3).replace("-", "−") };
   }
 
   drawPointer(context, frame, place, width, height) {
@@ -255,7 +286,7 @@ function drawLegend(context, rows, top) {
   context.font = "12px system-ui, sans-serif";
   rows.forEach((row, number) => {
     for (const { line, left } of row) {
-      const y = top + 16 * number - 4;
+      const y = top + LEGEND_ROW * number - 4;
       context.strokeStyle = line.colour;
       context.fillStyle = line.colour;
       context.lineWidth = 2.5;

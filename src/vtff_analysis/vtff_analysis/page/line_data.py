@@ -63,7 +63,7 @@ def line_data(figure: Figure) -> dict[str, Any] | None:
     dict or None
         ``rows``: a list of rows of panels from above, each panel with ``title``, ``x``, ``y``
         (labels), ``ticks`` (places on the y axis that have names), ``log`` (whether x and y are
-        logarithmic), ``limits`` (x and y) and ``lines``.
+        logarithmic), ``symlog`` (`_symmetric_scale` of y), ``limits`` (x and y) and ``lines``.
         A line has ``name``, ``colour``, ``dash``, ``points`` (whether it is points alone) and
         whether it is the outline of an ``area``, and
         either ``x`` and ``y``, numbers of ``arrays`` (`_packed`), or ``across`` or ``upright``: the
@@ -125,6 +125,7 @@ def _panel(axes: Axes) -> dict[str, Any]:
         "x": _without_markup(axes.get_xlabel()),
         "y": _without_markup(axes.get_ylabel()),
         "log": [axes.get_xscale() == "log", axes.get_yscale() == "log"],
+        "symlog": _symmetric_scale(axes),
         "ticks": _named_ticks(axes),
         "limits": [list(map(float, axes.get_xlim())), list(map(float, axes.get_ylim()))],
         "lines": [
@@ -132,6 +133,17 @@ def _panel(axes: Axes) -> dict[str, Any]:
             *(_line(axes, line, share) for line in axes.lines if line.get_visible()),
         ],
     }
+
+
+def _symmetric_scale(axes: Axes) -> tuple[float, float] | None:
+    """Return the scale of a y axis that is logarithmic on both sides; None for other scales.
+
+    The largest value of the linear part about zero, and the decades that each half of it takes.
+    """
+    scale: Any = axes.yaxis.get_transform()
+    if axes.get_yscale() != "symlog":
+        return None
+    return float(scale.linthresh), float(scale.linscale) / (1.0 - 1.0 / float(scale.base))
 
 
 def _without_markup(text: str) -> str:

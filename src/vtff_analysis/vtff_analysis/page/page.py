@@ -20,6 +20,7 @@ from vtff_bag.run.environment import vtff_version
 
 __all__ = [
     "Picture",
+    "breakable",
     "escape",
     "lines_path",
     "render_figures",
@@ -90,7 +91,7 @@ def render_template(name: str, folder: pathlib.Path, **values: Any) -> str:
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["breakable"] = _breakable
+    environment.filters["breakable"] = breakable
     shown = {"head": "", "body": "", "command": "", **values}
     shown["papers"] = [PAPERS[number] for number in values.get("papers", ())]
     has_lines = "data-lines" in shown["body"]
@@ -109,7 +110,7 @@ def escape(value: Any) -> str:
     return html.escape(str(value))
 
 
-def _breakable(value: Any) -> str:
+def breakable(value: Any) -> str:
     """Return a value as HTML; names of topics, files and figures may break between their parts."""
     return escape(value).replace("/", "/<wbr>").replace("_", "_<wbr>")
 
@@ -157,8 +158,10 @@ def render_table(
     """
 
     def cell(tag: str, column: int, value: str) -> str:
-        style = ' class="number"' if numbers and column else ""
-        return f"<{tag}{style}>{_breakable(value)}</{tag}>"
+        # A unit such as m/s is not broken.
+        if numbers and column:
+            return f'<{tag} class="number">{escape(value)}</{tag}>'
+        return f"<{tag}>{breakable(value)}</{tag}>"
 
     head = "".join(cell("th", column, value) for column, value in enumerate(heads))
     lines = []

@@ -11,7 +11,6 @@ import matplotlib as mpl
 import numpy as np
 
 from vtff_analysis.evaluation.guidance import (
-    GuidancePhase,
     flown_positions,
     phases_of,
     smallest_distance,
@@ -78,7 +77,7 @@ def draw_guidance(history: RunHistory, folder: pathlib.Path, title: str) -> list
                 axis.axvline(at, color=MARK_COLOUR, linestyle=":", linewidth=1.0)
             if axis.get_legend_handles_labels()[0]:
                 axis.legend(loc="best")
-        axes[0].set_title(" | ".join(_name(phase) for phase in phases[:6]))
+        axes[0].set_title(" | ".join(phase.name for phase in phases[:6]))
         path = save_figure(figure, folder / "guidance.png", f"{title}: guidance")
     return [Picture(path, _CAPTION, "guidance")]
 
@@ -95,7 +94,7 @@ def render_guidance(history: RunHistory, pictures: Sequence[Picture]) -> str:
         spent = phase.velocity_change
         rows.append(
             [
-                _name(phase),
+                phase.name,
                 f"{seconds(phase.first)} to {seconds(phase.last)}",
                 _metres(phase.planned_closest),
                 _metres(phase.flown_closest),
@@ -118,10 +117,6 @@ def render_guidance(history: RunHistory, pictures: Sequence[Picture]) -> str:
         + _render_reasons(guidance, history.start_time)
         + render_figures(pictures, "guidance")
     )
-
-
-def _name(phase: GuidancePhase) -> str:
-    return f"{phase.mode} {phase.formation}".strip()
 
 
 def _metres(value: float) -> str:

@@ -19,6 +19,7 @@ from vtff_analysis.evaluation.receiver_comparison import (
 from vtff_analysis.evaluation.summary import utc_text
 from vtff_analysis.page.page import (
     Picture,
+    breakable,
     escape,
     render_figures,
     render_page,
@@ -29,9 +30,9 @@ from vtff_analysis.recordings.history import HealthItem, RunHistory
 from vtff_analysis.recordings.topics import key_part
 from vtff_analysis.report.guidance_section import render_guidance
 from vtff_analysis.report.ionosphere_table import (
-    IONOSPHERE_HEADS,
-    IONOSPHERE_REMARK,
+    ionosphere_columns,
     ionosphere_prefixes,
+    ionosphere_remark,
     ionosphere_rows,
 )
 from vtff_analysis.report.tables import (
@@ -114,7 +115,7 @@ def render_report(
         f"{_render_verdict(verdict)}{_render_lead(summary, history, deputies)}{remarks}"
         f"<nav>{contents}</nav>"
     )
-    return render_page(name, head, body, _papers(summary, verdict), _command(summary, described))
+    return render_page(name, head, body, _papers(summary, verdict), described.command)
 
 
 def _papers(summary: Mapping[str, Any], verdict: Verdict) -> list[str]:
@@ -122,12 +123,6 @@ def _papers(summary: Mapping[str, Any], verdict: Verdict) -> list[str]:
     printed = formation_columns(summary.get("scenario")) or paper_columns(summary.get("scenario"))
     compared = verdict.subject in ("formation", "navigation", "ionosphere")
     return ["000"] if printed and compared else []
-
-
-def _command(summary: Mapping[str, Any], described: RunDescription) -> str:
-    """Return the command that flies the run again, without parameters that its user gave."""
-    system = described.arguments.get("system")
-    return f"vtff run {system} --duration {summary['run_duration_s']:.0f}" if system else ""
 
 
 def _render_lead(summary: Mapping[str, Any], history: RunHistory, deputies: Sequence[str]) -> str:
@@ -212,8 +207,9 @@ def _render_ionosphere(
         rows = ionosphere_rows(summary, prefix)
         if rows:
             table += f"<h3>Ionosphere{escape(deputy)}</h3>" if deputy else ""
-            table += render_table(IONOSPHERE_HEADS, rows)
-    remark = f"<p class='small'>{escape(IONOSPHERE_REMARK)}</p>" if table else ""
+            table += render_table(*ionosphere_columns(rows))
+    told = ionosphere_remark(summary)
+    remark = f"<p class='small'>{escape(told)}</p>" if told and table else ""
     comparisons = _render_comparisons(compare_with_receiver(history))
     return (
         table
@@ -274,7 +270,7 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
         listed = f"<details><summary>values</summary>{escape(values)}</details>" if values else ""
         part, device = item.name.removesuffix(f" ({item.hardware_id})"), item.hardware_id
         rows.append(
-            f"<tr><td>{escape(part)}<br><span class='small'>{escape(device)}</span></td>"
+            f"<tr><td>{breakable(part)}<br><span class='small'>{breakable(device)}</span></td>"
             f"<td class='{level}'>{level}</td><td>{escape(item.message)}{listed}</td>"
             f"<td class='number'>{sum(item.counts[1:])} of {sum(item.counts)}</td></tr>"
         )
@@ -282,10 +278,10 @@ def _render_health(items: Sequence[HealthItem], start: int) -> str:
         "<table class='health'><thead><tr><th>part</th><th>state</th><th>last report</th>"
         f"<th class='number'>not ok</th></tr></thead><tbody>{''.join(rows)}</tbody></table>"
     )
+    changes = sorted((time, item.name, text) for item in items for time, text in item.changes)
     events = [
-        [f"{max(0, time - start) * 1e-9:.0f} s" if time else "start", item.name, text]
-        for item in items
-        for time, text in item.changes
+        [f"{max(0, time - start) * 1e-9:.0f} s" if time else "start", name, text]
+        for time, name, text in changes
     ]
     if not events:
         return table

@@ -16,8 +16,9 @@ from vtff_analysis.report.tables import number_text
 
 __all__ = [
     "IONOSPHERE_HEADS",
-    "IONOSPHERE_REMARK",
+    "ionosphere_columns",
     "ionosphere_prefixes",
+    "ionosphere_remark",
     "ionosphere_rows",
     "print_ionosphere",
 ]
@@ -59,7 +60,7 @@ _ROWS = (
     ("deputy, slant TEC error, RMS, TECU", "deputy_slant_tec_error_rms_tecu", 2),
 )
 
-IONOSPHERE_REMARK = (
+_REMARK = (
     "Edges: those of the rising pass. true: from the simulator; the paper's own separation was "
     "984.90 m. Density errors: 1 km bins, 236 to 567 km, rising, against the truth averaged over "
     "the separation. Crossing minutes: rays at least 30 s in a region."
@@ -100,12 +101,27 @@ def ionosphere_rows(
     return rows
 
 
+def ionosphere_columns(
+    rows: Sequence[tuple[str, str, str, str]],
+) -> tuple[list[str], list[list[str]]]:
+    """Return heads and rows without columns that are empty in all rows."""
+    kept = [c for c in range(len(IONOSPHERE_HEADS)) if c == 0 or any(row[c] for row in rows)]
+    return [IONOSPHERE_HEADS[c] for c in kept], [[row[c] for c in kept] for row in rows]
+
+
+def ionosphere_remark(summary: Mapping[str, Any]) -> str:
+    """Return the line under the tables; empty where nothing in them needs it."""
+    return _REMARK if any("ionosphere_true_" in key for key in summary) else ""
+
+
 def print_ionosphere(
     console: Console, summary: Mapping[str, Any], run_name: str, deputies: Sequence[str]
 ) -> None:
     """Print a table for each deputy with an ionosphere, unless it is empty."""
     for deputy, prefix in ionosphere_prefixes(deputies):
         _print_rows(console, ionosphere_rows(summary, prefix), f"{run_name}{deputy}")
+    if remark := ionosphere_remark(summary):
+        console.print(remark, style="dim")
 
 
 def ionosphere_prefixes(deputies: Sequence[str]) -> list[tuple[str, str]]:
@@ -124,9 +140,9 @@ def _print_rows(console: Console, rows: Sequence[tuple[str, str, str, str]], run
         box=box.SIMPLE_HEAD,
         pad_edge=False,
     )
-    for column, head in enumerate(IONOSPHERE_HEADS):
+    heads, texts = ionosphere_columns(rows)
+    for column, head in enumerate(heads):
         table.add_column(head, justify="right" if column else "left", no_wrap=True)
-    for row in rows:
+    for row in texts:
         table.add_row(*row)
     console.print(table)
-    console.print(IONOSPHERE_REMARK, style="dim")

@@ -52,8 +52,8 @@ from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 _FORMATION_CAPTIONS = {
     "relative_position_and_thrust": (
         "Relative position and applied thrust, in the form of figure A1 of the paper: the whole "
-        "run and the acquisition. Dotted lines are the largest thrust; an open circle is the "
-        "paper's closest in-track approach."
+        "run and the acquisition. Dotted lines are the largest thrust; marks are the closest "
+        "in-track approaches of this run and of the paper."
     ),
     "relative_position": (
         "Relative position by axis with the target. The vertical line is the begin of the keeping "

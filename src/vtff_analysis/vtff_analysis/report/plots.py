@@ -201,7 +201,7 @@ def _draw_keeping_error(flight: FormationFlight) -> Figure:
         scale, unit = length_unit(float(np.abs(deviation).max()))
         panel.axhline(0.0, color=MARK_COLOUR, linewidth=1.0)
         panel.plot(time, deviation / scale, color=AXIS_COLOURS[axis])
-        form = _choose_scale(panel, deviation / scale)
+        form = _choose_scale(panel, deviation / scale, unit)
         numbers = f"RMS {rms / scale:.3g} {unit}, mean {deviation.mean() / scale:.3g} {unit}"
         numbers = numbers.replace("-", "\N{MINUS SIGN}")
         panel.set_title(f"{AXIS_NAMES[axis]}: {numbers}{form}")
@@ -211,7 +211,7 @@ def _draw_keeping_error(flight: FormationFlight) -> Figure:
     return figure
 
 
-def _choose_scale(panel: Axes, values: FloatArray) -> str:
+def _choose_scale(panel: Axes, values: FloatArray, unit: str) -> str:
     """Make the axis logarithmic beyond the usual values if some values are far outside.
 
     Returns a note for the title; empty where the axis stays linear.
@@ -231,7 +231,7 @@ def _choose_scale(panel: Axes, values: FloatArray) -> str:
     panel.set_ylim(
         min(margin * values.min(), -1.1 * limit), max(margin * values.max(), 1.1 * limit)
     )
-    return f" (logarithmic beyond ± {limit:g})"
+    return f" (logarithmic beyond ± {limit:g} {unit})"
 
 
 def _draw_tracking(history: ReceiverHistory) -> Figure:

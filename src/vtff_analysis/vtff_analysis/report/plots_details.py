@@ -299,7 +299,7 @@ def _select_good(columns: SatelliteColumns) -> tuple[SatelliteColumns, str, bool
     counted = ", ".join(name.lower().replace("_", " ") for name in names)
     share = f"{100.0 * rejected.mean():.0f} % of the samples"
     if rejected.all():
-        return columns, f"\nall samples were rejected (mostly: {counted})", True
+        return columns, f":\nall samples were rejected (mostly: {counted})", True
     good = ~rejected
     kept = SatelliteColumns(
         columns.time[good],
@@ -307,7 +307,7 @@ def _select_good(columns: SatelliteColumns) -> tuple[SatelliteColumns, str, bool
         columns.prn[good],
         {name: values[good] for name, values in columns.values.items()},
     )
-    return kept, f"\n{share} are rejected and not shown (mostly: {counted})", False
+    return kept, f":\n{share} are rejected and not shown (mostly: {counted})", False
 
 
 def plot_compute_time(

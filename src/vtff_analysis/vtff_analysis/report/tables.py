@@ -64,10 +64,12 @@ def _axis_rows(label: str, unit: str, key: str, decimals: int, scale: float = 1.
 
 _STATISTICS = {"maximum": "maximum", "minimum": "minimum", "mean": "mean", "rms": "RMS"}
 
+_CLOSEST = Row("closest approach, m", "minimum_separation_m", 2)
+
 _ACQUISITION: Section = [
     Row("minimum in-track, m", "minimum_in_track_m", 2),
     Row("  at, s", "minimum_in_track_time_s", 0),
-    Row("closest approach, m", "minimum_separation_m", 2),
+    _CLOSEST,
     *_axis_rows("settled", "s", "settling_time_{}_s", 0),
     *_axis_rows("dv", "m/s", "delta_v_acquisition_{}_m_per_s", 3),
 ]
@@ -142,7 +144,7 @@ def print_formation(
         title = f"{title}, {_length_text(summary)}"
         console.print(_formation_table(title, numbers, columns))
         for line in formation_remarks(numbers, columns):
-            console.print(Padding(escape(line), (0, 0, 0, 2)), style="dim")
+            console.print(Padding(escape(line), (0, 0, 0, 2), expand=False), style="dim")
 
 
 def print_receivers(
@@ -274,7 +276,19 @@ def incomparable_keys(duration: float) -> set[str]:
     return keys
 
 
+def _comes_to_a_target(summary: Summary) -> bool:
+    """Return whether a run is an acquisition of one target, as those of the paper.
+
+    Chasers of a cluster have none, and guidance moves it.
+    """
+    return not {"cluster_closest_m", "guidance_closest_m"} & set(summary)
+
+
 def _sections(summary: Summary) -> Iterable[tuple[str, Section]]:
+    if not _comes_to_a_target(summary):
+        yield f"whole run, {summary['run_duration_s']:.0f} s", [_CLOSEST, *_TOTAL]
+        yield "navigation error", _NAVIGATION
+        return
     acquisition = min(ACQUISITION_DURATION, summary["run_duration_s"])
     yield f"acquisition, {acquisition:.0f} s", _ACQUISITION
     if "keeping_in_track_mean_m" in summary:
@@ -309,17 +323,18 @@ def formation_remarks(summary: Summary, columns: Sequence[PaperColumn]) -> list[
             f"this run has {duration:.0f} s; the paper's totals and statistics are "
             f"of {PAPER_DURATION:.0f} s."
         )
-    if "settling_time_s" in summary:
+    comes = _comes_to_a_target(summary)
+    if comes and "settling_time_s" in summary:
         lines.append(
             f"settled: stays within {SETTLED_WITHIN:g} m of the target on that axis "
             "(the paper's bound in section 4.1)."
         )
-    if "truth_fed_settled_keeping_in_track_rms_m" in summary:
+    if comes and "truth_fed_settled_keeping_in_track_rms_m" in summary:
         lines.append(
             "truth-fed twin: the same scenario and controller without ROS, with the truth instead "
             "of navigation."
         )
-    if "keeping_in_track_rms_m" in summary:
+    if comes and "keeping_in_track_rms_m" in summary:
         lines.append("RMS: of the deviation from the target. dv: sum of |acceleration| x time.")
     return lines
 

@@ -26,6 +26,10 @@ Summary = Mapping[str, Any]
 #: Mean normalised squared errors between which a covariance is called honest.
 HONEST_NEES = (0.5, 1.5)
 
+#: Epochs of errors from which a mean normalised squared error is judged: errors correlate over tens
+#: of seconds, and ten independent ones keep a mean of 1 within `HONEST_NEES`.
+JUDGED_EPOCHS = 300
+
 #: Late calls of an algorithm, %, that a loaded machine may cause and a verdict does not mention.
 TOLERATED_LATE_CALLS = 5.0
 
@@ -54,7 +58,6 @@ _IONOSPHERE = (
 
 #: Errors and rates of the ionosphere, which have no truth beside them.
 _IONOSPHERE_ERRORS = (
-    ("density, mean error", "density_error_per_cm3", "cm-3", 0),
     ("slant TEC of the chief, RMS error", "chief_slant_tec_error_rms_tecu", "TECU", 2),
     ("slant TEC of the deputy, RMS error", "deputy_slant_tec_error_rms_tecu", "TECU", 2),
     ("differential TEC of 1 s, RMS error", "differential_tec_rms_tecu", "TECU", 4),
@@ -63,15 +66,15 @@ _IONOSPHERE_ERRORS = (
 )
 
 
-#: Figures of a cluster: end of the key, label, unit, decimals, what the guidance is built for.
+#: Figures of a cluster: end of the key, label, unit, decimals, limit that its guidance must keep.
 _CLUSTER = (
-    ("equilibrium_m", "side of the equilibrium", "m", 1, ""),
-    ("settling_time_s", "settled within 2.5 %", "s", 0, ""),
-    ("settling_delta_v_m_per_s", "velocity change to settle, largest", "m/s", 1, "40 m/s"),
-    ("side_mean_error_percent", "last orbit: largest error of a mean side", "%", 2, "1 %"),
-    ("side_largest_error_percent", "last orbit: largest error of a side", "%", 2, "2.5 %"),
-    ("last_orbit_delta_v_m_per_s", "last orbit: velocity change, largest", "m/s", 1, "18 m/s"),
-    ("closest_m", "closest of any two", "m", 0, "500 m"),
+    ("equilibrium_m", "side of the equilibrium", "m", 1, None),
+    ("settling_time_s", "settled within 2.5 %", "s", 0, None),
+    ("settling_delta_v_m_per_s", "velocity change to settle, largest", "m/s", 1, 40.0),
+    ("side_mean_error_percent", "last orbit: largest error of a mean side", "%", 2, 1.0),
+    ("side_largest_error_percent", "last orbit: largest error of a side", "%", 2, 2.5),
+    ("last_orbit_delta_v_m_per_s", "last orbit: velocity change, largest", "m/s", 1, 18.0),
+    ("closest_m", "closest of any two", "m", 0, 500.0),
 )
 
 
@@ -122,7 +125,7 @@ class Verdict:
     bound
         Heading of the column of bounds.
     is_good
-        False where the run was ended early or a deputy was taken over.
+        False where the run was ended early, a deputy was taken over or a bound was missed.
     """
 
     subject: str
@@ -169,7 +172,9 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
     for name in deputies or ("",):
         numbers = _numbers_of(summary, name, deputies)
         label = f"{name}: " if len(deputies) > 1 else ""
-        if subject == "formation":
+        if subject == "formation" and "guidance_closest_m" in summary:
+            told, shown = _navigation(numbers, name)
+        elif subject == "formation":
             told, shown = _formation(numbers, name, formation_columns(summary.get("scenario")))
         elif subject == "navigation":
             told, shown = _navigation(numbers, name)
@@ -179,7 +184,10 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
             break
         sentences += told
         figures += [dataclasses.replace(figure, label=label + figure.label) for figure in shown]
-    if subject in ("log", "messages"):
+    if subject == "formation" and "guidance_closest_m" in summary:
+        told, shown = _guidance(summary)
+        sentences, figures = [*told, *sentences], [*shown, *figures]
+    elif subject in ("log", "messages"):
         sentences, figures = _log(summary)
     elif subject == "attitude":
         sentences, figures = _attitude(summary)
@@ -187,7 +195,7 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
         sentences, figures = _survey(summary, deputies)
     elif subject == "cluster":
         sentences, figures = [describe_cluster(summary)], _cluster(summary)
-    warnings = _warnings(summary, deputies)
+    warnings = [*_warnings(summary, deputies), *_missed_bounds(summary, subject)]
     return Verdict(
         subject,
         " ".join([*warnings, *sentences]),
@@ -223,6 +231,8 @@ def _conditions(summary: Summary) -> str:
         parts.append("controller fed with truth, no receivers")
     elif "cluster_closest_m" in summary:
         parts.append("each chaser alone with its own fix and sensor, emulated")
+    elif any(key.endswith("attitude_error_rms_deg") for key in summary):
+        parts.append("emulated attitude sensors and actuators")
     if "scenario" in summary:
         parts.append(f"scenario '{summary['scenario']}'")
     if "run_seed" in summary:
@@ -251,14 +261,60 @@ def _warnings(summary: Summary, deputies: Sequence[str]) -> list[str]:
     return warnings
 
 
+def _missed_bounds(summary: Summary, subject: str) -> list[str]:
+    """Return which bounds of a cluster its flight does not keep."""
+    if subject != "cluster":
+        return []
+    missed = [
+        f"{label} {summary[f'cluster_{key}']:.{decimals}f} {unit} for {limit:g} {unit}"
+        for key, label, unit, decimals, limit in _CLUSTER
+        if limit is not None and _misses(key, summary.get(f"cluster_{key}"), limit)
+    ]
+    return [f"A bound is missed: {'; '.join(missed)}."] if missed else []
+
+
+def _misses(key: str, value: float | None, limit: float) -> bool:
+    if value is None:
+        return False
+    return value < limit if key == "closest_m" else value > limit
+
+
 def _cluster(summary: Summary) -> list[Figure]:
     """Return the figures of a cluster beside the paper, which prints a triangle without numbers."""
     figures = []
-    for key, label, unit, decimals, bound in _CLUSTER:
+    for key, label, unit, decimals, limit in _CLUSTER:
         value = summary.get(f"cluster_{key}")
         if value is not None:
+            bound = "" if limit is None else f"{limit:g} {unit}"
             figures.append(Figure(label, f"{value:.{decimals}f} {unit}", "", bound))
     return figures
+
+
+def _guidance(summary: Summary) -> tuple[list[str], list[Figure]]:
+    """Return sentences and figures of a formation that is guided from phase to phase."""
+    phase, start = summary["guidance_last_phase"], summary["guidance_last_phase_start_time_s"]
+    deviation, closest = (
+        summary["guidance_last_phase_deviation_rms_m"],
+        summary["guidance_closest_m"],
+    )
+    planned = summary["guidance_planned_closest_m"]
+    change = 1e3 * summary["guidance_delta_v_m_per_s"]
+    figures = []
+    sentences = []
+    if deviation is not None:
+        sentences.append(
+            f"In the last phase ({phase}, from {start:.0f} s on) the deputies were within "
+            f"{_length(deviation)} RMS of the wanted positions."
+        )
+        figures.append(Figure(f"{phase}: from the wanted position, RMS", _length(deviation)))
+    if closest is not None:
+        plan = "" if planned is None else f" (planned: {_length(planned)})"
+        sentences.append(f"No two spacecraft came nearer than {_length(closest)}{plan}.")
+        figures.append(Figure("closest of any two", _length(closest)))
+    if planned is not None:
+        figures.append(Figure("closest of any two, planned", _length(planned)))
+    figures.append(Figure("velocity change of all", f"{_short(change)} mm/s"))
+    return sentences, figures
 
 
 def _attitude(summary: Summary) -> tuple[list[str], list[Figure]]:
@@ -285,7 +341,8 @@ def _attitude(summary: Summary) -> tuple[list[str], list[Figure]]:
         sentences.append(f"{told[0].upper()}{told[1:]}.")
         if error is not None:
             figures.append(Figure("attitude error, RMS", f"{error:.2f} deg"))
-            figures.append(Figure("its NEES", f"{numbers['attitude_error_nees']:.2f}"))
+            nees = f"{numbers['attitude_error_nees']:.2f}"
+            figures.append(Figure("its normalised squared error, 1 is honest", nees))
             dipole = 1e3 * numbers["attitude_dipole_error_rms_a_m2"]
             figures.append(Figure("dipole error, RMS", f"{dipole:.2f} mA m2"))
     return sentences, figures
@@ -315,9 +372,7 @@ def _survey(summary: Summary, deputies: Sequence[str]) -> tuple[list[str], list[
     if walls and drift is not None and sigma is not None:
         true = summary.get("survey_true_drift_m_s")
         bound = "" if true is None else f"{true:.0f} m/s"
-        figures.append(
-            Figure("zonal drift, eastward", f"{drift:.0f} +- {sigma:.0f} m/s", "", bound)
-        )
+        figures.append(Figure("zonal drift, eastward", f"{drift:.0f} ± {sigma:.0f} m/s", "", bound))
     sentences = [sentence]
     for name in deputies:
         numbers = _numbers_of(summary, name, deputies)
@@ -342,25 +397,18 @@ def _formation(
     if kept:
         scale, unit = _length_unit(max(kept))
         shown = " / ".join(_short(value / scale) for value in kept)
-        sentence = (
-            f"{name} kept its target to {shown} {unit} RMS (radial / in-track / cross-track, from "
-            f"{SETTLED_AFTER:.0f} s on)"
-        )
-        others = [printed.get(f"keeping_{axis}_rms_m") for axis in AXES]
-        if _complete(others):
-            ratio = math.hypot(*_complete(others)) / math.hypot(*kept)
-            sentence += f", {_times(ratio, 'closer', 'further off')} than the paper's hardware"
-        sentences.append(f"{sentence}.")
-        for axis, value, other in zip(AXES, kept, others, strict=True):
-            best = numbers.get(f"truth_fed_settled_keeping_{axis}_rms_m")
-            figures.append(_length_figure(f"keeping, {axis.replace('_', '-')}", value, other, best))
-    elif "settling_time_s" in numbers:
-        settled = numbers["settling_time_s"]
         sentences.append(
-            f"{name} has not come to its target and stayed within {SETTLED_WITHIN:g} m of it."
-            if settled is None
-            else f"{name} stays within {SETTLED_WITHIN:g} m of its target from {settled:.0f} s on."
+            f"{name} kept its target to {shown} {unit} RMS (radial / in-track / cross-track, from "
+            f"{SETTLED_AFTER:.0f} s on)."
         )
+        for axis, value in zip(AXES, kept, strict=True):
+            best = numbers.get(f"truth_fed_settled_keeping_{axis}_rms_m")
+            figures.append(_length_figure(f"keeping, {axis.replace('_', '-')}", value, None, best))
+    elif "settling_time_s" in numbers:
+        sentences.append(_settling(numbers, name))
+    told, shown_figures = _keeping_as_the_paper(numbers, printed)
+    sentences += told
+    figures += shown_figures
     told, shown_figures = _navigation(numbers, name)
     sentences += told if navigated else []
     figures += shown_figures if navigated else []
@@ -377,6 +425,54 @@ def _formation(
     return sentences, figures
 
 
+def _settling(numbers: Summary, name: str) -> str:
+    """Return how far a deputy came in a run that is too short for statistics of its keeping."""
+    settled = numbers["settling_time_s"]
+    if settled is not None:
+        return f"{name} stays within {SETTLED_WITHIN:g} m of its target from {settled:.0f} s on."
+    away = [
+        _complete([numbers.get(f"{when}_{axis}_m") for axis in AXES])
+        for when in ("initial", "final", "target")
+    ]
+    if not all(away):
+        return f"{name} has not come to its target and stayed within {SETTLED_WITHIN:g} m of it."
+    first, last, target = away
+    start, end = math.dist(first, target), math.dist(last, target)
+    seconds = numbers["run_duration_s"]
+    acquires = seconds <= numbers.get("keeping_start_time_s", 0.0)
+    when = "during the acquisition" if acquires else f"without staying within {SETTLED_WITHIN:g} m"
+    return (
+        f"The run ended after {seconds:.0f} s, {when}: {name} was {_length(end)} from its target "
+        f"then, {_length(start)} at its start."
+    )
+
+
+def _keeping_as_the_paper(numbers: Summary, printed: Summary) -> tuple[list[str], list[Figure]]:
+    """Return the keeping over the span of the paper's statistics, beside these.
+
+    Its span begins with the tail of the acquisition, which dominates the figures of `vtff`.
+    """
+    values = _complete([numbers.get(f"keeping_{axis}_rms_m") for axis in AXES])
+    others = _complete([printed.get(f"keeping_{axis}_rms_m") for axis in AXES])
+    start = numbers.get("keeping_start_time_s")
+    if not values or not others or start is None:
+        return [], []
+    span = f"from {start:.0f} s on"
+    figures = [
+        _length_figure(f"{span}, {axis.replace('_', '-')}", value, other, None)
+        for axis, value, other in zip(AXES, values, others, strict=True)
+    ]
+    value, other = math.hypot(*values), math.hypot(*others)
+    receivers = numbers.get("receivers")
+    own = "with emulated receivers" if receivers == "emulated" else "here"
+    ratio = _times(other / value, "closer", "further off")
+    sentence = (
+        f"Over the span of the paper's statistics, {span}, it is {_length(value)} {own} and "
+        f"{_length(other)} with the paper's hardware ({ratio})."
+    )
+    return [sentence], figures
+
+
 def _navigation(numbers: Summary, name: str) -> tuple[list[str], list[Figure]]:
     error = numbers.get("navigation_error_settled_3d_rms_m")
     nees = numbers.get("navigation_error_settled_nees")
@@ -387,9 +483,14 @@ def _navigation(numbers: Summary, name: str) -> tuple[list[str], list[Figure]]:
     sentence = f"The navigation of {name} errs by {_short(error / scale)} {unit} (3-D RMS)"
     if nees is not None:
         figures.append(Figure("its normalised squared error, 1 is honest", f"{nees:.2f}"))
-        low, high = HONEST_NEES
-        size = "honest" if low <= nees <= high else "too large" if nees < low else "too small"
-        sentence += f"; its stated covariance is {size} (NEES {nees:.2f})"
+        epochs = numbers["navigation_error_settled_samples"]
+        if epochs < JUDGED_EPOCHS:
+            counted = "one epoch" if epochs == 1 else f"{epochs} epochs"
+            sentence += f"; its stated covariance cannot be judged by {counted} after 60 s"
+        else:
+            low, high = HONEST_NEES
+            size = "honest" if low <= nees <= high else "too large" if nees < low else "too small"
+            sentence += f"; its stated covariance is {size} (NEES {nees:.2f})"
     return [f"{sentence}."], figures
 
 
@@ -421,6 +522,11 @@ def _ionosphere(numbers: Summary, columns: Sequence[PaperColumn]) -> tuple[list[
         if values[0] is not None:
             texts = ["" if v is None else f"{v:.{decimals}f} {unit}" for v in values]
             figures.append(Figure(label, *texts))
+    density = numbers.get("ionosphere_density_error_per_cm3")
+    if density is not None:
+        paper = printed.get("ionosphere_density_error_per_cm3")
+        texts = ["" if value is None else f"{_short(value)} cm⁻³" for value in (density, paper)]
+        figures.append(Figure("density, mean error", *texts))
     for label, name, unit, decimals in _IONOSPHERE_ERRORS:
         value = numbers.get(f"ionosphere_{name}")
         if value is not None:
@@ -443,9 +549,8 @@ def _ionosphere(numbers: Summary, columns: Sequence[PaperColumn]) -> tuple[list[
             f"{found:.0f} % of the minutes in which a ray crossed it were found, {false:.1f} % of "
             "the others were called scintillating."
         )
-    density = numbers.get("ionosphere_density_error_per_cm3")
     if density is not None:
-        sentences.append(f"The electron density errs by {density:.0f} per cm3 on average.")
+        sentences.append(f"The electron density errs by {_short(density)} cm⁻³ on average.")
     return sentences or ["No figure of the ionosphere has a true value beside it."], figures
 
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from scipy.special import betaincinv
 
+from vtff_analysis.studies.figures import describe_name, unit_of
 from vtff_sim_bridge.truth.scenario_fields import Section
 
 __all__ = ["Bound", "Verdict", "judge_bound", "lower_confidence_limit", "read_bound"]
@@ -54,7 +55,9 @@ class Bound:
         if self.at_most < math.inf:
             limits.append(f"at most {self.at_most:g}")
         whole = "every case" if self.fraction == 1.0 else f"{100.0 * self.fraction:g} % of cases"
-        return f"{self.figure} {' and '.join(limits)} in {whole}"
+        unit = unit_of(self.figure)
+        limit = f"{' and '.join(limits)} {unit}".rstrip()
+        return f"{describe_name(self.figure)} {limit} in {whole}"
 
 
 @dataclass(frozen=True)
@@ -79,11 +82,20 @@ class Verdict:
     lower_limit: float
     holds: bool
 
+    @property
+    def state(self) -> str:
+        """What is known of the bound: ``holds``, ``does not hold`` or ``not shown``.
+
+        Not shown: as many cases keep it as it asks for, but too few were flown for its confidence.
+        """
+        if self.holds:
+            return "holds"
+        enough = self.total > 0 and self.kept / self.total >= self.bound.fraction
+        return "not shown" if enough else "does not hold"
+
     def __str__(self) -> str:
         confidence, limit = 100.0 * self.bound.confidence, 100.0 * self.lower_limit
-        state = "holds" if self.holds else "DOES NOT HOLD"
-        if not self.holds and self.bound.fraction < 1.0 and self.total:
-            state = "NOT SHOWN" if self.kept / self.total >= self.bound.fraction else state
+        state = self.state if self.holds else self.state.upper()
         return (
             f"{self.bound}: {state}, {self.kept} of {self.total} cases; with {confidence:g} % "
             f"confidence at least {limit:.4g} % of all"

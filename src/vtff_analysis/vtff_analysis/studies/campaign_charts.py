@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
+import textwrap
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +14,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from vtff_analysis.plot_style import AXIS_COLOURS, MARK_COLOUR, STYLE, make_figure
+from vtff_analysis.studies.figures import describe_name
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["Column", "association", "draw_distributions", "draw_drivers", "draw_scatter"]
@@ -46,9 +48,14 @@ class Column:
     categories: tuple[str, ...] = ()
 
     @property
+    def words(self) -> str:
+        """Name in words, without the unit."""
+        return describe_name(self.name)
+
+    @property
     def label(self) -> str:
-        """Name with the unit, without the ending that tells the unit already."""
-        return f"{self.name} ({self.unit})" if self.unit else self.name
+        """Name in words with the unit."""
+        return f"{self.words} ({self.unit})" if self.unit else self.words
 
 
 def association(driver: Column, figure: Column) -> float:
@@ -97,8 +104,10 @@ def draw_drivers(drivers: Sequence[Column], figures: Sequence[Column]) -> str:
         panel: Any = picture.subplots()
         panel.grid(False)
         image = panel.imshow(values, cmap=_DIVERGING, vmin=-1.0, vmax=1.0, aspect="auto")
-        panel.set_xticks(range(len(drivers)), [_wrapped(driver.name) for driver in drivers])
-        panel.set_yticks(range(len(figures)), [figure.name for figure in figures])
+        panel.set_xticks(
+            range(len(drivers)), [_wrapped(driver.words, _DRIVER_WIDTH) for driver in drivers]
+        )
+        panel.set_yticks(range(len(figures)), [_wrapped(figure.words) for figure in figures])
         for (row, column), value in np.ndenumerate(values):
             text = "—" if np.isnan(value) else f"{value:+.2f}"
             colour = "white" if abs(value) > 0.7 else "black"
@@ -159,16 +168,12 @@ def _spans_decades(values: FloatArray) -> bool:
 
 
 _PANEL_HEIGHT = 22  # letters that fit beside a panel
+_DRIVER_WIDTH = 18  # letters that fit below a column of the drivers
 
 
-def _wrapped(name: str, width: int = 34) -> str:
-    """Return a long name on several lines, broken behind dots and underscores."""
-    lines = [""]
-    for piece in name.replace(".", ".\0").replace("_", "_\0").split("\0"):
-        if lines[-1] and len(lines[-1]) + len(piece) > width:
-            lines.append("")
-        lines[-1] += piece
-    return "\n".join(lines)
+def _wrapped(words: str, width: int = 34) -> str:
+    """Return words on lines of a width."""
+    return "\n".join(textwrap.wrap(words, width))
 
 
 def _data_url(figure: Figure) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,13 +20,14 @@ from vtff_analysis.studies.campaign_charts import (
     draw_drivers,
     draw_scatter,
 )
-from vtff_analysis.studies.figures import unit_of
+from vtff_analysis.studies.figures import describe_name, unit_of
 
 __all__ = ["CampaignDescription", "render_campaign_report"]
 
 _PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
 _WORST = 3  # cases shown of each figure
 _MOST_FAILED = 50
+_LARGEST_POWER = 6  # of ten, of numbers that are written without an exponent
 _TEMPLATE = "campaign_report.html.j2"
 
 
@@ -129,9 +131,26 @@ def _percentile_row(figure: Column) -> dict[str, Any]:
         numbers = [*percentiles.tolist(), float(np.mean(values)), spread]
     return {
         "label": figure.label,
+        "name": figure.name,
         "count": len(values),
-        "numbers": ["—" if np.isnan(number) else f"{number:.5g}" for number in numbers],
+        "numbers": _alike(numbers),
     }
+
+
+def _alike(numbers: Sequence[float]) -> list[str]:
+    """Return percentiles, mean and deviation of a figure to the same place; a dash for NaN.
+
+    The place is that of three digits of the range, or of the size where all cases are equal.
+    """
+    smallest, *_, largest = numbers[: len(_PERCENTILES)]
+    if not (math.isfinite(smallest) and math.isfinite(largest)):
+        return ["—"] * len(numbers)
+    size = (largest - smallest) or abs(largest)
+    place = math.floor(math.log10(size)) if size else 0
+    if not -_LARGEST_POWER < place < _LARGEST_POWER:
+        return [f"{number:.4g}" for number in numbers]
+    decimals = max(0, 2 - place)
+    return [f"{number:.{decimals}f}" for number in numbers]
 
 
 def _strongest(drivers: Sequence[Column], figure: Column) -> tuple[Column, Column] | None:
@@ -153,7 +172,10 @@ def _worst_cases(
         bound = bounds.get(figure.name)
         for row, why in _worst_rows(figure, bound):
             value = figure.values[row]
-            inputs = [f"{n} = {_text(table[n][row].as_py())}" for n in description.inputs]
+            inputs = [
+                f"{describe_name(name)} {_text(table[name][row].as_py())} {unit}".rstrip()
+                for name, unit in description.inputs.items()
+            ]
             worst.append(
                 _WorstCase(
                     figure.label,

@@ -7,7 +7,14 @@ import itertools
 import re
 from collections.abc import Sequence
 
-__all__ = ["FLIGHT_FIGURES", "NAVIGATION_FIGURES", "RUN_FIGURES", "figure_problem", "unit_of"]
+__all__ = [
+    "FLIGHT_FIGURES",
+    "NAVIGATION_FIGURES",
+    "RUN_FIGURES",
+    "describe_name",
+    "figure_problem",
+    "unit_of",
+]
 
 FLIGHT_FIGURES = (
     "initial_<axis>_m",
@@ -39,6 +46,7 @@ NAVIGATION_FIGURES = (
     "navigation_error_<axis>_mean_m",
     "navigation_error_<axis>_rms_m",
     "navigation_error_maximum_m",
+    "navigation_error_settled_samples",
     "navigation_error_settled_3d_rms_m",
     "navigation_error_settled_3d_rms_m_per_s",
     "navigation_error_settled_nees",
@@ -145,6 +153,11 @@ RUN_FIGURES = (
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_samples",
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_mean_difference_rad",
     "ionosphere_<craft>_receiver_sigma_phi_<signal>_scatter_rad",
+    "guidance_last_phase_start_time_s",
+    "guidance_last_phase_deviation_rms_m",
+    "guidance_closest_m",
+    "guidance_planned_closest_m",
+    "guidance_delta_v_m_per_s",
     "cluster_equilibrium_m",
     "cluster_closest_m",
     "cluster_side_minimum_end_m",
@@ -169,8 +182,12 @@ RUN_FIGURES = (
 """Further figures of runs, one set for each run."""
 
 _UNITS = {
+    "_m_per_s_per_h": "m/s per h",
     "_m_per_s2": "m/s²",
     "_m_per_s": "m/s",
+    "_m_s": "m/s",
+    "_a_m2": "A m²",
+    "_rpm": "rpm",
     "_per_cm3": "cm⁻³",
     "_dbhz": "dB-Hz",
     "_tecu": "TECU",
@@ -179,6 +196,23 @@ _UNITS = {
     "_rad": "rad",
     "_m": "m",
     "_s": "s",
+}
+
+#: Parts of names that are not written as they are spoken.
+_WORDS = {
+    "in_track": "in-track",
+    "cross_track": "cross-track",
+    "delta_v": "velocity change",
+    "3d": "3-D",
+    "rms": "RMS",
+    "nees": "NEES",
+    "gnss": "GNSS",
+    "cn0": "C/N0",
+    "vtec": "vertical TEC",
+    "tec": "TEC",
+    "s4": "S4",
+    "1km": "1 km apart",
+    "2km": "2 km apart",
 }
 
 _AXES = ("radial", "in_track", "cross_track")
@@ -195,6 +229,15 @@ _PLACEHOLDERS = {
 def unit_of(figure: str) -> str:
     """Return the unit that the end of a figure's name tells; empty for none."""
     return next((unit for ending, unit in _UNITS.items() if figure.endswith(ending)), "")
+
+
+def describe_name(name: str) -> str:
+    """Return the name of a figure or a variable in words, without its unit (`unit_of`)."""
+    ending = next((ending for ending in _UNITS if name.endswith(ending)), "")
+    text = f"_{name.removesuffix(ending)}_"
+    for part, words in _WORDS.items():
+        text = text.replace(f"_{part}_", f"_{words}_")
+    return text.strip("_").replace("_", " ")
 
 
 def figure_problem(

@@ -31,6 +31,9 @@ PARAMETERS_PREFIX = "parameters/"
 
 SCENARIO_PARAMETER = "scenario_file"
 
+#: Key of the run file under which the command stands that makes the run again.
+COMMAND_KEY = "command"
+
 
 @dataclasses.dataclass(frozen=True)
 class RunDescription:
@@ -40,6 +43,8 @@ class RunDescription:
     ----------
     arguments
         The arguments of the run, with the name of the system under ``system``.
+    command
+        The command that makes the run again; empty if it is not recorded.
     environment
         Versions and machine, with the keys of docs/summary.md; empty if they are unknown.
     parameter_texts
@@ -49,6 +54,7 @@ class RunDescription:
     """
 
     arguments: dict[str, Any] = dataclasses.field(default_factory=dict)
+    command: str = ""
     environment: dict[str, Any] = dataclasses.field(default_factory=dict)
     parameter_texts: dict[str, str] = dataclasses.field(default_factory=dict)
     scenario_text: str = ""
@@ -68,6 +74,8 @@ class RunDescription:
         }
         if self.arguments:
             texts[ARGUMENTS_KEY] = json.dumps(self.arguments, default=str)
+        if self.command:
+            texts[COMMAND_KEY] = self.command
         if self.environment:
             texts[ENVIRONMENT_KEY] = json.dumps(self.environment, default=str)
         if self.scenario_text:
@@ -89,14 +97,15 @@ def _without_paths(text: str, run_directory: str, current_folder: str) -> str:
 def write_arguments(
     run_directory: pathlib.Path, arguments: Mapping[str, Any], measured: Mapping[str, Any]
 ) -> None:
-    """Write system and arguments into the run folder.
+    """Write system, arguments and command into the run folder.
 
     Parameters
     ----------
     run_directory
         The folder; made if it does not exist.
     arguments
-        Arguments of the run, with the name of the system under ``system``.
+        Arguments of the run, with the name of the system under ``system`` and the command that
+        makes the run again under `COMMAND_KEY`.
     measured
         How the run goes on this machine, with keys of `MEASURED_KEYS`.
 
@@ -129,12 +138,12 @@ def describe_run_folder(run_directory: pathlib.Path) -> RunDescription:
         for path in sorted((run_directory / PARAMETER_FOLDER).glob("*.yaml"))
         if (text := _read_text(path))
     }
+    content = _parse_mapping(_read_text(run_directory / RUN_FILE))
     return RunDescription(
         arguments={
-            key: value
-            for key, value in _parse_mapping(_read_text(run_directory / RUN_FILE)).items()
-            if key not in MEASURED_KEYS
+            key: value for key, value in content.items() if key not in (*MEASURED_KEYS, COMMAND_KEY)
         },
+        command=str(content.get(COMMAND_KEY, "")),
         parameter_texts=parameters,
         scenario_text=_read_scenario(parameters.values()),
     )
@@ -144,6 +153,7 @@ def describe_from_bag(custom_data: Mapping[str, str]) -> RunDescription:
     """Return the description in the custom data of a bag."""
     return RunDescription(
         arguments=_parse_mapping(custom_data.get(ARGUMENTS_KEY, "")),
+        command=custom_data.get(COMMAND_KEY, ""),
         environment=_parse_mapping(custom_data.get(ENVIRONMENT_KEY, "")),
         parameter_texts={
             key.removeprefix(PARAMETERS_PREFIX): text
@@ -162,6 +172,7 @@ def describe_run(run_directory: pathlib.Path, custom_data: Mapping[str, str]) ->
     folder, bag = describe_run_folder(run_directory), describe_from_bag(custom_data)
     return RunDescription(
         arguments=folder.arguments or bag.arguments,
+        command=folder.command or bag.command,
         environment=bag.environment,
         parameter_texts=folder.parameter_texts or bag.parameter_texts,
         scenario_text=bag.scenario_text or folder.scenario_text,

@@ -11,6 +11,7 @@ from rich.progress import Progress
 from rich.table import Column, Table
 
 from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -152,7 +153,7 @@ def baseline(
     from vtff_bag.run.folder import RunFolderError
     from vtff_gnss.files.observation_files import ObservationFileError
 
-    console = Console(highlight=False)
+    console = make_console()
     try:
         bands = _parse_bands(signals, estimator)
         if form not in TABLE_FORMS:
@@ -280,7 +281,7 @@ def _compute(
         Section("Epochs and solutions", ("", ""), [*facts, *used], numbers=False),
     )
     page = folder / "baseline.html"
-    write_results(page, title, sections, command=command_line(), lead=sentence)
+    write_results(page, title, sections, command=command_line(without="--out"), lead=sentence)
     console.print(title, markup=False, style="bold", soft_wrap=True)
     for line in (sentence, *sources.usage, *(f"{name:<12} {text}" for name, text in facts)):
         console.print(f"  {line}", markup=False, soft_wrap=True)

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from vtff_bag.run.folder import RunFolderError, output_folder, remove_if_empty
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
@@ -109,7 +110,7 @@ def campaign(
         load_campaign,
     )
 
-    console = Console(highlight=False)
+    console = make_console()
     folder: pathlib.Path | None = None
     try:
         remote = _remote(scheduler, tls_ca_file, tls_certificate, tls_key)

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_bringup.run.flown import require_flight
@@ -46,7 +47,7 @@ def compare(
 
     Example: vtff compare bags/paper bags/delay_aware
     """
-    console = Console(highlight=False)
+    console = make_console()
     if len(bags) < 2:
         console.print("[red]error:[/red] name at least two bags to compare")
         raise typer.Exit(EXIT_USAGE)

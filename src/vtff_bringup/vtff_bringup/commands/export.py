@@ -7,10 +7,10 @@ from collections.abc import Callable
 from typing import Annotated, Any, Optional
 
 import typer
-from rich.console import Console
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -59,7 +59,7 @@ def export(
 
     vtff export bags/mine --rinex --oem
     """
-    console = Console(highlight=False)
+    console = make_console()
     chosen = [
         name
         for name, wanted in (

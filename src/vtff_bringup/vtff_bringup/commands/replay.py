@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 from rich.console import Console
 
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
@@ -53,7 +54,7 @@ def replay(
 
     Example: vtff replay bags/mine --rate 10 --exclude-topics /deputy/relative_state
     """
-    console = Console(highlight=False)
+    console = make_console()
     parameters = {
         "bag": str(bag),
         "rate": rate,

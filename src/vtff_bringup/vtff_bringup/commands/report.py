@@ -7,9 +7,9 @@ import pathlib
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
 
 from vtff_bag.file.errors import BagError
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_bringup.run.flown import require_flight
@@ -33,7 +33,7 @@ def report(
     file that holds its pictures: it can be mailed and printed. Subjects that a run does not have
     are left out; the report of a damaged bag covers what can be read.
     """
-    console = Console(highlight=False)
+    console = make_console()
     # Imported here, because matplotlib and rclpy take a while.
     from vtff_analysis.plot_style import FIGURES_VARIABLE
     from vtff_analysis.report import write_report

@@ -14,7 +14,9 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.background_import import BackgroundImport
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_bringup.run.on_console import (
@@ -71,7 +73,7 @@ def reprocess(
 
     Example: vtff reprocess bags/mine --set relative_ekf.estimator:=paper
     """
-    console = Console(highlight=False)
+    console = make_console()
     try:
         recorded = BagReader(bag)
         path = find_system_file(system)
@@ -88,6 +90,7 @@ def reprocess(
             console,
             description,
             run_settings,
+            command=command_line(without="--out"),
             composed=not distributed,
             verbose=verbose,
             on_step=imports.begin if report else None,

@@ -7,13 +7,14 @@ import pathlib
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
 
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.discover.list_installed import complete_system
 from vtff_bringup.hosts.run_order import RunOrder
 from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
 from vtff_bringup.run.background_import import BackgroundImport
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
 from vtff_bringup.run.host_session import Conclusion, HostSession
@@ -97,7 +98,7 @@ def run(
     On several machines (docs/hosts.md): vtff run reference_hosts chief_address:=192.0.2.1
     deputy_address:=192.0.2.2 --host chief on one, the same with --host deputy on the other.
     """
-    console = Console(highlight=False)
+    console = make_console()
     if max_lag is not None and not realtime:
         raise exit_with_error(console, "--max-lag needs --realtime", EXIT_USAGE)
     try:
@@ -132,6 +133,7 @@ def run(
             console,
             description,
             settings,
+            command=command_line(without="--out"),
             composed=order.shares_process,
             verbose=verbose,
             on_step=imports.begin if order.report else None,

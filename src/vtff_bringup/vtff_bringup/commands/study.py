@@ -16,6 +16,7 @@ from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder, remove_if_empty
 from vtff_bringup.commands.campaign import conclude_campaign, fly_campaign_visibly, stop
 from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_node.executables import ExecutableNotFoundError, share_file
 
@@ -27,6 +28,13 @@ if TYPE_CHECKING:
     from vtff_bringup.campaign.campaign import CampaignResult
 
 _LARGEST_OFFSET = 50e3  # m; farther down the deputy would be in the dense atmosphere
+
+#: Captions of pictures that repeat no figure of a paper, by the names of their files.
+_CAPTIONS = {
+    "decay": "Distance of the other chaser from the lead when one fails and decays.",
+    "paths": "Paths of the chasers about the lead, which is blue.",
+    "sides": "Distances of all pairs: the sides of the triangle that the potential wants.",
+}
 
 app = typer.Typer(help="Parameter studies, beside the paper's.", no_args_is_help=True)
 
@@ -60,7 +68,7 @@ def thrust_cap(
         write_plot,
     )
 
-    console = Console(highlight=False)
+    console = make_console()
     fixed = {} if scenario is None else {"scenario": str(scenario.resolve())}
     try:
         folder = output_folder(out, "thrust_cap", parent="studies")
@@ -117,7 +125,7 @@ def radial_offset(
     from vtff_bringup.campaign.worker import COMPLETE
     from vtff_sim_bridge.atmosphere.electron_density import ProfileError, read_profile
 
-    console = Console(highlight=False)
+    console = make_console()
     offsets = sorted(set(offset or OFFSETS))
     try:
         if offsets[0] <= 0.0 or offsets[-1] > _LARGEST_OFFSET:
@@ -177,7 +185,7 @@ def formation_designs(
         write_formation_designs,
     )
 
-    console = Console(highlight=False)
+    console = make_console()
     try:
         folder = None if out is None else chosen_folder(out, empty=False)
     except RunFolderError as error:
@@ -324,15 +332,16 @@ def _compare_with_paper(
     """
     from vtff_analysis.page.results import Section
 
-    console = Console(highlight=False)
+    console = make_console()
     try:
         folder = output_folder(out, name, parent="studies")
         rows = run(folder, lambda line: console.print(line, markup=False))
         texts = [(row.subject, row.quantity, row.paper, row.measured) for row in rows]
-        pictures = [(path, path.stem.replace("_", " ")) for path in sorted(folder.glob("*.png"))]
+        pictures = [(path, _caption(path.stem, paper)) for path in sorted(folder.glob("*.png"))]
         heads = ("", "", "paper", "measured")
-        section = Section("", heads, texts, pictures, (remark,), numbers=False)
-        page = _write_page(folder, name, paper, [section])
+        results = Section("", heads, texts, pictures, numbers=False)
+        faults = Section("What the paper leaves open", (), (), (), (remark,))
+        page = _write_page(folder, name, paper, [results, faults])
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
     except OSError as error:
@@ -343,6 +352,14 @@ def _compare_with_paper(
     console.print(table)
     console.print(remark, markup=False)
     console.print(f"table and figures: {page}", markup=False, soft_wrap=True)
+
+
+def _caption(stem: str, paper: str) -> str:
+    """Return the caption of a picture: what it shows, or which figure of the paper it repeats."""
+    kind, _, number = stem.partition("_")
+    if kind == "figure" and number:
+        return f"Figure {number.replace('_', ' ')} of paper {paper}, as computed here."
+    return _CAPTIONS.get(stem, f"{stem.replace('_', ' ').capitalize()}.")
 
 
 def _section(
@@ -364,7 +381,7 @@ def _write_page(
     from vtff_analysis.page.results import write_results
 
     page = folder / f"{name}.html"
-    write_results(page, f"vtff study {name}", sections, (paper,), command_line())
+    write_results(page, f"vtff study {name}", sections, (paper,), command_line(without="--out"))
     return page
 
 

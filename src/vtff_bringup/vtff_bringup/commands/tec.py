@@ -13,6 +13,7 @@ from rich.markup import escape
 from rich.progress import Progress
 
 from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import (
     describe_os_error,
     exit_with_error,
@@ -101,7 +102,7 @@ def tec(
     from vtff_bag.run.folder import output_folder, remove_if_empty
     from vtff_gnss.files.navigation_files import open_navigation
 
-    console = Console(highlight=False)
+    console = make_console()
     if form not in TABLE_FORMS:
         raise exit_with_error(
             console, f"--format {form!r}: one of {', '.join(TABLE_FORMS)} expected", EXIT_USAGE
@@ -158,7 +159,9 @@ def tec(
     write_summary(summaries, folder / "tec.json")
     lead = _lead_sentence(summaries, failed)
     page = folder / "tec.html"
-    write_results(page, "Electron content", sections, command=command_line(), lead=lead)
+    write_results(
+        page, "Electron content", sections, command=command_line(without="--out"), lead=lead
+    )
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from vtff_bag.file.errors import BagError
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
@@ -75,7 +76,7 @@ def view(
     Examples: vtff view bags/sample;  ROS_DOMAIN_ID=5 vtff view --live;
     vtff view RUN --beside OTHER;  vtff view RUN --export run.html
     """
-    console = Console(highlight=False)
+    console = make_console()
     if (bag is None) == (not live):
         raise exit_with_error(console, "give a bag, or --live for a run that goes on", EXIT_USAGE)
     if live and (beside is not None or export is not None):

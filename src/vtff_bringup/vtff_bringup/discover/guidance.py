@@ -10,6 +10,7 @@ from rich.console import Console
 
 from vtff_bringup.discover.running_graph import running_graph
 from vtff_bringup.discover.waiting import GraphWaiter
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
@@ -34,7 +35,7 @@ def set_mode(
     orbits: Annotated[float, typer.Option(help="phase: duration")] = 0.0,
 ) -> None:
     """Set the mode."""
-    console = Console(highlight=False)
+    console = make_console()
     with running_graph() as (node, executor, stop):
         from vtff_msgs.srv import SetGuidanceMode
 
@@ -75,7 +76,7 @@ def reconfigure(
 
     Ctrl-C ends it in a free drift.
     """
-    console = Console(highlight=False)
+    console = make_console()
     objectives = ("norms", "axes", "energy")
     if objective not in objectives:
         text = f"objective: one of {', '.join(objectives)} expected, got '{objective}'"

@@ -12,8 +12,8 @@ from collections.abc import Iterator
 from typing import Annotated, Optional
 
 import typer
-from rich.console import Console
 
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_USAGE
 
@@ -50,7 +50,7 @@ def list_installed(
     before installed ones of the same name. The topics of a running graph or of a bag: vtff topic
     list. Parameters of a node: vtff node NODE --help.
     """
-    console = Console(highlight=False)
+    console = make_console()
     if kind is not None and kind not in KINDS:
         text = f"'{kind}' cannot be listed; choose one of: {', '.join(KINDS)}"
         text += ", or topics of a run or bag by vtff topic list" if kind == "topics" else ""

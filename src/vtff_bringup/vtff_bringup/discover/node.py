@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
 from vtff_bringup.discover.list_installed import complete_node, nodes
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_USAGE
 
@@ -28,7 +28,7 @@ def node(
     Each parameter with its unit, its range or choices, and its default. A parameter is set with
     NODE.PARAMETER:=VALUE after `vtff run SYSTEM`. Example: vtff node sdre_controller --help
     """
-    console = Console(highlight=False)
+    console = make_console()
     installed = {installed_name: package for installed_name, package, _ in nodes()}
     if name not in installed:
         text = f"no node '{name}'; there are: {', '.join(sorted(installed))}"

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 import typer
-from rich.console import Console
 
 from vtff_bringup.discover.running_graph import running_graph
 from vtff_bringup.discover.waiting import GraphWaiter
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED
 
@@ -29,7 +29,7 @@ def survey(
     Its decisions are printed. The goal runs until Ctrl-C, or until another goal replaces it. The
     graph is that of ROS_DOMAIN_ID (0 if it is not set).
     """
-    console = Console(highlight=False)
+    console = make_console()
     with running_graph() as (node, executor, stop):
         from vtff_msgs.action import Survey
 

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from vtff_bag.file.errors import BagError, UnknownTypeError
 from vtff_bringup.discover.running_graph import domain_text, running_graph
+from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
@@ -40,7 +41,7 @@ def list_topics(bag: Bag = None) -> None:
 
     A bag also tells the number of messages and their rate.
     """
-    console = Console(highlight=False)
+    console = make_console()
     if bag is not None:
         reader = _open(console, bag)
         seconds = max(1e-9, (reader.end_time - reader.start_time) * 1e-9)
@@ -76,7 +77,7 @@ def echo(
     """
     from vtff_node.message_text import message_lines
 
-    console = Console(highlight=False)
+    console = make_console()
     shown = 0
     for message in _messages(console, topic, bag):
         for line in message_lines(message):
@@ -97,7 +98,7 @@ def hz(
 
     A running graph is watched in wall time until Ctrl-C; a bag tells its recorded time, once.
     """
-    console = Console(highlight=False)
+    console = make_console()
     if bag is not None:
         reader = _open(console, bag)
         if topic not in reader.topics:

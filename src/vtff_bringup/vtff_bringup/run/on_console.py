@@ -12,7 +12,7 @@ from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
-from vtff_bag.run.description import add_measured, write_arguments
+from vtff_bag.run.description import COMMAND_KEY, add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.domain import DOMAIN_VARIABLE, DomainOccupiedError
@@ -55,6 +55,7 @@ def run_system(
     description: SystemDescription,
     settings: RunSettings,
     *,
+    command: str,
     composed: bool,
     verbose: bool,
     prepare: Callable[[], None] | None = None,
@@ -69,6 +70,8 @@ def run_system(
     ----------
     console, description, settings
         Where to print, what to run, and how.
+    command
+        The command that makes the run again.
     composed
         Whether all nodes that allow it share one process.
     verbose
@@ -93,7 +96,7 @@ def run_system(
 
     def begin(domain: int) -> None:
         console.print(f"{DOMAIN_VARIABLE} {domain}")
-        arguments = {"system": description.name, **description.arguments}
+        arguments = {"system": description.name, COMMAND_KEY: command, **description.arguments}
         measured: dict[str, Any] = {"ros_domain_id": domain}
         if session is not None:
             measured["host"] = session.host

@@ -27,9 +27,10 @@ export function niceTicks(low, high, count) {
     ticks.push(index * step);
   }
   const decimals = Math.max(0, -Math.floor(Math.log10(step) + 1e-9));
-  if (decimals > 4) { // as decimals they would cover the name of the axis
+  const largest = Math.max(Math.abs(low), Math.abs(high));
+  if (decimals > 4 || (largest >= 1e6 && step >= 1e3)) { // as decimals they would cover the name of the axis
     const digits = Math.max(0, Math.ceil(Math.log10(Math.max(...ticks.map(Math.abs), step) / step) - 1e-9));
-    return { ticks, text: (value) => (Math.abs(value) < step / 2 ? "0" : value.toExponential(Math.min(digits, 3))) };
+    return { ticks, text: (value) => (Math.abs(value) < step / 2 ? "0" : value.toExponential(Math.min(digits, 3)).replace("e+", "e")) };
   }
   return { ticks, text: (value) => value.toFixed(decimals) };
 }
