@@ -6,6 +6,7 @@ default because at 1 s it raises the semi-major axis of that orbit by 40 km in 2
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import brahe
@@ -63,9 +64,9 @@ class Propagator:
         if not 0.0 < step < float("inf"):
             raise ValueError(f"step {step}: must be positive and finite, in seconds")
         state: FloatArray = np.array(state_gcrf, dtype=float)
-        if state.shape != (6,) or not np.isfinite(state).all():
+        if state.shape != (6,) or not all(map(math.isfinite, state.tolist())):
             raise ValueError("state_gcrf: must be six finite numbers, position and velocity")
-        if not np.any(state[:3]):
+        if not any(state[:3].tolist()):
             raise ValueError("state_gcrf: the position is the centre of the Earth")
         self._step_nanoseconds = round(step * NANOSECONDS_PER_SECOND)
         if (
@@ -131,7 +132,7 @@ class Propagator:
             self._thrust_derivative[3:] = 0.0
         else:
             thrust = np.asarray(acceleration_gcrf, dtype=float)
-            if thrust.shape != (3,) or not np.isfinite(thrust).all():
+            if thrust.shape != (3,) or not all(map(math.isfinite, thrust.tolist())):
                 raise ValueError("acceleration_gcrf: must be three finite numbers")
             self._thrust_derivative[3:] = thrust
         if self._integrator == "rk4":

@@ -348,15 +348,15 @@ def _rotate_to_earth(
     across_2 = across_2 + 2.0 * node_rate * p_1 - node_rate**2 * across_0
     along_1, across_1 = p_1 - node_rate * across_0, across_1 + node_rate * p_0
 
-    def itrf(along: FloatArray, across: FloatArray, north: FloatArray) -> FloatArray:
-        vector = np.empty((*along.shape, 3))
-        vector[..., 0] = along * cosine_o - across * sine_o
-        vector[..., 1] = along * sine_o + across * cosine_o
-        vector[..., 2] = north
-        return vector
-
-    return (
-        itrf(p_0, across_0, north_0),
-        itrf(along_1, across_1, north_1),
-        itrf(along_2, across_2, north_2),
+    # Position and derivatives; components first, since arithmetic on a last axis of three is slow.
+    along = np.array((p_0, along_1, along_2))
+    across = np.array((across_0, across_1, across_2))
+    itrf = np.array(
+        (
+            along * cosine_o - across * sine_o,
+            along * sine_o + across * cosine_o,
+            (north_0, north_1, north_2),
+        )
     )
+    position, velocity, acceleration = itrf.transpose(1, *range(2, itrf.ndim), 0)
+    return position, velocity, acceleration

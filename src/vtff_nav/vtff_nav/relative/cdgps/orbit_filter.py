@@ -420,7 +420,7 @@ class AbsoluteFilter:
                 measured.phase_sigma**2 + configuration.ephemeris_phase_sigma**2,
             )
         )
-        systems = np.unique(measured.system)
+        systems = np.array(sorted(set(measured.system.tolist())))
         nuisance = (measured.system[order, None] == systems[None, :]).astype(float)
         nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
         return state.innovation(design, values, variances, nuisance), order.tolist()
