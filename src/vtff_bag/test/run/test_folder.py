@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import json
+import os
 import pathlib
 
 import pytest
 
 from vtff_bag.run.description import RUN_FILE, add_measured, describe_run_folder, write_arguments
-from vtff_bag.run.folder import RunFolderError, chosen_folder, new_folder, remove_if_empty
+from vtff_bag.run.folder import (
+    RunFolderError,
+    chosen_file,
+    chosen_folder,
+    new_folder,
+    remove_if_empty,
+)
 
 
 def test_runs_of_the_same_second_get_folders_of_their_own(tmp_path):
@@ -42,6 +49,34 @@ def test_what_is_no_folder_is_named(tmp_path):
     for path in (file / "below", pathlib.Path("/proc/x")):
         with pytest.raises(RunFolderError, match="cannot make|is not a folder"):
             new_folder(path)
+
+
+@pytest.mark.parametrize(
+    "name", ["folder", "pipe", "notes.txt", "circle", "no/run.html", "x" * 300]
+)
+def test_what_cannot_be_written_as_a_page_is_named(name, tmp_path):
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "circle").symlink_to("circle")
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(RunFolderError, match=name) as caught:
+        chosen_file(tmp_path / name, ".html")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_page_is_written_anew(tmp_path):
+    page = tmp_path / "run.HTML"
+    assert chosen_file(page, ".html") == page
+    page.write_text("of yesterday")
+    assert chosen_file(page, ".html") == page
+
+
+def test_a_name_that_is_no_text_is_refused(tmp_path):
+    name = tmp_path / os.fsdecode(b"\xff.html")
+    for choose in (lambda: chosen_file(name, ".html"), lambda: chosen_folder(name, empty=False)):
+        with pytest.raises(RunFolderError, match="a name in UTF-8 expected"):
+            choose()
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_only_an_empty_folder_is_taken_away(tmp_path):

@@ -59,8 +59,10 @@ def chosen_folder(folder: pathlib.Path, *, empty: bool) -> pathlib.Path:
     Raises
     ------
     RunFolderError
-        If the folder cannot be made or written, is a file, or is not empty.
+        If the folder cannot be made or written, is a file, is not empty, or has a name that is not
+        UTF-8.
     """
+    _check_name(folder)
     try:
         folder = folder.resolve()
         folder.mkdir(parents=True, exist_ok=True)
@@ -77,6 +79,45 @@ def chosen_folder(folder: pathlib.Path, *, empty: bool) -> pathlib.Path:
     if empty and filled:
         raise RunFolderError(f"{folder} is not empty; choose another --out")
     return folder
+
+
+def chosen_file(file: pathlib.Path, suffix: str) -> pathlib.Path:
+    """Return the file that a user asked for, before anything is computed for it.
+
+    A file of the same kind is written anew; any other that exists is somebody's.
+
+    Parameters
+    ----------
+    file
+        The file, as the user gave it.
+    suffix
+        End of the names of such files, as ``".html"``.
+
+    Raises
+    ------
+    RunFolderError
+        If its folder does not exist or cannot be written, or if the file exists and is another
+        thing than a regular file with this suffix.
+    """
+    _check_name(file)
+    try:
+        if not file.parent.is_dir():
+            raise RunFolderError(f"{file}: there is no folder {file.parent}")
+        exists = file.exists() or file.is_symlink()
+        if exists and not (file.is_file() and file.suffix.lower() == suffix):
+            raise RunFolderError(f"{file} exists and is no {suffix} file; choose another name")
+    except OSError as error:
+        raise RunFolderError(f"cannot write {file}: {error.strerror}") from error
+    if not os.access(file if exists else file.parent, os.W_OK):
+        raise RunFolderError(f"cannot write {file}: permission denied")
+    return file
+
+
+def _check_name(path: pathlib.Path) -> None:
+    try:
+        os.fspath(path).encode("utf-8")
+    except UnicodeEncodeError:
+        raise RunFolderError(f"{os.fsencode(path)!r}: a name in UTF-8 expected") from None
 
 
 def output_folder(

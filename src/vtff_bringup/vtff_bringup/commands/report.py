@@ -9,6 +9,7 @@ from typing import Annotated, Optional
 import typer
 
 from vtff_bag.file.errors import BagError
+from vtff_bag.run.folder import RunFolderError, chosen_folder
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -42,9 +43,11 @@ def report(
         os.environ[FIGURES_VARIABLE] = "svg"
     try:
         require_flight(bag)
+        if out is not None:
+            out = chosen_folder(out, empty=False)
         with console.status("reading the bag and drawing"):
             write_report(bag, console, output=out)
-    except BagError as error:
+    except (BagError, RunFolderError) as error:
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except OSError as error:
         raise exit_with_error(console, f"no report: {error}", EXIT_FAILURE) from error

@@ -15,6 +15,7 @@ from rich.console import Console
 from rich.progress import Progress, TaskID
 
 from vtff_bag.file.errors import BagError
+from vtff_bag.run.folder import RunFolderError, chosen_file
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
@@ -88,7 +89,7 @@ def view(
             code = _view_bag(console, bag, beside, text, not no_open, port, foxglove, foxglove_port)
         else:
             code = _view_live(console, text, not no_open, port, foxglove, foxglove_port)
-    except BagError as error:
+    except (BagError, RunFolderError) as error:
         raise exit_with_error(console, error, EXIT_USAGE) from error
     except (OSError, RuntimeError, ImportError) as error:
         raise exit_with_error(console, error, EXIT_FAILURE) from error
@@ -122,6 +123,7 @@ def _export(
 ) -> int:
     from vtff_analysis.view.page_file import write_page
 
+    file = chosen_file(file, ".html")
     write_page(_read(console, bag, beside).as_json(), file)
     size = file.stat().st_size / 1e6
     console.print(f"{file}: {size:.1f} MB, opens in any browser", markup=False, soft_wrap=True)
