@@ -227,7 +227,8 @@ class AttitudeEstimatorNode(VtffNode):
         level, text, values = diagnostics.WARN, "no report yet", dict(self._counts)
         if known is None or known.estimate is None:
             text = known.status.reason if known is not None else text
-            return [diagnostics.status(f"{name}: attitude", level, text, values)]
+            craft = self.parameters.spacecraft
+            return [diagnostics.status(f"{name}: attitude", level, text, values, hardware_id=craft)]
         estimate, status = known.estimate, known.status
         level, text = diagnostics.OK, "attitude known"
         if status.reason or not status.valid:

@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 
 import numpy as np
 import pytest
@@ -19,6 +20,7 @@ from vtff_analysis.compare.comparison import (  # noqa: E402
     names_of_runs,
     read_compared_run,
 )
+from vtff_analysis.compare.page import render_comparison  # noqa: E402
 from vtff_analysis.evaluation.navigation import NavigationError  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
 
@@ -173,3 +175,26 @@ def test_one_bag_or_none_is_a_usage_error(runs, tmp_path):
         result = CliRunner().invoke(make_app(), ["compare", *map(str, paths)])
         assert result.exit_code == 2
         assert "error:" in result.output and "Traceback" not in result.output
+
+
+def test_a_shorter_run_takes_figures_of_the_common_time_alone(runs, tmp_path):
+    """Keeping begins at 125 s: a run of 100 s has none, and nothing to compare it with."""
+    short = full_run_samples.write_full_run(tmp_path / "short", seconds=100)
+    compared = [read_compared_run(path, path.name) for path in (runs[0], short)]
+    labels = [shown.label for _, rows in comparison_rows(compared) for shown, _ in rows]
+    assert "closest approach, m" in labels
+    assert not [label for label in labels if label.startswith("keeping RMS")]
+
+
+def test_the_page_opens_with_the_result_and_with_what_else_differs(runs):
+    good, biased = (read_compared_run(path, path.name) for path in runs)
+    page = render_comparison([good, biased], [], "vtff compare good biased")
+    assert "vtff compare good biased" in page
+    lead = re.search(r'class="sentence">([^<]*)<', page)[1]
+    errors = re.search(r"errs by ([\d.]+) (m?m) in good and ([\d.]+) (m?m) in biased", lead)
+    first, second = (float(errors[n]) * (1e-3 if errors[n + 1] == "mm" else 1.0) for n in (1, 3))
+    assert second**2 - first**2 == pytest.approx(BIAS**2, rel=0.3)
+    assert "differ" not in lead
+    other = dataclasses.replace(biased, summary={**biased.summary, "run_seed": 99})
+    page = render_comparison([good, other], [])
+    assert "The runs differ in seed: so may their figures." in page and "verdict bad" in page

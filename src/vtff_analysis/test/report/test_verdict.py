@@ -65,8 +65,8 @@ def test_the_paper_is_compared_over_its_own_span():
     verdict = find_verdict(FORMATION, ["deputy"])
     # The paper's hardware kept 490, 190 and 180 mm: 555.5 mm together, here 5 mm.
     assert (
-        "from 125 s on, it is 5.00 mm with emulated receivers and 556 mm with the paper's hardware "
-        "(110 times closer)"
+        "from 125 s on, the deviation is 5.00 mm with emulated receivers and 556 mm with the "
+        "paper's hardware (110 times closer)"
     ) in verdict.sentence
     radial = figures(verdict)["from 125 s on, radial"]
     assert (radial.measured, radial.paper, radial.ratio) == (
@@ -74,8 +74,10 @@ def test_the_paper_is_compared_over_its_own_span():
         "490 mm",
         "160 times smaller",
     )
+    short = {key: value for key, value in FORMATION.items() if "settled_keeping" not in key}
+    assert "paper" not in find_verdict(short, ["deputy"]).sentence
     real = find_verdict({**FORMATION, "receivers": "real"}, ["deputy"])
-    assert "it is 5.00 mm here and" in real.sentence and "emulated" not in real.sentence
+    assert "the deviation is 5.00 mm here and" in real.sentence and "emulated" not in real.sentence
 
 
 def test_a_run_that_was_asked_to_end_before_it_could_settle_is_not_blamed():
@@ -252,3 +254,13 @@ def test_a_cluster_that_misses_a_bound_is_not_called_good():
     dear = find_verdict({**CLUSTER, "cluster_last_orbit_delta_v_m_per_s": 21.0}, ["a", "b"])
     assert not dear.is_good and "21.0 m/s for 18 m/s" in dear.sentence
     assert figures(dear)["last orbit: velocity change, largest"].bound == "18 m/s"
+
+
+def test_a_receiver_without_observations_is_not_called_complete():
+    summary = {"run_duration_s": 9.0, "message_count": 3, "chief_gnss_epochs": 0}
+    summary.update(deputy_gnss_epochs=10, deputy_gnss_missing_epochs=0)
+    verdict = find_verdict(summary, [])
+    assert not verdict.is_good
+    assert verdict.sentence == (
+        "chief: no observations. deputy: 10 epochs of observations, none missing."
+    )

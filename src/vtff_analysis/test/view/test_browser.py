@@ -22,6 +22,8 @@ from full_run_samples import write_full_run  # noqa: E402
 from PIL import Image  # noqa: E402
 from rich.console import Console  # noqa: E402
 
+from vtff_analysis.page.page import Picture, render_figures, render_page  # noqa: E402
+from vtff_analysis.plot_style import make_figure, save_figure  # noqa: E402
 from vtff_analysis.report import write_report  # noqa: E402
 from vtff_analysis.view.bag_scene import read_scene  # noqa: E402
 from vtff_analysis.view.page_file import write_page  # noqa: E402
@@ -464,6 +466,38 @@ def test_ionosphere_is_shown(browser, tmp_path):
         )
         assert {"pierce/deputy", "scintillation/deputy"} < set(plots)
         assert visit.errors == []
+
+
+def test_an_axis_that_is_logarithmic_on_both_sides_and_many_names(browser, tmp_path):
+    """Its title said so, and it was drawn linear with ticks over each other."""
+    figure = make_figure(3.0)
+    axes = figure.subplots()
+    axes.plot([0.0, 1.0, 2.0], [-40.0, 0.5, 900.0])
+    for number in range(12):
+        axes.plot([0.0, 2.0], [0.0, 0.0], label=f"a line with a name, {number}")
+    axes.set_yscale("symlog", linthresh=1.0, linscale=1.5)
+    picture = Picture(save_figure(figure, tmp_path / "a.png", "both sides"), "caption", "a")
+    (tmp_path / "a.html").write_text(render_page("a", "", render_figures([picture], "a")))
+    visit = Visit(browser, (tmp_path / "a.html").as_uri())
+    panel = "document.querySelector('figure').panels[0]"
+    visit.wait(f"{panel}.drawn")
+    for value in (-40.0, -1.0, -0.3, 0.0, 0.7, 900.0):
+        assert visit.value(f"{panel}.unscaled({panel}.scaled({value}, 1), 1)") == pytest.approx(
+            value
+        )
+    # As in the picture of matplotlib, to its margins.
+    low, high = visit.value(f"{panel}.drawn.y")
+    drawn_at = [visit.value(f"{panel}.scaled({value}, 1)") for value in (-1.0, 0.0, 1.0, 100.0)]
+    assert np.diff(drawn_at) == pytest.approx([1.5 / 0.9, 1.5 / 0.9, 2.0])
+    assert low < drawn_at[0] and drawn_at[3] < high
+    ticks = visit.value(f"{panel}.symmetricTicks({panel}.drawn.y, 200)").get("ticks")
+    assert np.diff(sorted(ticks)).min() * 200 / (high - low) >= 15.0
+    assert drawn_at[3] in [pytest.approx(tick) for tick in ticks]
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    visit.wait(f"{panel}.canvas.clientHeight > 350")  # the names are above the lines
+    frame = visit.value(f"{panel}.drawn.frame")
+    assert frame["height"] > 150 and visit.errors == []
+    visit.page.close()
 
 
 def test_report_opens_without_errors_and_with_every_figure(browser, tmp_path):

@@ -19,6 +19,7 @@ from vtff_analysis.evaluation.navigation import NavigationError, navigation_erro
 from vtff_analysis.evaluation.summary import plain_value, summarise_flight, summarise_run
 from vtff_analysis.paper_reference import formation_columns
 from vtff_analysis.recordings.history import AXES, DeputyHistory, RunHistory
+from vtff_analysis.recordings.ionosphere_truth import GNSS_ARGUMENT
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import read_settings
@@ -145,7 +146,8 @@ def read_compared_run(path: pathlib.Path, name: str) -> ComparedRun:
     """
     run_path = find_run(path)
     history = read_run(run_path.bag)
-    settings = read_settings(describe_run(run_path.folder, BagReader(run_path.bag).custom_data))
+    described = describe_run(run_path.folder, BagReader(run_path.bag).custom_data)
+    settings = read_settings(described)
     flights = {}
     errors = {}
     for deputy, recorded in history.deputies.items():
@@ -156,6 +158,10 @@ def read_compared_run(path: pathlib.Path, name: str) -> ComparedRun:
         if error is not None:
             errors[deputy] = error
     summary = summarise_run(history, settings, flights)
+    if GNSS_ARGUMENT in described.arguments:
+        # Its name: the same world has another path on another machine.
+        world = pathlib.PurePath(str(described.arguments[GNSS_ARGUMENT])).name
+        summary[f"argument_{GNSS_ARGUMENT}"] = world
     for deputy, recorded in history.deputies.items():
         prefix = f"{deputy}_" if len(flights) > 1 else ""
         quality = _summarise_navigation(recorded, errors.get(deputy))
@@ -189,6 +195,9 @@ def comparable_summaries(runs: Sequence[ComparedRun]) -> list[dict[str, Any]]:
         for index, flight in flights.items():
             numbers = {"common_duration_s": end, **summarise_flight(flight.until(end))}
             prefix = _prefix(runs[index], deputy)
+            # What a shorter flight does not have is no figure of the common time.
+            for key in summarise_flight(flight):
+                summaries[index].pop(prefix + key, None)
             summaries[index].update({prefix + k: plain_value(v) for k, v in numbers.items()})
     for deputy in sorted({name for run in runs for name in run.errors}):
         having = [index for index, run in enumerate(runs) if deputy in run.errors]
@@ -230,10 +239,10 @@ def comparison_table(
 
 
 def _value_text(value: Any, row: Row) -> str:
-    """Return a number, ``never`` where it does not exist, a blank where its subject is missing."""
+    """Return a number, ``not yet`` where it does not exist, a blank without its subject."""
     if value is ...:
         return ""
-    return "never" if value is None else scaled_text(value, row.decimals, row.scale)
+    return "not yet" if value is None else scaled_text(value, row.decimals, row.scale)
 
 
 def _difference_text(values: Sequence[Any], row: Row) -> str:

@@ -19,7 +19,15 @@ from vtff_analysis.paper_reference import PaperColumn, formation_columns, paper_
 from vtff_analysis.recordings.history import AXES
 from vtff_analysis.recordings.topics import key_part
 
-__all__ = ["Figure", "Verdict", "describe_receivers", "find_verdict", "subject_of"]
+__all__ = [
+    "Figure",
+    "Verdict",
+    "describe_conditions",
+    "describe_receivers",
+    "find_verdict",
+    "length_text",
+    "subject_of",
+]
 
 Summary = Mapping[str, Any]
 
@@ -125,7 +133,8 @@ class Verdict:
     bound
         Heading of the column of bounds.
     is_good
-        False where the run was ended early, a deputy was taken over or a bound was missed.
+        False where the run was ended early, a deputy was taken over, a bound was missed or a
+        receiver of a log observed nothing.
     """
 
     subject: str
@@ -196,10 +205,12 @@ def find_verdict(summary: Summary, deputies: Sequence[str]) -> Verdict:
     elif subject == "cluster":
         sentences, figures = [describe_cluster(summary)], _cluster(summary)
     warnings = [*_warnings(summary, deputies), *_missed_bounds(summary, subject)]
+    if subject == "log":
+        warnings += [f"{name}: no observations." for name in _receivers(summary, silent=True)]
     return Verdict(
         subject,
         " ".join([*warnings, *sentences]),
-        _conditions(summary),
+        describe_conditions(summary),
         tuple(figures),
         _BOUNDS.get(subject, "fed with truth"),
         not warnings,
@@ -222,7 +233,8 @@ def _numbers_of(summary: Summary, name: str, deputies: Sequence[str]) -> dict[st
     return {key.removeprefix(prefix): value for key, value in summary.items()}
 
 
-def _conditions(summary: Summary) -> str:
+def describe_conditions(summary: Summary) -> str:
+    """Return duration, receivers and world, scenario and seed of a run, in words."""
     parts = [f"{summary['run_duration_s']:.0f} s"]
     receivers = describe_receivers(summary)
     if receivers:
@@ -304,15 +316,15 @@ def _guidance(summary: Summary) -> tuple[list[str], list[Figure]]:
     if deviation is not None:
         sentences.append(
             f"In the last phase ({phase}, from {start:.0f} s on) the deputies were within "
-            f"{_length(deviation)} RMS of the wanted positions."
+            f"{length_text(deviation)} RMS of the wanted positions."
         )
-        figures.append(Figure(f"{phase}: from the wanted position, RMS", _length(deviation)))
+        figures.append(Figure(f"{phase}: from the wanted position, RMS", length_text(deviation)))
     if closest is not None:
-        plan = "" if planned is None else f" (planned: {_length(planned)})"
-        sentences.append(f"No two spacecraft came nearer than {_length(closest)}{plan}.")
-        figures.append(Figure("closest of any two", _length(closest)))
+        plan = "" if planned is None else f" (planned: {length_text(planned)})"
+        sentences.append(f"No two spacecraft came nearer than {length_text(closest)}{plan}.")
+        figures.append(Figure("closest of any two", length_text(closest)))
     if planned is not None:
-        figures.append(Figure("closest of any two, planned", _length(planned)))
+        figures.append(Figure("closest of any two, planned", length_text(planned)))
     figures.append(Figure("velocity change of all", f"{_short(change)} mm/s"))
     return sentences, figures
 
@@ -406,9 +418,10 @@ def _formation(
             figures.append(_length_figure(f"keeping, {axis.replace('_', '-')}", value, None, best))
     elif "settling_time_s" in numbers:
         sentences.append(_settling(numbers, name))
-    told, shown_figures = _keeping_as_the_paper(numbers, printed)
-    sentences += told
-    figures += shown_figures
+    if kept:  # else a few samples of the acquisition's tail would stand beside the paper's hour
+        told, shown_figures = _keeping_as_the_paper(numbers, printed)
+        sentences += told
+        figures += shown_figures
     told, shown_figures = _navigation(numbers, name)
     sentences += told if navigated else []
     figures += shown_figures if navigated else []
@@ -442,8 +455,8 @@ def _settling(numbers: Summary, name: str) -> str:
     acquires = seconds <= numbers.get("keeping_start_time_s", 0.0)
     when = "during the acquisition" if acquires else f"without staying within {SETTLED_WITHIN:g} m"
     return (
-        f"The run ended after {seconds:.0f} s, {when}: {name} was {_length(end)} from its target "
-        f"then, {_length(start)} at its start."
+        f"The run ended after {seconds:.0f} s, {when}: {name} was {length_text(end)} from its "
+        f"target then, {length_text(start)} at its start."
     )
 
 
@@ -467,8 +480,8 @@ def _keeping_as_the_paper(numbers: Summary, printed: Summary) -> tuple[list[str]
     own = "with emulated receivers" if receivers == "emulated" else "here"
     ratio = _times(other / value, "closer", "further off")
     sentence = (
-        f"Over the span of the paper's statistics, {span}, it is {_length(value)} {own} and "
-        f"{_length(other)} with the paper's hardware ({ratio})."
+        f"Over the span of the paper's statistics, {span}, the deviation is {length_text(value)} "
+        f"{own} and {length_text(other)} with the paper's hardware ({ratio})."
     )
     return [sentence], figures
 
@@ -556,10 +569,11 @@ def _ionosphere(numbers: Summary, columns: Sequence[PaperColumn]) -> tuple[list[
 
 def _log(summary: Summary) -> tuple[list[str], list[Figure]]:
     sentences, figures = [], []
-    ends = [key for key in summary if key.endswith("_gnss_epochs")]
-    for key in ends:
-        craft = key.removesuffix("_gnss_epochs")
-        epochs, missing = summary[key], summary.get(f"{craft}_gnss_missing_epochs", 0)
+    for craft in _receivers(summary, silent=False):
+        epochs, missing = (
+            summary[f"{craft}_gnss_epochs"],
+            summary.get(f"{craft}_gnss_missing_epochs", 0),
+        )
         lost = "none missing" if not missing else f"{missing} missing"
         sentences.append(f"{craft}: {epochs} epochs of observations, {lost}.")
         for label, name, unit in (
@@ -571,17 +585,28 @@ def _log(summary: Summary) -> tuple[list[str], list[Figure]]:
             if value is not None:
                 text = f"{value:.1f}" if isinstance(value, float) else str(value)
                 figures.append(Figure(f"{craft}: {label}", text + unit))
-    if not ends:
+    if not any(key.endswith("_gnss_epochs") for key in summary):
         sentences.append(f"A recording of {summary['message_count']} messages.")
     return sentences, figures
 
 
+def _receivers(summary: Summary, *, silent: bool) -> list[str]:
+    """Return the names of the receivers that observed nothing, or of the others."""
+    end = "_gnss_epochs"
+    return [
+        key.removesuffix(end)
+        for key, epochs in summary.items()
+        if key.endswith(end) and (epochs == 0) == silent
+    ]
+
+
 def _length_figure(label: str, measured: float, paper: float | None, bound: float | None) -> Figure:
     ratio = "" if not paper or not measured else _times(paper / measured, "smaller", "larger")
-    return Figure(label, _length(measured), _length(paper), _length(bound), ratio)
+    return Figure(label, length_text(measured), length_text(paper), length_text(bound), ratio)
 
 
-def _length(value: float | None) -> str:
+def length_text(value: float | None) -> str:
+    """Return a length in m as a text in mm or m, to three digits; empty for None."""
     if value is None:
         return ""
     scale, unit = _length_unit(abs(value))

@@ -43,3 +43,6 @@ def test_hardware_tells_each_link_at_once_and_each_change_once(tmp_path):
     assert not told.is_new("chief__receiver_driver", WAITING.replace("319.99", "325.99"))
     assert told.is_new("deputy__receiver_driver", WAITING)
     assert not told.is_new("chief__receiver_driver", "[INFO] [1.0] [chief.receiver_driver]: begins")
+    there = "[INFO] [1.0] [{}]: whole: all inputs are there"
+    assert told.is_new("chief__receiver_driver", there.format("chief.receiver_driver"))
+    assert not told.is_new("composed", there.format("deputy.relative_ekf"))  # waited for no link

@@ -14,6 +14,7 @@ from rich.table import Table
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, output_folder
+from vtff_bringup.commands.command_line import command_line
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -76,7 +77,7 @@ def compare(
         (folder / COMPARISON_FILE).write_text(text + "\n", encoding="utf-8")
         with console.status("drawing"):
             pictures = plot_comparison(runs, folder)
-        page = render_comparison(runs, pictures)
+        page = render_comparison(runs, pictures, command_line(without="--out"))
         (folder / COMPARISON_PAGE).write_text(page, encoding="utf-8")
     except OSError as error:
         raise exit_with_error(console, error, EXIT_FAILURE) from error

@@ -18,8 +18,9 @@ from vtff_bringup.system.description import NodeDescription, SystemDescription
 LINE_FRACTION = 0.1
 
 _EMULATORS = ("simgen_emulator", "can_thruster_emulator")
-_WAITING = re.compile(r"waiting for|all inputs are there|connected|baud")
-_PREFIX = re.compile(r"^\[\w+\] \[[\d.]+\] \[[^\]]*\]: ")
+_THERE = "all inputs are there"
+_WAITING = re.compile(rf"waiting for|{_THERE}|connected|baud")
+_PREFIX = re.compile(r"^\[\w+\] \[[\d.]+\] \[(?P<node>[^\]]*)\]: ")
 
 
 class RunProgress:
@@ -108,7 +109,7 @@ class LinkLines:
             self.first += [line for node in bridges if (line := _simgen_line(node))]
         if not emulated & {_EMULATORS[1]}:
             self.first += [_can_line(n) for n in nodes if n.executable == "thruster_can"]
-        self._told: set[tuple[str, str]] = set()
+        self._told: set[tuple[tuple[str, str], str]] = set()
 
     def is_new(self, name: str, line: str) -> bool:
         """Return whether a line of a node tells the state of a link, for the first time.
@@ -122,8 +123,13 @@ class LinkLines:
         """
         if not self.first or not _WAITING.search(line):
             return False
-        told = (name, _PREFIX.sub("", line))
-        if told in self._told:
+        prefix = _PREFIX.match(line)
+        speaker = (name, "" if prefix is None else prefix["node"])
+        told = (speaker, _PREFIX.sub("", line))
+        # That inputs are there answers a node that was waiting; of others it would say of cables
+        # what is true of topics.
+        waited = any(speaker == other for other, _ in self._told)
+        if told in self._told or (_THERE in line and not waited):
             return False
         self._told.add(told)
         return True

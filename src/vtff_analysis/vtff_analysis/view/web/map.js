@@ -174,8 +174,12 @@ export class GroundMap {
     }
     context.fillStyle = "#e8eef3";
     context.font = "10px system-ui, sans-serif";
-    context.fillRect(toX(to.longitude) - 2, toY(to.latitude) - 2, 4, 4);
-    context.fillText(link.satellite, toX(to.longitude) + 4, toY(to.latitude) + 3);
+    const x = toX(to.longitude);
+    context.fillRect(x - 2, toY(to.latitude) - 2, 4, 4);
+    const right = x + context.measureText(link.satellite).width + 8 < context.canvas.clientWidth; // else it would be cut off
+    context.textAlign = right ? "left" : "right";
+    context.fillText(link.satellite, x + (right ? 4 : -4), toY(to.latitude) + 3);
+    context.textAlign = "left";
   }
 
   drawCraft(context, craft, index, time, toX, toY, width) {
