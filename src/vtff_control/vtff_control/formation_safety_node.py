@@ -23,7 +23,7 @@ from vtff_control.safety.formation_safety import (
     compile_kernels,
 )
 from vtff_control.thruster.isolation import isolation_bits
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 from vtff_msgs.msg import FormationSafety as FormationSafetyMessage
 from vtff_msgs.msg import RelativeState, ThrusterIsolation
 from vtff_msgs.srv import ResetSafety
@@ -302,7 +302,7 @@ class FormationSafetyNode(VtffNode):
         if command is not None:
             linear = command.accel.linear
             command_rtn = np.array([linear.x, linear.y, linear.z])
-            if not np.isfinite(command_rtn).all():
+            if not is_finite(command_rtn):
                 command_rtn = None
         state = pending.states.get(name)
         if state is None or state.solution == RelativeState.SOLUTION_NONE:
@@ -310,7 +310,7 @@ class FormationSafetyNode(VtffNode):
         relative = np.concatenate((state.position, state.velocity))
         chief = np.concatenate((state.position_chief_gcrf, state.velocity_chief_gcrf))
         covariance = np.array(state.covariance).reshape(6, 6)
-        if not all(np.isfinite(values).all() for values in (relative, chief, covariance)):
+        if not all(map(is_finite, (relative, chief, covariance))):
             return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
         is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
         return SpacecraftInput(relative, covariance, chief, reported, command_rtn, is_predicted)

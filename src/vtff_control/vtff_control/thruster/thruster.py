@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 
 
 @dataclass(frozen=True)
@@ -154,6 +154,6 @@ def _usable_acceleration(values: npt.ArrayLike) -> tuple[FloatArray, str]:
         return np.zeros(3), "thrust command: not numeric"
     if acceleration.shape != (3,):
         return np.zeros(3), f"thrust command: shape (3,) expected, got {acceleration.shape}"
-    if not np.isfinite(acceleration).all():
+    if not is_finite(acceleration):
         return np.zeros(3), "thrust command: not finite"
     return acceleration, ""

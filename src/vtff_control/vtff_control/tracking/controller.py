@@ -14,7 +14,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 
 __all__ = [
     "ControlResult",
@@ -147,5 +147,5 @@ def check_control_result(result: object) -> None:
             "acceleration_rtn: three numbers (m/s2) expected, "
             f"got shape {acceleration.shape} of {acceleration.dtype}"
         )
-    if not np.isfinite(acceleration).all():
+    if not is_finite(acceleration):
         raise ValueError(f"acceleration_rtn: not finite, {acceleration.tolist()}")

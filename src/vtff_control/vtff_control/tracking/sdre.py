@@ -44,7 +44,7 @@ from vtff_dynamics.relative.motion import (
     holding_acceleration,
     state_dependent_matrix,
 )
-from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_dynamics.vectors import FloatArray, cross, is_finite, norm
 
 DESIGNS = ("paper", "state_dependent", "delay_aware", "navigation_aware")
 """Names accepted by `SdreDesign.design`."""
@@ -383,7 +383,7 @@ class SdreController:
                     )
             except (ValueError, np.linalg.LinAlgError, ArithmeticError) as error:
                 return self._refuse(str(error))
-            if not np.isfinite(wanted).all():
+            if not is_finite(wanted):
                 return self._refuse("command is not finite")
         acceleration = np.minimum(np.maximum(wanted, -self._caps), self._caps)
         saturated = bool((acceleration != wanted).any())
@@ -597,6 +597,6 @@ def _usable_state(values: npt.ArrayLike, name: str) -> FloatArray:
         raise ValueError(f"{name}: not numeric") from None
     if state.shape != (6,):
         raise ValueError(f"{name}: shape (6,) expected, got {state.shape}")
-    if not np.isfinite(state).all():
+    if not is_finite(state):
         raise ValueError(f"{name}: not finite")
     return state

@@ -6,7 +6,6 @@ default because at 1 s it raises the semi-major axis of that orbit by 40 km in 2
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import brahe
@@ -18,7 +17,7 @@ from vtff_dynamics.frames.earth_environment import brahe_constants
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.gravity import gravity_jerk
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 
 __all__ = ["INTEGRATORS", "ForceModel", "Propagator"]
 
@@ -64,7 +63,7 @@ class Propagator:
         if not 0.0 < step < float("inf"):
             raise ValueError(f"step {step}: must be positive and finite, in seconds")
         state: FloatArray = np.array(state_gcrf, dtype=float)
-        if state.shape != (6,) or not all(map(math.isfinite, state.tolist())):
+        if state.shape != (6,) or not is_finite(state):
             raise ValueError("state_gcrf: must be six finite numbers, position and velocity")
         if not any(state[:3].tolist()):
             raise ValueError("state_gcrf: the position is the centre of the Earth")
@@ -132,7 +131,7 @@ class Propagator:
             self._thrust_derivative[3:] = 0.0
         else:
             thrust = np.asarray(acceleration_gcrf, dtype=float)
-            if thrust.shape != (3,) or not all(map(math.isfinite, thrust.tolist())):
+            if thrust.shape != (3,) or not is_finite(thrust):
                 raise ValueError("acceleration_gcrf: must be three finite numbers")
             self._thrust_derivative[3:] = thrust
         if self._integrator == "rk4":

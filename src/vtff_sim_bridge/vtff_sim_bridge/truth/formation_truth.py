@@ -15,7 +15,7 @@ from vtff_dynamics.frames.earth import kinematics_itrf
 from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 from vtff_sim_bridge.truth.thruster_errors import ThrusterErrors
 
 
@@ -187,7 +187,7 @@ class FormationTruth:
                 f"acceleration for unknown spacecraft {name!r}; known: {', '.join(self.names)}"
             )
         acceleration = np.asarray(acceleration_rtn, dtype=float)
-        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+        if acceleration.shape != (3,) or not is_finite(acceleration):
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
         if name in self._thruster_errors:
             acceleration = self._thruster_errors[name].true_acceleration_rtn(

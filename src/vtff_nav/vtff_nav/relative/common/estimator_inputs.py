@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_dynamics.vectors import is_finite
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
@@ -104,7 +105,7 @@ class EstimatorInputs:
         is_of_chief: bool,
     ) -> None:
         acceleration = np.array(acceleration_rtn, dtype=float)
-        if acceleration.shape != (3,) or not np.isfinite(acceleration).all():
+        if acceleration.shape != (3,) or not is_finite(acceleration):
             raise ValueError("acceleration_rtn: three finite numbers expected")
         if not duration > 0.0:
             raise ValueError("duration: more than 0 s expected")

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, is_finite
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
 
@@ -345,5 +345,5 @@ def check_solution(solution: object) -> None:
                 f"{name}: numbers of shape {shape} expected, "
                 f"got shape {array.shape} of {array.dtype}"
             )
-        if solution.solution != SOLUTION_NONE and not np.isfinite(array).all():
+        if solution.solution != SOLUTION_NONE and not is_finite(array):
             raise ValueError(f"{name}: not finite in a solution of kind {solution.solution}")
