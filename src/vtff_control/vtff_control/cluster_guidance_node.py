@@ -10,6 +10,7 @@ import numpy as np
 from geometry_msgs.msg import AccelStamped, PoseArray
 
 from vtff_control.cluster.cluster_member import ClusterMember, MemberSetting
+from vtff_control.cluster.elements_field import SHAPES, ElementsField
 from vtff_control.cluster.neighbour_tracker import NeighbourTracker
 from vtff_control.cluster.potential_field import PotentialField
 from vtff_control.cluster.timeline import MemberTimeline
@@ -37,7 +38,13 @@ class ClusterGuidanceParameters:
         REQUIRED, "nodal period of the station that the cluster keeps", unit="s", minimum=1.0
     )
     timeline: list[str] = parameter(
-        ["0 gather"], "modes, each 'TIME MODE', time in s after the first fix: gather, free_drift"
+        ["0 gather"],
+        "modes, each 'TIME MODE', time in s after the first fix: gather (at rest in the rotating "
+        "frame), orbits (held by relative orbital elements, from a cluster that has gathered), "
+        "free_drift",
+    )
+    shape: str = parameter(
+        ElementsField.shape, "in the mode orbits: how members go round each other", choices=SHAPES
     )
     sample_time: float = parameter(10.0, "interval between fixes", unit="s", minimum=0.001)
     delay_steps: int = parameter(
@@ -81,7 +88,7 @@ class ClusterGuidanceNode(VtffNode):
     Publishes control/thrust_command (geometry_msgs/AccelStamped, m/s2). The command is in the own
     RTN axes and sent as in those of the chief: the two differ by less than a milliradian for each
     6 km. Without a fix there is no thrust; without detections tracks go on, and after two minutes
-    the chaser coasts.
+    the chaser coasts, or waits where orbits hold the cluster.
     """
 
     Parameters = ClusterGuidanceParameters
@@ -91,6 +98,11 @@ class ClusterGuidanceNode(VtffNode):
         given: ClusterGuidanceParameters = self.parameters
         try:
             self._timeline = MemberTimeline.read(given.timeline)
+            self._fields: dict[str, PotentialField | ElementsField | None] = {
+                "gather": PotentialField(given.transfer_time, given.longest_step),
+                "orbits": ElementsField(given.shape),
+                "free_drift": None,
+            }
             self._member = self._make_member()
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
@@ -112,7 +124,7 @@ class ClusterGuidanceNode(VtffNode):
         return ClusterMember(
             NeighbourTracker(given.range_sigma, given.direction_sigma),
             given.station_period,
-            PotentialField(given.transfer_time, given.longest_step),
+            self._fields[self._timeline.mode_at(0.0)],
             given.watch_from,
             MemberSetting(
                 given.sample_time,
@@ -149,7 +161,7 @@ class ClusterGuidanceNode(VtffNode):
             if self._first is None:
                 self._first = stamp
             elapsed = (stamp - self._first) / NANOSECONDS_PER_SECOND
-            self._member.is_gathering = self._timeline.mode_at(elapsed) == "gather"
+            self._member.field = self._fields[self._timeline.mode_at(elapsed)]
             detected = _positions(epoch.measured.get(_NEIGHBOURS))
             acceleration = self._member.step(elapsed, own, detected)
             self._velocity_change += given.sample_time * float(np.linalg.norm(acceleration))
@@ -165,11 +177,12 @@ class ClusterGuidanceNode(VtffNode):
         """Report what the chaser does, or why it cannot decide."""
         text = f"no thrust: {self._reason}"
         if not self._reason:
-            text = "drifts freely"
-            if self._member.is_gathering:
+            text, field = "drifts freely", self._member.field
+            if field is not None:
                 text = f"follows {self._member.followed} neighbours"
                 if self._member.is_blind:
-                    text = "sees no neighbour: coasts"
+                    waits = field.stays_without_thrust
+                    text = f"sees no neighbour: {'waits in its orbit' if waits else 'coasts'}"
         is_good = not self._reason and not self._member.is_blind
         return [
             diagnostics.status(

@@ -21,10 +21,12 @@ from vtff_analysis.recordings.history import (
     RelativeStateHistory,
     RunHistory,
 )
+from vtff_control.cluster.elements_field import ElementsField
 from vtff_control.cluster.potential_field import equilibrium_distance
 from vtff_sim_bridge.on_board.range_sensor import RangeSensor
 
 SIDE = equilibrium_distance()
+SLOW = [(1, "ellipse", 6.0), (3, "ellipse", 8.0), (2, "helix", 9.0), (2, "circle", 11.0)]
 
 
 def test_published_program_commands_nothing():
@@ -123,6 +125,28 @@ def test_a_decaying_neighbour_is_not_followed():
     ]
     assert far[0] == pytest.approx(SIDE, rel=0.025)
     assert far[1] > 3.0 * SIDE
+
+
+def price_of_last_orbit(flight):
+    return flight.velocity_change(flight.times[-1] - flight.period, math.inf).max()
+
+
+@pytest.mark.parametrize(
+    ("chasers", "shape", "orbits"),
+    [(2, "ellipse", 5.0), *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
+)
+def test_orbits_hold_a_cluster(chasers, shape, orbits):
+    """At rest the same cluster pays 5 to 19 m/s in every orbit."""
+    flight = fly_cluster(
+        draw_starts(4, chasers),
+        orbits,
+        RangeSensor(misalignment_sigma=3e-4),
+        seed=4,
+        orbits_from=7000.0,
+        held=ElementsField(shape),
+    )
+    assert flight.closest >= 500.0
+    assert price_of_last_orbit(flight) <= 0.05
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import numpy as np
 
 from vtff_analysis.cluster.cluster_flight import LEAD_RADIUS, ClusterFlight
 from vtff_control.cluster.cluster_member import ClusterMember, MemberSetting
+from vtff_control.cluster.elements_field import ElementsField
 from vtff_control.cluster.neighbour_tracker import NeighbourTracker
 from vtff_control.cluster.potential_field import PotentialField
 from vtff_dynamics.constants import GM_EARTH, NANOSECONDS_PER_SECOND
@@ -87,6 +88,8 @@ def fly_cluster(
     seed: int = 0,
     decay: Decay | None = None,
     fix: FixErrors | None = None,
+    orbits_from: float = math.inf,
+    held: ElementsField | None = None,
 ) -> ClusterFlight:
     """Fly a cluster; every chaser starts on a circular orbit of its own radius, as in the paper.
 
@@ -106,7 +109,12 @@ def fly_cluster(
         Failure of the last chaser; default none.
     fix
         Errors of the own fix of every chaser.
+    orbits_from
+        Time from which the cluster is held by its orbits and not at rest, s.
+    held
+        Guidance of every chaser from then on.
     """
+    held = ElementsField() if held is None else held
     eye = RangeSensor() if sensor is None else sensor
     fix = FixErrors() if fix is None else fix
     lead = ClassicalElements(LEAD_RADIUS, 0.0, math.radians(51.6), 0.0, 0.0, 0.0).to_state()
@@ -126,7 +134,7 @@ def fly_cluster(
                 ClusterMember(
                     NeighbourTracker(eye.range_sigma, eye.direction_sigma),
                     station_period,
-                    guidance,
+                    PotentialField() if guidance is None else guidance,
                     _WATCH_FROM * station_period if is_watched else math.inf,
                     MemberSetting(step=_STEP, delay=_STEP),
                 ),
@@ -142,6 +150,8 @@ def fly_cluster(
         for craft, (member, seen, own_fix) in enumerate(chasers, start=1):
             others = {name: state for name, state in named.items() if name != names[craft]}
             own = own_fix.measure(nanoseconds, states[craft])
+            if time >= orbits_from:
+                member.field = held
             detections = seen.detect(nanoseconds, states[craft], others)
             impulses[index + 1, craft - 1] = _STEP * member.step(time, own, detections)
         if decay is not None and time >= decay.time:

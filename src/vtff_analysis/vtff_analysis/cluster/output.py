@@ -14,6 +14,7 @@ from vtff_analysis.cluster.literal import run_literal
 from vtff_analysis.cluster.pictures import draw_paths, draw_sides
 from vtff_analysis.paper_comparison import ComparisonRow, write_comparison
 from vtff_analysis.plot_style import AXIS_COLOURS, STYLE, make_figure, save_figure
+from vtff_control.cluster.elements_field import SHAPES, ElementsField
 from vtff_control.cluster.potential_field import equilibrium_distance, potential
 from vtff_sim_bridge.on_board.range_sensor import RangeSensor
 
@@ -23,6 +24,8 @@ _ORBITS = 3.0
 _OUTAGES = ((9000.0, 9600.0), (9000.0, 14400.0))  # s: ten minutes, an orbit
 _DECAY = 12000.0  # s
 _DECELERATION = 5e-5  # m/s2
+_ORBITS_FROM = 7000.0  # s: all have gathered
+_ORBITS_OF_ELEMENTS = 10.0
 
 
 @rc_context(STYLE)
@@ -102,6 +105,9 @@ def run_potential_field(
                 f"{1e-3 * flight.sides[-1, 0]:.3f} km",
             )
         )
+    say("held by orbits")
+    for shape in SHAPES:
+        rows += _orbit_rows(shape, seed, max(1, starts // 10))
     _write_potential(folder / "figure_2.png")
     draw_paths(flights[:4], folder / "paths.png")
     draw_sides(flights, wanted, folder / "sides.png")
@@ -165,6 +171,46 @@ def _start_rows(flights: Sequence[ClusterFlight], wanted: float, where: str) -> 
             "hold of a chaser: the price of a side at rest in the rotating frame",
             "-",
             f"{hold.min():.1f} to {hold.max():.1f} m/s an orbit (mean {hold.mean():.1f})",
+        ),
+    ]
+
+
+def _orbit_rows(shape: str, seed: int, starts: int) -> list[ComparisonRow]:
+    """Return what a cluster of a shape costs that has gathered at rest and goes over to orbits."""
+    flights = [
+        fly_cluster(
+            draw_starts(chosen),
+            _ORBITS_OF_ELEMENTS,
+            RangeSensor(),
+            seed=chosen,
+            orbits_from=_ORBITS_FROM,
+            held=ElementsField(shape),
+        )
+        for chosen in range(seed, seed + starts)
+    ]
+    last = [flight.sides[flight.last_orbit] for flight in flights]
+    change = [
+        flight.velocity_change(_ORBITS_FROM, _ORBITS_FROM + flight.period).max()
+        for flight in flights
+    ]
+    hold = [
+        flight.velocity_change(flight.times[-1] - flight.period, np.inf).max() for flight in flights
+    ]
+    subject = f"{starts} drawn starts, two chasers, held by orbits: {shape}"
+    return [
+        _row(subject, "closest", "future work", f"{min(f.closest for f in flights):.0f} m"),
+        _row(
+            subject,
+            "distances in the last orbit",
+            "-",
+            f"{min(side.min() for side in last):.0f} to {max(side.max() for side in last):.0f} m",
+        ),
+        _row(subject, "first orbit, from rest", "-", f"at most {max(change):.1f} m/s"),
+        _row(
+            subject,
+            "hold of a chaser in the last orbit",
+            "-",
+            f"{1e3 * min(hold):.0f} to {1e3 * max(hold):.0f} mm/s",
         ),
     ]
 

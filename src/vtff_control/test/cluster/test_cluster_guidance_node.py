@@ -124,7 +124,7 @@ def test_timeline_and_a_jump_back(make_node):
         ("x gather", "a number expected"),
         ("-1 gather", "0 s or more"),
         ("nan gather", "a number expected"),
-        ("0 keep", "gather, free_drift"),
+        ("0 keep", "gather, orbits, free_drift"),
         ("0 gather now", "time and mode"),
     ],
 )

@@ -81,19 +81,19 @@ def test_tracks_from_unlabelled_detections():
         tracks = sorted((track.state for track in tracker.tracks), key=lambda state: -state[0])
         errors.append(np.array(tracks) - states)
         states = states @ transition.T
-        tracker.predict(10.0, MEAN_MOTION)
+        tracker.predict(10.0, MEAN_MOTION, 0.005)
     late = np.array(errors[30:])
     assert np.sqrt((late[..., :3] ** 2).mean()) < 0.3
     assert np.sqrt((late[..., 3:] ** 2).mean()) < 0.05
     for _ in range(80):
-        tracker.predict(10.0, MEAN_MOTION)
+        tracker.predict(10.0, MEAN_MOTION, 0.005)
     assert not tracker.tracks
 
 
 def test_own_thrust_moves_the_tracks():
     tracker = NeighbourTracker(0.3, 2e-4)
     tracker.detect([[500.0, 0.0, 0.0]])
-    tracker.predict(10.0, 1e-6, [2.5, -5.0, 0.0], [0.5, -1.0, 0.0])
+    tracker.predict(10.0, 1e-6, 0.005, [2.5, -5.0, 0.0], [0.5, -1.0, 0.0])
     expected = [497.5, 5.0, 0.0, -0.5, 1.0, 0.0]
     np.testing.assert_allclose(tracker.tracks[0].state, expected, atol=1e-4)
 

@@ -1,12 +1,14 @@
 """Guidance of one chaser of a cluster, from its own fix and its own sensor and nothing else.
 
-It tracks what its sensor sees, climbs the potential of the neighbours that it follows
-(`vtff_control.cluster.potential_field`), and leaves alone the one that leaves the station.
+It tracks what its sensor sees, climbs the potential of the neighbours that it follows, of places
+at rest (`vtff_control.cluster.potential_field`) or of orbits (`elements_field`), and leaves alone
+the one that leaves the station.
 
-A chaser that sees nobody any more is held at a place where it does not stay without thrust. It
-stops to hold, and gives its orbit the period of the station, a parameter of the mission: it goes
-round in an ellipse instead of drifting away, until its sensor sees the others again. A radial
-velocity moves the ellipse off the places where the others were seen last.
+A chaser that sees nobody any more waits where orbits hold the cluster. At rest it is held at a
+place where it does not stay without thrust. It stops to hold, and gives its orbit the period of the
+station, a parameter of the mission: it goes round in an ellipse instead of drifting away, until its
+sensor sees the others again. A radial velocity moves the ellipse off the places where the others
+were seen last.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_control.cluster.elements_field import ElementsField
 from vtff_control.cluster.neighbour_tracker import NeighbourTracker, Track
 from vtff_control.cluster.potential_field import PotentialField
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -92,7 +95,7 @@ class ClusterMember:
     station_period
         Nodal period of the station, s.
     field
-        Potential that it climbs.
+        Potential that it climbs at first.
     watch_from
         Time after which a neighbour that leaves the station is followed no more, s; before,
         members still come from afar. Infinite: never.
@@ -101,28 +104,30 @@ class ClusterMember:
 
     Attributes
     ----------
-    is_gathering
-        Whether it climbs the potential; otherwise it looks on and does not thrust.
+    field
+        Potential that it climbs; with None it looks on and does not thrust.
     """
 
     def __init__(
         self,
         tracker: NeighbourTracker,
         station_period: float,
-        field: PotentialField | None = None,
+        field: PotentialField | ElementsField | None,
         watch_from: float = math.inf,
         setting: MemberSetting | None = None,
     ) -> None:
         self._tracker = tracker
         self._station_period = station_period
-        self._field = PotentialField() if field is None else field
+        self.field = field
         self._watch_from = watch_from
         self._setting = MemberSetting() if setting is None else setting
         self._time = math.nan
         self._decided = math.nan
         self._is_coasting = False
         self._thrusts: list[tuple[float, FloatArray]] = []  # start, acceleration; each for a step
-        self.is_gathering = True
+        self._last_field: PotentialField | ElementsField | None = None
+        self._last_change = np.zeros(3)
+        self._thrust_density = PotentialField.acceleration_density
 
     @property
     def followed(self) -> int:
@@ -155,15 +160,25 @@ class ClusterMember:
         if math.isnan(self._time):
             self._decided = time
         else:
+            if self.field is not None:
+                self._thrust_density = self.field.thrust_density(
+                    self._last_change, self._setting.decision_interval
+                )
             self._tracker.predict(
-                time - self._time, _mean_motion(own_gcrf), *self._own_change(self._time, time)
+                time - self._time,
+                _mean_motion(own_gcrf),
+                self._thrust_density,
+                *self._own_change(self._time, time),
             )
         self._time = time
         self._tracker.detect(positions)
         acceleration = np.zeros(3)
-        if self.is_gathering and time - self._decided >= self._setting.decision_interval - 1e-6:
+        is_due = time - self._decided >= self._setting.decision_interval - 1e-6
+        if self.field is not None and is_due:
             self._decided = time
-            acceleration = self._setting.limited(self._decide(own_gcrf) / self._setting.step)
+            wanted = self._decide(own_gcrf, self.field)
+            acceleration = self._setting.limited(wanted / self._setting.step)
+            self._last_change = self._setting.step * acceleration
             self._thrusts.append((time + self._setting.delay, acceleration))
         self._thrusts = [
             thrust for thrust in self._thrusts if thrust[0] + self._setting.step > time
@@ -184,7 +199,7 @@ class ClusterMember:
                 moved += (end - 0.5 * (first + last)) * change
         return moved, gained
 
-    def _decide(self, own_gcrf: FloatArray) -> FloatArray:
+    def _decide(self, own_gcrf: FloatArray, field: PotentialField | ElementsField) -> FloatArray:
         """Return the velocity change that is wanted now, m/s, shape (3,)."""
         tracks = self._known_tracks()
         mean_motion = _mean_motion(own_gcrf)
@@ -193,6 +208,8 @@ class ClusterMember:
         own = np.concatenate(self._own_change(self._time, self._time + ahead))
         transition = hcw_transition_matrix(mean_motion, ahead)
         states = [transition @ track.state - own for track in tracks]
+        if self.is_blind and field.stays_without_thrust:
+            return np.zeros(3)
         if self.is_blind:
             return self._coast(own_gcrf, [state[:3] for state in states])
         self._is_coasting = False
@@ -209,7 +226,10 @@ class ClusterMember:
         ]
         is_watched = self._time >= self._watch_from
         followed = [not (leaving and is_watched) for leaving in leaves]
-        return self._field.impulse(states, mean_motion, followed)
+        is_new, self._last_field = field is not self._last_field, field
+        if is_new and isinstance(field, ElementsField):
+            return field.join(states, mean_motion, followed)
+        return field.impulse(states, mean_motion, followed)
 
     def _coast(self, own_gcrf: FloatArray, neighbours: list[FloatArray]) -> FloatArray:
         """Return the change that leads to an ellipse with the period of the station, m/s, (3,)."""

@@ -76,8 +76,6 @@ class NeighbourTracker:
         Standard deviation of the sensor's range, m.
     direction_sigma
         Standard deviation of the sensor's direction, rad.
-    acceleration_density
-        Root of the spectral density of a neighbour's thrust, m/s^1.5.
     largest_speed
         Largest speed of a neighbour relative to the chaser, m/s: first sigma of a track.
     gate
@@ -90,13 +88,11 @@ class NeighbourTracker:
         self,
         range_sigma: float,
         direction_sigma: float,
-        acceleration_density: float = 0.005,
         largest_speed: float = 8.0,
         gate: float = 6.0,
         longest_age: float = 600.0,
     ) -> None:
         self._sigmas = (range_sigma, direction_sigma)
-        self._density = acceleration_density
         self._largest_speed = largest_speed
         self._gate = gate
         self._longest_age = longest_age
@@ -106,6 +102,7 @@ class NeighbourTracker:
         self,
         duration: float,
         mean_motion: float,
+        acceleration_density: float,
         own_displacement: npt.ArrayLike = (0.0, 0.0, 0.0),
         own_velocity_change: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
@@ -117,6 +114,8 @@ class NeighbourTracker:
             s.
         mean_motion
             rad/s.
+        acceleration_density
+            Root of the spectral density of a neighbour's thrust, m/s^1.5.
         own_displacement, own_velocity_change
             How far and how fast the chaser's own thrust has moved it in this time, m and m/s in
             its RTN frame, shape (3,).
@@ -130,7 +129,7 @@ class NeighbourTracker:
         for track in self.tracks:
             track.state = transition @ track.state - own
             track.covariance = transition @ track.covariance @ transition.T
-            track.covariance += self._density**2 * noise
+            track.covariance += acceleration_density**2 * noise
             track.age += duration
         self.tracks = [track for track in self.tracks if track.age <= self._longest_age]
 

@@ -105,11 +105,23 @@ class PotentialField:
         m.
     gain
         Step for a unit gradient, km^2.
+    acceleration_density
+        Root of the spectral density of a neighbour's thrust, m/s^1.5.
     """
 
     transfer_time: float = 60.0
     longest_step: float = 100.0
     gain: float = 0.07
+    acceleration_density: float = 0.005
+
+    @property
+    def stays_without_thrust(self) -> bool:
+        """Whether the cluster stays together without thrust; see `ElementsField`."""
+        return False
+
+    def thrust_density(self, change: FloatArray, interval: float) -> float:
+        """Return `acceleration_density`: thrust that holds a place is always about the same."""
+        return self.acceleration_density
 
     def impulse(
         self, neighbours: npt.ArrayLike, mean_motion: float, followed: npt.ArrayLike | None = None

@@ -11,8 +11,8 @@ from vtff_control.guidance.requests import RequestError, read_timed_lines
 __all__ = ["MODES", "MemberTimeline"]
 
 _FORM = "time and mode expected, such as '600 gather'"
-MODES = ("gather", "free_drift")
-"""Climb the potential; look on without thrust."""
+MODES = ("gather", "orbits", "free_drift")
+"""Climb the potential to a place at rest; to an orbit; look on without thrust."""
 
 
 @dataclass(frozen=True)
