@@ -43,6 +43,8 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
 
+_IDENTITY, _UNCHANGED = np.eye(3), np.eye(DYNAMIC_STATES)
+
 CHIEF_THRUST_SIGMA = 0.05
 """White error of the chief's thrust on each axis, relative to its magnitude (assumed)."""
 
@@ -405,14 +407,14 @@ def transition_matrix(
     """
     position = np.asarray(position_gcrf, dtype=float)
     squared = float(position @ position)
-    tidal = 3.0 * np.outer(position, position) / squared - np.eye(3)
+    tidal = 3.0 * (position[:, None] * position) / squared - _IDENTITY
     gradient = GM_EARTH / squared**1.5 * tidal
-    phi = np.eye(DYNAMIC_STATES)
-    identity = np.eye(3)
-    phi[:3, :3] += 0.5 * step**2 * gradient
-    phi[:3, 3:6] = step * (identity + step**2 / 6.0 * gradient)
+    second_order = 0.5 * step**2 * gradient
+    phi = _UNCHANGED.copy()
+    phi[:3, :3] += second_order
+    phi[:3, 3:6] = step * (_IDENTITY + step**2 / 6.0 * gradient)
     phi[3:6, :3] = step * gradient
-    phi[3:6, 3:6] += 0.5 * step**2 * gradient
+    phi[3:6, 3:6] += second_order
     phi[:3, 6:9] = 0.5 * step**2 * to_gcrf
     phi[3:6, 6:9] = step * to_gcrf
     phi[6:9, 6:9] *= math.exp(-step / empirical_time)
@@ -432,17 +434,16 @@ def empirical_noise(noise: MotionNoise, to_gcrf: FloatArray, step: float) -> Flo
     """
     spectral_density = 2.0 * noise.empirical_sigma**2 / noise.empirical_time
     process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
-    identity = np.eye(3)
     # The white noise that drives the acceleration is integrated once, twice and three times. It is
     # isotropic, so that only the blocks that mix the acceleration with others depend on its axes.
-    process[:3, :3] = spectral_density * step**5 / 20.0 * identity
-    process[:3, 3:6] = process[3:6, :3] = spectral_density * step**4 / 8.0 * identity
-    process[3:6, 3:6] = spectral_density * step**3 / 3.0 * identity
+    process[:3, :3] = spectral_density * step**5 / 20.0 * _IDENTITY
+    process[:3, 3:6] = process[3:6, :3] = spectral_density * step**4 / 8.0 * _IDENTITY
+    process[3:6, 3:6] = spectral_density * step**3 / 3.0 * _IDENTITY
     process[:3, 6:9] = spectral_density * step**3 / 6.0 * to_gcrf
     process[3:6, 6:9] = spectral_density * step**2 / 2.0 * to_gcrf
     process[6:9, :3] = process[:3, 6:9].T
     process[6:9, 3:6] = process[3:6, 6:9].T
-    process[6:9, 6:9] = spectral_density * step * identity
+    process[6:9, 6:9] = spectral_density * step * _IDENTITY
     return process
 
 
