@@ -43,7 +43,8 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
 
-_IDENTITY, _UNCHANGED = np.eye(3), np.eye(DYNAMIC_STATES)
+_IDENTITY: FloatArray = np.eye(3)
+_UNCHANGED: FloatArray = np.eye(DYNAMIC_STATES)
 
 CHIEF_THRUST_SIGMA = 0.05
 """White error of the chief's thrust on each axis, relative to its magnitude (assumed)."""
@@ -410,7 +411,7 @@ def transition_matrix(
     tidal = 3.0 * (position[:, None] * position) / squared - _IDENTITY
     gradient = GM_EARTH / squared**1.5 * tidal
     second_order = 0.5 * step**2 * gradient
-    phi = _UNCHANGED.copy()
+    phi: FloatArray = _UNCHANGED.copy()
     phi[:3, :3] += second_order
     phi[:3, 3:6] = step * (_IDENTITY + step**2 / 6.0 * gradient)
     phi[3:6, :3] = step * gradient
