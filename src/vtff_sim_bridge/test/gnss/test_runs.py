@@ -131,7 +131,7 @@ def test_receivers_listen_on_the_named_ports_of_the_address(tmp_path):
 @pytest.mark.parametrize("ports", [["chief=1"], ["chief=1", "deputy=2", "mars=3"]])
 def test_ports_for_other_receivers_are_refused(caplog, ports):
     file = support.REPOSITORY / "config" / "gnss" / "noise_free.yaml"
-    assert main(["--port", "0", "--gnss", str(file), "--receiver-ports", *ports]) == 1
+    assert main(["--port", "0", "--gnss", str(file), "--receiver-ports", *ports]) == 2
     assert "--receiver-ports: one for each of chief, deputy" in caplog.text
 
 
@@ -150,7 +150,15 @@ def test_receiver_on_an_unknown_vehicle_is_refused(tmp_path):
 
 
 def test_program_refuses_a_missing_file_and_missing_ports(tmp_path, caplog):
-    assert main(["--port", "0", "--gnss", str(tmp_path / "no.yaml")]) == 1
+    assert main(["--port", "0", "--gnss", str(tmp_path / "no.yaml")]) == 2
     file = support.REPOSITORY / "config" / "gnss" / "noise_free.yaml"
-    assert main(["--port", "0", "--gnss", str(file)]) == 1
+    assert main(["--port", "0", "--gnss", str(file)]) == 2
     assert "no.yaml" in caplog.text and "tcp_port" in caplog.text
+
+
+def test_program_refuses_values_with_file_and_field(tmp_path, caplog):
+    text = (support.REPOSITORY / "config" / "gnss" / "realistic.yaml").read_text()
+    file = tmp_path / "wrong.yaml"
+    file.write_text(text.replace("stated_sigma_factor: 0.7", "stated_sigma_factor: -0.7"))
+    assert main(["--port", "0", "--gnss", str(file)]) == 2
+    assert f"{file}: receivers[0].noise: stated_sigma_factor: more than 0" in caplog.text

@@ -224,7 +224,7 @@ def test_a_taken_port_is_one_clear_line(
     port = start_emulator().port
     assert main(["--port", str(port)]) == 1
     assert len(caplog.messages) == 1 and f"127.0.0.1:{port}" in caplog.messages[0]
-    assert main(["--port", "0", "--vehicles", "chief"]) == 1
+    assert main(["--port", "0", "--vehicles", "chief"]) == 2
     assert "vehicle: an id such as v1_m1 expected, got 'chief'" in caplog.messages[1]
 
 

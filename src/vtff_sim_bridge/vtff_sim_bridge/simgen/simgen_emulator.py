@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vtff_sim_bridge.gnss.configuration import GnssConfiguration
     from vtff_sim_bridge.simgen.gnss_emulation import GnssEmulation
 
+_EXIT_REFUSED = 2  # a file or an option is wrong
 LOGGER = logging.getLogger("simgen_emulator")
 
 _EPILOG = """\
@@ -65,7 +66,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         receivers = None if options.gnss is None else _gnss_emulation(machine, options)
     except (ValueError, OSError) as error:
         LOGGER.error("cannot start: %s", error)
-        return 1
+        return _EXIT_REFUSED
     try:
         server = SimRemoteServer(
             machine, options.host, options.port, accepts_udp=options.udp, companion=receivers
