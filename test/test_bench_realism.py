@@ -97,6 +97,11 @@ def test_bound_is_that_of_the_noise(flown):
     )
     assert 2e-4 < white < 2e-3 and 1.5 * white < doubled < 2.1 * white
     assert 1.5 * doubled < slow
+    # Over 250 m and in such a time gravity that is not known does little.
+    beyond_30, beyond_2 = (
+        bound_rms(recording, PhaseNoise(0.001), 1, omitted_degree=degree) for degree in (30, 2)
+    )
+    assert white < beyond_30 < beyond_2 < 1.01 * white
 
 
 def test_closed_loop_flies_through_the_outage_of_the_approach():

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_analysis.studies.navigation_bound import PhaseNoise, PhaseSky, motion_covariances
+from vtff_analysis.studies.omitted_gravity import omitted_gravity
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -33,19 +34,22 @@ from .worlds import FIRST_SECOND, RangeErrors
 __all__ = ["bound_rms"]
 
 # Forces are known, and so is the reported thrust; what is left is far below that of real orbits.
-_MOTION = MotionNoise(empirical_sigma=1e-8)
+_FORCES_SIGMA = 1e-8  # m/s2
 _DISTANCE = 2.2e7  # m, of satellites
 _CONSTANT = 1e12  # s: correlation time of what does not change in a flight
 
 
 @dataclass(frozen=True, eq=False)
 class _Epoch:
-    """Phases of both receivers, and those of the chief, with the transition to their epoch."""
+    """Phases of both receivers, and those of the chief, with the motion to their epoch.
+
+    The motion is transition matrix and process noise, of the difference and of the chief.
+    """
 
     sky: PhaseSky
     sky_of_chief: PhaseSky
-    transition: FloatArray
-    process_noise: FloatArray
+    motion: tuple[FloatArray, FloatArray]
+    motion_of_chief: tuple[FloatArray, FloatArray]
 
 
 def bound_rms(
@@ -54,13 +58,15 @@ def bound_rms(
     interval: int,
     ranges: RangeErrors | None = None,
     gradient_tecu_per_deg: float = 0.0,
+    omitted_degree: int | None = None,
 ) -> float:
     """Return the RMS of the smallest 3-D sigma of position from `FIRST_SECOND` on, m.
 
-    The integers of the differences, the forces, and all sigmas are known; the density of the layers
-    of plasma is not, with the sigmas that `relative_ekf` takes. Errors of the chief's orbit turn
-    its RTN frame. They come from its ionosphere-free codes and phases, which have the mean noise of
-    both receivers (the integers make the deputy's ranges as good as further ones of the chief).
+    The integers of the differences, the forces (but for gravity beyond `omitted_degree`) and all
+    sigmas are known; the density of the layers of plasma is not, with the sigmas that
+    `relative_ekf` takes. Errors of the chief's orbit turn its RTN frame. They come from its
+    ionosphere-free codes and phases, which have the mean noise of both receivers (the integers make
+    the deputy's ranges as good as further ones of the chief).
     Broadcast errors also act in the difference of ranges.
 
     Parameters
@@ -74,31 +80,41 @@ def bound_rms(
         What the chief's ranges have besides.
     gradient_tecu_per_deg : float
         Sigma of unknown horizontal gradients of the plasma.
+    omitted_degree : int, optional
+        Degree up to which gravity is known, where it goes on beyond.
     """
     ranges = ranges or RangeErrors()
     plasma = CdgpsConfiguration()
     used = recording[::interval]
-    epochs = list(_epochs(used, recording, interval, plasma, noise, ranges, gradient_tecu_per_deg))
-    options = (float(interval), _MOTION.empirical_sigma, 1.0, plasma.electron_density_time)
+    distance = norm(used[0].state_deputy_gcrf[:3] - used[0].state_chief_gcrf[:3])
+    motions = _unknown_motions(omitted_degree, norm(used[0].state_chief_gcrf[:3]), distance)
+    epochs = list(
+        _epochs(used, recording, interval, plasma, noise, ranges, gradient_tecu_per_deg, motions)
+    )
+    sigma, sigma_of_chief = (motion.empirical_sigma for motion in motions)
+    density_time = plasma.electron_density_time
     if ranges.broadcast_sigma > 0.0:
         # The error of a satellite across the ray turns it; both receivers have half the variance.
-        distance = norm(used[0].state_deputy_gcrf[:3] - used[0].state_chief_gcrf[:3])
         turn = ranges.broadcast_sigma / _DISTANCE * distance
         slow = PhaseNoise(noise.white_sigma, turn / math.sqrt(2.0), ranges.broadcast_time)
         skies = [_by_satellite(epoch.sky) for epoch in epochs]
     else:
         slow, skies = noise, [epoch.sky for epoch in epochs]
-    steps = [(epoch.transition, epoch.process_noise) for epoch in epochs]
     relative = motion_covariances(
-        ((sky, *step) for sky, step in zip(skies, steps, strict=True)), slow, *options
+        ((sky, *epoch.motion) for sky, epoch in zip(skies, epochs, strict=True)),
+        slow,
+        float(interval),
+        sigma,
+        nuisance_time=density_time,
     )
     # Orbit error along the ray and clock error, and the biases of the codes.
     range_sigma = math.hypot(ranges.broadcast_sigma, ranges.signal_bias_sigma / math.sqrt(2.0))
     time = ranges.broadcast_time if ranges.broadcast_sigma > 0.0 else _CONSTANT
     chief = motion_covariances(
-        ((epoch.sky_of_chief, *step) for epoch, step in zip(epochs, steps, strict=True)),
+        ((epoch.sky_of_chief, *epoch.motion_of_chief) for epoch in epochs),
         PhaseNoise(noise.white_sigma, range_sigma, time),
-        *options,
+        float(interval),
+        sigma_of_chief,
     )
     variances = [
         np.trace(
@@ -112,6 +128,20 @@ def bound_rms(
         for second, covariance_chief, covariance in zip(used, chief, relative, strict=True)
     ]
     return float(np.sqrt(np.mean(variances[FIRST_SECOND // interval :])))
+
+
+def _unknown_motions(
+    omitted_degree: int | None, radius: float, distance: float
+) -> tuple[MotionNoise, MotionNoise]:
+    """Return the accelerations that nobody knows, of the difference and of the chief."""
+    if omitted_degree is None:
+        return MotionNoise(_FORCES_SIGMA), MotionNoise(_FORCES_SIGMA)
+    gravity = omitted_gravity(omitted_degree, radius)
+    of_difference = MotionNoise(
+        _FORCES_SIGMA, gradient_sigma=gravity.gradient_sigma, gradient_time=gravity.gradient_time
+    ).at_distance(distance)
+    # Far above the other unknown forces.
+    return of_difference, MotionNoise(gravity.acceleration_sigma, gravity.acceleration_time)
 
 
 def _by_satellite(sky: PhaseSky) -> PhaseSky:
@@ -157,8 +187,9 @@ def _epochs(
     noise: PhaseNoise,
     ranges: RangeErrors,
     gradient: float,
+    motions: tuple[MotionNoise, MotionNoise],
 ) -> Iterator[_Epoch]:
-    """Yield the sky of each epoch, and the transition to it."""
+    """Yield the sky of each epoch, and the motion to it."""
     # One sigma for all layers: the paths are scaled by it.
     scale = np.array(plasma.layer_sigmas) / DENSITY_UNIT
     ephemerides = [ephemeris for second in recording for ephemeris in second.ephemerides]
@@ -200,5 +231,11 @@ def _epochs(
         sky_of_chief = _sky_of_chief(keys, directions, noise.white_sigma, ranges.code_sigma)
         to_gcrf = rotation_gcrf_to_rtn(chief_gcrf).T
         step = float(interval)
-        transition = transition_matrix(chief_gcrf[:3], to_gcrf, step, _MOTION.empirical_time)
-        yield _Epoch(sky, sky_of_chief, transition, empirical_noise(_MOTION, to_gcrf, step))
+        of_difference, of_chief = (
+            (
+                transition_matrix(chief_gcrf[:3], to_gcrf, step, forces.empirical_time),
+                empirical_noise(forces, to_gcrf, step),
+            )
+            for forces in motions
+        )
+        yield _Epoch(sky, sky_of_chief, of_difference, of_chief)

@@ -16,6 +16,7 @@ from vtff_control.tracking.sdre import SdreController, SdreDesign
 from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FIXED,
@@ -403,5 +404,6 @@ def fly(
             world.interval,
             world.ranges,
             world.gradient_tecu_per_deg,
+            CdgpsConfiguration().force_model.degree if world.has_real_gravity else None,
         ),
     )

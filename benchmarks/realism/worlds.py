@@ -166,6 +166,11 @@ class World:
     ranges: RangeErrors = RangeErrors()
     must: Must = field(default_factory=Must)
 
+    @property
+    def has_real_gravity(self) -> bool:
+        """Whether gravity acts beyond the degree that the filter knows."""
+        return self.scenario.startswith("realistic")
+
     def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
         """Return scenario and receivers of a flight; `seconds` replaces its length."""
         scenario = load_scenario(CONFIG / f"scenario/{self.scenario}.yaml")

@@ -1,0 +1,43 @@
+"""Omitted gravity beside the harmonics that real models have."""
+
+import numpy as np
+import pytest
+
+from vtff_analysis.studies.omitted_gravity import omitted_gravity
+from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_dynamics.time.timescales import GpsTime
+
+START = GpsTime(1_400_000_000_000_000_000)
+RADIUS = 6.93e6
+
+
+def accelerations(positions, degree):
+    """Return the accelerations of the degrees above one, up to 60, at positions, m/s2."""
+    full, part = ForceModel(degree=60, order=60), ForceModel(degree=degree, order=degree)
+    states = np.hstack((positions, np.zeros_like(positions)))
+    return np.array([full.acceleration(START, s) - part.acceleration(START, s) for s in states])
+
+
+@pytest.mark.parametrize("degree", [8, 20, 30])
+def test_kaulas_rule_is_near_the_harmonics_of_jgm3(degree):
+    generator = np.random.default_rng(4)
+    directions = generator.standard_normal((400, 3))
+    positions = RADIUS * directions / np.linalg.norm(directions, axis=1)[:, None]
+    apart = 1e4 * np.eye(3)[generator.integers(0, 3, 400)]
+    here, there = accelerations(positions, degree), accelerations(positions + apart, degree)
+    found = omitted_gravity(degree, RADIUS)
+    assert found.acceleration_sigma == pytest.approx(np.sqrt(np.mean(here**2)), rel=0.3)
+    gradient = np.sqrt(np.mean((there - here) ** 2)) / 1e4
+    assert found.gradient_sigma == pytest.approx(gradient, rel=0.3)
+
+
+def test_less_is_omitted_further_out_and_changes_more_slowly():
+    low, high = omitted_gravity(30, RADIUS), omitted_gravity(30, RADIUS + 3e5)
+    assert high.acceleration_sigma < 0.4 * low.acceleration_sigma
+    assert high.acceleration_time > low.acceleration_time
+    assert low.gradient_time < low.acceleration_time
+
+
+def test_a_degree_without_a_rule_is_refused():
+    with pytest.raises(ValueError, match="degree 1: 2 or more expected"):
+        omitted_gravity(1, RADIUS)
