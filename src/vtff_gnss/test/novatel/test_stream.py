@@ -354,6 +354,20 @@ def frame_with(payload: bytes, message_id: int, header_length: int = 28) -> byte
 DECODED_LOGS = (*PAYLOAD_LAYOUTS, ids.ID_GALINAVEPHEMERIS, ids.ID_GALFNAVEPHEMERIS)
 
 
+@pytest.mark.parametrize("header_length", [29, 30, 32, 39, 64])
+def test_a_header_may_have_grown(header_length):
+    """The manual asks for it; novatel_edie ends the process at some such frames."""
+    inav = encoded("GALINAVEPHEMERIS_F4A2", a=5440.6**2, sisa=3.12, **GALILEO)
+    for frame in (inav, xyz()):
+        (known,) = events_of(frame)
+        message_id = int.from_bytes(frame[4:6], "little")
+        changed = bytearray(frame_with(frame[28:-4], message_id, header_length))
+        changed[10:28] = frame[10:28]
+        changed[-4:] = struct.pack("<I", crc32_novatel(bytes(changed[:-4])))
+        (grown,) = events_of(bytes(changed))
+        assert vars(grown) == vars(known)
+
+
 @pytest.mark.parametrize("header_length", [28, 39])
 def test_a_frame_inside_a_frame_is_not_taken_for_it(header_length):
     """novatel_edie searches on inside a frame that does not fit its definition."""

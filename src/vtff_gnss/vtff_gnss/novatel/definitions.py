@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import functools
+import struct
 from typing import Any
+
+from vtff_gnss.novatel.framing import CRC_LENGTH, MIN_HEADER_LENGTH, crc32_novatel
 
 __all__ = ["MessageDecoder", "log_name"]
 
@@ -59,6 +62,8 @@ class MessageDecoder:
         """
         if content[:1] in b"#%":
             content += b"\r\n"  # The parser finds no log that ends otherwise.
+        elif content.startswith(LONG_BINARY_SYNC):
+            content = _with_known_header(content)
         try:
             self._parser.write(content)
             messages = list(self._parser)
@@ -84,3 +89,17 @@ class MessageDecoder:
         except _decoding_errors():
             return None
         return binary if binary.startswith(LONG_BINARY_SYNC) else None
+
+
+def _with_known_header(content: bytes) -> bytes:
+    """Return a long binary frame without what newer firmware has appended to its header.
+
+    The header states its length so that it can grow; novatel_edie 2.10.11 ends the process by a
+    segmentation fault if it has.
+    """
+    header_length = content[len(LONG_BINARY_SYNC)]
+    if header_length == MIN_HEADER_LENGTH:
+        return content
+    frame = bytearray(content[:MIN_HEADER_LENGTH] + content[header_length:-CRC_LENGTH])
+    frame[len(LONG_BINARY_SYNC)] = MIN_HEADER_LENGTH
+    return bytes(frame) + struct.pack("<I", crc32_novatel(bytes(frame)))

@@ -256,6 +256,11 @@ WRONG = [
     (CHIEF_ORBIT + "/cartesian_gcrf/position", [6928.1, 0, 0], "inside the Earth"),
     (CHIEF_ORBIT + "/cartesian_gcrf/velocity", ["a", 0, 0], "velocity: three numbers expected"),
     (
+        CHIEF_ORBIT + "/cartesian_gcrf",
+        {"position": [7e6, 0, 0], "velocity": [-10.0, 0, 0]},
+        "cartesian_gcrf: state_gcrf: position and velocity do not span an orbital plane",
+    ),
+    (
         CHIEF_ORBIT,
         {"elements": {**ELEMENTS, "mean_anomaly_deg": 0.0}},
         "spacecraft[0].orbit.elements: exactly one of true_anomaly_deg, mean_anomaly_deg",

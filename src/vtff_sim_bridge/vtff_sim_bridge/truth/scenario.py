@@ -21,7 +21,7 @@ import numpy.typing as npt
 from vtff_dynamics.attitude.spacecraft import SpacecraftBody
 from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.frames.earth import right_ascension_from_longitude
-from vtff_dynamics.frames.rtn import deputy_state_gcrf
+from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements, true_anomaly_from_mean
 from vtff_dynamics.orbit.propagator import ForceModel
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
@@ -493,6 +493,7 @@ def _orbit(section: Section, epoch: GpsTime, chief: Spacecraft | None) -> FloatA
     section.finish()
     if np.linalg.norm(state[:3]) < RADIUS_EARTH_JGM3:
         raise section.error(form, "the position is inside the Earth; is it in metres?")
+    section.convert(form, lambda: rotation_gcrf_to_rtn(state))  # refuses a fall along the vertical
     return state
 
 
