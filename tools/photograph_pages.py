@@ -66,6 +66,11 @@ def main() -> int:
     chromium = shutil.which("chromium") or shutil.which("chromium-browser")
     if chromium is None:
         parser.error("needs Chromium (Debian: apt install chromium)")
+    absent = [
+        page for page in given.pages if "://" not in page and not pathlib.Path(page).is_file()
+    ]
+    if absent:
+        parser.error(f"no file '{absent[0]}'")
     given.out.mkdir(parents=True, exist_ok=True)
     faults: list[str] = []
     with sync_playwright() as started:

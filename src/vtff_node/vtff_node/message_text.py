@@ -14,6 +14,14 @@ __all__ = ["field_comments", "message_lines"]
 #: Values of a list that are shown; the others are counted.
 LARGEST_LIST = 8
 
+#: Units of fields of common messages, whose definitions have none: SI, as REP 103 wants it.
+_STANDARD_UNITS = {
+    ("geometry_msgs", "Accel"): {"linear": "m/s2", "angular": "rad/s2"},
+    ("geometry_msgs", "Twist"): {"linear": "m/s", "angular": "rad/s"},
+    ("geometry_msgs", "Wrench"): {"force": "N", "torque": "N m"},
+    ("geometry_msgs", "Point"): {"x": "m", "y": "m", "z": "m"},
+}
+
 _FIELD = re.compile(r"^[\w/]+(?:\[[<=\d]*\])?\s+(\w+)\s*(?:#\s*(.*))?$")
 
 
@@ -45,8 +53,12 @@ def message_lines(message: Any, indent: str = "") -> Iterator[str]:
 
 
 def field_comments(message: Any) -> Mapping[str, str]:
-    """Return the comment of each field in the definition of a message; empty without one."""
-    return _comments(type(message).__module__.partition(".")[0], type(message).__name__)
+    """Return the comment of each field in the definition of a message; empty without one.
+
+    Fields of common messages whose definitions give no unit have that of `_STANDARD_UNITS`.
+    """
+    kind = (type(message).__module__.partition(".")[0], type(message).__name__)
+    return _STANDARD_UNITS.get(kind) or _comments(*kind)
 
 
 def _holds_messages(value: Any) -> bool:

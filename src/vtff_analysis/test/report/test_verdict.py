@@ -264,3 +264,13 @@ def test_a_receiver_without_observations_is_not_called_complete():
     assert verdict.sentence == (
         "chief: no observations. deputy: 10 epochs of observations, none missing."
     )
+
+
+def test_the_density_of_all_satellites_is_not_set_against_the_papers_of_one():
+    summary = {**IONOSPHERE, "scenario": "plumex", "ionosphere_density_error_per_cm3": 3112.0}
+    summary["ionosphere_density_error_single_satellite_per_cm3"] = 24472.0
+    shown = figures(find_verdict(summary, ["deputy"]))
+    together = shown["density of all satellites, mean error"]
+    assert (together.measured, together.paper) == ("3110 cm⁻³", "")
+    single = shown["density of one satellite, mean error"]
+    assert (single.measured, single.paper) == ("24500 cm⁻³", "65600 cm⁻³")

@@ -458,6 +458,25 @@ def test_a_live_run_is_followed(browser, scene, seconds, monkeypatch):
         server.stop()
 
 
+def test_a_live_run_that_has_ended_is_drawn(browser, scene, monkeypatch):
+    """All of it comes with the first news, in the first second of the page, and nothing after."""
+    monkeypatch.setattr("vtff_analysis.view.server.cesium_is_installed", lambda: False)
+    live = {**scene, "live": True}
+
+    def news(sent):
+        return {**live, "series": [] if sent else scene["series"]}, {"": 1}
+
+    server = ViewerServer(lambda: {**live, "series": []}, news, lambda name, value: "taken")
+    server.start()
+    try:
+        visit = Visit(browser, server.address)
+        visit.wait("document.querySelectorAll('#plots canvas').length >= 3")
+        assert visit.colours("#hill") > 20 and visit.errors == []
+        visit.page.close()
+    finally:
+        server.stop()
+
+
 def test_ionosphere_is_shown(browser, tmp_path):
     content = read_scene(write_full_run(tmp_path / "bag", seconds=130)).as_json()
     for visit in viewed(browser, content):

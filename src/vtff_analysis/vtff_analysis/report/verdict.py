@@ -537,9 +537,15 @@ def _ionosphere(numbers: Summary, columns: Sequence[PaperColumn]) -> tuple[list[
             figures.append(Figure(label, *texts))
     density = numbers.get("ionosphere_density_error_per_cm3")
     if density is not None:
-        paper = printed.get("ionosphere_density_error_per_cm3")
-        texts = ["" if value is None else f"{_short(value)} cm⁻³" for value in (density, paper)]
-        figures.append(Figure("density, mean error", *texts))
+        figures.append(Figure("density of all satellites, mean error", f"{_short(density)} cm⁻³"))
+    # The paper's profile is that of one satellite.
+    single = "ionosphere_density_error_single_satellite_per_cm3"
+    if numbers.get(single) is not None:
+        texts = [
+            f"{_short(source[single])} cm⁻³" if single in source else ""
+            for source in (numbers, printed)
+        ]
+        figures.append(Figure("density of one satellite, mean error", *texts))
     for label, name, unit, decimals in _IONOSPHERE_ERRORS:
         value = numbers.get(f"ionosphere_{name}")
         if value is not None:

@@ -16,6 +16,7 @@ pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 from bag_samples import sample_messages, write_bag  # noqa: E402
 
+from vtff_bag.file.message_definitions import message_class  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
 from vtff_bringup.discover.list_installed import config_files, nodes  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
@@ -73,6 +74,12 @@ def test_fields_have_the_units_of_their_definition():
     assert "position: [1.0, 2.0, 3.0]    # m" in lines
     assert any(line.startswith("covariance: [0.0,") and "(36 values)" in line for line in lines)
     assert "  stamp:" in [line.rstrip() for line in lines]
+
+
+def test_accelerations_have_units_that_their_definition_lacks():
+    acceleration = message_class("geometry_msgs/msg/AccelStamped")
+    lines = [line.strip() for line in message_lines(acceleration())]
+    assert "linear:    # m/s2" in lines and "angular:    # rad/s2" in lines
 
 
 def test_the_version_is_told():

@@ -43,6 +43,8 @@ def _check_node(node: NodeDescription) -> None:
         tables = parameter_tables(node.package, node.executable, values)
     except (ExecutableNotFoundError, importlib.metadata.PackageNotFoundError):
         return
+    except SystemFileError as error:
+        raise SystemFileError(f"{node.qualified_name}: {error}") from error
     try:
         check_values(node.qualified_name, values, tables)
     except ParameterError as error:

@@ -137,23 +137,29 @@ function showTime(scene, timeline) {
   element("utc").textContent = scene.startUnix ? `${moment.slice(0, 10)} ${moment.slice(11, 21)} UTC` : "";
 }
 
+const RENEWAL = 900; // ms between drawings of all lines of a live scene
+
 // Take in what a live run publishes.
 function listen(state) {
   const source = new EventSource("news");
-  let renewed = 0;
+  let renewed = -Infinity;
+  let waiting = 0;
+  const renew = () => {
+    waiting = 0;
+    renewed = performance.now();
+    for (const panel of state.panels) panel.update();
+    state.drawn = null;
+    drawLegend(state);
+  };
   source.onmessage = (event) => {
     const content = JSON.parse(event.data);
     if (content.reset) state.scene.series.clear(); // a replay went back
     const events = state.scene.events.length;
     state.scene.merge(content);
     element("state").textContent = content.series.length ? "live" : "live: nothing new";
-    // Lines over all samples are renewed less often than positions move.
-    const now = performance.now();
-    if (content.series.length && now - renewed > 900) {
-      renewed = now;
-      for (const panel of state.panels) panel.update();
-      state.drawn = null;
-      drawLegend(state);
+    // Lines over all samples are renewed less often than positions move; the last news too.
+    if (content.series.length && !waiting) {
+      waiting = setTimeout(renew, Math.max(0, RENEWAL - (performance.now() - renewed)));
     }
     if (state.scene.events.length !== events) drawMarks(element("marks"), state.timeline);
   };
