@@ -139,12 +139,10 @@ _PLUMEX_HIL = PaperColumn(
     source="section 4.3 (a measured rocket profile, one satellite)",
     hardware_in_the_loop=True,
     values={
-        "ionosphere_density_error_per_cm3": 6.56e4,
-        # The paper's profile is that of one satellite.
         "ionosphere_density_error_single_satellite_per_cm3": 6.56e4,
-        "ionosphere_density_error_bubble_1_per_cm3": 5.28e4,
-        "ionosphere_density_error_bubble_2_per_cm3": 7.86e4,
-        "ionosphere_density_error_bubble_3_per_cm3": 6.15e4,
+        "ionosphere_density_error_single_satellite_bubble_1_per_cm3": 5.28e4,
+        "ionosphere_density_error_single_satellite_bubble_2_per_cm3": 7.86e4,
+        "ionosphere_density_error_single_satellite_bubble_3_per_cm3": 6.15e4,
     },
 )
 

@@ -137,6 +137,20 @@ def made_up_run(error=0.0, late=0.0):
     )
 
 
+def test_the_density_of_one_satellite_stands_beside_that_of_the_paper():
+    """The paper's profile is that of one satellite; the density of all was set beside it."""
+    truth = dataclasses.replace(made_up_truth(), regions=())
+    found = summarise_ionosphere(made_up_run(3e9), truth)
+    rows = {
+        (label, measured): paper
+        for label, paper, measured, _ in ionosphere_rows({**found, "scenario": "plumex"})
+    }
+    assert rows["  at 340 to 380 km (bubble 3), cm-3", "3000"] == ""
+    assert rows["  at 340 to 380 km (bubble 3), cm-3", "6000"] == "61500"
+    assert rows["density of all satellites, mean error, cm-3", "3000"] == ""
+    assert rows["density of one satellite, mean error, cm-3", "6000"] == "65600"
+
+
 @settings(max_examples=20, deadline=None)
 @given(late=st.floats(-5.0, 5.0), error=st.floats(-1e11, 1e11))
 def test_a_run_with_known_errors(late, error):

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vtff_analysis.evaluation.ionosphere_density import add_density, single_satellite_error
+from vtff_analysis.evaluation.ionosphere_density import add_density, add_single_satellite_density
 from vtff_analysis.evaluation.ionosphere_edges import add_edges
 from vtff_analysis.evaluation.scintillation import (
     add_scintillation,
@@ -51,9 +51,7 @@ def summarise_ionosphere(
     if history.density is not None:
         add_edges(measured, true, history, truth)
         add_density(measured, history, truth)
-        single = single_satellite_error(history, truth)
-        if single is not None:
-            measured["density_error_single_satellite_per_cm3"] = single
+        add_single_satellite_density(measured, history, truth)
     add_scintillation(measured, true, history, truth)
     _add_contents(measured, history, truth)
     if lag is not None:

@@ -16,7 +16,7 @@ from vtff_gnss.signals import satellite_number
 from vtff_iono.density.density_profile import COMPARISON_ALTITUDES, binned_profile
 from vtff_sim_bridge.atmosphere.density_models import PLUMEX_BUBBLES
 
-__all__ = ["add_density", "single_satellite_error"]
+__all__ = ["add_density", "add_single_satellite_density"]
 
 #: The paper counts the bubbles of its section 4.3 from above.
 _BUBBLES = dict(enumerate(reversed(PLUMEX_BUBBLES), 1))
@@ -52,17 +52,7 @@ def add_density(
     if not rising.any():
         return
     altitudes, errors = _binned_errors(density, true, rising)
-    ranges: dict[str, tuple[float, float]] = {"": COMPARISON_ALTITUDES}
-    if truth.region_altitudes is None:
-        ranges |= {
-            f"_bubble_{number}": (bubble.altitude_bottom, bubble.altitude_top)
-            for number, bubble in _BUBBLES.items()
-        }
-    for name, (low, high) in ranges.items():
-        inside = (altitudes > low) & (altitudes < high)
-        if inside.any():
-            mean = float(errors[inside].mean()) * _PER_CUBIC_CENTIMETRE
-            measured[f"density_error{name}_per_cm3"] = mean
+    _add_means(measured, "density_error", altitudes, errors, truth)
     content = (density.density - true) * np.abs(density.separation) / ELECTRONS_PER_TECU
     later = has_truth & (density.time - density.time[0] >= _BIAS_DURATION)
     if later.any():
@@ -79,14 +69,23 @@ def _binned_errors(
     return profile.altitude, np.abs(profile.density - true_profile.density)
 
 
-def single_satellite_error(history: RunHistory, truth: IonosphereTruth | None) -> float | None:
-    """Return the mean absolute error of the density from the satellite with most seconds, cm-3.
+def add_single_satellite_density(
+    measured: dict[str, Any], history: RunHistory, truth: IonosphereTruth | None
+) -> None:
+    """Add the errors of the density from the satellite with most seconds, each second by itself.
 
-    None where there is no truth, or no density from single satellites on the rising leg.
+    Parameters
+    ----------
+    measured
+        Numbers by name; extended.
+    history
+        The run; nothing is added where the rising leg has no density from single satellites.
+    truth
+        True ionosphere; nothing is added without it.
     """
     columns, density = history.satellite_density, history.density
     if columns is None or density is None or truth is None:
-        return None
+        return
     low, high = COMPARISON_ALTITUDES
     altitude = columns.values["altitude"]
     compared = columns.time > density.time[np.argmin(density.altitude)]
@@ -94,8 +93,29 @@ def single_satellite_error(history: RunHistory, truth: IonosphereTruth | None) -
     satellite = satellite_number(columns.system, columns.prn)
     satellites, counts = np.unique(satellite[compared], return_counts=True)
     if not len(satellites):
-        return None
+        return
     rows = compared & (satellite == satellites[np.argmax(counts)])
     true = truth.mean_density(history.chief, history.deputy, columns.time[rows])
-    error = columns.values["density"][rows] - true
-    return float(np.nanmean(np.abs(error))) * _PER_CUBIC_CENTIMETRE
+    errors = np.abs(columns.values["density"][rows] - true)
+    _add_means(measured, "density_error_single_satellite", altitude[rows], errors, truth)
+
+
+def _add_means(
+    measured: dict[str, Any],
+    name: str,
+    altitudes: FloatArray,
+    errors: FloatArray,
+    truth: IonosphereTruth,
+) -> None:
+    """Add the mean error over all altitudes, and over those of each bubble of the paper."""
+    ranges: dict[str, tuple[float, float]] = {"": COMPARISON_ALTITUDES}
+    if truth.region_altitudes is None:
+        ranges |= {
+            f"_bubble_{number}": (bubble.altitude_bottom, bubble.altitude_top)
+            for number, bubble in _BUBBLES.items()
+        }
+    for part, (low, high) in ranges.items():
+        inside = (altitudes > low) & (altitudes < high) & np.isfinite(errors)
+        if inside.any():
+            mean = float(errors[inside].mean()) * _PER_CUBIC_CENTIMETRE
+            measured[f"{name}{part}_per_cm3"] = mean

@@ -25,6 +25,8 @@ __all__ = [
 
 IONOSPHERE_HEADS = ("", "paper", "measured", "true")
 
+_SINGLE = "density_error_single_satellite"
+
 _ROWS = (
     ("chief, lower edge at, s", "chief_bottom_time_s", 1),
     ("chief, upper edge at, s", "chief_top_time_s", 1),
@@ -50,11 +52,14 @@ _ROWS = (
     ("deputy, crossing minutes found, %", "deputy_scintillation_detected_percent", 1),
     ("chief, false among the others, %", "chief_scintillation_false_percent", 2),
     ("deputy, false among the others, %", "deputy_scintillation_false_percent", 2),
-    ("mean density error, cm-3", "density_error_per_cm3", 0),
+    ("density of all satellites, mean error, cm-3", "density_error_per_cm3", 0),
     ("  at 480 to 520 km (bubble 1), cm-3", "density_error_bubble_1_per_cm3", 0),
     ("  at 395 to 435 km (bubble 2), cm-3", "density_error_bubble_2_per_cm3", 0),
     ("  at 340 to 380 km (bubble 3), cm-3", "density_error_bubble_3_per_cm3", 0),
-    ("mean error of one satellite, 1 s, cm-3", "density_error_single_satellite_per_cm3", 0),
+    ("density of one satellite, mean error, cm-3", f"{_SINGLE}_per_cm3", 0),
+    ("  at 480 to 520 km (bubble 1), cm-3", f"{_SINGLE}_bubble_1_per_cm3", 0),
+    ("  at 395 to 435 km (bubble 2), cm-3", f"{_SINGLE}_bubble_2_per_cm3", 0),
+    ("  at 340 to 380 km (bubble 3), cm-3", f"{_SINGLE}_bubble_3_per_cm3", 0),
     ("differential TEC error, 1 s, RMS, TECU", "differential_tec_rms_tecu", 4),
     ("chief, slant TEC error, RMS, TECU", "chief_slant_tec_error_rms_tecu", 2),
     ("deputy, slant TEC error, RMS, TECU", "deputy_slant_tec_error_rms_tecu", 2),
@@ -62,8 +67,9 @@ _ROWS = (
 
 _REMARK = (
     "Edges: those of the rising pass. true: from the simulator; the paper's own separation was "
-    "984.90 m. Density errors: 1 km bins, 236 to 567 km, rising, against the truth averaged over "
-    "the separation. Crossing minutes: rays at least 30 s in a region."
+    "984.90 m. Density errors: 236 to 567 km, rising, against the truth averaged over the "
+    "separation; of all satellites in 1 km bins, of one satellite (as the paper's) each second by "
+    "itself. Crossing minutes: rays at least 30 s in a region."
 )
 """Explanation of the numbers, for the line under the table."""
 

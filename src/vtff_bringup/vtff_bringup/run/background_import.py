@@ -16,9 +16,18 @@ class BackgroundImport:
     ----------
     module
         Full name of the module. An error of its import is left to whoever imports it next.
+
+    Raises
+    ------
+    ImportError
+        If brahe, which only a thread that lasts may load, cannot be imported.
     """
 
     def __init__(self, module: str) -> None:
+        # The allocator of brahe (mimalloc 3.3) takes the thread that loads it for the main thread.
+        # After the end of that thread, the next with its number dies of a segmentation fault
+        # (github.com/microsoft/mimalloc/issues/1287). So brahe is loaded here, not by the import.
+        importlib.import_module("brahe")
         self._module = module
         self._thread: threading.Thread | None = None
 
