@@ -461,14 +461,19 @@ WORLDS: dict[str, World] = {
         phase_noise=PhaseNoise(0.001),
         must=Must(3.0),
     ),
+    # With the forces of an orbit: over 5 km a filter of real gravity errs in a world of degree 8.
     "broadcast": World(
+        "realistic",
+        change_scenario=exact_thrust,
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
         ranges=RangeErrors(broadcast_sigma=1.5),
         must=Must(0.45),
     ),
     "broadcast_5km": World(
+        "realistic",
         distance=5e3,
+        change_scenario=exact_thrust,
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
         ranges=RangeErrors(broadcast_sigma=1.5),
