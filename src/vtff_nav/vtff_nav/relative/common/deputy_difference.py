@@ -4,6 +4,10 @@ Each filter estimates its deputy less the chief, so that both use the observatio
 receiver, and the chief's errors cancel in the difference. With equal and independent receivers half
 of the variance of each filter is the chief's; the two states then correlate by one half, and the
 difference is as good as either of them.
+
+In single flights of minutes the errors, which are slow, correlate by anything from none to 0.9.
+Over twenty flights (`benchmarks/bench_deputies.py`) they do by 0.3 to 0.7 on each axis, 0.5 in the
+mean.
 """
 
 from __future__ import annotations
@@ -29,7 +33,9 @@ def difference_of_deputies(
     """Return the second deputy less the first, and its covariance.
 
     The covariance of the two states is `chief_share` of the covariance of the better one, because
-    what the chief contributes to both is the same. With `chief_share` 0 they are independent, which
+    what the chief contributes to both is the same: a deputy with a worse receiver adds nothing to
+    it. With the mean of both instead, the difference to a receiver with twice the noise is stated
+    a third too well. With `chief_share` 0 they are independent, which
     is the upper bound.
 
     Parameters
