@@ -114,6 +114,7 @@ class AdcsCanNode(VtffNode):
         if self.lockstep:
             self.subscribe(Clock, "/clock", self._on_clock)
         self.create_timer(WATCH_INTERVAL, self._watch, clock=self.steady_clock)
+        self.report_ready()  # frames that were sent before the bus is open would be lost
 
     # ---- reports -----------------------------------------------------------------------------
 
