@@ -166,6 +166,13 @@ def paper_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
     return _COLUMNS.get(scenario or "", ())
 
 
+def paper_plateau(scenario: str | None) -> list[float]:
+    """Return the vertical TEC that the paper prints inside its bubble, TECU; empty without one."""
+    names = ("ionosphere_vtec_top_tecu", "ionosphere_vtec_bottom_tecu")
+    columns = paper_columns(scenario)
+    return [column.values[name] for column in columns for name in names if name in column.values]
+
+
 def formation_columns(scenario: str | None) -> tuple[PaperColumn, ...]:
     """Return the paper's results on the formation flight of a scenario."""
     return tuple(

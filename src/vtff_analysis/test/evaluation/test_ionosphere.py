@@ -151,6 +151,18 @@ def test_the_density_of_one_satellite_stands_beside_that_of_the_paper():
     assert rows["density of one satellite, mean error, cm-3", "6000"] == "65600"
 
 
+def test_without_a_profile_there_is_no_error_of_that_of_one_satellite():
+    """A formation that keeps its altitude has none; a figure stood beside the paper's profile."""
+    run = made_up_run(3e9)
+    falling = {
+        field.name: getattr(run.density, field.name)[: PERIGEE - 100]
+        for field in dataclasses.fields(run.density)
+    }
+    run = dataclasses.replace(run, density=DensityHistory(**falling))
+    found = summarise_ionosphere(run, made_up_truth())
+    assert [name for name in found if "density_error" in name] == []
+
+
 @settings(max_examples=20, deadline=None)
 @given(late=st.floats(-5.0, 5.0), error=st.floats(-1e11, 1e11))
 def test_a_run_with_known_errors(late, error):

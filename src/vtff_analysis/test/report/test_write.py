@@ -67,7 +67,9 @@ def relative_state(deputy, position, solution=RelativeState.SOLUTION_TRUTH):
     return message
 
 
-def write_formation(run_directory, deputies=("deputy",), seconds=200, navigation=False):
+def write_formation(
+    run_directory, deputies=("deputy",), seconds=200, navigation=False, thrust=True
+):
     """In-track from 1000 m to 100 m with a dip; 0.5 m/s2 in-track from 1 s to 11 s."""
     bag = BagOfMessages(run_directory)
     for t in range(seconds + 1):
@@ -79,6 +81,8 @@ def write_formation(run_directory, deputies=("deputy",), seconds=200, navigation
                 solution = RelativeState.SOLUTION_FIXED if t > 3 else RelativeState.SOLUTION_NONE
                 state = relative_state(deputy, [0.01, in_track, 0.0], solution)
                 bag.add(f"/{deputy}/relative_state", t, state)
+            if not thrust:
+                continue
             bag.add(f"/{deputy}/control/thrust_command", t, acceleration([0.0, 0.0, 0.0]))
             push = [0.0, -0.5 if t < 10 else 0.0, 0.0]
             bag.add(f"/{deputy}/propulsion/thrust_applied", t + 1, acceleration(push))
@@ -273,7 +277,17 @@ def test_two_deputies(run_directory):
     assert summary["deputy_1_target_in_track_m"] == summary["deputy_2_target_in_track_m"] == 100.0
     assert (folder / "deputy_2_relative_position.png").is_file()
     assert "some_run: deputy_2" in shown
+    page = (folder / "report.html").read_text(encoding="utf-8")
+    assert "<figcaption>deputy_2: relative position by axis." in page
     assert_documented(summary, ("deputy_1_", "deputy_2_"))
+
+
+def test_a_flight_without_thrust_has_no_panel_of_it(run_directory, formation_report):
+    write_formation(run_directory, thrust=False)
+    folder = report(run_directory)[0]
+    name = "relative_position_and_thrust.png"
+    with Image.open(folder / name) as alone, Image.open(formation_report[1] / name) as both:
+        assert alone.height < 0.6 * both.height
 
 
 def test_run_shorter_than_the_acquisition(run_directory):

@@ -51,7 +51,8 @@ def summarise_ionosphere(
     if history.density is not None:
         add_edges(measured, true, history, truth)
         add_density(measured, history, truth)
-        add_single_satellite_density(measured, history, truth)
+        if "density_error_per_cm3" in measured:  # else the altitude hardly changes
+            add_single_satellite_density(measured, history, truth)
     add_scintillation(measured, true, history, truth)
     _add_contents(measured, history, truth)
     if lag is not None:

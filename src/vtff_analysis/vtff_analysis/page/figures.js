@@ -11,6 +11,7 @@ const DIGITS = 7;
 const NARROW = 560; // pixels: panels of a row stand below each other
 const HEIGHT = 250; // pixels of a panel with one row of names, as in page.css
 const LEGEND_ROW = 16; // pixels
+const TITLE_FONT = "600 13px system-ui, sans-serif";
 const LEAST_ROOM = 15; // pixels between ticks of a symmetric logarithmic axis
 const ROOM = 0.05; // of the values, above and below
 
@@ -117,12 +118,16 @@ class Panel {
   draw() {
     if (!this.canvas.clientWidth) return;
     const named = this.lines.filter((line) => line.name);
-    const legendRows = legend(this.canvas.getContext("2d", { willReadFrequently: true }), named, this.canvas.clientWidth);
-    // Names of many lines take no room from the lines.
-    this.canvas.style.height = `${HEIGHT + LEGEND_ROW * Math.max(0, legendRows.length - 1)}px`;
+    const measuring = this.canvas.getContext("2d", { willReadFrequently: true });
+    const legendRows = legend(measuring, named, this.canvas.clientWidth);
+    const titleRows = wrapped(measuring, this.title, this.canvas.clientWidth - 16);
+    // Names of many lines and a long title take no room from the lines.
+    const rows = Math.max(0, legendRows.length - 1) + Math.max(0, titleRows.length - 1);
+    this.canvas.style.height = `${HEIGHT + LEGEND_ROW * rows}px`;
     const { context, width, height } = prepare(this.canvas);
     if (!height) return;
-    const top = (this.title ? 20 : 4) + LEGEND_ROW * legendRows.length + 4;
+    const below = 4 + LEGEND_ROW * titleRows.length; // the title
+    const top = below + LEGEND_ROW * legendRows.length + 4;
     const frame = { x: MARGIN.left, y: top, width: width - MARGIN.left - MARGIN.right, height: height - top - MARGIN.bottom };
     const shown = this.rangeX();
     const x = shown.map((value) => this.scaled(value, 0));
@@ -144,9 +149,9 @@ class Panel {
     context.restore();
     context.fillStyle = "#1b1f24";
     context.textAlign = "left";
-    context.font = "600 13px system-ui, sans-serif";
-    if (this.title) context.fillText(this.title, 8, 15, width - 16);
-    drawLegend(context, legendRows, this.title ? 32 : 16);
+    context.font = TITLE_FONT;
+    titleRows.forEach((row, number) => context.fillText(row, 8, 15 + LEGEND_ROW * number, width - 16));
+    drawLegend(context, legendRows, below + 12);
     this.drawPointer(context, frame, place, width, height);
   }
 
@@ -263,6 +268,18 @@ function traceAny(context, line, place, frame) {
   }
   context.stroke();
   context.setLineDash([]);
+}
+
+// Rows of words of a title that fit a width.
+function wrapped(context, text, width) {
+  context.font = TITLE_FONT;
+  const rows = [];
+  for (const word of text ? text.split(" ") : []) {
+    const longer = rows.length ? `${rows.at(-1)} ${word}` : word;
+    if (rows.length && context.measureText(longer).width <= width) rows[rows.length - 1] = longer;
+    else rows.push(word);
+  }
+  return rows;
 }
 
 // Names of lines in rows that fit a width.

@@ -14,6 +14,7 @@ from vtff_analysis.evaluation.formation_flight import FormationFlight
 from vtff_analysis.evaluation.navigation import navigation_error
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.page.page import Picture
+from vtff_analysis.paper_reference import paper_plateau
 from vtff_analysis.plot_style import STYLE
 from vtff_analysis.recordings.attitude import AttitudeRecording
 from vtff_analysis.recordings.history import (
@@ -51,13 +52,12 @@ from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
 _FORMATION_CAPTIONS = {
     "relative_position_and_thrust": (
-        "Relative position and applied thrust, in the form of figure A1 of the paper: the whole "
-        "run and the acquisition. Dotted lines are the largest thrust; marks are the closest "
-        "in-track approaches of this run and of the paper."
+        "Relative position and applied thrust, in the form of figure A1 of the paper. Dotted lines "
+        "across the thrust are the largest; circles, in the paper's scenario, the closest in-track "
+        "approaches of this run and of the paper."
     ),
     "relative_position": (
-        "Relative position by axis with the target. The vertical line is the begin of the keeping "
-        "phase."
+        "Relative position by axis. The vertical line is the begin of the keeping phase."
     ),
     "keeping_error": "Deviation from the target in the keeping phase, each axis on its own scale.",
 }
@@ -137,7 +137,7 @@ def draw_pictures(
     pairs = history.pair_histories()
     for pair in pairs:
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""
-        tasks.append(partial(_draw_density, pair, truth, folder, prefix, labelled))
+        tasks.append(partial(_draw_density, pair, truth, folder, prefix, labelled, scenario))
     tasks.append(partial(_draw_scintillation_maps, pairs[0], truth, folder, labelled, scenario))
     tasks += _ionosphere_tasks(history, folder, labelled)
     tasks.append(partial(_draw_comparisons, history, folder, labelled))
@@ -156,8 +156,14 @@ def _draw_formation(
     paths = plot_formation(flight, folder, prefix, run_name, scenario, cap)
     captions = (_FORMATION_CAPTIONS[path.stem.removeprefix(prefix)] for path in paths)
     return [
-        Picture(path, caption, "formation") for path, caption in zip(paths, captions, strict=True)
+        Picture(path, _told_of(flight.name, prefix, caption), "formation")
+        for path, caption in zip(paths, captions, strict=True)
     ]
+
+
+def _told_of(deputy: str, prefix: str, caption: str) -> str:
+    """Return a caption that names its deputy, in a run with several."""
+    return f"{deputy}: {caption[0].lower()}{caption[1:]}" if prefix else caption
 
 
 def _draw_attitude(
@@ -268,7 +274,7 @@ def _draw_navigation_error(
     if inside is not None:
         shares = " / ".join(f"{100.0 * share:.1f} %" for share in inside)
         caption += f"; of the positions {shares} (R/T/N) lie within the stated 3 sigma"
-    return [Picture(path, f"{caption}.", "navigation")]
+    return [Picture(path, _told_of(deputy.name, prefix, f"{caption}."), "navigation")]
 
 
 def _draw_navigation_quality(
@@ -281,7 +287,7 @@ def _draw_navigation_quality(
     title = f"{run_name}: quality of the navigation of {deputy.name}"
     path = plot_navigation_quality(deputy.navigation, int(states.time[0]), folder, prefix, title)
     caption = "Kind of solution, satellites and fixed ambiguities, and normalised innovations."
-    return [Picture(path, caption, "navigation")]
+    return [Picture(path, _told_of(deputy.name, prefix, caption), "navigation")]
 
 
 def _draw_density(
@@ -290,6 +296,7 @@ def _draw_density(
     folder: pathlib.Path,
     prefix: str,
     run_name: str,
+    scenario: str,
 ) -> list[Picture]:
     """Draw figures 8, 9 and 11 of the paper of the chief and one deputy."""
     with_name = f" with {history.deputy}" if prefix else ""
@@ -306,16 +313,19 @@ def _draw_density(
     if edges is not None:
         caption = "Every edge that was found, against the true ones; the table of all is below."
         pictures.append(Picture(edges, caption, "ionosphere"))
+    printed = paper_plateau(scenario)
     plateau = plot_plateau(
         history,
         truth,
         folder / f"{prefix}vertical_tec.png",
         f"{run_name}: vertical TEC of single satellites",
+        printed,
     )
     if plateau is not None:
         caption = "Vertical TEC above each spacecraft (figure 8 of the paper)."
-        if truth is not None and truth.region_altitudes is not None:
-            caption += " Dotted: 30.10 and 30.17 TECU, the paper's plateau."
+        if printed:
+            numbers = " and ".join(f"{value:.2f}" for value in printed)
+            caption += f" Dotted: {numbers} TECU, the paper's plateau."
         pictures.append(Picture(plateau, caption, "ionosphere"))
     if history.satellite_density is not None:
         single = plot_satellite_profiles(

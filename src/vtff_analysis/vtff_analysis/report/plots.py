@@ -119,34 +119,38 @@ def _draw_position_and_thrust(
     flight: FormationFlight, scenario: str, acceleration_cap: float | None
 ) -> Figure:
     """Draw figure A1: (A) position, (B) thrust, of the whole run and of the acquisition."""
-    figure = make_figure(8.4)
+    has_thrust = bool(flight.thrust_time.size)
+    figure = make_figure(8.4 if has_thrust else 4.6)
     views = _views(flight)
-    axes = figure.subplots(2, len(views), squeeze=False, sharey="row", sharex="col")
+    axes = figure.subplots(1 + has_thrust, len(views), squeeze=False, sharey="row", sharex="col")
     scale, unit = length_unit(np.abs(flight.position_rtn).max())
     for column, (name, end) in enumerate(views):
         factor, time_unit = time_unit_of(end)
-        upper, lower = axes[0, column], axes[1, column]
+        upper, lower = axes[0, column], axes[-1, column]
         for axis in range(3):
             style = {"color": AXIS_COLOURS[axis], "linestyle": AXIS_STYLES[axis]}
             upper.plot(
                 flight.time * factor, flight.position_rtn[:, axis] / scale,
                 label=AXIS_NAMES[axis], **style,
             )  # fmt: skip
-            time, thrust = _thrust_line(flight, axis)
-            lower.step(time * factor, thrust, where="post", label=AXIS_NAMES[axis], **style)
+            if has_thrust:
+                time, thrust = _thrust_line(flight, axis)
+                lower.step(time * factor, thrust, where="post", label=AXIS_NAMES[axis], **style)
         if acceleration_cap is not None and acceleration_cap < 2.0 * np.abs(flight.thrust_rtn).max(
             initial=0.0
         ):
             for limit in (-acceleration_cap, acceleration_cap):
                 lower.axhline(limit, color=MARK_COLOUR, linewidth=1.0, linestyle=":")
-        for panel in (upper, lower):
+        for panel in axes[:, column]:
             _mark_keeping(panel, flight, factor, end)
             panel.set_xlim(0.0, end * factor)
         upper.set_title(f"A  relative position, {name}")
-        lower.set_title(f"B  applied thrust, {name}")
+        if has_thrust:
+            lower.set_title(f"B  applied thrust, {name}")
         lower.set_xlabel(f"time since the start ({time_unit})")
     axes[0, 0].set_ylabel(f"position ({unit})")
-    axes[1, 0].set_ylabel("acceleration (m/s²)")
+    if has_thrust:
+        axes[1, 0].set_ylabel("acceleration (m/s²)")
     _mark_closest(axes[0, -1], flight, scenario, scale, views[-1][1])
     axes[0, 0].legend(loc="best")
     return figure
@@ -272,16 +276,14 @@ def _views(flight: FormationFlight) -> Sequence[tuple[str, float]]:
 
 def _thrust_line(flight: FormationFlight, axis: int) -> tuple[FloatArray, FloatArray]:
     """Return times and values of the steps of the thrust; the last value ends the last step."""
-    if flight.thrust_time.size == 0:
-        return np.empty(0), np.empty(0)
     end = flight.thrust_time[-1] + flight.thrust_duration[-1]
     values = flight.thrust_rtn[:, axis]
     return np.append(flight.thrust_time, end), np.append(values, values[-1])
 
 
 def _mark_keeping(panel: Axes, flight: FormationFlight, factor: float, end: float) -> None:
-    """Draw the begin of the keeping phase."""
-    if flight.keeping_start >= end:
+    """Draw the begin of the keeping phase, which only a flight with a target has."""
+    if flight.deviation_rtn is None or flight.keeping_start >= end:
         return
     panel.axvline(flight.keeping_start * factor, color=MARK_COLOUR, linewidth=1.0, alpha=0.6)
     if end <= 2.0 * ACQUISITION_VIEW:

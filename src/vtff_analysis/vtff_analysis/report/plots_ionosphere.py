@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pathlib
+from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -40,7 +41,6 @@ __all__ = [
 _KILOMETRE = 1e3
 _PLATEAU_MARGIN = 150.0  # s before and after the edges that figure 8 shows
 _PROFILE_MARGIN = 40e3  # m below and above the edges that figure 9 shows
-_PAPER_PLATEAU = (30.10, 30.17)  # TECU, section 4.2
 #: Corners of the scintillation events of the paper's figure 10, deg north and deg east.
 _PAPER_EVENTS = ((-7.1, -82.7), (-8.8, -67.6))
 _PAPER_SCENARIOS = ("esf", "esf_paper")
@@ -141,10 +141,12 @@ def plot_plateau(
     truth: IonosphereTruth | None,
     path: pathlib.Path,
     title: str,
+    paper_plateau: Sequence[float],
 ) -> pathlib.Path | None:
     """Draw vertical TEC of each spacecraft from the two satellites that are high for longest.
 
     For a run with irregularity regions the rising pass through their altitudes is drawn (figure 8).
+    Values of `paper_plateau`, TECU, are dotted lines.
     """
     crafts = {
         topic.split("/")[1]: columns
@@ -187,9 +189,8 @@ def plot_plateau(
                         label="true",
                     )
                 axis.set_title(f"{craft}, {satellite_name(system, prn)}")
-                if truth is not None and truth.region_altitudes is not None:
-                    for plateau in _PAPER_PLATEAU:
-                        axis.axhline(plateau, color=MARK_COLOUR, ls=":", lw=1.0)
+                for printed in paper_plateau:
+                    axis.axhline(printed, color=MARK_COLOUR, ls=":", lw=1.0)
                 if column == 0:
                     axis.set_ylabel("vertical TEC (TECU)")
                 if panel_row == len(best) - 1:

@@ -54,15 +54,17 @@ def plot_survey(
         Title of the picture.
     """
     with mpl.rc_context(STYLE):
-        figure = make_figure(13.0)
-        axes: Any = figure.subplots(4, 1, height_ratios=(3, 2, 3, 2))
-        end = max(survey.decisions[-1].time, start_time + int(_HOUR))
+        ratios = (3, 2, 3, 2) if survey.crossings else (3, 2, 2)
+        figure = make_figure(1.3 * sum(ratios))
+        axes: Any = figure.subplots(len(ratios), 1, height_ratios=ratios)
+        end = survey.decisions[-1].time
         hours = np.linspace(0.0, (end - start_time) / _HOUR, 100)
         _draw_longitudes(axes[0], survey, regions, start_time, hours)
         _draw_map(axes[1], survey, regions, start_time)
-        _draw_altitudes(axes[2], survey, start_time)
-        _draw_drift(axes[3], survey, regions, start_time)
-        for axis in (axes[0], axes[2], axes[3]):
+        if survey.crossings:
+            _draw_altitudes(axes[2], survey, start_time)
+        _draw_drift(axes[-1], survey, regions, start_time)
+        for axis in (axes[0], *axes[2:]):
             axis.set_xlim(0.0, hours[-1])
             axis.set_xlabel("time since the start (h)")
             for plan in survey.plans:

@@ -279,8 +279,10 @@ def incomparable_keys(duration: float) -> set[str]:
 def _comes_to_a_target(summary: Summary) -> bool:
     """Return whether a run is an acquisition of one target, as those of the paper.
 
-    Chasers of a cluster have none, and guidance moves it.
+    Chasers of a cluster have none, nor has a formation without a controller; guidance moves it.
     """
+    if "keeping_in_track_mean_m" in summary and "keeping_in_track_rms_m" not in summary:
+        return False
     return not {"cluster_closest_m", "guidance_closest_m"} & set(summary)
 
 

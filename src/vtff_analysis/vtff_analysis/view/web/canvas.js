@@ -49,7 +49,11 @@ export function drawAxes(context, frame, range, ticks, labels = {}) {
     - ((value - range.y[0]) / (range.y[1] - range.y[0])) * frame.height;
   for (const tick of ticks.x.ticks) {
     line(context, toX(tick), frame.y, toX(tick), frame.y + frame.height);
-    context.fillText(ticks.x.text(tick), toX(tick), frame.y + frame.height + 14);
+    // The number of a tick at the edge is moved, not cut.
+    const text = ticks.x.text(tick);
+    const half = context.measureText(text).width / 2 + 1;
+    const middle = Math.min(Math.max(toX(tick), half), context.canvas.clientWidth - half);
+    context.fillText(text, middle, frame.y + frame.height + 14);
   }
   context.textAlign = "right";
   for (const tick of ticks.y.ticks) {
