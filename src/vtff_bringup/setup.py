@@ -37,7 +37,7 @@ setup(
         "PyYAML>=6,<7",
         "pyarrow>=17,<30",
         "rich>=13,<16",
-        "typer>=0.12,<1",
+        "typer>=0.19,<1",
         "dask>=2024.8,<2027",
         "distributed>=2024.8,<2027",
         "psutil>=5.9,<8",

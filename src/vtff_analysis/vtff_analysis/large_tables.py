@@ -17,10 +17,7 @@ from pyarrow import csv, parquet
 
 from vtff_bag.run.environment import vtff_version
 
-__all__ = ["TABLE_FORMS", "file_metadata", "unit_of_column", "with_units", "write_table"]
-
-#: Forms of large tables, the default first.
-TABLE_FORMS = ("parquet", "csv")
+__all__ = ["file_metadata", "unit_of_column", "with_units", "write_table"]
 
 #: Units by the end of a column's name; a length or time in SI units has none in its name.
 _UNITS = {

@@ -9,6 +9,7 @@ import pathlib
 
 import numpy as np
 import pytest
+from bag_samples import sample_messages, write_bag
 from pyarrow import parquet
 from sample_files import export_sample
 from shared_data import require_shared
@@ -317,10 +318,11 @@ def test_summary_without_any_solution_and_plots_of_all_kinds(tmp_path):
         (["absent.rnx", "base.rnx"], "absent.rnx: No such file"),
         (["text", "text"], "text: neither RINEX nor a NovAtel log"),
         (["text"], "is no bag: name the observations of the base too"),
-        (["folder", "text"], "is a bag, which holds both receivers"),
+        (["bag", "text"], "is a bag, which holds both receivers"),
+        (["folder", "text"], "folder: not a bag"),
         (["folder"], "folder"),
-        (["text", "text", "--dynamics", "fast"], "one of static, kinematic, orbital"),
-        (["text", "text", "--estimator", "mine"], "one of cdgps, paper"),
+        (["text", "text", "--dynamics", "fast"], "'fast' is not one of 'static'"),
+        (["text", "text", "--estimator", "mine"], "'mine' is not one of 'cdgps'"),
         (["text", "text", "--signals", "X9"], "--signals 'X9'"),
     ],
 )
@@ -328,6 +330,7 @@ def test_wrong_arguments_are_named(arguments, message, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     pathlib.Path("text").write_text("nothing of use")
     pathlib.Path("folder").mkdir()
+    write_bag(pathlib.Path("bag"), sample_messages(3))
     result = vtff("baseline", *arguments)
     assert result.exit_code == 2, result.output
     assert message in " ".join(result.output.split())

@@ -64,7 +64,7 @@ def write_epochs(
     folder
         Existing folder.
     form
-        One of `vtff_analysis.large_tables.TABLE_FORMS`; for csv see `write_csv`.
+        ``parquet``, or ``csv``, for which see `write_csv`.
     title
         What was processed, for the metadata.
     """

@@ -82,7 +82,7 @@ def write_tables(
     folder, name
         Existing folder, and begin of the names.
     form
-        One of `vtff_analysis.large_tables.TABLE_FORMS`.
+        ``parquet`` or ``csv``.
 
     Returns
     -------

@@ -76,6 +76,24 @@ def test_an_odd_folder_is_one_line(tmp_path, monkeypatch, command, folder):
     assert result.output.startswith("error: ") and path in result.output.replace("\n", "")
 
 
+@pytest.mark.parametrize(
+    "command",
+    [
+        "run reference --out",
+        "campaign example --out",
+        "report bag --out",
+        "study radial_offset --runs",
+    ],
+)
+def test_an_empty_folder_is_not_this_folder(tmp_path, monkeypatch, command):
+    """An unset variable of a shell is an empty text."""
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(cli.make_app(), [*command.split(), ""])
+    assert result.exit_code == 2
+    assert "a folder expected, got an empty text" in result.output
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("command", ["run", "bag recover", "study thrust_cap"])
 def test_help_loses_no_words(command):
     words = " ".join(

@@ -18,7 +18,7 @@ from bag_samples import sample_messages, write_bag  # noqa: E402
 
 from vtff_bag.file.message_definitions import message_class  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
-from vtff_bringup.discover.list_installed import config_files, nodes  # noqa: E402
+from vtff_bringup.discover.installed import config_files, nodes  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
 from vtff_node.message_text import message_lines  # noqa: E402
 
@@ -86,24 +86,60 @@ def test_the_version_is_told():
     assert re.match(r"vtff \d+\.\d+", run("--version").output)
 
 
-def test_the_shell_completes_commands_and_systems():
-    def complete(words):
-        variables = {
-            "_VTFF_COMPLETE": "complete_bash",
-            "COMP_WORDS": words,
-            "COMP_CWORD": str(words.count(" ")),
-        }
-        result = subprocess.run(
-            [sys.executable, "-m", "vtff_bringup.cli"],
-            env={**os.environ, **variables},
-            capture_output=True,
-            text=True,
-        )
-        return result.stdout.split()
+def complete(monkeypatch, words):
+    """Return what bash offers for the last word."""
+    monkeypatch.setenv("_VTFF_COMPLETE", "complete_bash")
+    monkeypatch.setenv("COMP_WORDS", words)
+    monkeypatch.setenv("COMP_CWORD", str(words.count(" ")))
+    return CliRunner().invoke(make_app(), prog_name="vtff").stdout.split()
 
-    assert complete("vtff rep") == ["replay", "reprocess", "report"]
+
+def test_a_shell_that_asks_is_answered():
+    variables = {"_VTFF_COMPLETE": "complete_bash", "COMP_WORDS": "vtff rep", "COMP_CWORD": "1"}
+    result = subprocess.run(
+        [sys.executable, "-m", "vtff_bringup.cli"],
+        env={**os.environ, **variables},
+        capture_output=True,
+        text=True,
+    )
+    assert result.stdout.split() == ["replay", "reprocess", "report"]
+
+
+def test_the_shell_completes_names(monkeypatch):
     systems = [path.stem for path in config_files("systems") if path.stem.startswith("realis")]
-    assert complete("vtff run realis") == systems != []
+    assert complete(monkeypatch, "vtff run realis") == systems != []
+    assert complete(monkeypatch, "vtff reprocess a --system navi") == ["navigation_only"]
+    assert complete(monkeypatch, "vtff campaign thrust") == ["thrust_cap"]
+    assert complete(monkeypatch, "vtff study fo") == ["formation_designs"]
+    assert complete(monkeypatch, "vtff node relative_e") == ["relative_ekf"]
+    assert complete(monkeypatch, "vtff list wor") == ["worlds"]
+    assert complete(monkeypatch, "vtff guidance mode f") == ["free_drift"]
+    assert complete(monkeypatch, "vtff tec file --format c") == ["csv"]
+
+
+def test_the_shell_completes_what_a_system_lets_its_user_set(monkeypatch):
+    asked = "vtff run reference "
+    assert "chief_port:=" in complete(monkeypatch, asked)
+    assert {"sdre_controller.", "simgen_bridge."} <= set(complete(monkeypatch, f"{asked}s"))
+    assert complete(monkeypatch, f"{asked}relative_ekf.est") == ["relative_ekf.estimator:="]
+    # The only node that begins so: what it has.
+    assert "sdre_controller.design:=" in complete(monkeypatch, f"{asked}sdre")
+    assert complete(monkeypatch, "vtff run no_such_system c") == []
+    settings = complete(monkeypatch, "vtff reprocess a --set relative_ekf.est")
+    assert settings == ["relative_ekf.estimator:="]
+
+
+def test_the_shell_completes_runs_and_topics(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    write_bag(tmp_path / "bags/mine/bag", sample_messages(3, topics=2), topics=2)
+    write_bag(tmp_path / "bags/my_bag", sample_messages(3, topics=2), topics=2)
+    (tmp_path / "bags/my_notes").mkdir()
+    for command in ("report", "view", "bag info", "replay", "export", "topic list --bag"):
+        found = complete(monkeypatch, f"vtff {command} bags/m")
+        assert found == ["bags/mine", "bags/my_bag"], command
+    assert complete(monkeypatch, "vtff report elsewhere/") == []  # the shell completes files
+    assert complete(monkeypatch, "vtff topic echo --bag bags/mine /topic_1") == ["/topic_1"]
+    assert complete(monkeypatch, "vtff topic echo --bag bags /topic_1") == []
 
 
 @pytest.mark.parametrize(

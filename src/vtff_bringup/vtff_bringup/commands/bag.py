@@ -8,6 +8,7 @@ from typing import Annotated, Optional
 import typer
 
 from vtff_bag.file.errors import BagError, BagExistsError, BagReadError
+from vtff_bringup.commands.command_line import RecordedRun, folder_option
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help=True)
@@ -15,7 +16,7 @@ app = typer.Typer(help="Look at bags and recover damaged ones.", no_args_is_help
 
 @app.command("info", no_args_is_help=True)
 def info_command(
-    path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+    path: RecordedRun,
 ) -> None:
     """Show topics, types, counts, times and the state of a bag."""
     from vtff_bag.file.info import describe_bag
@@ -28,10 +29,10 @@ def info_command(
 
 @app.command("recover", no_args_is_help=True)
 def recover_command(
-    path: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+    path: RecordedRun,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="Folder to write; default: BAG_recovered beside it."),
+        folder_option("Folder to write; default: BAG_recovered beside it."),
     ] = None,
 ) -> None:
     """Copy what is intact into a new, complete bag.

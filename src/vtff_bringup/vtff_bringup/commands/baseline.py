@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import pathlib
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import typer
 from rich.console import Console
 from rich.progress import Progress
 from rich.table import Column, Table
 
-from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.commands.command_line import TableForm, command_line, folder_option
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
     from vtff_analysis.baseline.sources import BaselineSources
     from vtff_dynamics.time.timescales import GpsTime
 
-_ESTIMATORS = ("cdgps", "paper")
-_DYNAMICS = ("static", "kinematic", "orbital")
+Estimator = Literal["cdgps", "paper"]
+Dynamics = Literal["static", "kinematic", "orbital"]
+
 _REASONS_SHOWN = 4
 
 
@@ -37,19 +38,19 @@ def baseline(
     navigation: Annotated[
         Optional[list[pathlib.Path]],  # noqa: UP045
         typer.Argument(
-            metavar="[NAV]...",
+            metavar="NAV",
             help="RINEX navigation or SP3 files; not needed if the logs hold ephemerides.",
         ),
     ] = None,
     dynamics: Annotated[
-        Optional[str],  # noqa: UP045
+        Optional[Dynamics],  # noqa: UP045
         typer.Option(
             help="static, kinematic (the rover moves, on or near the ground) or orbital (both in "
             "orbit); default: kinematic or orbital, by the height of the base.",
         ),
     ] = None,
     estimator: Annotated[
-        str, typer.Option(help="cdgps, or paper (orbital only, phase of one signal).")
+        Estimator, typer.Option(help="paper: orbital only, phase of one signal.")
     ] = "cdgps",
     signals: Annotated[
         Optional[str],  # noqa: UP045
@@ -114,15 +115,9 @@ def baseline(
     base_name: Annotated[str, typer.Option(help="Receiver in a bag.")] = "chief",
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for table, JSON and plot; default: baseline_DATE_TIME."),
+        folder_option("Folder for table, JSON and plot; default: baseline_DATE_TIME."),
     ] = None,
-    form: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            help="Table as parquet, which keeps units and times in its metadata, or csv.",
-        ),
-    ] = "parquet",
+    form: TableForm = "parquet",
 ) -> None:
     """Compute the position of one receiver relative to another.
 
@@ -148,7 +143,6 @@ def baseline(
     # Imported here, because numpy, brahe and matplotlib take a while.
     from vtff_analysis.baseline.defaults import complete_options
     from vtff_analysis.baseline.sources import BaselineError
-    from vtff_analysis.large_tables import TABLE_FORMS
     from vtff_bag.file.errors import BagError
     from vtff_bag.run.folder import RunFolderError
     from vtff_gnss.files.observation_files import ObservationFileError
@@ -156,10 +150,6 @@ def baseline(
     console = make_console()
     try:
         bands = _parse_bands(signals, estimator)
-        if form not in TABLE_FORMS:
-            raise BaselineError(f"--format {form!r}: one of {', '.join(TABLE_FORMS)} expected")
-        if dynamics is not None and dynamics not in _DYNAMICS:
-            raise BaselineError(f"--dynamics {dynamics!r}: one of {', '.join(_DYNAMICS)} expected")
         with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
             names = (rover_name, base_name)
             sources = _read_sources(rover, base, navigation or [], bands, partial, names, bar)
@@ -181,8 +171,6 @@ def _parse_bands(signals: str | None, estimator: str) -> dict[int, tuple[int, ..
     from vtff_nav.relative.common.signal_bands import parse_bands
     from vtff_nav.relative.paper.estimator import PaperConfiguration
 
-    if estimator not in _ESTIMATORS:
-        raise BaselineError(f"--estimator {estimator!r}: one of {', '.join(_ESTIMATORS)} expected")
     if signals is None:
         return dict(PaperConfiguration().bands if estimator == "paper" else DEFAULT_BANDS)
     try:
@@ -201,10 +189,12 @@ def _read_sources(
     bar: Progress,
 ) -> BaselineSources:
     from vtff_analysis.baseline.sources import BaselineError, from_bag, from_files
+    from vtff_bag.file.reader import BagReader
 
     task = bar.add_task("reading", total=None)
     is_bag = rover.is_dir() or rover.suffix == ".mcap"
     if is_bag and base is not None:
+        BagReader(rover)  # a folder without a bag is refused as such
         raise BaselineError(
             f"{rover} is a bag, which holds both receivers (--rover-name, --base-name): leave "
             f"{base} out"

@@ -16,6 +16,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from vtff_bag.run.folder import RunFolderError, output_folder, remove_if_empty
+from vtff_bringup.commands.command_line import folder_option
+from vtff_bringup.discover.completion import complete_campaign
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
@@ -31,7 +33,10 @@ _LINE_FRACTION = 0.1  # of the cases, between lines where there is no terminal
 def campaign(
     file: Annotated[
         str,
-        typer.Argument(help="Campaign file, or its name in config/campaign, e.g. example."),
+        typer.Argument(
+            help="Campaign file, or its name (vtff list campaigns), e.g. example.",
+            autocompletion=complete_campaign,
+        ),
     ],
     workers: Annotated[
         Optional[int],  # noqa: UP045 - typer reads the annotation at run time on 3.10
@@ -57,7 +62,7 @@ def campaign(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the campaign; default: campaigns/NAME_DATE_TIME."),
+        folder_option("Folder of the campaign; default: campaigns/NAME_DATE_TIME."),
     ] = None,
     resume: Annotated[
         bool,

@@ -1,11 +1,30 @@
-"""The command as its user typed it."""
+"""The command as its user typed it, and what several commands are given."""
 
 from __future__ import annotations
 
+import pathlib
 import shlex
 import sys
+from typing import Annotated, Any, Literal
 
-__all__ = ["command_line"]
+import typer
+
+from vtff_bringup.discover.completion import complete_run
+
+__all__ = ["RecordedRun", "TableForm", "command_line", "folder_option"]
+
+RecordedRun = Annotated[
+    pathlib.Path,
+    typer.Argument(help="Run folder, bag directory or .mcap file.", autocompletion=complete_run),
+]
+
+TableForm = Annotated[
+    Literal["parquet", "csv"],
+    typer.Option(
+        "--format",
+        help="Form of large tables; parquet keeps units and times in its metadata.",
+    ),
+]
 
 
 def command_line(*, without: str = "") -> str:
@@ -24,3 +43,18 @@ def command_line(*, without: str = "") -> str:
         elif not (without and word.startswith(f"{without}=")):
             kept.append(word)
     return shlex.join(["vtff", *kept])
+
+
+def folder_option(text: str) -> Any:
+    """Return the option that names the folder into which a command writes, with its help."""
+    return typer.Option(parser=_folder_name, metavar="FOLDER", help=text)
+
+
+def _folder_name(text: str | pathlib.Path) -> pathlib.Path:
+    """Return a folder that its user typed.
+
+    An empty text, as an unset variable of a shell is, would be this folder.
+    """
+    if not str(text):
+        raise typer.BadParameter("a folder expected, got an empty text; this folder is '.'")
+    return pathlib.Path(text)

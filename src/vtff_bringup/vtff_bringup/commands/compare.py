@@ -14,7 +14,8 @@ from rich.table import Table
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, output_folder
-from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.commands.command_line import command_line, folder_option
+from vtff_bringup.discover.completion import complete_run
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -32,11 +33,14 @@ _LABEL_WIDTH, _NUMBER_WIDTH = 40, 11
 
 def compare(
     bags: Annotated[
-        list[pathlib.Path], typer.Argument(help="Run folders, bags or .mcap files; two or more.")
+        list[pathlib.Path],
+        typer.Argument(
+            help="Run folders, bags or .mcap files; two or more.", autocompletion=complete_run
+        ),
     ],
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="Folder for plots and numbers; default: bags/compare_DATE_TIME."),
+        folder_option("Folder for plots and numbers; default: bags/compare_DATE_TIME."),
     ] = None,
 ) -> None:
     """Set runs side by side in tables and plots.

@@ -10,13 +10,14 @@ import typer
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder
+from vtff_bringup.commands.command_line import RecordedRun, folder_option
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 
 def export(
-    bag: Annotated[pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file.")],
+    bag: RecordedRun,
     parquet: Annotated[
         bool,
         typer.Option(
@@ -45,7 +46,7 @@ def export(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder to write; default: RUN/export, or BAG_export beside a bag."),
+        folder_option("Folder to write; default: RUN/export, or BAG_export beside a bag."),
     ] = None,
 ) -> None:
     """Write a bag in the formats of other programs.

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-import pathlib
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 
+from vtff_bringup.commands.command_line import RecordedRun
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import print_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
 
 
 def replay(
-    bag: Annotated[pathlib.Path, typer.Argument(help="Bag directory, run folder or .mcap file.")],
+    bag: RecordedRun,
     rate: Annotated[float, typer.Option(help="Recorded seconds per second of wall time.")] = 1.0,
     start_offset: Annotated[
         float, typer.Option(help="Where to begin, s after the first message.", min=0.0)
     ] = 0.0,
     topics: Annotated[
         Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="Only these topics, full names; may be repeated."),
+        typer.Option(metavar="TOPIC", help="Only these topics, full names; may be repeated."),
     ] = None,
     exclude_topics: Annotated[
         Optional[list[str]],  # noqa: UP045
-        typer.Option(help="Not these topics, full names; may be repeated."),
+        typer.Option(metavar="TOPIC", help="Not these topics, full names; may be repeated."),
     ] = None,
     loop: Annotated[bool, typer.Option("--loop", "-l", help="Begin again at the end.")] = False,
     start_paused: Annotated[

@@ -10,6 +10,7 @@ import typer
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder
+from vtff_bringup.commands.command_line import RecordedRun, folder_option
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
@@ -17,12 +18,10 @@ from vtff_bringup.run.flown import require_flight
 
 
 def report(
-    bag: Annotated[
-        pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file; any state.")
-    ],
+    bag: RecordedRun,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option(help="Folder to write; default: RUN/report, or BAG_report beside a bag."),
+        folder_option("Folder to write; default: RUN/report, or BAG_report beside a bag."),
     ] = None,
     svg: Annotated[
         bool, typer.Option("--svg", help="Also write each picture as SVG beside its PNG file.")

@@ -14,7 +14,11 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.folder import RunFolderError, output_folder
-from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.commands.command_line import RecordedRun, command_line, folder_option
+from vtff_bringup.discover.completion import (
+    complete_override,
+    complete_system,
+)
 from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_error
@@ -38,13 +42,22 @@ BAG_ARGUMENT = "bag"  # argument of system files for reprocessing
 
 
 def reprocess(
-    bag: Annotated[pathlib.Path, typer.Argument(help="Run folder, bag directory or .mcap file.")],
+    bag: RecordedRun,
     system: Annotated[
-        str, typer.Option(help="System file or its name, with the nodes to run again.")
+        str,
+        typer.Option(
+            help="System file or its name, with the nodes to run again.",
+            autocompletion=complete_system,
+        ),
     ] = "navigation_only",
     settings: Annotated[
         Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Option("--set", help="NODE.PARAMETER:=VALUE or ARGUMENT:=VALUE; may be repeated."),
+        typer.Option(
+            "--set",
+            metavar="NAME:=VALUE",
+            help="NODE.PARAMETER:=VALUE or ARGUMENT:=VALUE; may be repeated.",
+            autocompletion=complete_override,
+        ),
     ] = None,
     duration: Annotated[
         Optional[float],  # noqa: UP045
@@ -52,7 +65,7 @@ def reprocess(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the new run; default: bags/SYSTEM_DATE_TIME."),
+        folder_option("Folder of the new run; default: bags/SYSTEM_DATE_TIME."),
     ] = None,
     distributed: Annotated[
         bool, typer.Option("--distributed", help="Each node in a process of its own: slower.")

@@ -9,8 +9,8 @@ from typing import Annotated, Optional
 import typer
 
 from vtff_bag.run.folder import RunFolderError, output_folder
-from vtff_bringup.commands.command_line import command_line
-from vtff_bringup.discover.list_installed import complete_system
+from vtff_bringup.commands.command_line import command_line, folder_option
+from vtff_bringup.discover.completion import complete_override, complete_system
 from vtff_bringup.hosts.run_order import RunOrder
 from vtff_bringup.hosts.take_part import check_host, conclude_on_other_host, take_part
 from vtff_bringup.run.background_import import BackgroundImport
@@ -41,8 +41,10 @@ def run(
     overrides: Annotated[
         Optional[list[str]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
         typer.Argument(
+            metavar="NAME:=VALUE",
             help="ARGUMENT:=VALUE of the system file, or NODE.PARAMETER:=VALUE, "
-            "e.g. sdre_controller.design:=delay_aware"
+            "e.g. sdre_controller.design:=delay_aware",
+            autocompletion=complete_override,
         ),
     ] = None,
     composed: Annotated[
@@ -81,7 +83,7 @@ def run(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the run, new or empty; default: bags/SYSTEM_DATE_TIME."),
+        folder_option("Folder of the run, new or empty; default: bags/SYSTEM_DATE_TIME."),
     ] = None,
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Write plots and summary.json.")

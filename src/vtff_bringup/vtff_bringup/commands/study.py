@@ -15,7 +15,7 @@ from rich.table import Table
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_folder, output_folder, remove_if_empty
 from vtff_bringup.commands.campaign import conclude_campaign, fly_campaign_visibly, stop
-from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.commands.command_line import command_line, folder_option
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 from vtff_node.executables import ExecutableNotFoundError, share_file
@@ -52,7 +52,7 @@ def thrust_cap(
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for plot and CSV; default: studies/thrust_cap_DATE_TIME."),
+        folder_option("Folder for plot and CSV; default: studies/thrust_cap_DATE_TIME."),
     ] = None,
 ) -> None:
     """Fly the reference formation with many thrust caps.
@@ -99,16 +99,19 @@ def radial_offset(
     ] = False,
     offset: Annotated[
         Optional[list[float]],  # noqa: UP045
-        typer.Option(help="Radial offset in m; may be repeated. Default: 100, 1000, 3000, 10000."),
+        typer.Option(
+            metavar="METRES",
+            help="Radial offset in m; may be repeated. Default: 100, 1000, 3000, 10000.",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of every random stream.", min=0)] = 1,
     runs: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder of the flights; finished ones there are not flown again."),
+        folder_option("Folder of the flights; finished ones there are not flown again."),
     ] = None,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for plots, CSV and flights; default: studies/radial_offset_..."),
+        folder_option("Folder for plots, CSV and flights; default: studies/radial_offset_..."),
     ] = None,
 ) -> None:
     """Retrieve density with radial offsets of 0.1 to 10 km.
@@ -166,7 +169,7 @@ def radial_offset(
 def formation_designs(
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for the CSV files; default: none are written."),
+        folder_option("Folder for the CSV files; default: none are written."),
     ] = None,
 ) -> None:
     """Let formations drift for 15 orbits under J2.
@@ -242,7 +245,7 @@ def snap1(
     seed: Annotated[int, typer.Option(help="Seed of every random stream.", min=0)] = 1,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for table and figures; default: studies/snap1_DATE_TIME."),
+        folder_option("Folder for table and figures; default: studies/snap1_DATE_TIME."),
     ] = None,
 ) -> None:
     """Fly the attitude of SNAP-1 (paper 003).
@@ -271,7 +274,7 @@ def fflas(
     ] = 1.0,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for table and figures; default: studies/fflas_DATE_TIME."),
+        folder_option("Folder for table and figures; default: studies/fflas_DATE_TIME."),
     ] = None,
 ) -> None:
     """Plan and fly the FFLAS extension (paper 002).
@@ -297,7 +300,7 @@ def potential_field(
     seed: Annotated[int, typer.Option(help="Seed of the first start.", min=0)] = 0,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for table and figures; default: studies/potential_field_..."),
+        folder_option("Folder for table and figures; default: studies/potential_field_..."),
     ] = None,
 ) -> None:
     """Fly clusters by potential fields (paper 001).

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 
-from vtff_bringup.commands.command_line import command_line
+from vtff_bringup.commands.command_line import TableForm, command_line, folder_option
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import (
     describe_os_error,
@@ -34,16 +34,18 @@ def tec(
     nav: Annotated[
         Optional[list[pathlib.Path]],  # noqa: UP045 - typer reads the annotation at run time on 3.10
         typer.Option(
-            help="RINEX navigation file, log with ephemerides, or SP3 file; may be repeated."
+            metavar="FILE",
+            help="RINEX navigation file, log with ephemerides, or SP3 file; may be repeated.",
         ),
     ] = None,
     biases: Annotated[
         Optional[list[str]],  # noqa: UP045
         typer.Option(
+            metavar="FILE",
             help="Satellite biases: a Bias-SINEX or DCB file, repeated for files that complete "
             "each other (P1-P2 and P1-C1); 'broadcast' (group delays of the navigation message, "
             "the default) or 'none': nothing is removed, right only for signals without satellite "
-            "biases. Real ones have them, and those of the emulated receivers too."
+            "biases. Real ones have them, and those of the emulated receivers too.",
         ),
     ] = None,
     allow_old_biases: Annotated[
@@ -57,13 +59,7 @@ def tec(
             "else from its codes."
         ),
     ] = None,
-    form: Annotated[
-        str,
-        typer.Option(
-            "--format",
-            help="Tables as parquet, which keeps units and times in its metadata, or csv.",
-        ),
-    ] = "parquet",
+    form: TableForm = "parquet",
     plots: Annotated[
         bool, typer.Option("--plots/--no-plots", help="Draw a picture of each receiver.")
     ] = True,
@@ -72,7 +68,7 @@ def tec(
     ] = False,
     out: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="Folder for tables and plots; default: tec_DATE_TIME."),
+        folder_option("Folder for tables and plots; default: tec_DATE_TIME."),
     ] = None,
 ) -> None:
     """Compute electron content and scintillation of recordings.
@@ -94,7 +90,6 @@ def tec(
     vtff tec leo.10o --nav igs.sp3 --orbit leo.sp3 --biases P1P2.DCB --biases P1C1.DCB
     """
     # Imported here, because numpy, numba and matplotlib take a while.
-    from vtff_analysis.large_tables import TABLE_FORMS
     from vtff_analysis.page.results import Section, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks
     from vtff_analysis.tec.output import summary_rows, write_summary
@@ -103,10 +98,6 @@ def tec(
     from vtff_gnss.files.navigation_files import open_navigation
 
     console = make_console()
-    if form not in TABLE_FORMS:
-        raise exit_with_error(
-            console, f"--format {form!r}: one of {', '.join(TABLE_FORMS)} expected", EXIT_USAGE
-        )
     with _exit_on_bad_file(console):
         navigation = open_navigation(nav or [])
         satellite_biases = _read_biases(biases or ["broadcast"])

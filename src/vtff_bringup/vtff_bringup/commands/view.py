@@ -16,6 +16,7 @@ from rich.progress import Progress, TaskID
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_file
+from vtff_bringup.discover.completion import complete_run
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
@@ -33,7 +34,9 @@ FOXGLOVE_PORT = 8765  # what Foxglove looks for
 def view(
     bag: Annotated[
         Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-        typer.Argument(help="Run folder, bag directory or .mcap file."),
+        typer.Argument(
+            help="Run folder, bag directory or .mcap file.", autocompletion=complete_run
+        ),
     ] = None,
     live: Annotated[
         bool, typer.Option("--live", help="A run that is being published in ROS_DOMAIN_ID.")
@@ -43,7 +46,10 @@ def view(
     ] = False,
     beside: Annotated[
         Optional[pathlib.Path],  # noqa: UP045
-        typer.Option(help="A second run, grey behind the first in the plots and the formation."),
+        typer.Option(
+            help="A second run, grey behind the first in the plots and the formation.",
+            autocompletion=complete_run,
+        ),
     ] = None,
     export: Annotated[
         Optional[pathlib.Path],  # noqa: UP045

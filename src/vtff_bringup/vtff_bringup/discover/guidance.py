@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal, get_args
 
 import typer
 from rich.console import Console
@@ -12,7 +12,7 @@ from vtff_bringup.discover.running_graph import running_graph
 from vtff_bringup.discover.waiting import GraphWaiter
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
-from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED
 
 app = typer.Typer(
     help="Ask formation_guidance of a running graph.\n\nThe graph is that of ROS_DOMAIN_ID (0 if it"
@@ -26,15 +26,26 @@ NODE = "formation_guidance"
 MODE_SERVICE = "/formation/guidance/mode"
 RECONFIGURE_ACTION = "/formation/guidance/reconfigure"
 
+Mode = Literal["hold", "keep", "phase", "free_drift", "abort"]
+Objective = Literal["norms", "axes", "energy"]  # in the order of the action's numbers
+
 
 @app.command("mode", no_args_is_help=True)
 def set_mode(
-    mode: Annotated[str, typer.Argument(help="hold, keep, phase, free_drift or abort")],
-    formation: Annotated[str, typer.Argument(help="keep: name of the formation")] = "",
-    angle_deg: Annotated[float, typer.Option(help="phase: ahead; negative: behind")] = 0.0,
-    orbits: Annotated[float, typer.Option(help="phase: duration")] = 0.0,
+    mode: Annotated[Mode, typer.Argument(help="What the formation does from now on.")],
+    formation: Annotated[str, typer.Argument(help="With keep: its name.")] = "",
+    angle_deg: Annotated[
+        float, typer.Option(help="With phase: degrees ahead; negative: behind.")
+    ] = 0.0,
+    orbits: Annotated[float, typer.Option(help="With phase: its duration.")] = 0.0,
 ) -> None:
-    """Set the mode."""
+    """Set the mode.
+
+    hold and keep keep the formation, keep that of the name; phase moves all along the orbit;
+    free_drift ends thrust; abort also drops the requests that wait.
+
+    For example: vtff guidance mode keep helix
+    """
     console = make_console()
     with running_graph() as (node, executor, stop):
         from vtff_msgs.srv import SetGuidanceMode
@@ -64,7 +75,10 @@ def reconfigure(
         float, typer.Option(help="On each axis, m/s2; 0: as the node is set.")
     ] = 0.0,
     axes: Annotated[str, typer.Option(help="With thrust, some of RTN.")] = "RTN",
-    objective: Annotated[str, typer.Option(help="norms, axes or energy")] = "norms",
+    objective: Annotated[
+        Objective,
+        typer.Option(help="Least sum of norms, of the axes' amounts, or of squares."),
+    ] = "norms",
     passive_safety_orbits: Annotated[
         float, typer.Option(help="Orbits in which a loss of thrust is safe; 0: not asked.")
     ] = 0.0,
@@ -74,13 +88,12 @@ def reconfigure(
 ) -> None:
     """Bring the formation into another one.
 
-    Ctrl-C ends it in a free drift.
+    The plan is printed while it is flown. Ctrl-C ends it in a free drift. The names are those of
+    the file of formations that the node has (config/formation).
+
+    For example: vtff guidance reconfigure helix --duration 4560
     """
     console = make_console()
-    objectives = ("norms", "axes", "energy")
-    if objective not in objectives:
-        text = f"objective: one of {', '.join(objectives)} expected, got '{objective}'"
-        raise exit_with_error(console, text, EXIT_USAGE)
     with running_graph() as (node, executor, stop):
         from vtff_msgs.action import Reconfigure
 
@@ -90,7 +103,7 @@ def reconfigure(
             closest_approach=closest_approach,
             acceleration_cap=acceleration_cap,
             axes=axes,
-            objective=objectives.index(objective),
+            objective=get_args(Objective).index(objective),
             passive_safety_orbits=passive_safety_orbits,
             preempt=preempt,
         )

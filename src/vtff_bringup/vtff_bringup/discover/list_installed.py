@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import importlib.metadata
 import importlib.util
 import itertools
 import pathlib
@@ -13,29 +12,11 @@ from typing import Annotated, Optional
 
 import typer
 
+from vtff_bringup.discover.completion import complete_kind
+from vtff_bringup.discover.installed import KINDS, config_files, nodes
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_USAGE
-
-KINDS = ("systems", "scenarios", "worlds", "campaigns", "nodes")
-
-#: Folder in ``config`` of each kind of file.
-FOLDERS = {"systems": "system", "scenarios": "scenario", "worlds": "gnss", "campaigns": "campaign"}
-
-
-def complete_kind(incomplete: str) -> list[str]:
-    """Return the kinds that begin with a text, for the completion of a shell."""
-    return [kind for kind in KINDS if kind.startswith(incomplete)]
-
-
-def complete_system(incomplete: str) -> list[str]:
-    """Return the systems that begin with a text, for the completion of a shell."""
-    return [path.stem for path in config_files("systems") if path.stem.startswith(incomplete)]
-
-
-def complete_node(incomplete: str) -> list[str]:
-    """Return the nodes that begin with a text, for the completion of a shell."""
-    return [name for name, _, _ in nodes() if name.startswith(incomplete)]
 
 
 def list_installed(
@@ -60,34 +41,6 @@ def list_installed(
         console.print(f"[bold]{shown}[/bold]")
         for name, text in lines:
             console.print(f"  {name:22} {text}", markup=False, soft_wrap=True)
-
-
-def config_files(kind: str) -> list[pathlib.Path]:
-    """Return the files of a kind by name: those of ``config`` here, then the installed ones."""
-    from vtff_node.executables import ExecutableNotFoundError, share_folder
-
-    folders = [pathlib.Path("config")]
-    try:
-        folders.append(share_folder("vtff_bringup") / "config")
-    except ExecutableNotFoundError:
-        pass
-    found: dict[str, pathlib.Path] = {}
-    for folder in folders:
-        for path in sorted((folder / FOLDERS[kind]).glob("*.yaml")):
-            found.setdefault(path.stem, path)
-    return [found[name] for name in sorted(found)]
-
-
-def nodes() -> list[tuple[str, str, str]]:
-    """Return name, package and module of each installed node of vtff, by name."""
-    found = [
-        (script.name, distribution.name.replace("-", "_"), script.module)
-        for distribution in importlib.metadata.distributions()
-        if distribution.name.replace("-", "_").startswith("vtff_")
-        for script in distribution.entry_points.select(group="console_scripts")
-        if script.module.endswith("_node")
-    ]
-    return sorted(set(found))
 
 
 def _file_lines(kind: str) -> Iterator[tuple[str, str]]:

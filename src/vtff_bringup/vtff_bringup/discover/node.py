@@ -6,7 +6,8 @@ from typing import Annotated
 
 import typer
 
-from vtff_bringup.discover.list_installed import complete_node, nodes
+from vtff_bringup.discover.completion import complete_node
+from vtff_bringup.discover.installed import nodes
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_USAGE

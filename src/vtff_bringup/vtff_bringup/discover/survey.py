@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import typer
 
@@ -15,10 +15,12 @@ from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED
 SURVEY_ACTION = "/formation/survey/goal"
 NODE = "survey_guidance"
 
+Kind = Literal["edge_altitudes", "both_walls", "profile", "default"]
+
 
 def survey(
     kind: Annotated[
-        str, typer.Argument(help="edge_altitudes, both_walls, profile, or default: safe ellipse")
+        Kind, typer.Argument(help="What is sampled; default: nothing, a safe ellipse is kept.")
     ],
     altitude_difference: Annotated[
         float, typer.Option(help="Of the spacecraft at a crossing, m.")
@@ -28,6 +30,8 @@ def survey(
 
     Its decisions are printed. The goal runs until Ctrl-C, or until another goal replaces it. The
     graph is that of ROS_DOMAIN_ID (0 if it is not set).
+
+    For example: vtff survey edge_altitudes --altitude-difference 2000
     """
     console = make_console()
     with running_graph() as (node, executor, stop):

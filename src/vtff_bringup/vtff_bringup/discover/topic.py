@@ -11,6 +11,7 @@ import typer
 from rich.console import Console
 
 from vtff_bag.file.errors import BagError, UnknownTypeError
+from vtff_bringup.discover.completion import complete_run, complete_topic
 from vtff_bringup.discover.running_graph import domain_text, running_graph
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
@@ -30,9 +31,16 @@ WAIT = 10.0  # s of wall time for a topic or its first message
 
 Bag = Annotated[
     Optional[pathlib.Path],  # noqa: UP045 - typer reads the annotation at run time on 3.10
-    typer.Option("--bag", help="Bag directory, run folder or .mcap file instead of a graph."),
+    typer.Option(
+        "--bag",
+        help="Bag directory, run folder or .mcap file instead of a graph.",
+        autocompletion=complete_run,
+    ),
 ]
-Topic = Annotated[str, typer.Argument(help="Full name, e.g. /deputy/relative_state")]
+Topic = Annotated[
+    str,
+    typer.Argument(help="Full name, e.g. /deputy/relative_state", autocompletion=complete_topic),
+]
 
 
 @app.command("list")

@@ -77,7 +77,7 @@ from vtff_bringup.system.references import (
 from vtff_bringup.system.yaml_file import read_mapping, resolve_file
 from vtff_node.executables import ExecutableNotFoundError, share_folder
 
-__all__ = ["find_system_file", "load_system"]
+__all__ = ["find_system_file", "list_settable", "load_system"]
 
 FOR_EACH = (SPACECRAFT, DEPUTY)
 LOCKSTEP_ROLES = ("participant", "side_branch")
@@ -155,6 +155,19 @@ def load_system(
     return _Loader(path, settings).load(overrides)
 
 
+def list_settable(path: pathlib.Path) -> tuple[list[str], dict[str, Mapping[str, Any]]]:
+    """Return what an override may name: arguments, and the entries of the nodes by their names.
+
+    Arguments that must be given need not be.
+
+    Raises
+    ------
+    SystemFileError
+        If the file is wrong.
+    """
+    return _Loader(path, RunSettings(run_directory=pathlib.Path.cwd())).list_settable()
+
+
 class _Loader:
     """Reads one system file."""
 
@@ -171,6 +184,15 @@ class _Loader:
         if settings.seed is not None:
             values["seed"] = settings.seed
         self._references = References(path, values)
+
+    def list_settable(self) -> tuple[list[str], dict[str, Mapping[str, Any]]]:
+        content = join_system(self._path, read_mapping)
+        arguments = self._entries.mapping(content, "arguments", "system file")
+        nodes = self._entries.sequence(content, "nodes", "system file")
+        for number, entry in enumerate(nodes, 1):
+            self._check_node(entry, number)
+        by_name = {entry.get("name") or entry["executable"]: entry for entry in nodes}
+        return list(self._expand_arguments(arguments, ())), by_name
 
     def load(self, overrides: Sequence[str]) -> SystemDescription:
         content = join_system(self._path, read_mapping)
