@@ -60,6 +60,7 @@ _SIGNAL_COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F
 _SIGNAL_MARKS = ("o", "s", "^", "D", "v", "P", "X", "*")
 _ELEVATION_STEP_DEG = 5.0  # of the medians of C/N0
 _MEDIANS = 30  # over the time of a figure
+_ROW_FILL = 0.55  # share of the row of a node that its histogram fills; its text is above
 
 
 def plot_navigation_error(
@@ -313,27 +314,36 @@ def _select_good(columns: SatelliteColumns) -> tuple[SatelliteColumns, str, bool
 def plot_compute_time(
     compute_time: Mapping[str, FloatArray], folder: pathlib.Path, title: str
 ) -> pathlib.Path:
-    """Draw how long the nodes took for a step, as histograms on a logarithmic time axis."""
+    """Draw how long the nodes took for a step: a histogram each, on one logarithmic time axis."""
+    positive = {node: times[times > 0.0] * 1e3 for node, times in compute_time.items()}
+    filled = np.concatenate(list(positive.values())) if positive else np.empty(0)
+    low, high = (filled.min(), filled.max()) if filled.size else (1e-3, 1.0)
+    bins = np.geomspace(0.8 * low, 1.25 * high, 90)
     with mpl.rc_context(STYLE):
-        figure = make_figure(1.6 + 1.5 * len(compute_time))
-        panels = figure.subplots(len(compute_time), 1, sharex=True, squeeze=False)[:, 0]
-        positive = [times[times > 0.0] for times in compute_time.values()]
-        filled = np.concatenate(positive) if positive else np.empty(0)
-        low, high = (filled.min(), filled.max()) if filled.size else (1e-6, 1e-3)
-        bins = np.geomspace(0.8 * low, 1.25 * high, 60) * 1e3
-        for panel, (node, times) in zip(panels, compute_time.items(), strict=True):
-            milliseconds = times[times > 0.0] * 1e3
-            panel.hist(milliseconds, bins=bins, color=STATE_COLOUR, histtype="stepfilled")
+        figure = make_figure(1.6 + 0.75 * len(positive))
+        panel = figure.subplots()
+        for row, (node, milliseconds) in enumerate(positive.items()):
+            text = "no step"
             if milliseconds.size:
+                counts, _ = np.histogram(milliseconds, bins)
+                heights = row - _ROW_FILL * counts / counts.max()  # the axis points downwards
+                panel.stairs(heights, bins, baseline=row, fill=True, color=STATE_COLOUR)
                 median, late = np.quantile(milliseconds, [0.5, 0.99])
-                text = f"median {median:.3g} ms, 99 % below {late:.3g} ms"
-                panel.axvline(median, color=AXIS_COLOURS[1], linewidth=1.5)
-                panel.set_title(f"{node}: {text}, longest {milliseconds.max():.3g} ms")
-            panel.set_ylabel("steps")
-            panel.set_xscale("log")
-        panels[-1].set_xlabel("wall time for one step (ms)")
-        panels[-1].xaxis.set_major_formatter("{x:g}")
-        panels[-1].xaxis.set_minor_formatter(NullFormatter())
+                panel.plot([median] * 2, [row, row - _ROW_FILL], color=AXIS_COLOURS[1], lw=1.5)
+                text = f"median {median:.3g}, 99 % below {late:.3g}, longest "
+                text += f"{milliseconds.max():.3g} ms"
+            panel.text(
+                0.0, row - _ROW_FILL, f" {node}: {text}", va="bottom",
+                transform=panel.get_yaxis_transform(),
+            )  # fmt: skip
+            panel.axhline(row, color=MARK_COLOUR, linewidth=0.8)
+        panel.set_xscale("log")
+        panel.set_xlim(bins[0], bins[-1])
+        panel.set_ylim(max(len(positive), 1) - 0.9, -1.0)
+        panel.set_yticks([])
+        panel.set_xlabel("wall time for one step (ms); heights: share of the steps of each node")
+        panel.xaxis.set_major_formatter("{x:g}")
+        panel.xaxis.set_minor_formatter(NullFormatter())
         return save_figure(figure, folder / "timing.png", title)
 
 
