@@ -7,7 +7,7 @@ import pathlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["ComparisonRow", "write_comparison"]
+__all__ = ["ComparisonRow", "PaperComparison", "write_comparison"]
 
 
 @dataclass(frozen=True)
@@ -18,6 +18,22 @@ class ComparisonRow:
     quantity: str
     paper: str
     measured: str
+
+
+@dataclass(frozen=True)
+class PaperComparison:
+    """What a study found.
+
+    Attributes
+    ----------
+    sentence
+        The result in plain words, with the paper's beside it.
+    rows
+        Its numbers.
+    """
+
+    sentence: str
+    rows: list[ComparisonRow]
 
 
 def write_comparison(rows: Sequence[ComparisonRow], path: pathlib.Path) -> None:

@@ -154,6 +154,14 @@ _COLUMNS = {
     "plumex": (_PLUMEX_HIL,),
 }
 
+_NAVIGATION_ERRORS = {
+    ("laser_250m", False): 10.7e-3,
+    ("laser_250m", True): 2.1e-3,
+    ("laser_5km", False): 29.8e-3,
+    ("laser_5km", True): 14.1e-3,
+}
+"""3-D RMS errors that paper 004 prints, simulated, m, by scenario and whether a laser ranges."""
+
 IONOSPHERE_PREFIX = "ionosphere_"
 """Prefix of the keys of the ionosphere."""
 
@@ -171,6 +179,11 @@ def paper_plateau(scenario: str | None) -> list[float]:
     names = ("ionosphere_vtec_top_tecu", "ionosphere_vtec_bottom_tecu")
     columns = paper_columns(scenario)
     return [column.values[name] for column in columns for name in names if name in column.values]
+
+
+def paper_navigation_error(scenario: str | None, has_laser: bool) -> float | None:
+    """Return the 3-D RMS error of the relative position that paper 004 prints, m, if it does."""
+    return _NAVIGATION_ERRORS.get((scenario or "", has_laser))
 
 
 def formation_columns(scenario: str | None) -> tuple[PaperColumn, ...]:

@@ -21,7 +21,9 @@ def test_dipole_of_a_log_is_found_and_is_that_of_its_seed():
 
 @pytest.mark.slow
 def test_study_writes_every_figure_and_the_table(tmp_path):
-    rows = run_snap1(tmp_path, hours=5.0, say=lambda _: None)
+    found = run_snap1(tmp_path, hours=5.0, say=lambda _: None)
+    rows = found.rows
+    assert "paper 55" in found.sentence
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"snap1.csv"} | {f"figure_{number}.png" for number in range(2, 12)}
     with (tmp_path / "snap1.csv").open() as stream:

@@ -151,7 +151,9 @@ def test_orbits_hold_a_cluster(chasers, shape, orbits):
 
 @pytest.mark.slow
 def test_study(tmp_path):
-    rows = run_potential_field(tmp_path, starts=1, say=lambda _: None)
+    found = run_potential_field(tmp_path, starts=1, say=lambda _: None)
+    rows = found.rows
+    assert "1 of 1 drawn starts" in found.sentence
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {
         "potential_field.csv",

@@ -3,7 +3,7 @@
 import math
 from types import SimpleNamespace
 
-from vtff_analysis.evaluation.safety import safety_sentences, summarise_safety
+from vtff_analysis.evaluation.safety import passing_sentences, safety_sentences, summarise_safety
 from vtff_analysis.recordings.safety import SafetyCollector
 
 START = 1_458_521_983
@@ -34,8 +34,9 @@ def test_a_run_that_was_left_alone():
     assert summary["safety_taken_over_time_s"] == math.inf
     assert summary["safety_smallest_predicted_separation_m"] == 20.0
     assert summary["safety_largest_probability"] == 1e-3
-    (line,) = safety_sentences(collector.history, START * 10**9)
-    assert line == "formation_safety passed on every command of deputy, watched 1 of 2 steps"
+    assert safety_sentences(collector.history, START * 10**9) == []
+    (line,) = passing_sentences(collector.history)
+    assert line == "formation_safety passed on every command of deputy"
 
 
 def test_a_deputy_that_was_taken_over_and_isolated():
@@ -54,4 +55,4 @@ def test_a_deputy_that_was_taken_over_and_isolated():
 
 def test_a_run_without_a_monitor():
     assert summarise_safety(None, 0) == {}
-    assert safety_sentences(None, 0) == []
+    assert safety_sentences(None, 0) == [] == passing_sentences(None)

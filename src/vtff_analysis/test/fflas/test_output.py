@@ -9,7 +9,9 @@ from vtff_analysis.fflas.output import run_fflas
 
 @pytest.mark.slow
 def test_table_and_figures(tmp_path):
-    rows = run_fflas(tmp_path, days=0.1, say=lambda _: None)
+    found = run_fflas(tmp_path, days=0.1, say=lambda _: None)
+    rows = found.rows
+    assert "mm/s a day" in found.sentence
     numbers = (4, 5, 6, 9, 10, 11, 12, 13, 14, 15)
     names = {path.name for path in tmp_path.iterdir()}
     assert names == {"fflas.csv", "figure_4.csv", *(f"figure_{n}.png" for n in numbers)}

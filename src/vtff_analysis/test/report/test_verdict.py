@@ -96,6 +96,37 @@ def test_a_run_that_was_asked_to_end_before_it_could_settle_is_not_blamed():
     assert "after 300 s, without staying within 1 m: deputy was 5.00 m" in long
 
 
+def test_an_ionosphere_that_ended_early_is_not_told_as_a_formation_15_km_away():
+    early = {key: value for key, value in IONOSPHERE.items() if "ionosphere" not in key}
+    verdict = find_verdict({**early, "ionosphere_vertical_edges": 0}, ["deputy"])
+    assert verdict.subject == "ionosphere" and "no receiver bias" in verdict.sentence
+    assert "closest" not in " ".join(figures(verdict))
+
+
+@pytest.mark.parametrize(("system", "printed"), [("laser", "2.10 mm"), ("reference", "10.7 mm")])
+def test_navigation_with_a_laser_stands_beside_that_of_its_paper(system, printed):
+    laser = {key: value for key, value in FORMATION.items() if key != "control_input"}
+    laser |= {"scenario": "laser_250m", "system": f"/somewhere/{system}.yaml"}
+    verdict = find_verdict(laser, ["deputy"])
+    assert verdict.subject == "navigation"
+    assert f"errs by 0.250 mm (3-D RMS; the paper's, simulated, by {printed})" in verdict.sentence
+    assert figures(verdict)["navigation, 3-D RMS error after 60 s"].paper == printed
+
+
+def test_a_spacecraft_that_still_tumbles_is_told_with_its_rate():
+    summary = {
+        "run_duration_s": 1500.0,
+        "attitude_mode": "detumble",
+        "attitude_point_time_s": None,
+        "attitude_first_rate_deg_per_s": 25.1,
+        "attitude_last_rate_deg_per_s": 24.9,
+    }
+    sentence = find_verdict(summary, []).sentence
+    assert sentence == (
+        "The spacecraft ended in mode detumble and turns at 24.9 deg/s, at the start at 25.1."
+    )
+
+
 def test_a_covariance_is_not_judged_by_a_few_epochs():
     summary = {**FORMATION, "navigation_error_settled_samples": 1}
     sentence = find_verdict({**summary, "navigation_error_settled_nees": 1.78}, ["deputy"]).sentence

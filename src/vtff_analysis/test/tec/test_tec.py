@@ -123,6 +123,7 @@ def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, sample):
         *paths, "--nav", sample.navigation, "--biases", "none", "--format", "csv", "--out", out
     )
     assert result.exit_code == 1 and "2 receivers, 1 failed" in result.output
+    assert result.output.count("no satellite biases are removed") == 2
     told = [line for line in result.output.splitlines() if "same.rnx" in line]
     assert ["error" in line for line in told] == [False, True, False]
     alike = [(out / f"same{end}_tec.csv").read_bytes() for end in ("", "_3")]

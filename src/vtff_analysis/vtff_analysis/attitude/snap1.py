@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
-from vtff_analysis.attitude.pendulum import swing_peak
 from vtff_control.attitude.compensation import (
     PAPER_COMPENSATION_FINAL,
     PAPER_COMPENSATION_FIRST,
@@ -27,6 +26,7 @@ from vtff_dynamics.attitude.orbit_axes import (
     rotation_gcrf_to_orbit,
 )
 from vtff_dynamics.attitude.orbit_track import OrbitTrack
+from vtff_dynamics.attitude.pendulum import swing_peak
 from vtff_dynamics.attitude.quaternion import from_rotation_matrix, from_rotation_vector, multiply
 from vtff_dynamics.attitude.rigid_body import AttitudeState
 from vtff_dynamics.attitude.spacecraft import SpacecraftBody, TorqueWindow

@@ -174,6 +174,11 @@ def _summarise(recording: AttitudeRecording, start_time: int) -> dict[str, Any]:
             numbers["error_nees"] = errors.mean_nees(settled)
             dipole = np.linalg.norm(errors.dipole[settled], axis=1)
             numbers["dipole_error_rms_a_m2"] = float(np.sqrt(np.mean(dipole**2)))
+    columns = recording.truth or recording.estimate
+    assert columns is not None
+    if len(columns.time):
+        first, last = np.degrees(np.linalg.norm(columns.rate_body[[0, -1]], axis=1))
+        numbers |= {"first_rate_deg_per_s": float(first), "last_rate_deg_per_s": float(last)}
     time, angles = pointing_angles_deg(recording)
     seconds = (time - start_time) * 1e-9
     if len(seconds) and seconds[-1] >= settled_after + _SHORTEST:
@@ -181,8 +186,6 @@ def _summarise(recording: AttitudeRecording, start_time: int) -> dict[str, Any]:
         for column, angle in enumerate(("roll", "pitch", "yaw")):
             numbers[f"{angle}_mean_deg"] = float(angles[settled, column].mean())
             numbers[f"{angle}_sigma_deg"] = float(angles[settled, column].std())
-        columns = recording.truth or recording.estimate
-        assert columns is not None
         speed = columns.wheel_speed_rpm[(columns.time - start_time) * 1e-9 >= settled_after]
         numbers["wheel_lowest_rpm"] = float(speed.min())
         numbers["wheel_highest_rpm"] = float(speed.max())

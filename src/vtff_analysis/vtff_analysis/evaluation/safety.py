@@ -8,7 +8,7 @@ from typing import Any
 from vtff_analysis.recordings.safety import SafetyHistory
 from vtff_analysis.recordings.topics import key_part
 
-__all__ = ["safety_sentences", "summarise_safety"]
+__all__ = ["passing_sentences", "safety_sentences", "summarise_safety"]
 
 
 def summarise_safety(history: SafetyHistory | None, start_time: int) -> dict[str, Any]:
@@ -41,17 +41,24 @@ def summarise_safety(history: SafetyHistory | None, start_time: int) -> dict[str
     return summary
 
 
-def safety_sentences(history: SafetyHistory | None, start_time: int) -> list[str]:
-    """Return what the monitor did, one line for each deputy; empty without a monitor."""
-    if history is None:
+def passing_sentences(history: SafetyHistory | None) -> list[str]:
+    """Return of whom the monitor passed on every command, in one line; empty if of nobody."""
+    passed = [
+        name
+        for name, deputy in ({} if history is None else history.deputies).items()
+        if deputy.taken_over_time is None
+    ]
+    if not passed:
         return []
+    names = " and ".join(filter(None, (", ".join(passed[:-1]), passed[-1])))
+    return [f"formation_safety passed on every command of {names}"]
+
+
+def safety_sentences(history: SafetyHistory | None, start_time: int) -> list[str]:
+    """Return why the monitor took deputies over, one line each; empty where it did not."""
     lines = []
-    for name, deputy in history.deputies.items():
+    for name, deputy in ({} if history is None else history.deputies).items():
         if deputy.taken_over_time is None:
-            watched = (
-                f", watched {deputy.watched} of {deputy.steps} steps" if deputy.watched else ""
-            )
-            lines.append(f"formation_safety passed on every command of {name}{watched}")
             continue
         time = (deputy.taken_over_time - start_time) * 1e-9
         axes = f"; isolated axes: {', '.join(sorted(deputy.isolated))}" if deputy.isolated else ""

@@ -32,7 +32,7 @@ from vtff_analysis.fflas.reconfiguration import (
     reconfiguration_planner,
     triangle_states,
 )
-from vtff_analysis.paper_comparison import ComparisonRow, write_comparison
+from vtff_analysis.paper_comparison import ComparisonRow, PaperComparison, write_comparison
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     AXIS_NAMES,
@@ -77,8 +77,8 @@ _PAPER_ACCELERATION = 2.15e-4  # m/s2: the one that 15 m/s needs
 @rc_context(STYLE)
 def run_fflas(
     folder: Path, days: float = 1.0, say: Callable[[str], None] = print
-) -> list[ComparisonRow]:
-    """Plan, fly, write the table and the figures, and return the rows of the table.
+) -> PaperComparison:
+    """Plan, fly, write the table and the figures, and return what was found.
 
     Parameters
     ----------
@@ -105,6 +105,7 @@ def run_fflas(
         flown = fly_reconfiguration(plan, final)
         rows += _reconfiguration_rows(flown, objective, axes, bool(drift))
         if axes == "TN":
+            flown_in_plane = flown
             _write_reconfiguration(flown, folder)
     flights: dict[str, Keeping] = {}
     for formation in ("pco", "helix"):
@@ -129,7 +130,19 @@ def run_fflas(
     rows += _table_5(float(flights["pco kept"].velocity_change_per_day.max()))
     rows += _deorbit_rows()
     write_comparison(rows, folder / "fflas.csv")
-    return rows
+    return PaperComparison(_sentence(flown_in_plane, flights["pco kept"]), rows)
+
+
+def _sentence(flown: Reconfiguration, kept: Keeping) -> str:
+    changes = 100.0 * flown.plan.velocity_changes_axes.sum(1)
+    cost = 1e3 * kept.velocity_change_per_day
+    return (
+        "The triangle becomes the projected circular orbit for "
+        f"{' / '.join(f'{change:.1f}' for change in changes)} cm/s (A / B / C, thrust in track and "
+        f"across; paper: each below 5) with no two nearer than {flown.closest_approach:.1f} m "
+        f"(asked: 10). Keeping it takes {cost.min():.1f} to {cost.max():.1f} mm/s a day with ideal "
+        f"navigation (paper about 30) and holds it to {100.0 * kept.rms.max():.1f} cm RMS."
+    )
 
 
 def _phasing(folder: Path) -> list[ComparisonRow]:

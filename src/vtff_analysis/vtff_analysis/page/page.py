@@ -7,6 +7,7 @@ import html
 import io
 import json
 import pathlib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -32,6 +33,7 @@ __all__ = [
 _FOLDER = pathlib.Path(__file__).resolve().parent
 _COLOURS = 128  # of a picture in a page; the PNG files have all
 _FIGURES_MODULE = "figures.js"
+_NUMBER_WITH_UNIT = re.compile(r"[-+−]?[\d.]+ \S{1,6}")
 
 
 @dataclass(frozen=True)
@@ -158,6 +160,8 @@ def render_table(
     """
 
     def cell(tag: str, column: int, value: str) -> str:
+        if _NUMBER_WITH_UNIT.fullmatch(value):
+            value = value.replace(" ", "\N{NO-BREAK SPACE}")
         # A unit such as m/s is not broken.
         if numbers and column:
             return f'<{tag} class="number">{escape(value)}</{tag}>'

@@ -27,6 +27,8 @@ class Section:
         PNG files with the caption of each.
     remarks
         One line for each thing that the reader has to know.
+    points
+        Explanations, shown as a list under the pictures.
     numbers
         Whether the columns after the first are numbers; else texts of any length.
     """
@@ -37,6 +39,7 @@ class Section:
     pictures: Sequence[tuple[pathlib.Path, str]] = ()
     remarks: Sequence[str] = ()
     numbers: bool = True
+    points: Sequence[str] = ()
 
 
 def write_results(
@@ -80,4 +83,6 @@ def _render(section: Section) -> str:
     rows = section.rows
     table = render_table(section.heads, rows, numbers=section.numbers) if rows else ""
     pictures = [Picture(path, caption, "") for path, caption in section.pictures]
-    return f"<section>{heading}{remarks}{table}{render_figures(pictures, '')}</section>"
+    points = "".join(f"<li>{escape(point)}</li>" for point in section.points)
+    listed = f'<ul class="small">{points}</ul>' if points else ""
+    return f"<section>{heading}{remarks}{table}{render_figures(pictures, '')}{listed}</section>"

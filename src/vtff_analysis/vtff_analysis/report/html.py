@@ -41,7 +41,7 @@ from vtff_analysis.report.tables import (
     formation_rows,
     receiver_rows,
 )
-from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict
+from vtff_analysis.report.verdict import SECTIONS, Verdict, find_verdict, printed_navigation_error
 from vtff_bag.run.description import RunDescription, node_parameters
 from vtff_gnss.signals import satellite_name
 from vtff_node.start.listeners import TOPICS_SUBJECT
@@ -61,6 +61,7 @@ def render_report(
     deputies: Sequence[str],
     pictures: Sequence[Picture],
     notes: Iterable[str],
+    remarks: Iterable[str] = (),
 ) -> str:
     """Return the HTML text of a report.
 
@@ -77,7 +78,9 @@ def render_report(
     pictures
         Plots, in the order in which they are shown.
     notes
-        One line for each thing that could not be read.
+        One line for each thing that could not be read or went wrong.
+    remarks
+        One line for each thing that the verdict leaves out.
     """
     name = str(summary["run_name"])
     verdict = find_verdict(summary, deputies)
@@ -106,13 +109,14 @@ def render_report(
     ]
     filled = [(title, body) for title, body in sections if body]
     contents = " · ".join(f'<a href="#{key_part(t)}">{escape(t)}</a>' for t, _ in filled)
-    remarks = "".join(f'<p class="note">{escape(note)}</p>' for note in notes)
+    told = "".join(f'<p class="note">{escape(note)}</p>' for note in notes)
+    told += "".join(f"<p class='small'>{escape(remark)}.</p>" for remark in remarks)
     body = "".join(
         f'<section id="{key_part(title)}"><h2>{escape(title)}</h2>{content}</section>'
         for title, content in filled
     )
     head = (
-        f"{_render_verdict(verdict)}{_render_lead(summary, history, deputies)}{remarks}"
+        f"{_render_verdict(verdict)}{_render_lead(summary, history, deputies)}{told}"
         f"<nav>{contents}</nav>"
     )
     return render_page(name, head, body, _papers(summary, verdict), described.command)
@@ -120,6 +124,8 @@ def render_report(
 
 def _papers(summary: Mapping[str, Any], verdict: Verdict) -> list[str]:
     """Return the paper whose numbers stand beside those of the run, if any does."""
+    if verdict.subject == "navigation" and printed_navigation_error(summary) is not None:
+        return ["004"]
     printed = formation_columns(summary.get("scenario")) or paper_columns(summary.get("scenario"))
     compared = verdict.subject in ("formation", "navigation", "ionosphere")
     return ["000"] if printed and compared else []

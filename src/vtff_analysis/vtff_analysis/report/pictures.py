@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 
 import matplotlib as mpl
+import numpy as np
 
 from vtff_analysis.cluster.cluster_flight import ClusterFlight, cluster_of_run
 from vtff_analysis.cluster.pictures import draw_paths, draw_sides
@@ -50,10 +51,12 @@ from vtff_analysis.report.plots_survey import plot_survey
 from vtff_control.cluster.potential_field import equilibrium_distance
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 
+_LEAST_ALTITUDES = 2e3  # m that a profile of the density spans
+
 _FORMATION_CAPTIONS = {
     "relative_position_and_thrust": (
         "Relative position and applied thrust, in the form of figure A1 of the paper. Dotted lines "
-        "across the thrust are the largest; circles, in the paper's scenario, the closest in-track "
+        "across the thrust are the largest; marks, in the paper's scenario, the closest in-track "
         "approaches of this run and of the paper."
     ),
     "relative_position": (
@@ -195,7 +198,7 @@ def _draw_survey(
 ) -> list[Picture]:
     assert history.survey is not None
     path, title = folder / "survey.png", f"{run_name}: survey of plasma bubbles, emulated"
-    plot_survey(history.survey, regions, history.start_time, path, title)
+    plot_survey(history.survey, regions, (history.start_time, history.end_time), path, title)
     return [
         Picture(
             path,
@@ -338,6 +341,8 @@ def _draw_density(
         if single is not None:
             caption = "Density from single satellites, rising (figure 9 of the paper)."
             pictures.append(Picture(single, caption, "ionosphere"))
+    if np.ptp(density.altitude) < _LEAST_ALTITUDES:
+        return pictures
     path = plot_density_profile(
         history,
         density,

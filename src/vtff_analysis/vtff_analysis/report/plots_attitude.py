@@ -8,7 +8,12 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 
-from vtff_analysis.evaluation.attitude import attitude_errors, mode_times, pointing_angles_deg
+from vtff_analysis.evaluation.attitude import (
+    AttitudeErrors,
+    attitude_errors,
+    mode_times,
+    pointing_angles_deg,
+)
 from vtff_analysis.plot_style import (
     AXIS_COLOURS,
     AXIS_STYLES,
@@ -30,55 +35,70 @@ _PULSE_STEP = 0.01  # s
 def plot_attitude(
     recording: AttitudeRecording, start_time: int, path: pathlib.Path, title: str
 ) -> pathlib.Path:
-    """Draw roll, pitch and yaw, the error of the estimate with its sigma, and the rates."""
+    """Draw roll, pitch and yaw, the error of the estimate with its sigma, and the rates.
+
+    Small angles and errors are left out where there are none.
+    """
     time, angles = pointing_angles_deg(recording)
     errors = attitude_errors(recording)
     columns = recording.truth or recording.estimate
     assert columns is not None
     factor, unit = _unit(columns.time, start_time)
+    small = np.where(np.abs(angles).max(axis=1, keepdims=True) < 10.0, angles, np.nan)
+    has_small = bool(np.isfinite(small).any())
+    has_errors = errors is not None and bool((errors.sigma_deg > 0.0).any())
     with mpl.rc_context(STYLE):
-        figure = make_figure(11.0)
-        axes: Any = figure.subplots(4, 1, sharex=True)
+        count = 2 + has_small + has_errors
+        figure = make_figure(2.75 * count)
+        axes: Any = figure.subplots(count, 1, sharex=True)
         _draw_axes(axes[0], (time - start_time) * factor, angles, ("roll", "pitch", "yaw"))
         axes[0].set_ylabel("to the orbit axes (deg)")
-        small = np.where(np.abs(angles).max(axis=1, keepdims=True) < 10.0, angles, np.nan)
-        _draw_axes(axes[1], (time - start_time) * factor, small, ("roll", "pitch", "yaw"))
-        axes[1].set(ylabel="the same, small angles (deg)", ylim=(-5.0, 5.0))
-        if errors is not None:
-            seconds = (errors.time - start_time) * factor
-            known = np.where(errors.sigma_deg > 0.0, 1.0, np.nan)
-            axes[2].plot(seconds, known * errors.angle_deg, color=STATE_COLOUR, label="error")
-            axes[2].plot(
-                seconds,
-                known * errors.sigma_deg,
-                color=ESTIMATE_COLOUR,
-                linestyle="--",
-                label="one sigma of the estimate",
-            )
-            axes[2].set_yscale("log")
-            axes[2].legend(loc="upper right")
-        axes[2].set_ylabel("attitude error (deg)")
+        if has_small:
+            _draw_axes(axes[1], (time - start_time) * factor, small, ("roll", "pitch", "yaw"))
+            axes[1].set(ylabel="the same, small angles (deg)", ylim=(-5.0, 5.0))
+        if errors is not None and has_errors:
+            _draw_errors(axes[-2], (errors.time - start_time) * factor, errors)
         rates = np.degrees(columns.rate_body)
-        _draw_axes(axes[3], (columns.time - start_time) * factor, rates, ("x", "y", "z"))
-        axes[3].set(ylabel="rate (deg/s)", xlabel=f"time since the start ({unit})")
-        axes[3].set_yscale("symlog", linthresh=0.1)
+        _draw_axes(axes[-1], (columns.time - start_time) * factor, rates, ("x", "y", "z"))
+        axes[-1].set(ylabel="rate (deg/s)", xlabel=f"time since the start ({unit})")
+        axes[-1].set_yscale("symlog", linthresh=0.1)
         for axis in axes:
             _mark_modes(axis, recording, start_time, factor, named=axis is axes[0])
         return save_figure(figure, path, title)
 
 
+def _draw_errors(axis: Any, seconds: Any, errors: AttitudeErrors) -> None:
+    known = np.where(errors.sigma_deg > 0.0, 1.0, np.nan)
+    axis.plot(seconds, known * errors.angle_deg, color=STATE_COLOUR, label="error")
+    axis.plot(
+        seconds,
+        known * errors.sigma_deg,
+        color=ESTIMATE_COLOUR,
+        linestyle="--",
+        label="one sigma of the estimate",
+    )
+    axis.set_yscale("log")
+    axis.set_ylabel("attitude error (deg)")
+    axis.legend(loc="upper right")
+
+
 def plot_dipole(
     recording: AttitudeRecording, start_time: int, path: pathlib.Path, title: str
 ) -> pathlib.Path:
-    """Draw the dipole with its sigma beside the true one, the wheel, and the pulses of the rods."""
+    """Draw the dipole with its sigma beside the true one, the wheel, and the pulses of the rods.
+
+    The dipole is left out where it has not been estimated.
+    """
     columns = recording.estimate or recording.truth
     assert columns is not None
     factor, unit = _unit(columns.time, start_time)
     seconds = (columns.time - start_time) * factor
     with mpl.rc_context(STYLE):
-        figure = make_figure(11.0)
-        axes: Any = figure.subplots(5, 1, sharex=True)
-        for row, (axis, name) in enumerate(zip(axes[:3], "xyz", strict=True)):
+        is_estimated = bool((columns.covariance[:, 6, 6] > 0.0).any())
+        count = 2 + 3 * is_estimated
+        figure = make_figure(2.2 * count)
+        axes: Any = figure.subplots(count, 1, sharex=True)
+        for row, (axis, name) in enumerate(zip(axes[:-2], "xyz", strict=False)):
             sigma = 1e3 * np.sqrt(np.maximum(columns.covariance[:, 6 + row, 6 + row], 0.0))
             value = np.where(sigma > 0.0, 1e3 * columns.dipole[:, row], np.nan)
             axis.fill_between(
@@ -97,19 +117,20 @@ def plot_dipole(
                 middle = float(np.median(true))
                 axis.set_ylim(middle - 40.0, middle + 40.0)
             axis.set_ylabel(f"dipole {name} (mA m$^2$)")
-        axes[0].legend(loc="upper right", ncols=3)
-        axes[3].plot(seconds, columns.wheel_speed_rpm, color=STATE_COLOUR)
-        axes[3].set_ylabel("wheel (rpm)")
+        if is_estimated:
+            axes[0].legend(loc="upper right", ncols=3)
+        axes[-2].plot(seconds, columns.wheel_speed_rpm, color=STATE_COLOUR)
+        axes[-2].set_ylabel("wheel (rpm)")
         if recording.command is not None:
             _draw_axes(
-                axes[4],
+                axes[-1],
                 (recording.command.time - start_time) * factor,
                 _PULSE_STEP * recording.command.pulse_steps,
                 ("x", "y", "z"),
             )
-        axes[4].set(ylabel="pulse of the rod (s)", xlabel=f"time since the start ({unit})")
+        axes[-1].set(ylabel="pulse of the rod (s)", xlabel=f"time since the start ({unit})")
         for axis in axes:
-            _mark_modes(axis, recording, start_time, factor, named=axis is axes[3])
+            _mark_modes(axis, recording, start_time, factor, named=axis is axes[-2])
         return save_figure(figure, path, title)
 
 

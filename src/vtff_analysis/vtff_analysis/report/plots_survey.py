@@ -34,7 +34,7 @@ _MARKERS = "osD^v<>"
 def plot_survey(
     survey: SurveyHistory,
     regions: Sequence[IrregularityRegion],
-    start_time: int,
+    span: tuple[int, int],
     path: pathlib.Path,
     title: str,
 ) -> pathlib.Path:
@@ -46,18 +46,18 @@ def plot_survey(
         What it learnt and decided.
     regions
         True irregularity regions; none where they are not recorded.
-    start_time
-        Start of the run, ns since 1970.
+    span
+        Start and end of the run, ns since 1970.
     path
         File.
     title
         Title of the picture.
     """
+    start_time, end = span
     with mpl.rc_context(STYLE):
         ratios = (3, 2, 3, 2) if survey.crossings else (3, 2, 2)
         figure = make_figure(1.3 * sum(ratios))
         axes: Any = figure.subplots(len(ratios), 1, height_ratios=ratios)
-        end = survey.decisions[-1].time
         hours = np.linspace(0.0, (end - start_time) / _HOUR, 100)
         _draw_longitudes(axes[0], survey, regions, start_time, hours)
         _draw_map(axes[1], survey, regions, start_time)

@@ -16,7 +16,7 @@ from vtff_analysis.evaluation.fluctuations import read_fluctuation_lag
 from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER, formation_flight
 from vtff_analysis.evaluation.ionosphere import summarise_ionosphere
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
-from vtff_analysis.evaluation.safety import safety_sentences
+from vtff_analysis.evaluation.safety import passing_sentences, safety_sentences
 from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
 from vtff_analysis.evaluation.summary import plain_value, summarise_run
 from vtff_analysis.recordings.history import RunHistory
@@ -112,14 +112,17 @@ def write_report(
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
     pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth, regions)
     safety = safety_sentences(history.safety, history.start_time)
+    notes = (*history.notes, *settings.notes, *safety)
     survey = survey_sentences(history.survey, history.start_time)
-    notes = (*history.notes, *settings.notes, *safety, *survey)
-    page = render_report(summary, history, described, list(flights), pictures, notes)
+    remarks = (*passing_sentences(history.safety), *survey)
+    page = render_report(summary, history, described, list(flights), pictures, notes, remarks)
     (folder / HTML_FILE).write_text(page, encoding="utf-8")
     _print_tables(console, summary, history, list(flights), run_path.name)
     verdict = find_verdict(summary, list(flights))
     for note in notes:
         console.print(f"[yellow]note:[/yellow] {escape(note)}")
+    for remark in remarks:
+        console.print(escape(remark), style="dim")
     style = "bold" if verdict.is_good else "bold red"
     console.print(f"[{style}]{escape(verdict.sentence)}[/{style}]")
     console.print(escape(verdict.conditions), style="dim")

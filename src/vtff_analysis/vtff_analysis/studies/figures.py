@@ -69,6 +69,8 @@ RUN_FIGURES = (
     "safety_smallest_predicted_separation_m",
     "safety_largest_probability",
     "attitude_point_time_s",
+    "attitude_first_rate_deg_per_s",
+    "attitude_last_rate_deg_per_s",
     "attitude_error_rms_deg",
     "attitude_error_nees",
     "attitude_dipole_error_rms_a_m2",

@@ -21,7 +21,13 @@ from vtff_analysis.studies.radial_offset import (
 )
 from vtff_iono.density.density_profile import wavenumber_spectrum
 
-__all__ = ["results_table", "write_csv", "write_profiles_plot", "write_spectra_plot"]
+__all__ = [
+    "describe_results",
+    "results_table",
+    "write_csv",
+    "write_profiles_plot",
+    "write_spectra_plot",
+]
 
 _COLOURS = dict(zip(OFFSETS, ("#CC79A7", *AXIS_COLOURS), strict=True))
 _PER_CUBIC_CENTIMETRE = 1e-6
@@ -47,6 +53,25 @@ def write_csv(results: Sequence[OffsetResult], path: pathlib.Path) -> None:
             writer.writerow([r.source, r.offset, r.mean_error, *texts])
 
 
+def describe_results(results: Sequence[OffsetResult]) -> str:
+    """Return in plain words which offset shows most, of the flights if there are any."""
+    flown = [result for result in results if result.source == "flown"]
+    chosen, how = (flown, "flown") if flown else (list(results), "by the paper's model")
+    best = min(chosen, key=lambda result: result.resolved)
+    sentences = [
+        f"Of the offsets {how}, {best.offset / 1e3:g} km shows the finest structures, down to "
+        f"{best.resolved / 1e3:.2f} km."
+    ]
+    for result in chosen:
+        printed = PAPER_MEAN_ERRORS.get(result.offset)
+        if printed is not None:
+            sentences.append(
+                f"At {result.offset / 1e3:g} km a sample errs by {_density(result.mean_error)} "
+                f"cm⁻³ on average (paper {_density(printed)})."
+            )
+    return " ".join(sentences)
+
+
 def results_table(results: Sequence[OffsetResult]) -> Table:
     """Return paper, model and flight below each other for each offset."""
     table = Table(title=f"radial offset, {_LABEL}", title_justify="left")
@@ -65,7 +90,7 @@ def results_table(results: Sequence[OffsetResult]) -> Table:
 
 
 def _density(value: float | None) -> str:
-    return "" if value is None else f"{value * _PER_CUBIC_CENTIMETRE:.2e}"
+    return "" if value is None else f"{value * _PER_CUBIC_CENTIMETRE:.2e}".replace("e+0", "e")
 
 
 def _kilometres(value: float | None) -> str:

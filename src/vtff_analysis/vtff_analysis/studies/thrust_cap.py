@@ -103,6 +103,17 @@ class ThrustCapFindings:
     largest_minimum_in_track: float
     asymptotic_delta_v: float
 
+    def describe(self) -> str:
+        """Return the findings in one sentence, with those of the paper beside them."""
+        return (
+            f"The formation is reached with caps from {self.smallest_settling_cap:.3f} m/s² on "
+            f"(paper {PAPER_SMALLEST_OPERABLE_CAP:g}); from {self.sign_change_cap:.2f} m/s² on "
+            f"(paper {PAPER_SIGN_CHANGE_CAP:.2f}) the deputy does not pass the chief, and with "
+            f"{self.largest_minimum_cap:.2f} m/s² it stays farthest from it, "
+            f"{self.largest_minimum_in_track:.2f} m (paper: with {PAPER_LARGEST_MINIMUM[0]:.2f}, "
+            f"{PAPER_LARGEST_MINIMUM[1]:.2f} m)."
+        )
+
 
 def thrust_cap_point(cap: float, figures: Mapping[str, float | None]) -> ThrustCapPoint:
     """Return the point of a run.

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from vtff_analysis.tec.code_pairs import choose_codes
 from vtff_analysis.tec.consistency import satellite_disagreement
 from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit, positions_from_codes
@@ -24,6 +23,7 @@ from vtff_gnss.observation_table import ObservationTable
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits
 from vtff_gnss.signals import SYSTEM_FULL_NAMES, satellite_name
 from vtff_iono.bias.code_biases import CodeBiasTable, broadcast_code_biases
+from vtff_iono.bias.code_pairs import choose_codes
 from vtff_iono.content.absolute_tec import AbsoluteTec, absolute_tec
 from vtff_iono.content.rate_of_tec import RateOfTecMonitor
 from vtff_iono.content.slant_tec import BiasFunction, Rejection, no_bias
@@ -111,6 +111,11 @@ def process(
         )
     navigation.require_coverage(table.time_nanoseconds, source.description)
     remarks = [*source.remarks]
+    if biases == "none":
+        remarks.append(
+            "no satellite biases are removed: contents and receiver biases are right only if the "
+            "signals have none"
+        )
     bias_table = _bias_table(navigation, biases)
     tolerance = _BIAS_TOLERANCE
     if isinstance(biases, CodeBiasTable):

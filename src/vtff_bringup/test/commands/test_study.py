@@ -25,6 +25,7 @@ def test_radial_offset_with_the_model_alone(tmp_path):
     assert names == {"radial_offset.csv", "radial_offset.html", *pictures}
     page = (tmp_path / "study/radial_offset.html").read_text(encoding="utf-8")
     assert "Spectra of the retrieved densities" in page and "10.1002/navi.354" in page
+    assert '<p class="sentence">Of the offsets by the paper&#x27;s model, 3 km shows' in page
 
 
 def test_radial_offset_refuses_an_offset_above_the_chief(tmp_path):

@@ -22,7 +22,7 @@ from vtff_node.executables import ExecutableNotFoundError, share_file
 
 if TYPE_CHECKING:
     from vtff_analysis.page.results import Section
-    from vtff_analysis.paper_comparison import ComparisonRow
+    from vtff_analysis.paper_comparison import PaperComparison
     from vtff_analysis.studies.radial_offset import OffsetResult
     from vtff_analysis.studies.thrust_cap import ThrustCapFindings
     from vtff_bringup.campaign.campaign import CampaignResult
@@ -86,9 +86,10 @@ def thrust_cap(
     except (OSError, ValueError) as error:
         stop(console, error, EXIT_FAILURE)
     table = _findings_table(landmarks)
-    console.print(table)
+    _print_result(console, landmarks.describe(), table)
     picture = (folder / "thrust_cap.png", "Velocity change and smallest in-track distance by cap.")
-    page = _write_page(folder, "thrust_cap", "000", [_section(table, [picture])])
+    sections = [_section(table, [picture])]
+    page = _write_page(folder, "thrust_cap", "000", landmarks.describe(), sections)
     console.print(f"{len(points)} caps; plot and table: {page}", markup=False, soft_wrap=True)
 
 
@@ -182,6 +183,7 @@ def formation_designs(
     Exit code: 0 complete, 2 the folder cannot be used.
     """
     from vtff_analysis.studies.formation_designs import (
+        describe_designs,
         fflas_formations,
         fly_formation,
         model_errors,
@@ -204,8 +206,8 @@ def formation_designs(
             f"{row.error:.3f} m",
             f"{row.percent:.3f} %",
         )
-    console.print(table)
     sections = [_section(table)]
+    designs = table
     pairs = [
         (elements, pair)
         for name, relative in fflas_formations().items()
@@ -224,15 +226,16 @@ def formation_designs(
             f"{pair.farthest:.2f} m",
             f"{pair.closest_radial_normal:.2f} m",
         )
-    console.print(table)
+    sentence = describe_designs(errors, [pair for _, pair in pairs])
+    _print_result(console, sentence, designs, table)
     remark = (
         "pco_literal has the in-track offset of the paper's equation (7): with it B and C meet. "
         "A projected circle is not passively safe (R-N separation 0), a helix is."
     )
     console.print(remark)
-    sections.append(_section(table, remarks=(remark,)))
+    sections.append(_section(table, points=(remark,)))
     if folder is not None:
-        page = _write_page(folder, "formation_designs", "002", sections)
+        page = _write_page(folder, "formation_designs", "002", sentence, sections)
         for path in (*write_formation_designs(folder, errors, pairs), page):
             console.print(f"wrote {path}")
 
@@ -263,7 +266,8 @@ def snap1(
         "003",
         out,
         lambda folder, say: run_snap1(folder, hours, seed, say),
-        "assumed: " + "; ".join((*ASSUMPTIONS, *RAISING_ASSUMPTIONS)),
+        "assumed",
+        (*ASSUMPTIONS, *RAISING_ASSUMPTIONS),
     )
 
 
@@ -290,7 +294,8 @@ def fflas(
         "002",
         out,
         lambda folder, say: run_fflas(folder, days, say),
-        "faults of the paper: " + "; ".join(FAULTS),
+        "faults of the paper",
+        FAULTS,
     )
 
 
@@ -318,7 +323,8 @@ def potential_field(
         "001",
         out,
         lambda folder, say: run_potential_field(folder, starts, seed, say),
-        "faults of the paper: " + "; ".join(FAULTS),
+        "faults of the paper",
+        FAULTS,
     )
 
 
@@ -326,35 +332,44 @@ def _compare_with_paper(
     name: str,
     paper: str,
     out: pathlib.Path | None,
-    run: Callable[[pathlib.Path, Callable[[str], None]], Sequence[ComparisonRow]],
+    run: Callable[[pathlib.Path, Callable[[str], None]], PaperComparison],
     remark: str,
+    points: Sequence[str],
 ) -> None:
     """Run a study in its folder; print its rows, paper beside measured, and write its page.
 
-    `run` gets the folder and the function that prints a line of progress.
+    `run` gets the folder and the function that prints a line of progress; `points` are what
+    `remark` calls them.
     """
     from vtff_analysis.page.results import Section
 
     console = make_console()
     try:
         folder = output_folder(out, name, parent="studies")
-        rows = run(folder, lambda line: console.print(line, markup=False))
-        texts = [(row.subject, row.quantity, row.paper, row.measured) for row in rows]
+        found = run(folder, lambda line: console.print(line, markup=False))
+        texts = [(row.subject, row.quantity, row.paper, row.measured) for row in found.rows]
         pictures = [(path, _caption(path.stem, paper)) for path in sorted(folder.glob("*.png"))]
         heads = ("", "", "paper", "measured")
         results = Section("", heads, texts, pictures, numbers=False)
-        faults = Section("What the paper leaves open", (), (), (), (remark,))
-        page = _write_page(folder, name, paper, [results, faults])
+        open_points = Section(f"{remark[0].upper()}{remark[1:]}", (), (), points=points)
+        page = _write_page(folder, name, paper, found.sentence, [results, open_points])
     except RunFolderError as error:
         stop(console, error, EXIT_USAGE)
     except OSError as error:
         stop(console, error, EXIT_FAILURE)
     table = Table("", "", "paper", "measured")
-    for row in rows:
-        table.add_row(row.subject, row.quantity, row.paper, row.measured)
-    console.print(table)
-    console.print(remark, markup=False)
+    for row in texts:
+        table.add_row(*row)
+    _print_result(console, found.sentence, table)
+    console.print(f"{remark}: {'; '.join(points)}", markup=False)
     console.print(f"table and figures: {page}", markup=False, soft_wrap=True)
+
+
+def _print_result(console: Console, sentence: str, *tables: Table) -> None:
+    """Print the result in plain words, and the tables behind it."""
+    console.print(sentence, markup=False)
+    for table in tables:
+        console.print(table)
 
 
 def _caption(stem: str, paper: str) -> str:
@@ -366,7 +381,7 @@ def _caption(stem: str, paper: str) -> str:
 
 
 def _section(
-    table: Table, pictures: Sequence[tuple[pathlib.Path, str]] = (), remarks: Sequence[str] = ()
+    table: Table, pictures: Sequence[tuple[pathlib.Path, str]] = (), points: Sequence[str] = ()
 ) -> Section:
     """Return a table of the console as a section of a page."""
     from vtff_analysis.page.results import Section
@@ -374,17 +389,18 @@ def _section(
     heads = [str(column.header) for column in table.columns]
     rows = list(zip(*(map(str, column.cells) for column in table.columns), strict=True))
     title = "" if table.title is None else str(table.title)
-    return Section(title, heads, rows, pictures, remarks, numbers=False)
+    return Section(title, heads, rows, pictures, numbers=False, points=points)
 
 
 def _write_page(
-    folder: pathlib.Path, name: str, paper: str, sections: Sequence[Section]
+    folder: pathlib.Path, name: str, paper: str, sentence: str, sections: Sequence[Section]
 ) -> pathlib.Path:
-    """Write the page of a study; return its file."""
+    """Write the page of a study, which a sentence opens; return its file."""
     from vtff_analysis.page.results import write_results
 
     page = folder / f"{name}.html"
-    write_results(page, f"vtff study {name}", sections, (paper,), command_line(without="--out"))
+    command = command_line(without="--out")
+    write_results(page, f"vtff study {name}", sections, (paper,), command, sentence)
     return page
 
 
@@ -444,6 +460,7 @@ def _fly(
 def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pathlib.Path) -> None:
     """Write table and figures, those of the model and of the flights each by themselves."""
     from vtff_analysis.studies.radial_offset_output import (
+        describe_results,
         results_table,
         write_csv,
         write_profiles_plot,
@@ -459,7 +476,8 @@ def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pa
     except OSError as error:
         stop(console, error, EXIT_FAILURE)
     table = results_table(results)
-    console.print(table)
+    sentence = describe_results(results)
+    _print_result(console, sentence, table)
     remark = (
         "mean error: of single samples, against the truth averaged over the separation. departs: "
         "squared spectrum ratio below -3.9 dB. resolved: neither averaged away nor in the noise."
@@ -475,7 +493,7 @@ def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pa
         for kind, caption in captions.items()
     ]
     section = _section(table, pictures, (remark,))
-    page = _write_page(folder, "radial_offset", "000", [section])
+    page = _write_page(folder, "radial_offset", "000", sentence, [section])
     console.print(f"plots and table: {page}", markup=False, soft_wrap=True)
 
 

@@ -92,8 +92,23 @@ export function format(value, digits) {
 export function lengthText(metres, digits = 4) {
   const size = Math.abs(metres);
   if (size >= 1e4) return `${format(metres / 1e3, digits)} km`;
-  if (size > 0 && size < 0.01) return `${format(metres * 1e3, digits)} mm`;
+  if (size > 0 && size < 1) return `${format(metres * 1e3, digits)} mm`;
   return `${format(metres, digits)} m`;
+}
+
+// Places of labels within a canvas, each moved down until it covers no other; upper left corners.
+// Each has wished `left` and `top`, and its size `wide` and `high`.
+export function placeLabels(labels, width, height) {
+  const taken = [];
+  for (const { left: x, top: y, wide, high } of labels) {
+    const left = Math.min(Math.max(x, 4), Math.max(width - wide - 4, 4));
+    let top = Math.min(Math.max(y, 4), height - high - 4);
+    const covered = () => taken.find((other) => left < other.left + other.wide && other.left < left + wide
+      && top < other.top + other.high && other.top < top + high);
+    for (let other = covered(); other && top < height; other = covered()) top = other.top + other.high;
+    taken.push({ left, top, wide, high });
+  }
+  return taken;
 }
 
 // Small box of lines beside a point, within the canvas.

@@ -1,7 +1,7 @@
 // The formation close up on a plain canvas, in the chief's RTN frame and without perspective: what an
 // exported page shows, which has no globe. A drag turns, the wheel zooms, a double click fits again.
 
-import { lengthText } from "./canvas.js";
+import { lengthText, placeLabels } from "./canvas.js";
 import { craftColour } from "./colours.js";
 import {
   ALONE_SHARE, ARROW_SIZES, ATTITUDE_ARROWS, AXIS_COLOURS, BODY_BOX, CRAFT_SHARE, ELLIPSOID_SHARE, KEEP_OUT_COLOUR,
@@ -214,24 +214,20 @@ export class CloseView {
     context.textAlign = "left";
     context.lineWidth = 3;
     context.strokeStyle = "#000000";
-    const taken = [];
-    for (const { at, text, colour, below } of this.labels) {
+    const wished = this.labels.map(({ at, text, below }) => {
       const lines = text.split("\n");
-      const wide = Math.max(...lines.map((line) => context.measureText(line).width));
-      const high = 16 * lines.length;
       const [x, y] = this.view.project(at);
-      const left = Math.min(Math.max(x + 10, 4), Math.max(width - wide - 4, 4));
-      let top = Math.min(Math.max(below ? y + 12 : y - 16, 4), height - high - 4);
-      const covered = () => taken.find((other) => left < other.left + other.wide && other.left < left + wide
-        && top < other.top + other.high && other.top < top + high);
-      for (let other = covered(); other && top < height; other = covered()) top = other.top + other.high;
-      taken.push({ left, top, wide, high });
+      const wide = Math.max(...lines.map((line) => context.measureText(line).width));
+      return { left: x + 10, top: below ? y + 12 : y - 16, wide, high: 16 * lines.length };
+    });
+    placeLabels(wished, width, height).forEach(({ left, top }, number) => {
+      const { text, colour } = this.labels[number];
       context.fillStyle = colour;
-      lines.forEach((line, index) => {
+      text.split("\n").forEach((line, index) => {
         context.strokeText(line, left, top + 13 + 16 * index);
         context.fillText(line, left, top + 13 + 16 * index);
       });
-    }
+    });
   }
 }
 

@@ -2,7 +2,7 @@
 // baselines with theirs, spacecraft, thrust, 3-sigma ellipsoids, keep-out sphere, trails.
 // Spacecraft and ellipsoids are drawn larger than they are, so that they are seen at any distance.
 
-import { lengthText } from "./canvas.js";
+import { lengthText, placeLabels } from "./canvas.js";
 import { CHIEF, craftColour } from "./colours.js";
 import {
   ALONE_SHARE, ARROW_SIZES, ATTITUDE_ARROWS, AXIS_COLOURS, BODY_BOX, CRAFT_SHARE, ELLIPSOID_SHARE, KEEP_OUT_COLOUR,
@@ -11,12 +11,17 @@ import {
 } from "./craft.js";
 import { Scene } from "./scene.js";
 
+const FONT = "600 13px sans-serif";
+const LINE_HEIGHT = 18; // pixels
+
 export class FormationView {
   constructor(Cesium, scene, view) {
     this.Cesium = Cesium;
     this.scene = scene;
     this.view = view;
     this.shown = false;
+    this.measure = document.createElement("canvas").getContext("2d");
+    this.measure.font = FONT;
     this.lines = view.primitives.add(new Cesium.PolylineCollection());
     this.labels = view.primitives.add(new Cesium.LabelCollection());
     this.solids = view.primitives.add(new Cesium.PrimitiveCollection());
@@ -25,6 +30,7 @@ export class FormationView {
     this.axes = AXIS_COLOURS.map((colour) => this.makeArrow(colour, 7));
     this.axisLabels = AXIS_COLOURS.map((colour) => this.makeLabel(colour));
     this.chief = this.makeCraft(CHIEF);
+    this.chiefLabel = this.makeLabel(CHIEF);
     this.keepOut = this.makeSphere(KEEP_OUT_COLOUR);
     this.attitudes = new Map();
     this.update();
@@ -87,12 +93,36 @@ export class FormationView {
     this.drawAxes(range);
     const [chief] = this.scene.spacecraft();
     place(Cesium, this.chief, frame, [0, 0, 0], size, this.drawAttitude(chief, [0, 0, 0], time, size));
+    this.chiefLabel.position = this.cartesians([[0, 0, 0]])[0];
+    this.chiefLabel.text = this.deputies.size ? chief : "";
     this.keepOut.show = this.scene.hardRadius > 0 && this.scene.hardRadius < range;
     place(Cesium, this.keepOut, frame, [0, 0, 0], this.scene.hardRadius);
     for (const [deputy, parts] of this.deputies) {
       const at = placeAt(parts.series, time);
       if (at) this.drawDeputy(deputy, parts, frame, at, time, range);
     }
+    this.arrangeLabels(frame);
+  }
+
+  // Move the labels until none covers another or is cut by the edge of the pane.
+  arrangeLabels(frame) {
+    const { Cesium, view } = this;
+    const { clientWidth, clientHeight } = view.canvas;
+    const shown = [];
+    for (let index = 0; index < this.labels.length; index += 1) {
+      const label = this.labels.get(index);
+      const world = Cesium.Matrix4.multiplyByPoint(frame, label.position, new Cesium.Cartesian3());
+      const at = label.show && label.text && Cesium.SceneTransforms.worldToWindowCoordinates(view, world);
+      if (!at || at.x < 0 || at.x > clientWidth || at.y < 0 || at.y > clientHeight) continue;
+      const lines = label.text.split("\n");
+      const wide = Math.max(...lines.map((line) => this.measure.measureText(line).width)) + 6;
+      const high = LINE_HEIGHT * lines.length;
+      shown.push({ label, at, left: at.x + 10, top: label === this.chiefLabel ? at.y + 14 : at.y - 4 - high, wide, high });
+    }
+    placeLabels(shown, clientWidth, clientHeight).forEach(({ left, top }, number) => {
+      const { label, at } = shown[number];
+      label.pixelOffset = new Cesium.Cartesian2(left - at.x, top - at.y);
+    });
   }
 
   drawAxes(range) {
@@ -200,7 +230,7 @@ export class FormationView {
   makeLabel(colour) {
     const { Cesium } = this;
     return this.labels.add({
-      text: "", font: "600 13px sans-serif", fillColor: Cesium.Color.fromCssColorString(colour),
+      text: "", font: FONT, verticalOrigin: Cesium.VerticalOrigin.TOP, fillColor: Cesium.Color.fromCssColorString(colour),
       outlineColor: Cesium.Color.BLACK, outlineWidth: 3, style: Cesium.LabelStyle.FILL_AND_OUTLINE,
       pixelOffset: new Cesium.Cartesian2(10, -10), disableDepthTestDistance: Infinity,
     });

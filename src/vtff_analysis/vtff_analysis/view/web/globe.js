@@ -113,8 +113,8 @@ class Globe {
         text: craft, font: "600 14px sans-serif", fillColor: colour,
         outlineColor: Cesium.Color.BLACK, outlineWidth: 3,
         style: Cesium.LabelStyle.FILL_AND_OUTLINE,
-        // Close to each other on this scale, so one name above and one below.
-        pixelOffset: new Cesium.Cartesian2(12, index ? 20 : -12),
+        // Close to each other on this scale, so one name above and the others below each other.
+        pixelOffset: new Cesium.Cartesian2(12, index ? 4 + 16 * index : -12),
       }),
     };
   }

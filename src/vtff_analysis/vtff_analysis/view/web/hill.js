@@ -2,7 +2,7 @@
 // It shows what the plots show of time. The wheel zooms, a drag moves, a double click fits again.
 
 import { BESIDE, CHIEF, craftColour, page } from "./colours.js";
-import { drawAxes, drawTip, format, niceTicks, prepare } from "./canvas.js";
+import { drawAxes, drawTip, format, niceTicks, placeLabels, prepare } from "./canvas.js";
 import { indexAt } from "./scene.js";
 
 const VIEWS = [
@@ -10,6 +10,7 @@ const VIEWS = [
   { across: "in_track", up: "cross_track", names: ["in-track (m)", "cross-track (m)"] },
 ];
 const NEAR = 14; // pixels from which a sample is told
+const NARROW = 520; // pixels of a pane in which the views stand below each other
 
 export class HillPanel {
   constructor(canvas, scene, shownTimes) {
@@ -30,7 +31,7 @@ export class HillPanel {
     let drag = null;
     canvas.addEventListener("pointerdown", (event) => {
       canvas.setPointerCapture(event.pointerId);
-      drag = { x: event.offsetX, y: event.offsetY, view: this.viewAt(event.offsetX) };
+      drag = { x: event.offsetX, y: event.offsetY, view: this.placeAt(event.offsetX, event.offsetY)?.view };
     });
     canvas.addEventListener("pointermove", (event) => {
       this.hover = { x: event.offsetX, y: event.offsetY };
@@ -55,7 +56,7 @@ export class HillPanel {
   // Zoom about a point of the canvas, by default about the chief.
   zoom(factor, x = null, y = null) {
     const fit = this.fit();
-    const place = this.frames.find(({ frame }) => x >= frame.x && x <= frame.x + frame.width);
+    const place = this.placeAt(x, y);
     const keep = (axis, value) => {
       fit.centre[axis] = value + (fit.centre[axis] - value) * factor;
     };
@@ -69,8 +70,10 @@ export class HillPanel {
     this.fitted = fit;
   }
 
-  viewAt(x) {
-    return this.frames.find(({ frame }) => x >= frame.x && x <= frame.x + frame.width)?.view;
+  // The view under a point of the canvas; undefined beside them.
+  placeAt(x, y) {
+    return this.frames.find(({ frame }) => x >= frame.x && x <= frame.x + frame.width
+      && y >= frame.y && y <= frame.y + frame.height);
   }
 
   update() {
@@ -113,7 +116,12 @@ export class HillPanel {
 
   frameSize() {
     const { clientWidth: width, clientHeight: height } = this.canvas;
-    return { width: Math.max(width / 2 - 80, 40), height: Math.max(height - 48, 40) };
+    const [columns, rows] = this.isNarrow() ? [1, 2] : [2, 1];
+    return { width: Math.max(width / columns - 80, 40), height: Math.max(height / rows - 48, 40) };
+  }
+
+  isNarrow() {
+    return this.canvas.clientWidth < NARROW;
   }
 
   draw(time) {
@@ -129,7 +137,8 @@ export class HillPanel {
     const fit = this.fit();
     const size = this.frameSize();
     this.frames = VIEWS.map((view, index) => {
-      const frame = { x: 66 + (index * width) / 2, y: 10, ...size };
+      const [column, row] = this.isNarrow() ? [0, index] : [index, 0];
+      const frame = { x: 66 + (column * width) / 2, y: 10 + (row * height) / 2, ...size };
       return this.drawView(context, view, frame, time, fit);
     });
     this.drawNearest(context, width, height);
@@ -146,8 +155,9 @@ export class HillPanel {
     context.rect(frame.x, frame.y, frame.width, frame.height);
     context.clip();
     this.drawHardRadius(context, toX, toY, scale);
-    for (const track of this.tracks) this.drawTrack(context, track, view, toX, toY, time, frame);
-    marker(context, toX(0), toY(0), CHIEF, this.chief, "square", frame);
+    const names = this.tracks.map((track) => this.drawTrack(context, track, view, toX, toY, time)).filter(Boolean);
+    marker(context, toX(0), toY(0), CHIEF, "square");
+    writeNames(context, [{ x: toX(0), y: toY(0) + 24, name: this.chief }, ...names], frame);
     context.restore();
     return {
       view, frame, toX, toY,
@@ -168,7 +178,8 @@ export class HillPanel {
     context.setLineDash([]);
   }
 
-  drawTrack(context, track, view, toX, toY, time, frame) {
+  // Draw a deputy; return where its name belongs, or null before its first sample.
+  drawTrack(context, track, view, toX, toY, time) {
     const { series, colour } = track;
     const last = series.indexAt(time);
     const trace = (from, to, style, width, traced) => {
@@ -190,17 +201,17 @@ export class HillPanel {
     trace(first, last, colour, 2, series);
     const target = track.target?.sampleAt(time);
     if (target) cross(context, toX(target[view.across]), toY(target[view.up]));
-    if (last >= 0) {
-      const sample = series.sampleAt(time);
-      marker(context, toX(sample[view.across]), toY(sample[view.up]), colour, track.deputy, "circle", frame);
-    }
+    if (last < 0) return null;
+    const sample = series.sampleAt(time);
+    const [x, y] = [toX(sample[view.across]), toY(sample[view.up])];
+    marker(context, x, y, colour, "circle");
+    return { x, y, name: track.deputy };
   }
 
   // Time and coordinates of the sample next to the pointer.
   drawNearest(context, width, height) {
     const { hover } = this;
-    const place = hover && this.frames.find(({ frame }) => hover.x >= frame.x
-      && hover.x <= frame.x + frame.width);
+    const place = hover && this.placeAt(hover.x, hover.y);
     if (!place) return;
     let nearest = null;
     for (const { deputy, series } of this.tracks) {
@@ -218,7 +229,7 @@ export class HillPanel {
   }
 }
 
-function marker(context, x, y, colour, name, shape, frame) {
+function marker(context, x, y, colour, shape) {
   context.fillStyle = colour;
   context.strokeStyle = page().ink;
   context.lineWidth = 1;
@@ -227,11 +238,19 @@ function marker(context, x, y, colour, name, shape, frame) {
   else context.arc(x, y, 5.5, 0, 2 * Math.PI);
   context.fill();
   context.stroke();
+}
+
+// Write names beside their markers, none over another or cut off by the frame.
+function writeNames(context, names, frame) {
   context.fillStyle = page().ink;
   context.font = "12px system-ui, sans-serif";
-  const left = x < frame.x + 0.8 * frame.width; // else its name would be cut off
-  context.textAlign = left ? "left" : "right";
-  context.fillText(name, left ? x + 9 : x - 9, shape === "square" ? y + 17 : y - 8);
+  context.textAlign = "left";
+  const wished = names.map(({ x, y, name }) => ({
+    left: x + 9 - frame.x, top: y - 19 - frame.y, wide: context.measureText(name).width, high: 14,
+  }));
+  placeLabels(wished, frame.width, frame.height).forEach(({ left, top }, index) => {
+    context.fillText(names[index].name, frame.x + left, frame.y + top + 11);
+  });
 }
 
 function cross(context, x, y) {

@@ -2,7 +2,7 @@
 // an exported page. The same canvas shows the formation close up.
 
 import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, css, partOf } from "./colours.js";
-import { prepare } from "./canvas.js";
+import { placeLabels, prepare } from "./canvas.js";
 import { CloseView } from "./closeup.js";
 import { Scene, geodetic } from "./scene.js";
 
@@ -94,9 +94,8 @@ export class GroundMap {
     this.linkCount = links.length;
     for (const link of links) this.drawLink(context, link, time, toX, toY);
     this.drawEdges(context, time, toX, toY);
-    this.scene.spacecraft().forEach((craft, index) => {
-      this.drawCraft(context, craft, index, time, toX, toY, width);
-    });
+    const names = this.scene.spacecraft().map((craft, index) => this.drawCraft(context, craft, index, time, toX, toY));
+    writeNames(context, names, width, height);
   }
 
   // The side of the Earth on which the Sun is below the horizon.
@@ -182,7 +181,8 @@ export class GroundMap {
     context.textAlign = "left";
   }
 
-  drawCraft(context, craft, index, time, toX, toY, width) {
+  // Draw a spacecraft with its ground track; return where its name belongs.
+  drawCraft(context, craft, index, time, toX, toY) {
     const orbit = this.scene.orbit(craft);
     const colour = craftColour(index);
     context.strokeStyle = colour;
@@ -202,14 +202,28 @@ export class GroundMap {
     const now = geodetic(orbit.positionAt(time));
     context.fillStyle = colour;
     context.beginPath();
-    context.arc(toX(now.longitude), toY(now.latitude), 6 - index, 0, 2 * Math.PI);
+    const [x, y] = [toX(now.longitude), toY(now.latitude)];
+    context.arc(x, y, Math.max(6 - index, 3), 0, 2 * Math.PI);
     context.fill();
-    context.font = "13px system-ui, sans-serif";
-    const right = toX(now.longitude) < 0.9 * width; // else the name would be cut off
-    context.textAlign = right ? "left" : "right";
-    context.fillText(craft, toX(now.longitude) + (right ? 9 : -9), toY(now.latitude) + (index ? 18 : -8));
-    context.textAlign = "left";
+    return { name: craft, colour, x, y, below: index > 0 };
   }
+}
+
+// Write names beside their points, outlined, none over another or beyond the edge.
+function writeNames(context, names, width, height) {
+  context.font = "600 13px system-ui, sans-serif";
+  context.textAlign = "left";
+  context.strokeStyle = "#10161d";
+  context.lineWidth = 3;
+  const wished = names.map(({ name, x, y, below }) => {
+    const wide = context.measureText(name).width;
+    return { left: x + wide + 13 < width ? x + 9 : x - wide - 9, top: below ? y + 6 : y - 22, wide, high: 16 };
+  });
+  placeLabels(wished, width, height).forEach(({ left, top }, index) => {
+    context.fillStyle = names[index].colour;
+    context.strokeText(names[index].name, left, top + 13);
+    context.fillText(names[index].name, left, top + 13);
+  });
 }
 
 function segment(context, x0, y0, x1, y1) {

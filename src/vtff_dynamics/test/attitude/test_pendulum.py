@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from vtff_analysis.attitude.pendulum import swing_peak
+from vtff_dynamics.attitude.pendulum import swing_peak
 
 INERTIA, DIPOLE = 0.058, 0.2
 
