@@ -38,6 +38,7 @@ setup(
             "formation_safety = vtff_control.formation_safety_node:main",
             "sdre_controller = vtff_control.sdre_controller_node:main",
             "survey_guidance = vtff_control.survey_guidance_node:main",
+            "thrust_allocation = vtff_control.thrust_allocation_node:main",
             "thruster_can = vtff_control.thruster_can_node:main",
             "thruster_model = vtff_control.thruster_model_node:main",
         ],

@@ -14,6 +14,7 @@ from vtff_control.attitude.controller import (
     AttitudeControlConfiguration,
     AttitudeController,
     AttitudeKnowledge,
+    ControlMode,
 )
 from vtff_control.attitude.timeline import parse_timeline
 from vtff_control.attitude.torquers import TorquerLimits
@@ -39,6 +40,12 @@ class AttitudeControllerParameters:
         ["0 point"],
         "'<seconds> <mode>': what is asked for from then on (off, detumble, thomson, compass, "
         "acquire, point; the way there is found); '<seconds> fire <seconds>': the thruster fires",
+    )
+    initial_mode: str = parameter(
+        "",
+        "mode of the spacecraft when the run begins; empty: that of the timeline, but detumble on "
+        "the way to an attitude",
+        choices=("", *MODES),
     )
     inertia: list[float] = parameter(
         np.diag(np.asarray(_DEFAULT.inertia)).tolist(), "principal moments, x y z", unit="kg m^2"
@@ -125,7 +132,8 @@ class AttitudeControllerNode(VtffNode):
         except ValueError as error:
             raise ParameterError(f"parameter 'timeline': {error}") from error
         first = self._timeline.mode_at(0.0)
-        start = "detumble" if first in ("compass", "acquire", "point") else first
+        start: ControlMode = "detumble" if first in ("compass", "acquire", "point") else first
+        start = next((mode for mode in MODES if mode == given.initial_mode), start)
         self._requested = first
         self._controller = AttitudeController(configuration, first, start)
         self._order = StampOrder()

@@ -9,6 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.attitude.magnetic_field import check_field_year
+from vtff_dynamics.attitude.orbit_axes import (
+    orbit_rate,
+    quaternion_from_roll_pitch_yaw,
+    rotation_gcrf_to_orbit,
+)
+from vtff_dynamics.attitude.quaternion import rotation_matrix
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_msgs.msg import AdcsReport, AttitudeState, OrbitState
@@ -51,6 +57,18 @@ class AttitudeEstimatorParameters:
     )
     magnetometer_range: float = parameter(
         _WATCH.largest_field, "a sample there is saturated", unit="T", minimum=1e-9
+    )
+    initial_rotation_sigma_deg: float = parameter(
+        0.0,
+        "sigma of an attitude at the first report that others tell; 0: it is not known",
+        unit="deg",
+        minimum=0.0,
+    )
+    initial_roll_pitch_yaw_deg: list[float] = parameter(
+        [0.0, 0.0, 0.0], "that attitude, to the orbit axes, with which it turns", unit="deg"
+    )
+    initial_rate_sigma: float = parameter(
+        _FILTER.initial_rate_sigma, "of each axis at the start", unit="rad/s", minimum=0.0
     )
     initial_dipole: list[float] = parameter([0.0, 0.0, 0.0], "at the start", unit="A m^2")
     initial_dipole_sigma: float = parameter(
@@ -109,6 +127,10 @@ class AttitudeEstimatorNode(VtffNode):
             )
             configuration = AttitudeFilterConfiguration(
                 magnetometer_sigma=given.magnetometer_sigma,
+                initial_rotation_sigma_deg=(
+                    given.initial_rotation_sigma_deg or _FILTER.initial_rotation_sigma_deg
+                ),
+                initial_rate_sigma=given.initial_rate_sigma,
                 initial_dipole=given.initial_dipole,
                 initial_dipole_sigma=given.initial_dipole_sigma,
                 dipole_walk=given.dipole_walk,
@@ -132,6 +154,9 @@ class AttitudeEstimatorNode(VtffNode):
         self._orbit = OrbitMemory()
         self._order = StampOrder()
         self._waiting: list[AdcsReport] = []
+        if len(given.initial_roll_pitch_yaw_deg) != 3:
+            raise ParameterError("parameter 'initial_roll_pitch_yaw_deg': three angles expected")
+        self._is_told = given.initial_rotation_sigma_deg > 0.0
         self._known: OnboardAttitude | None = None
         self._counts = {"reports": 0, "without a report": 0, "orbits predicted": 0}
         self._publisher = self.publisher(AttitudeState, "attitude")
@@ -202,6 +227,9 @@ class AttitudeEstimatorNode(VtffNode):
             message.pulse_step * np.array(message.pulse_steps, dtype=float),
             message.heard,
         )
+        if self._is_told:
+            self._is_told = False
+            self._expect_told_attitude(start)
         known = self._estimator.process(report, start.state_gcrf, start.field_gcrf, end.field_gcrf)
         self._known = known
         answer.position_gcrf, answer.velocity_gcrf = end.state_gcrf[:3], end.state_gcrf[3:]
@@ -219,6 +247,14 @@ class AttitudeEstimatorNode(VtffNode):
             answer.dipole = estimate.dipole
             answer.covariance = np.ascontiguousarray(estimate.covariance[:9, :9]).ravel()
             answer.magnetometer_bias = estimate.magnetometer_bias
+
+    def _expect_told_attitude(self, start: OrbitPoint) -> None:
+        """Begin with the attitude of the parameters, which turns with the orbit."""
+        roll, pitch, yaw = np.radians(self.parameters.initial_roll_pitch_yaw_deg)
+        to_orbit = rotation_gcrf_to_orbit(start.state_gcrf)
+        quaternion = quaternion_from_roll_pitch_yaw(roll, pitch, yaw, to_orbit)
+        rate_gcrf = -orbit_rate(start.state_gcrf) * to_orbit[1]
+        self._estimator.expect(quaternion, rotation_matrix(quaternion).T @ rate_gcrf)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report attitude, dipole and wheel."""

@@ -170,6 +170,12 @@ class RelativeEkfParameters:
         minimum=0.0,
         maximum=45.0,
     )
+    deputy_thrust_axes: str = parameter(
+        "rtn",
+        "cdgps: axes in which the deputy's thrusters are fixed; body: the error of its estimated "
+        "attitude turns the thrust",
+        choices=("rtn", "body"),
+    )
     slow_phase_sigma: float = parameter(
         CdgpsConfiguration.slow_phase_sigma,
         "cdgps: slow errors of the phase of a receiver, such as multipath, until it is estimated",
@@ -330,6 +336,10 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
     ValueError
         If a value is not possible; the text names it.
     """
+    if given.deputy_thrust_axes == "body" and given.deputy_attitude_frame != "estimated":
+        raise ValueError(
+            "deputy_thrust_axes: thrusters in the body need deputy_attitude_frame 'estimated'"
+        )
     force_model = None
     if given.gravity_degree > 0:
         order = min(given.gravity_order, given.gravity_degree)
@@ -352,6 +362,7 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
         thrust_sigma=given.thrust_sigma,
         thrust_scale_sigma=given.thrust_scale_sigma,
         thrust_misalignment_sigma_deg=given.thrust_misalignment_sigma_deg,
+        thrust_follows_attitude=given.deputy_thrust_axes == "body",
         slow_phase_sigma=given.slow_phase_sigma,
         slow_code_sigma=given.slow_code_sigma,
         slow_error_time=given.slow_error_time,

@@ -93,8 +93,9 @@ class SimgenBridgeNode(VtffNode):
     """Truth of all spacecraft, client of SimREMOTE, and the step source of a simulated run.
 
     Publishes /clock, <craft>/truth/orbit, <deputy>/relative_state_truth and sim/status once a
-    step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. Of spacecraft with an
-    attitude it publishes <craft>/truth/attitude and, at the end of each period of the ADCS, the
+    step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. A spacecraft whose
+    thrusters are fixed in its body flies <deputy>/propulsion/thrust_body instead, along the axes of
+    its true attitude, which that thrust turns. Of spacecraft with an attitude it publishes <craft>/truth/attitude and, at the end of each period of the ADCS, the
     <craft>/adcs/module_report, and takes <craft>/adcs/actuation. With lockstep:=true
     a step begins when every participant has finished the step before; otherwise the wall clock
     begins the steps and the newest thrust is used.
@@ -126,6 +127,11 @@ class SimgenBridgeNode(VtffNode):
                     f"parameter 'turning_free': no spacecraft {name!r} has an attitude in the "
                     "scenario"
                 )
+        self._thrusts_along_body = {
+            name
+            for name, attitude in self._attitudes.items()
+            if attitude.setting.propulsion is not None
+        }
         self._actuations: dict[str, dict[int, AdcsCommand]] = {
             name: {} for name in self._attitudes if name not in given.turning_free
         }
@@ -194,9 +200,7 @@ class SimgenBridgeNode(VtffNode):
         )
         for name in self._thrust:
             self.subscribe(
-                AccelStamped,
-                f"{name}/propulsion/thrust_applied",
-                functools.partial(self._on_thrust, name),
+                AccelStamped, self._thrust_topic(name), functools.partial(self._on_thrust, name)
             )
         self._step_source = StepSource(
             self,
@@ -205,6 +209,11 @@ class SimgenBridgeNode(VtffNode):
             awaited_data=self._awaited_data,
             preparing=self.parameters.lockstep_preparing,
         )
+
+    def _thrust_topic(self, name: str) -> str:
+        """Return the topic of the thrust that a spacecraft flies."""
+        of_body = name in self._thrusts_along_body
+        return f"{name}/propulsion/{'thrust_body' if of_body else 'thrust_applied'}"
 
     def _start(self) -> None:
         # A timer that has expired twice calls back twice, even when the first call cancels it.
@@ -244,9 +253,9 @@ class SimgenBridgeNode(VtffNode):
             return True
         absent = self.absent_nodes(self.parameters.expected_nodes)
         silent = [
-            f"/{name}/propulsion/thrust_applied"
+            f"/{self._thrust_topic(name)}"
             for name in self._thrust
-            if not self.count_publishers(f"{name}/propulsion/thrust_applied")
+            if not self.count_publishers(self._thrust_topic(name))
         ]
         if not absent and not silent:
             # The nodes discover each other a moment after this node has discovered all of them.
@@ -387,10 +396,21 @@ class SimgenBridgeNode(VtffNode):
             # All thrust of the step has arrived by now, also that of a thruster without delay.
             self._thrust_in_force = self._thrust_now(self.scenario_nanoseconds)
         self._begin_periods()
-        self._truth.advance(self._thrust_in_force)
+        thrusters = {
+            name: self._truth.accelerations_of_thrusters(name, self._thrust_in_force[name])
+            for name in self._thrusts_along_body & self._thrust_in_force.keys()
+        }
+        self._truth.advance(self._thrust_in_force, self._body_rotations())
         for name, attitude in self._attitudes.items():
-            attitude.advance(self._truth.state_gcrf(name))
+            attitude.advance(self._truth.state_gcrf(name), thrusters.get(name))
         self._publish_step()
+
+    def _body_rotations(self) -> dict[str, np.ndarray]:
+        """Return the rotations from the body to GCRF of spacecraft that thrust along its axes."""
+        return {
+            name: self._attitudes[name].state.rotation_gcrf_from_body
+            for name in self._thrusts_along_body
+        }
 
     def _thrust_now(self, stamp_nanoseconds: int) -> dict[str, np.ndarray]:
         applied = {}
@@ -421,7 +441,7 @@ class SimgenBridgeNode(VtffNode):
         Topics are not ordered among each other: an acknowledgement may overtake the data.
         """
         thrust = [
-            f"thrust on /{name}/propulsion/thrust_applied"
+            f"thrust on /{self._thrust_topic(name)}"
             for name, buffer in self._thrust.items()
             if buffer.received <= self._step_source.step
         ]
@@ -467,8 +487,11 @@ class SimgenBridgeNode(VtffNode):
 
     def _motions(self) -> dict[str, np.ndarray]:
         """Return the motion of each spacecraft, and its attitude where it has one."""
+        rotations = self._body_rotations()
         motions = {
-            name: self._truth.motion_itrf(name, self._thrust_in_force.get(name))
+            name: self._truth.motion_itrf(
+                name, self._thrust_in_force.get(name), rotations.get(name)
+            )
             for name in self._truth.names
         }
         for name, attitude in self._attitudes.items():

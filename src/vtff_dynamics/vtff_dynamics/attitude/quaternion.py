@@ -22,6 +22,7 @@ __all__ = [
     "multiply",
     "rotation_matrix",
     "rotation_vector",
+    "turned_at_rate",
 ]
 
 
@@ -88,6 +89,12 @@ def rotation_vector(quaternion):  # type: ignore[no-untyped-def]
     for axis in range(3):
         vector[axis] = factor * quaternion[axis]
     return vector
+
+
+@compiled
+def turned_at_rate(quaternion, rate_body, duration):  # type: ignore[no-untyped-def]
+    """Return the attitude (4,) after `duration` s at a constant rate (3,), rad/s, body axes."""
+    return multiply(quaternion, from_rotation_vector(duration * rate_body))
 
 
 @compiled

@@ -121,7 +121,7 @@ def test_from_37_degrees_the_attitude_and_the_dipole_are_found():
 def test_bank_finds_the_attitude_from_nothing_and_comes_down_to_one():
     flight = MeasuredFlight(5)
     first = flight.sample()
-    bank = AttitudeFilterBank(
+    bank = AttitudeFilterBank.about_field(
         BodyModel(), AttitudeFilterConfiguration(), first, TRACK.field_gcrf(0)
     )
     assert bank.members == 24

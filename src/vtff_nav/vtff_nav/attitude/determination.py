@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray, norm
-from vtff_nav.attitude.attitude_filter import AttitudeEstimate, FilterPeriod
+from vtff_nav.attitude.attitude_filter import AttitudeEstimate, AttitudeFilter, FilterPeriod
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.filter_bank import AttitudeFilterBank
 
@@ -116,6 +116,11 @@ class AttitudeDetermination:
         """What is known; None before the first sample."""
         return None if self._bank is None else self._bank.estimate
 
+    @property
+    def status(self) -> DeterminationStatus:
+        """What is known now, without a sample."""
+        return self._status(False, math.nan)
+
     def process(
         self,
         period: FilterPeriod,
@@ -163,6 +168,24 @@ class AttitudeDetermination:
             )
         return self._status(used, innovation, "" if used else "sample outside the gate")
 
+    def expect(self, quaternion_gcrf: FloatArray, rate_body: FloatArray) -> None:
+        """Take it that the spacecraft has an attitude now, before the first sample.
+
+        Its sigmas are those of the start in the configuration of the filter. A new start, if that
+        attitude does not explain the samples, knows nothing.
+
+        Parameters
+        ----------
+        quaternion_gcrf : ndarray, shape (4,)
+            Body to GCRF, x, y, z, w.
+        rate_body : ndarray, shape (3,)
+            rad/s.
+        """
+        if self._bank is None and self._restarts == 0:
+            self._bank = AttitudeFilterBank(
+                [AttitudeFilter(self._body, self._filter_configuration, quaternion_gcrf, rate_body)]
+            )
+
     def note_wheel(self, momentum: float) -> None:
         """Take it that the wheel had another momentum than was believed, by so much, N m s."""
         if self._bank is not None:
@@ -170,7 +193,7 @@ class AttitudeDetermination:
 
     def _start(self, sample: FloatArray, field: FloatArray) -> None:
         self._innovations.clear()
-        self._bank = AttitudeFilterBank(
+        self._bank = AttitudeFilterBank.about_field(
             self._body,
             self._filter_configuration,
             sample,

@@ -8,6 +8,7 @@ samples worse; a Gaussian sum whose members come down to one.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -26,32 +27,42 @@ __all__ = ["AttitudeFilterBank"]
 
 
 class AttitudeFilterBank:
-    """Filters from one sample of the field on, down to the one that explains the samples.
+    """Filters that come down to the one that explains the samples.
 
     Parameters
     ----------
-    body : BodyModel
-    configuration : AttitudeFilterConfiguration
-    measured_body : ndarray, shape (3,)
-        First sample of the magnetometer, T.
-    field_gcrf : ndarray, shape (3,)
-        Field of the model there, T.
-    members : int
-        Turns about the field that are tried.
+    filters : iterable of AttitudeFilter
+        One where the attitude is known already; see `about_field` for one that is not.
     drop_below : float
         Members whose likelihood is less than exp of minus this of the best are dropped.
     """
 
-    def __init__(
-        self,
+    def __init__(self, filters: Iterable[AttitudeFilter], drop_below: float = 30.0) -> None:
+        self._filters = list(filters)
+        self._drop_below = drop_below
+
+    @classmethod
+    def about_field(
+        cls,
         body: BodyModel,
         configuration: AttitudeFilterConfiguration,
         measured_body: FloatArray,
         field_gcrf: FloatArray,
         members: int = 24,
-        drop_below: float = 30.0,
-    ) -> None:
-        self._drop_below = drop_below
+    ) -> AttitudeFilterBank:
+        """Return the filters of all turns about the field, from one sample of it.
+
+        Parameters
+        ----------
+        body : BodyModel
+        configuration : AttitudeFilterConfiguration
+        measured_body : ndarray, shape (3,)
+            First sample of the magnetometer, T.
+        field_gcrf : ndarray, shape (3,)
+            Field of the model there, T.
+        members : int
+            Turns about the field that are tried.
+        """
         strength = norm(field_gcrf)
         along_body = measured_body / norm(measured_body)
         sigma = math.sqrt(
@@ -63,17 +74,16 @@ class AttitudeFilterBank:
         projection = np.outer(along_body, along_body)
         covariance = across**2 * (np.eye(3) - projection) + about**2 * projection
         start = _alignment(along_body, field_gcrf / strength)
-        self._filters = [
+        turns = (2.0 * math.pi * number / members * along_body for number in range(members))
+        return cls(
             AttitudeFilter(
                 body,
                 configuration,
-                multiply(
-                    start, from_rotation_vector(2.0 * math.pi * number / members * along_body)
-                ),
+                multiply(start, from_rotation_vector(turn)),
                 rotation_covariance=covariance,
             )
-            for number in range(members)
-        ]
+            for turn in turns
+        )
 
     @property
     def members(self) -> int:

@@ -117,6 +117,10 @@ class OnboardAttitudeEstimator:
         )
         self._determination = AttitudeDetermination(body, filter_configuration, configuration)
 
+    def expect(self, quaternion_gcrf: FloatArray, rate_body: FloatArray) -> None:
+        """Take it that the spacecraft has an attitude, see `AttitudeDetermination.expect`."""
+        self._determination.expect(quaternion_gcrf, rate_body)
+
     def process(
         self,
         report: ModuleReport,
@@ -138,8 +142,10 @@ class OnboardAttitudeEstimator:
             self._wheel = WheelObserver(self._wheel_configuration, report.wheel_speed_rpm)
         wheel = self._wheel
         if not report.period > 0.0:
-            status = DeterminationStatus(False, False, 0, 0, math.nan, "no sample yet")
-            return OnboardAttitude(status, None, wheel.speed_rpm, wheel.follows, False)
+            known = self._determination
+            return OnboardAttitude(
+                known.status, known.estimate, wheel.speed_rpm, wheel.follows, False
+            )
         wheel_start = wheel.momentum
         wheel_end = wheel.predict(report.wheel_command_rpm, report.period)
         status = self._determination.process(

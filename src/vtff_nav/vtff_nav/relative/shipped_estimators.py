@@ -37,6 +37,7 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
             thrust_relative_sigma=setting.thrust_sigma,
             thrust_scale_sigma=setting.thrust_scale_sigma,
             thrust_misalignment_sigma_deg=setting.thrust_misalignment_sigma_deg,
+            thrust_follows_attitude=setting.thrust_follows_attitude,
             slow_phase_sigma=setting.slow_phase_sigma,
             slow_code_sigma=setting.slow_code_sigma,
             slow_error_time=setting.slow_error_time,

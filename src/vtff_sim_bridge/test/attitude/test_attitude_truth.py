@@ -85,6 +85,26 @@ def test_a_firing_turns_the_spacecraft_by_its_torque():
     assert change[1] == pytest.approx(-1.9e-4 * 3.0 / 0.058, rel=1e-3)
 
 
+def test_thrusters_that_miss_the_centre_of_mass_turn_the_spacecraft():
+    """Thrust along x that acts 5 mm beside the centre of mass, for four of five steps."""
+    propulsion = {"mass": 6.5, "points_body": [[0.0, 0.005, 0.0], [0.0] * 3, [0.0] * 3]}
+    rates = []
+    for given in ({}, {"attitude__propulsion": propulsion}):
+        of_scenario = scenario(
+            step=1.0, duration=5.0, attitude__start={"tumble_rpm": 0.0}, **given
+        )
+        orbit, attitude = of_scenario.formation_truth(), of_scenario.attitude_truths()["snap1"]
+        attitude.begin_period(None)
+        for second in range(5):
+            orbit.advance({})
+            thrust = np.diag([1e-3 if second != 2 else 0.0, 0.0, 0.0])
+            attitude.advance(orbit.state_gcrf("snap1"), thrust)
+        rates.append(attitude.state.rate_body)
+    change = rates[1] - rates[0]  # -0.005 m * 6.5 mN for 4 s about z, inertia 0.056
+    assert change[2] == pytest.approx(-0.005 * 6.5e-3 * 4.0 / 0.056, rel=1e-3)
+    np.testing.assert_allclose(change[:2], 0.0, atol=1e-6)
+
+
 def test_faults_hold_while_they_are_said_to():
     faults = [
         {"kind": "magnetometer_stuck", "start": 50.0, "end": 100.0},
@@ -112,6 +132,9 @@ def test_faults_hold_while_they_are_said_to():
         ({"attitude__body__inertia": [0.05, 0.05, 0.2]}, "[0].attitude.body: inertia: no body"),
         ({"attitude__body__inertia": [0.05, -0.05, 0.05]}, "inertia: expected a positive definite"),
         ({"attitude__body__inertia": [0.05, "a", 0.05]}, "body.inertia: a list of numbers"),
+        ({"attitude__propulsion": {"points_body": [[0.0] * 3] * 3}}, "propulsion.mass: field is"),
+        ({"attitude__propulsion": {"mass": 0.0}}, "propulsion: mass: expected a positive number"),
+        ({"attitude__propulsion": {"mass": 6.5, "points_body": [0.0] * 3}}, "points_body: expected"),
         ({"attitude__body__inertia": 0.05}, "body.inertia: a list of numbers"),
         ({"attitude__start__wheel_speed_rpm": 5100.0}, "spacecraft[0].attitude: wheel_speed_rpm: "),
         ({"epoch": "2031-02-08T00:00:00 UTC"}, "epoch: the magnetic field model IGRF-14"),

@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 
+from vtff_dynamics.attitude.quaternion import from_rotation_vector, rotation_matrix
 from vtff_dynamics.frames.earth import state_gcrf_to_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.elements import ClassicalElements
@@ -109,3 +110,22 @@ def test_euler_motion_has_no_derivatives() -> None:
     after = state_gcrf_to_itrf(truth.time, truth.state_gcrf("deputy_1"))
     # The Coriolis term is what remains; with the curvature of the orbit it would be 4 m.
     assert np.linalg.norm(motion[0] + motion[1] - after[:3]) < 0.6
+
+
+def test_thrust_along_body_axes_that_are_known_perfectly_flies_as_that_in_rtn() -> None:
+    """The controller's vector goes into the body by the attitude, and out of it by the same."""
+    in_rtn, in_body = formation(), formation()
+    generator = np.random.default_rng(7)
+    for second in range(600):
+        thrust = 1e-2 * generator.standard_normal(3)
+        to_rtn = rotation_gcrf_to_rtn(in_body.state_gcrf("chief"))
+        turn = from_rotation_vector(second * np.array([1e-2, -2e-2, 5e-3]))
+        to_gcrf = rotation_matrix(turn)
+        in_rtn.advance({"deputy_1": thrust})
+        in_body.advance({"deputy_1": (to_rtn @ to_gcrf).T @ thrust}, {"deputy_1": to_gcrf})
+    difference = in_body.state_gcrf("deputy_1") - in_rtn.state_gcrf("deputy_1")
+    moved = in_rtn.state_gcrf("deputy_1") - formation().state_gcrf("deputy_1")
+    assert np.linalg.norm(moved[:3]) > 1e6
+    # Rounding of positions of 7e6 m, 1e-9 m in each of 600 steps.
+    assert np.abs(difference[:3]).max() < 1e-6
+    assert np.abs(difference[3:]).max() < 1e-9

@@ -19,7 +19,7 @@ THRUST = np.array([0.3, -0.4, 1.2])
 def accelerations(model: ThrusterErrorModel, seed: int = 1, name: str = "deputy") -> np.ndarray:
     """Return the true acceleration of many steps in which the same thrust is reported."""
     errors = ThrusterErrors(model, seed, name)
-    return np.array([errors.true_acceleration_rtn(step, THRUST) for step in range(STEPS)])
+    return np.array([errors.true_acceleration(step, THRUST) for step in range(STEPS)])
 
 
 def test_scale_and_bias_change_length_and_offset() -> None:
@@ -36,7 +36,7 @@ def test_misalignment_is_a_rotation_that_stays_for_a_run_and_differs_between_run
     sines = []
     for seed in range(2000):
         errors = ThrusterErrors(ThrusterErrorModel(misalignment_deg=2.0), seed, "deputy")
-        direction = errors.true_acceleration_rtn(0, THRUST) / 1.3
+        direction = errors.true_acceleration(0, THRUST) / 1.3
         sines.append(np.linalg.norm(np.cross(direction, THRUST / 1.3)))
     angles = np.degrees(np.arcsin(sines))
     assert angles.max() <= 2.0 + 1e-9
@@ -64,7 +64,7 @@ def test_streams_of_spacecraft_and_seeds_are_independent_and_repeatable() -> Non
 
 def test_a_thruster_that_rests_gives_nothing() -> None:
     errors = ThrusterErrors(ThrusterErrorModel(1.05, 2.0, 0.01, (1.0, 1.0, 1.0)), 1, "deputy")
-    np.testing.assert_array_equal(errors.true_acceleration_rtn(0, np.zeros(3)), np.zeros(3))
+    np.testing.assert_array_equal(errors.true_acceleration(0, np.zeros(3)), np.zeros(3))
 
 
 def fields(**deputy: object) -> dict:
@@ -146,3 +146,20 @@ def test_wrong_values_are_refused_with_file_and_field(
     with pytest.raises(ScenarioError, match=problem) as caught:
         read_scenario(fields(**deputy), "deputies")
     assert "\n" not in str(caught.value)
+
+
+def test_thrusters_of_the_axes_give_together_what_acts() -> None:
+    model = ThrusterErrorModel(1.1, 3.0, 0.02, (1e-3, -2e-3, 0.0))
+    errors = ThrusterErrors(model, 4, "deputy")
+    for step in range(5):
+        rows = errors.accelerations_of_thrusters(step, THRUST)
+        np.testing.assert_allclose(
+            rows.sum(axis=0), errors.true_acceleration(step, THRUST), rtol=1e-14
+        )
+    assert not errors.accelerations_of_thrusters(0, np.zeros(3)).any()
+    # Without noise and bias a thruster that is off gives nothing, and the others are askew.
+    askew = ThrusterErrors(ThrusterErrorModel(1.0, 3.0), 4, "deputy")
+    rows = askew.accelerations_of_thrusters(0, [0.0, 2.0, 0.0])
+    assert not rows[[0, 2]].any()
+    assert math.degrees(math.acos(rows[1, 1] / 2.0)) <= 3.0
+    assert np.linalg.norm(rows[1]) == pytest.approx(2.0)

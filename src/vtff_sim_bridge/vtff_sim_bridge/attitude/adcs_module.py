@@ -182,8 +182,15 @@ class AdcsModule:
         self._samples = []
         self._sample_times = [period - before_end for before_end in self.model.sample_times]
 
-    def advance(self, interval: OrbitInterval) -> None:
-        """Fly through an interval of the period, which may be a part of it or all of it."""
+    def advance(self, interval: OrbitInterval, torque_body: FloatArray | None = None) -> None:
+        """Fly through an interval of the period, which may be a part of it or all of it.
+
+        Parameters
+        ----------
+        interval : OrbitInterval
+        torque_body : ndarray, shape (3,), optional
+            Torque that acts throughout the interval besides those of the windows, N m.
+        """
         torque = 0.0 if self.wheel_is_stuck else self._motor_torque
         begin, end = self._elapsed, self._elapsed + interval.duration
         pulses = self.model.pulse_step * np.array(self._steps, dtype=float)
@@ -192,6 +199,8 @@ class AdcsModule:
             TorqueWindow(window.start - begin, window.end - begin, window.torque_body)
             for window in self._windows
         ]
+        if torque_body is not None:
+            windows.append(TorqueWindow(0.0, interval.duration, torque_body))
         time = 0.0
         while self._sample_times and self._sample_times[0] <= end + _TIME_RESOLUTION:
             at = min(max(self._sample_times.pop(0) - begin, time), interval.duration)

@@ -6,10 +6,9 @@ import numpy as np
 
 from vtff_dynamics.attitude.quaternion import (
     from_rotation_matrix,
-    from_rotation_vector,
-    multiply,
     rotation_matrix,
     rotation_vector,
+    turned_at_rate,
 )
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
@@ -49,7 +48,7 @@ def attitude_motion(
 
     def rotation_to_horizon(after: float) -> FloatArray:
         """Return the rotation from body axes to north, east, down some seconds later."""
-        turned = multiply(quaternion_gcrf, from_rotation_vector(after * rate_body))
+        turned = turned_at_rate(quaternion_gcrf, rate_body, after)
         to_itrf = rotation_gcrf_to_itrf(time + after) @ rotation_matrix(turned)
         horizon = rotation_itrf_to_enu(state_itrf[:3] + after * state_itrf[3:])
         rotation: FloatArray = _NED_FROM_ENU @ horizon @ to_itrf

@@ -27,6 +27,7 @@ __all__ = [
     "AttitudeSetting",
     "AttitudeStart",
     "AttitudeThruster",
+    "BodyThrusters",
 ]
 
 ATTITUDE_FAULTS = (
@@ -160,6 +161,45 @@ class AttitudeThruster:
 
 
 @dataclass(frozen=True)
+class BodyThrusters:
+    """The thrusters of a formation flight, fixed in the body: one along each of its axes.
+
+    With them the thrust of a spacecraft acts along the axes of its body, wherever they point, and
+    a thruster whose line of force misses the centre of mass turns the spacecraft.
+
+    Parameters
+    ----------
+    mass : float
+        Mass of the spacecraft, kg: the force of an acceleration.
+    points_body : array_like, shape (3, 3)
+        Row i is where the thruster of axis i acts, m from the centre of mass.
+    """
+
+    mass: float
+    points_body: npt.ArrayLike = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+
+    def __post_init__(self) -> None:
+        """Check the fields."""
+        if not 0.0 < self.mass < math.inf:
+            raise ValueError(f"mass: expected a positive number (kg); got {self.mass!r}")
+        points = np.array(self.points_body, dtype=float)
+        if points.shape != (3, 3) or not np.isfinite(points).all():
+            raise ValueError("points_body: expected 3 x 3 finite numbers (m)")
+        object.__setattr__(self, "points_body", points)
+
+    def torque(self, accelerations: FloatArray) -> FloatArray:
+        """Return the torque of the thrusters, N m, body axes, shape (3,).
+
+        Parameters
+        ----------
+        accelerations : ndarray, shape (3, 3)
+            Row i is the acceleration that the thruster of axis i gives, m/s2, body axes.
+        """
+        torque: FloatArray = self.mass * np.cross(self.points_body, accelerations).sum(axis=0)
+        return torque
+
+
+@dataclass(frozen=True)
 class AttitudeFault:
     """A fault of the module for a while.
 
@@ -200,6 +240,9 @@ class AttitudeSetting:
     body, magnetometer, module, start, environment, thruster
         Their parts; see their classes.
     faults : tuple of AttitudeFault
+    propulsion : BodyThrusters, optional
+        Thrusters of the formation flight that are fixed in the body. Without them thrust acts along
+        the axes of the orbit and does not turn the spacecraft.
     """
 
     period: float = 5.0
@@ -210,6 +253,7 @@ class AttitudeSetting:
     environment: AttitudeEnvironment = field(default_factory=AttitudeEnvironment)
     thruster: AttitudeThruster = field(default_factory=AttitudeThruster)
     faults: tuple[AttitudeFault, ...] = ()
+    propulsion: BodyThrusters | None = None
 
     def __post_init__(self) -> None:
         """Check the period against the module."""

@@ -148,14 +148,20 @@ class AttitudeTruth:
             ]
         self._module.begin_period(self.setting.period, command, windows)
 
-    def advance(self, state_gcrf: FloatArray) -> None:
+    def advance(self, state_gcrf: FloatArray, accelerations: FloatArray | None = None) -> None:
         """Advance by a step of the simulation.
 
         Parameters
         ----------
         state_gcrf : ndarray, shape (6,)
             Orbit at the end of the step, m and m/s.
+        accelerations : ndarray, shape (3, 3), optional
+            What the thrusters of the body's axes give in this step, m/s2, see
+            `vtff_sim_bridge.attitude.attitude_setting.BodyThrusters.torque`.
         """
+        torque = None
+        if accelerations is not None and self.setting.propulsion is not None:
+            torque = self.setting.propulsion.torque(accelerations)
         before, after, step = self._state_gcrf, np.array(state_gcrf, dtype=float), self._step
         time = self._epoch + self._number * step
         # The cubic through both states: 1e-5 m over 5 s.
@@ -171,7 +177,8 @@ class AttitudeTruth:
                 np.array([self._field, field_middle, field_after]),
                 np.array([before[:3], middle, after[:3]]),
                 -pressure * math.sqrt(float(air @ air)) * air,
-            )
+            ),
+            torque,
         )
         self._state_gcrf, self._field = after, field_after
         self._number += 1

@@ -1,4 +1,4 @@
-"""True motion of a formation: every spacecraft propagated in step, thrust held in RTN axes.
+"""True motion of a formation: every spacecraft propagated in step, thrust held over a step.
 
 The simulator bridge and the in-process closed loop (`vtff_analysis.closed_loop`) both step
 the truth with this class, so that a run over the real topics gives the numbers of the fast one.
@@ -120,15 +120,23 @@ class FormationTruth:
         """
         return relative_state_rtn(self.state_gcrf(self._chief), self.state_gcrf(name))
 
-    def advance(self, accelerations_rtn: Mapping[str, npt.ArrayLike] | None = None) -> None:
+    def advance(
+        self,
+        accelerations: Mapping[str, npt.ArrayLike] | None = None,
+        rotations_to_gcrf: Mapping[str, FloatArray] | None = None,
+    ) -> None:
         """Advance every spacecraft by one step.
 
         Parameters
         ----------
-        accelerations_rtn
+        accelerations
             Thrust acceleration in m/s2 that the thruster of each thrusting spacecraft reports,
-            shape (3,), in the RTN axes that the chief has at the start of the step. What acts, with
-            the errors of the thruster, is held inertially over the step.
+            shape (3,), in the RTN axes that the chief has at the start of the step, or in the axes
+            of `rotations_to_gcrf`. What acts, with the errors of the thruster, is held inertially
+            over the step.
+        rotations_to_gcrf
+            Rotation, shape (3, 3), from the axes of the thrust to GCRF at the start of the step, of
+            spacecraft whose thrusters are not fixed in the chief's RTN axes: those of their bodies.
 
         Raises
         ------
@@ -136,26 +144,46 @@ class FormationTruth:
             If an acceleration is for an unknown spacecraft or is not three finite numbers;
             nothing is advanced then.
         """
+        rotations = rotations_to_gcrf or {}
         accelerations_gcrf = {
-            name: self._acceleration_gcrf(name, acceleration)
-            for name, acceleration in (accelerations_rtn or {}).items()
+            name: self._acceleration_gcrf(name, acceleration, rotations.get(name))
+            for name, acceleration in (accelerations or {}).items()
         }
         for name, propagator in self._propagators.items():
             propagator.advance(accelerations_gcrf.get(name))
         self._steps_done += 1
         self._rotation = None
 
-    def motion_itrf(self, name: str, acceleration_rtn: npt.ArrayLike | None = None) -> FloatArray:
+    def accelerations_of_thrusters(self, name: str, reported: npt.ArrayLike) -> FloatArray:
+        """Return what each of three thrusters gives in the coming step, m/s2, shape (3, 3).
+
+        Row i is that of the thruster of axis i, in the axes of the thrust; see
+        `vtff_sim_bridge.truth.thruster_errors.ThrusterErrors`.
+        """
+        if name in self._thruster_errors:
+            return self._thruster_errors[name].accelerations_of_thrusters(
+                self._steps_done, reported
+            )
+        return np.diag(np.asarray(reported, dtype=float))
+
+    def motion_itrf(
+        self,
+        name: str,
+        acceleration: npt.ArrayLike | None = None,
+        rotation_to_gcrf: FloatArray | None = None,
+    ) -> FloatArray:
         """Earth-fixed motion of a spacecraft for a SimGEN motion command.
 
         Parameters
         ----------
         name
             Spacecraft.
-        acceleration_rtn
+        acceleration
             Thrust acceleration in m/s2 that the thruster reports for the coming step, in the
             chief's RTN axes, shape (3,). With it an extrapolation of the motion over the step
             follows the truth.
+        rotation_to_gcrf
+            Rotation, shape (3, 3), from the axes of the thrust to GCRF where they are not those.
 
         Returns
         -------
@@ -173,26 +201,28 @@ class FormationTruth:
             )
             motion[2:] = 0.0
             return motion
-        acceleration = propagator.acceleration_gcrf()
-        if acceleration_rtn is not None:
-            acceleration = acceleration + self._acceleration_gcrf(name, acceleration_rtn)
-        return kinematics_itrf(
-            propagator.time, state[:3], state[3:], acceleration, propagator.jerk_gcrf()
-        )
+        total = propagator.acceleration_gcrf()
+        if acceleration is not None:
+            total = total + self._acceleration_gcrf(name, acceleration, rotation_to_gcrf)
+        return kinematics_itrf(propagator.time, state[:3], state[3:], total, propagator.jerk_gcrf())
 
-    def _acceleration_gcrf(self, name: str, acceleration_rtn: npt.ArrayLike) -> FloatArray:
-        """Return what acts in GCRF when a thruster reports an acceleration in the chief's RTN."""
+    def _acceleration_gcrf(
+        self, name: str, reported: npt.ArrayLike, rotation_to_gcrf: FloatArray | None = None
+    ) -> FloatArray:
+        """Return what acts in GCRF when a thruster reports an acceleration in its axes."""
         if name not in self._propagators:
             raise ValueError(
                 f"acceleration for unknown spacecraft {name!r}; known: {', '.join(self.names)}"
             )
-        acceleration = np.asarray(acceleration_rtn, dtype=float)
+        acceleration = np.asarray(reported, dtype=float)
         if acceleration.shape != (3,) or not is_finite(acceleration):
             raise ValueError(f"acceleration of {name}: three finite numbers (m/s2) expected")
         if name in self._thruster_errors:
-            acceleration = self._thruster_errors[name].true_acceleration_rtn(
+            acceleration = self._thruster_errors[name].true_acceleration(
                 self._steps_done, acceleration
             )
+        if rotation_to_gcrf is not None:
+            return np.asarray(rotation_to_gcrf @ acceleration)
         if self._rotation is None:
             self._rotation = rotation_gcrf_to_rtn(self.state_gcrf(self._chief))
         return np.asarray(self._rotation.T @ acceleration)

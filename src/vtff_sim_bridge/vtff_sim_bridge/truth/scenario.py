@@ -33,6 +33,7 @@ from vtff_sim_bridge.attitude.attitude_setting import (
     AttitudeSetting,
     AttitudeStart,
     AttitudeThruster,
+    BodyThrusters,
 )
 from vtff_sim_bridge.attitude.attitude_truth import AttitudeTruth
 from vtff_sim_bridge.attitude.magnetometer import MagnetometerModel
@@ -64,6 +65,7 @@ _PARTS_OF_ATTITUDE: dict[str, type] = {
     "start": AttitudeStart,
     "environment": AttitudeEnvironment,
     "thruster": AttitudeThruster,
+    "propulsion": BodyThrusters,
 }
 
 INTEGRATORS = ("rk4", "euler")
@@ -227,6 +229,8 @@ def load_scenario(
               magnetometer, module, start, environment, thruster
                                fields of MagnetometerModel, AdcsModuleModel, AttitudeStart,
                                AttitudeEnvironment, AttitudeThruster
+              propulsion       (optional) fields of BodyThrusters: thrust then acts along the axes
+                               of the body, and thruster_errors are fixed in them
               faults           a list: {kind, start, end}
 
     Elements are osculating, in GCRF. ``longitude_of_ascending_node_deg`` is the Earth-fixed

@@ -31,13 +31,13 @@ class ThrusterErrorModel:
         True over reported thrust.
     misalignment_deg : float
         Angle of the rotation from reported to true thrust. Its axis is drawn once for a run,
-        uniformly on the sphere and fixed in the RTN axes of the thrust, so the direction of a
-        thrust is off by at most this angle.
+        uniformly on the sphere and fixed in the axes of the thrust, RTN or the body, so the
+        direction of a thrust is off by at most this angle.
     noise : float
         Sigma of each axis of the true thrust over the length of the reported thrust, drawn anew in
         every step.
     bias : tuple of float
-        Added to the thrust in RTN while the thruster fires, m/s2.
+        Added to the thrust in its axes while the thruster fires, m/s2.
 
     Raises
     ------
@@ -94,7 +94,7 @@ class ThrusterErrors:
     def _generator(self, *stream: int) -> np.random.Generator:
         return np.random.default_rng(np.random.SeedSequence((*self._address, *stream)))
 
-    def true_acceleration_rtn(self, step: int, reported_rtn: npt.ArrayLike) -> FloatArray:
+    def true_acceleration(self, step: int, reported: npt.ArrayLike) -> FloatArray:
         """Return the acceleration that acts in a step, m/s2, shape (3,).
 
         Parameters
@@ -102,15 +102,30 @@ class ThrusterErrors:
         step : int
             Number of the step since the epoch; it addresses the noise, so that the acceleration of
             a step is the same however often it is asked for.
-        reported_rtn : array_like, shape (3,)
-            Acceleration that the thruster reports, m/s2, in the RTN axes of the chief.
+        reported : array_like, shape (3,)
+            Acceleration that the thruster reports, m/s2, in the axes that it is fixed in: the RTN
+            axes of the chief, or those of the body.
         """
-        reported = np.asarray(reported_rtn, dtype=float)
-        size = float(np.linalg.norm(reported))
-        if size == 0.0:
-            return reported
-        true = self._scaled_rotation @ reported + np.array(self._model.bias)
+        given = np.asarray(reported, dtype=float)
+        if not given.any():
+            return given
+        return np.asarray(self._scaled_rotation @ given + self._additions(step, given))
+
+    def accelerations_of_thrusters(self, step: int, reported: npt.ArrayLike) -> FloatArray:
+        """Return what the thrusters of the three axes give in a step, m/s2, shape (3, 3).
+
+        Row i is what the thruster of axis i gives; their sum is `true_acceleration`. Noise and bias
+        along an axis are those of its own thruster.
+        """
+        given = np.asarray(reported, dtype=float)
+        if not given.any():
+            return np.zeros((3, 3))
+        return np.asarray((self._scaled_rotation * given).T + np.diag(self._additions(step, given)))
+
+    def _additions(self, step: int, reported: FloatArray) -> FloatArray:
+        """Return bias and noise of a step in which the thruster fires, m/s2, shape (3,)."""
+        added = np.array(self._model.bias, dtype=float)
         if self._model.noise > 0.0:
             draws = self._generator(_NOISE_STREAM, step).standard_normal(3)
-            true = true + self._model.noise * size * draws
-        return np.asarray(true)
+            added = added + self._model.noise * float(np.linalg.norm(reported)) * draws
+        return added

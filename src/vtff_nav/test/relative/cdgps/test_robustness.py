@@ -9,9 +9,16 @@ import pytest
 from cdgps_test_support import CHIEF, DEPUTY_250M, J2, START, configuration, fly, simulate
 from cdgps_truth_support import longest_run, wrong_integers
 
+from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.filter import RelativeFilter
 from vtff_nav.relative.cdgps.model import north_and_east, shell_paths
 from vtff_nav.relative.cdgps.state import GaussianState
-from vtff_nav.relative.common.dynamics import MotionNoise, OrbitalMotion, ThrustInterval
+from vtff_nav.relative.common.dynamics import (
+    MotionNoise,
+    OrbitalMotion,
+    Prediction,
+    ThrustInterval,
+)
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
 from vtff_sim_bridge.gnss.configuration import MultipathModel, NoiseModel
 
@@ -89,6 +96,30 @@ def test_thrust_coupling_is_the_derivative():
         moved = relative(acceleration + size * change).relative
         expected = (moved - relative(acceleration - size * change).relative) / (2.0 * size)
         np.testing.assert_allclose(coupling[:6, error], expected[:6], rtol=1e-4, atol=1e-5)
+
+
+def test_an_error_of_the_attitude_turns_a_thrust_along_the_body():
+    """What the filter makes of it is what the motion does with the turned thrust."""
+    acceleration, error = np.array([0.2, -0.7, 0.4]), 1e-3 * np.array([0.5, -0.3, 0.8])
+    to_rtn = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
+    motion = OrbitalMotion(J2, MotionNoise(1e-6), MotionNoise(1e-6))
+    difference = nine(DEPUTY_250M - CHIEF)
+
+    def predicted(thrust: np.ndarray) -> Prediction:
+        burn = [ThrustInterval(START, 2.0, thrust)]
+        return motion.predict(START, 2.0, nine(CHIEF), difference, burn)
+
+    moved = predicted(acceleration + np.cross(to_rtn @ error, acceleration)).relative
+    for rotation, expected in ((to_rtn, moved), (None, predicted(acceleration).relative)):
+        filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
+        labels = [("attitude_error", 1, axis) for axis in range(3)]
+        filter_.expect_attitude_errors(dict.fromkeys(labels, 1e-4))
+        for label, value in zip(labels, error, strict=True):
+            filter_.state.mean[filter_.state.index(label)] = value
+        filter_.predict(predicted(acceleration), 2.0, np.zeros(2), rotation)
+        np.testing.assert_allclose(filter_.state.mean[:6], expected[:6], rtol=0.0, atol=1e-7)
+        covariance = filter_.state.covariance[:3, filter_.state.index(labels[0])]
+        assert covariance.any() == (rotation is not None)
 
 
 def test_shells_against_a_ray_through_a_thick_layer():

@@ -167,7 +167,9 @@ def test_error_of_an_attitude_moves_the_antenna_across_its_lever_arm() -> None:
     for receiver, sign in ((0, -1.0), (1, 1.0)):  # deputy less chief
         pair = AntennaPair(*(antenna if index == receiver else Antenna() for index in (0, 1)))
         rotation = antenna.rotation_body_to_itrf(TIME, STATE_ITRF, attitude)
-        columns = pair.attitude_columns(directions, np.array([rotation, rotation]))
+        columns = pair.attitude_columns(
+            directions, np.array([rotation, rotation]), (attitude, attitude)
+        )
         for axis in range(3):
             small = 1e-6 * np.eye(3)[axis]
             moved = rotation @ (Rotation.from_rotvec(small).apply(antenna.lever_arm_body))
@@ -179,6 +181,10 @@ def test_error_of_an_attitude_moves_the_antenna_across_its_lever_arm() -> None:
         assert list(known.values()) == [1e-6, 2e-6, 3e-6]
         unknown = pair.attitude_variances((None, None))
         assert min(unknown.values()) >= 1.0
+        # Where the attitude is not known the antenna may be anywhere about the centre of mass.
+        columns = pair.attitude_columns(directions, np.array([rotation, rotation]), (None, None))
+        length = np.linalg.norm(antenna.lever_arm_body)
+        np.testing.assert_allclose(np.linalg.norm(columns, axis=1), length)
 
 
 def test_an_attitude_counts_from_the_next_epoch_on_and_not_for_ever() -> None:

@@ -53,6 +53,9 @@ class CdgpsConfiguration:
     thrust_scale_sigma, thrust_misalignment_sigma_deg : float
         A priori sigmas of the scale of the thrust and, on each RTN axis, of its misalignment, both
         of which are estimated.
+    thrust_follows_attitude : bool
+        Whether the error of the deputy's estimated attitude turns its thrust, because the thrusters
+        are fixed in its body.
     measurement_noise : MeasurementNoise
         Noise of each receiver.
     bands : mapping of int to tuple of int
@@ -139,6 +142,7 @@ class CdgpsConfiguration:
     thrust_relative_sigma: float = EstimatorSetting.thrust_sigma
     thrust_scale_sigma: float = EstimatorSetting.thrust_scale_sigma
     thrust_misalignment_sigma_deg: float = EstimatorSetting.thrust_misalignment_sigma_deg
+    thrust_follows_attitude: bool = EstimatorSetting.thrust_follows_attitude
     measurement_noise: MeasurementNoise = MeasurementNoise()
     bands: Mapping[int, tuple[int, ...]] = field(default_factory=lambda: dict(DEFAULT_BANDS))
     elevation_mask_deg: float = EstimatorSetting.elevation_mask_deg

@@ -87,6 +87,9 @@ _EPOCHS_OF_DOUBT = 30
 _FEWEST_EPOCHS_IN_SCATTER = 3
 _AVERAGED_CYCLES = 0.05
 
+_DEPUTY = 1
+"""Receiver of the deputy in labels; 0 is that of the chief."""
+
 
 @dataclass(eq=False)
 class Update:
@@ -210,7 +213,13 @@ class RelativeFilter:
                 continue
             self._attitude_variances[label] = variance
 
-    def predict(self, predicted: Prediction, interval: float, chief_motion_deg: FloatArray) -> None:
+    def predict(
+        self,
+        predicted: Prediction,
+        interval: float,
+        chief_motion_deg: FloatArray,
+        rotation_body_to_rtn: FloatArray | None = None,
+    ) -> None:
         """Propagate the state.
 
         Parameters
@@ -220,6 +229,9 @@ class RelativeFilter:
             s.
         chief_motion_deg : ndarray, shape (2,)
             Motion of the chief over ground, to north and to east, geocentric angles.
+        rotation_body_to_rtn : ndarray, shape (3, 3), optional
+            From the body axes of the deputy to the axes of its thrust, where the error of its
+            attitude turns the thrust.
         """
         state, configuration = self.state, self.configuration
         state.predict_leading(
@@ -234,6 +246,10 @@ class RelativeFilter:
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
             state.couple(state.labels[:DYNAMIC_STATES], predicted.thrust_coupling, labels)
+            attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
+            if rotation_body_to_rtn is not None and attitude[0] in state:
+                by_attitude = predicted.thrust_coupling[:, 1:] @ rotation_body_to_rtn
+                state.couple(state.labels[:DYNAMIC_STATES], by_attitude, attitude)
         if configuration.has_plasma:
             for shell in range(len(configuration.plasma_shell_heights)):
                 # The content above the chief changes as the chief moves along the gradient.

@@ -16,6 +16,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
+from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
 from vtff_nav.relative.common.orbit_single_point import troposphere_delay, troposphere_mapping
 from vtff_nav.relative.common.solution import LaserMeasurement
@@ -92,6 +93,7 @@ def make_sky(
     positions: FloatArray,
     configuration: CdgpsConfiguration,
     rotations_body: FloatArray | None = None,
+    attitudes: Attitudes = (None, None),
 ) -> Sky:
     """Return the sky of single differences.
 
@@ -104,6 +106,8 @@ def make_sky(
     configuration : CdgpsConfiguration
     rotations_body : ndarray, shape (2, 3, 3), optional
         From the body axes of chief and deputy to the navigation axes, where antennas are given.
+    attitudes : tuple of BodyAttitude or None
+        Estimated attitudes that the rotations are those of.
     """
     columns = geometry.columns(measured.satellite)
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
@@ -124,7 +128,7 @@ def make_sky(
     antenna_turn = antenna_offset
     if antennas is not None and rotations_body is not None:
         antenna_offset = antennas.offset_columns(direction, rotations_body)
-        antenna_turn = antennas.attitude_columns(direction, rotations_body)
+        antenna_turn = antennas.attitude_columns(direction, rotations_body, attitudes)
     baseline = positions[1] - positions[0]
     along = direction @ baseline
     across = np.sqrt(np.maximum(baseline @ baseline - along**2, 0.0))

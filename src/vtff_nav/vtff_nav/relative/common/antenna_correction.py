@@ -19,7 +19,7 @@ import numpy as np
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray, skew
+from vtff_dynamics.vectors import FloatArray, norm, skew
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_nav.relative.common.body_attitude import BodyAttitude
@@ -113,8 +113,8 @@ class Antenna:
 
     @property
     def is_turned_by_estimate(self) -> bool:
-        """Whether the error of an estimated attitude moves the antenna."""
-        return self.attitude_frame == "estimated" and any(self.lever_arm_body)
+        """Whether the body has the error of an estimated attitude, which moves a lever arm."""
+        return self.attitude_frame == "estimated"
 
     def rotation_body_to_itrf(
         self, time: GpsTime, state_itrf: FloatArray, attitude: BodyAttitude | None = None
@@ -263,17 +263,23 @@ class AntennaPair:
             )
         }
 
-    def attitude_columns(self, directions: FloatArray, rotations: FloatArray) -> FloatArray:
+    def attitude_columns(
+        self, directions: FloatArray, rotations: FloatArray, attitudes: Attitudes
+    ) -> FloatArray:
         """Return the derivatives of single differences by errors of estimated attitudes, (n, 3 k).
 
-        A small rotation a of the body moves the antenna by a x l. Parameters are those of
-        `offset_columns`.
+        A small rotation a of the body moves the antenna by a x l. An attitude that is not known is
+        no small rotation: it moves the antenna along l too, so its error is taken as an offset of
+        the length of l along any axis. Other parameters are those of `offset_columns`.
         """
-        columns = [
-            np.asarray(-sign * (directions @ rotation) @ skew(np.array(antenna.lever_arm_body)))
-            for sign, antenna, rotation in zip((1.0, -1.0), self.both, rotations, strict=True)
-            if antenna.is_turned_by_estimate
-        ]
+        columns = []
+        for sign, antenna, rotation, attitude in zip(
+            (1.0, -1.0), self.both, rotations, attitudes, strict=True
+        ):
+            if antenna.is_turned_by_estimate:
+                lever_arm = np.array(antenna.lever_arm_body)
+                moved = -skew(lever_arm) if attitude is not None else norm(lever_arm) * np.eye(3)
+                columns.append(np.asarray(sign * (directions @ rotation) @ moved))
         return np.concatenate([np.zeros((len(directions), 0)), *columns], axis=1)
 
     def offset_columns(self, directions: FloatArray, rotations: FloatArray) -> FloatArray:

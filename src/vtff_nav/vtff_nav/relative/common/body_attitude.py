@@ -6,12 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_dynamics.attitude.quaternion import (
-    check_quaternion,
-    from_rotation_vector,
-    multiply,
-    rotation_matrix,
-)
+from vtff_dynamics.attitude.quaternion import check_quaternion, rotation_matrix, turned_at_rate
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -57,6 +52,6 @@ class BodyAttitude:
 
     def rotation_gcrf_from_body(self, time: GpsTime) -> FloatArray:
         """Return the rotation R with ``vector_gcrf = R @ vector_body`` at a time, shape (3, 3)."""
-        turn = from_rotation_vector((time - self.time) * self.rate_body)
-        rotation: FloatArray = rotation_matrix(multiply(self.quaternion_gcrf, turn))
+        turned = turned_at_rate(self.quaternion_gcrf, self.rate_body, time - self.time)
+        rotation: FloatArray = rotation_matrix(turned)
         return rotation

@@ -43,6 +43,9 @@ class EstimatorSetting:
         White error of the thrust as a part of its magnitude.
     thrust_scale_sigma, thrust_misalignment_sigma_deg : float
         A priori sigmas of scale and misalignment of the thrust.
+    thrust_follows_attitude : bool
+        Whether the deputy's thrusters are fixed in its body, so that the error of its estimated
+        attitude turns the thrust; `antennas` then says that the attitude is estimated.
     slow_phase_sigma, slow_code_sigma, slow_error_time : float
         Slow errors of a receiver, m, and their correlation time, s, before they are estimated.
     plasma_gradient_sigma : float
@@ -67,6 +70,7 @@ class EstimatorSetting:
     thrust_sigma: float = 0.01
     thrust_scale_sigma: float = 0.05
     thrust_misalignment_sigma_deg: float = 2.0
+    thrust_follows_attitude: bool = False
     slow_phase_sigma: float = 0.003
     slow_code_sigma: float = 0.3
     slow_error_time: float = 100.0
