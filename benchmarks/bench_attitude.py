@@ -112,7 +112,9 @@ def _fly_robust(seed: int, wheel_rpm: float) -> AttitudeHistory:
             field_sigma=FIELD_SIGMA, bias_sigma=0.3e-6, inertia_sigma=0.05, dipole_walk=1e-5
         ),
     )
-    start = AttitudeState(quaternion / norm(quaternion), rate, body.wheel_momentum(wheel_rpm))
+    start = AttitudeState(
+        quaternion / np.linalg.norm(quaternion), rate, body.wheel_momentum(wheel_rpm)
+    )
     track = snap1_track(FIELD_SIGMA, seed)
     mode = "point" if wheel_rpm else "off"
     loop = AttitudeLoop(track, configuration, start, seed, mode, mode)

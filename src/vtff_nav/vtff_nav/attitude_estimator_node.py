@@ -97,9 +97,6 @@ class AttitudeEstimatorParameters:
         unit="T",
         minimum=0.0,
     )
-    field_time_constant: float = parameter(
-        _FILTER.field_time_constant, "of that error along the orbit", unit="s", minimum=1e-3
-    )
     converged_deg: float = parameter(
         _WATCH.converged_deg, "sigma up to which an attitude may steer", unit="deg", minimum=1e-3
     )
@@ -139,7 +136,6 @@ class AttitudeEstimatorNode(VtffNode):
                 bias_walk=given.bias_walk,
                 inertia_sigma=given.inertia_sigma,
                 field_sigma=given.field_sigma,
-                field_time_constant=given.field_time_constant,
             )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error

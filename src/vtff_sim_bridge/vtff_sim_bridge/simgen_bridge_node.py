@@ -95,7 +95,8 @@ class SimgenBridgeNode(VtffNode):
     Publishes /clock, <craft>/truth/orbit, <deputy>/relative_state_truth and sim/status once a
     step; subscribes to <deputy>/propulsion/thrust_applied and /sim/step_done. A spacecraft whose
     thrusters are fixed in its body flies <deputy>/propulsion/thrust_body instead, along the axes of
-    its true attitude, which that thrust turns. Of spacecraft with an attitude it publishes <craft>/truth/attitude and, at the end of each period of the ADCS, the
+    its true attitude, which that thrust turns. Of spacecraft with an attitude it publishes
+    <craft>/truth/attitude and, at the end of each period of the ADCS, the
     <craft>/adcs/module_report, and takes <craft>/adcs/actuation. With lockstep:=true
     a step begins when every participant has finished the step before; otherwise the wall clock
     begins the steps and the newest thrust is used.

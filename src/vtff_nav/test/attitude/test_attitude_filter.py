@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from attitude_support import DIPOLE as TRUE_DIPOLE
 from attitude_support import TRACK, MeasuredFlight
-from scipy.linalg import expm
 
 from vtff_dynamics.attitude.quaternion import (
     conjugate,
@@ -18,17 +17,19 @@ from vtff_dynamics.attitude.quaternion import (
 )
 from vtff_nav.attitude.attitude_filter import AttitudeFilter
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.field_error import FIELD_STATES, FieldErrorModel
 from vtff_nav.attitude.filter_bank import AttitudeFilterBank
 from vtff_nav.attitude.kernels import (
     BIAS,
     DIPOLE,
     FIELD,
-    FIELD_RATE,
     INERTIA,
     RATE,
     STATES,
     predict_attitude,
 )
+
+FIELD_PARTIAL = np.random.default_rng(5).standard_normal((3, FIELD_STATES))
 
 
 def predicted(change, covariance):
@@ -39,22 +40,21 @@ def predicted(change, covariance):
     mean = np.concatenate(([0.01, -0.02, 0.005], [0.1, 0.05, -0.2], np.zeros(STATES - RATE - 6)))
     mean += change[3:]
     state = TRACK.state_gcrf(0)
-    noise = np.zeros(8)
-    noise[5] = 1e12
     predict_attitude(
         quaternion, mean, covariance, 5.0, 20, TRACK.field_gcrf(0), TRACK.field_gcrf(1),
         state[:3], 1e-3, 1.1e-3, np.array([0.0, 1.0, 0.0]), inertia,
-        np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), noise,
+        np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), np.zeros(6), FIELD_PARTIAL,
+        np.eye(FIELD_STATES), np.zeros((FIELD_STATES, FIELD_STATES)),
     )  # fmt: skip
     return quaternion, mean[:3]
 
 
 def test_linear_model_is_the_derivative_of_the_motion():
     """Each column of the transition against a central difference of the prediction."""
-    scale = np.concatenate(([1e-4] * 3, [1e-5] * 3, [1e-4] * 3, [1e-9] * 3, [1e-4] * 3, [1e-8] * 3))
-    # The rate of the field error acts through the field error, which is held over a period.
+    parts = ((1e-4, 3), (1e-5, 3), (1e-4, 3), (1e-9, 3), (1e-4, 3), (1e-8, FIELD_STATES))
+    scale = np.concatenate([[value] * count for value, count in parts])
     centre, _ = predicted(np.zeros(STATES), np.zeros((STATES, STATES)))
-    for column in [*range(BIAS), *range(INERTIA, FIELD_RATE)]:
+    for column in [*range(BIAS), *range(INERTIA, STATES)]:
         change = np.zeros(STATES)
         change[column] = scale[column]
         ends = []
@@ -74,29 +74,23 @@ def test_linear_model_is_the_derivative_of_the_motion():
     assert BIAS - DIPOLE == FIELD - INERTIA == RATE == 3
 
 
-def test_error_of_the_field_model_is_a_second_order_process():
-    """Stationary covariance, transition against scipy, and a correlation without a kink."""
-    sigma, time_constant, period = 3e-7, 170.0, 60.0
-    stationary = np.diag([sigma**2, (sigma / time_constant) ** 2])
+def test_states_of_the_field_error_keep_their_covariance():
+    """In a prediction from the steady state; what was learned is forgotten by the transition."""
+    model = FieldErrorModel(3e-7)
+    transition, steady = model.transition(0.3), model.covariance
     covariance = np.zeros((STATES, STATES))
-    pairs = [[FIELD + axis, FIELD_RATE + axis] for axis in range(3)]
-    for pair in pairs:
-        covariance[np.ix_(pair, pair)] = stationary
-    noise = np.zeros(8)
-    noise[4:6] = sigma, time_constant
+    covariance[FIELD:, FIELD:] = steady
     mean = np.zeros(STATES - 3)
-    mean[12], mean[15] = sigma, -2.0 * sigma / time_constant
+    mean[12:] = 1e-7
     state = TRACK.state_gcrf(0)
     predict_attitude(
-        np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, period, 1, TRACK.field_gcrf(0),
+        np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, 60.0, 1, TRACK.field_gcrf(0),
         TRACK.field_gcrf(1), state[:3], 0.0, 0.0, np.array([0.0, 1.0, 0.0]), np.eye(3),
-        np.zeros(3), 0.127, np.eye(3), noise,
+        np.zeros(3), 0.127, np.eye(3), np.zeros(6), model.partial(state[:3], state[3:]),
+        transition, steady - transition @ steady @ transition.T,
     )  # fmt: skip
-    system = np.array([[0.0, 1.0], [-1.0 / time_constant**2, -2.0 / time_constant]])
-    expected = expm(period * system) @ [sigma, -2.0 * sigma / time_constant]
-    np.testing.assert_allclose(mean[[12, 15]], expected, rtol=1e-12)
-    for pair in pairs:
-        np.testing.assert_allclose(covariance[np.ix_(pair, pair)], stationary, atol=1e-24)
+    np.testing.assert_allclose(mean[12:], transition @ np.full(FIELD_STATES, 1e-7), rtol=1e-12)
+    np.testing.assert_allclose(covariance[FIELD:, FIELD:], steady, atol=1e-9 * steady.max())
 
 
 def test_from_37_degrees_the_attitude_and_the_dipole_are_found():

@@ -24,11 +24,11 @@ from vtff_dynamics.attitude.quaternion import (
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.field_error import FIELD_STATES, FieldErrorModel, track_rate
 from vtff_nav.attitude.kernels import (
     BIAS,
     DIPOLE,
     FIELD,
-    FIELD_RATE,
     INERTIA,
     RATE,
     ROTATION,
@@ -38,6 +38,9 @@ from vtff_nav.attitude.kernels import (
 )
 
 __all__ = ["AttitudeEstimate", "AttitudeFilter", "FilterPeriod"]
+
+_SAME_TURN = 1e-3
+"""Share by which the turn of the track in a period may differ from the one that was used."""
 
 _TWIN = 1e-9
 """Difference (rad, rad/s, A m2) that is rounding; parts that are not estimated have no sigma."""
@@ -53,8 +56,8 @@ class FilterPeriod:
         s.
     field_start_gcrf, field_end_gcrf
         Field of the model at its start and end, T, shape (3,).
-    position_gcrf
-        Position in its middle, m, shape (3,).
+    position_gcrf, velocity_gcrf
+        Orbit in its middle, m and m/s, shape (3,).
     wheel_start, wheel_end
         Momentum of the wheel, N m s.
     pulses
@@ -65,6 +68,7 @@ class FilterPeriod:
     field_start_gcrf: FloatArray
     field_end_gcrf: FloatArray
     position_gcrf: FloatArray
+    velocity_gcrf: FloatArray
     wheel_start: float
     wheel_end: float
     pulses: FloatArray
@@ -89,8 +93,8 @@ class AttitudeEstimate:
     field_error_gcrf
         True less model field, T, shape (3,); zero if not estimated.
     covariance
-        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections, field
-        error and its rate, shape (21, 21); zero where not estimated.
+        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections and the
+        states of the field error, shape (27, 27); zero where not estimated.
     """
 
     quaternion_gcrf: FloatArray
@@ -159,9 +163,13 @@ class AttitudeFilter:
             sigma[DIPOLE:BIAS] = configuration.initial_dipole_sigma
         sigma[BIAS:INERTIA] = configuration.bias_sigma
         sigma[INERTIA:FIELD] = configuration.inertia_sigma
-        sigma[FIELD:FIELD_RATE] = configuration.field_sigma
-        sigma[FIELD_RATE:] = configuration.field_sigma / configuration.field_time_constant
         self._covariance = np.diag(sigma**2)
+        self._field_error = FieldErrorModel(configuration.field_sigma)
+        self._covariance[FIELD:, FIELD:] = self._field_error.covariance
+        self._field_partial = np.zeros((3, FIELD_STATES))
+        self._turn = math.nan
+        self._field_transition = np.eye(FIELD_STATES)
+        self._field_noise = np.zeros((FIELD_STATES, FIELD_STATES))
         if rotation_covariance is not None:
             self._covariance[:3, :3] = np.asarray(rotation_covariance, dtype=float)
         self._innovation = np.zeros(3)
@@ -172,6 +180,8 @@ class AttitudeFilter:
         """Predict to the end of a period."""
         rate = math.sqrt(float(self._mean[:3] @ self._mean[:3]))
         longest = min(self._configuration.longest_step, 0.3 / max(rate, 1e-9))
+        if self._configuration.field_sigma > 0.0:
+            self._follow_track(period)
         predict_attitude(
             self._quaternion,
             self._mean,
@@ -189,7 +199,23 @@ class AttitudeFilter:
             self._body.torquer_moment,
             self._coupling,
             self._noise,
+            self._field_partial,
+            self._field_transition,
+            self._field_noise,
         )
+
+    def _follow_track(self, period: FilterPeriod) -> None:
+        """Turn the error of the field to the end of a period."""
+        position, velocity = period.position_gcrf, period.velocity_gcrf
+        self._field_partial = self._field_error.partial(position, velocity)
+        turn = period.duration * track_rate(position, velocity)
+        # The track of an eccentric orbit changes its rate slowly.
+        if not abs(turn - self._turn) < _SAME_TURN * turn:
+            self._turn = turn
+            self._field_transition = self._field_error.transition(turn)
+            steady = self._field_error.covariance
+            kept = self._field_transition @ steady @ self._field_transition.T
+            self._field_noise = steady - kept
 
     def exchange_momentum(self, momentum: float) -> None:
         """Give the wheel a momentum, N m s, that the filter had believed in the body.
@@ -217,6 +243,7 @@ class AttitudeFilter:
             field_gcrf,
             self._configuration.magnetometer_sigma,
             self._configuration.gate,
+            self._field_partial,
             self._innovation,
         )
         self.normalised_innovation_squared = float(square)
@@ -250,6 +277,6 @@ class AttitudeFilter:
             mean[3:6],
             mean[6:9],
             mean[9:12],
-            mean[12:15],
+            self._field_partial @ mean[12:],
             self._covariance.copy(),
         )

@@ -85,11 +85,9 @@ class AttitudeFilterConfiguration:
         Magnetometer bias, T, and its walk, T/sqrt(s). A sigma of 0: not estimated.
     inertia_sigma : float
         Share by which each principal moment may be wrong. 0: not estimated.
-    field_sigma, field_time_constant : float
-        Error of the field model on each axis, T, and its time constant in inertial axes, s: a
-        second-order Gauss-Markov process. A field of degree n changes along the orbit in 1 / n of
-        a radian; degrees 5 and 6, the middle of what model errors have in a low orbit, in 170 s.
-        A sigma of 0: the field is perfect.
+    field_sigma : float
+        Error of the field model on each axis, T, see `vtff_nav.attitude.field_error`. 0: the field
+        is perfect.
     wheel_sigma : float
         Sigma of what the momentum of the wheel changes in a period besides what is known, N m s.
     torquer_sigma : float
@@ -117,7 +115,6 @@ class AttitudeFilterConfiguration:
     bias_walk: float = 0.0
     inertia_sigma: float = 0.0
     field_sigma: float = 0.0
-    field_time_constant: float = 170.0
     wheel_sigma: float = 1e-7
     torquer_sigma: float = 0.0
     gate: float = math.inf
@@ -125,7 +122,7 @@ class AttitudeFilterConfiguration:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("magnetometer_sigma", "longest_step", "field_time_constant", "gate"):
+        for name in ("magnetometer_sigma", "longest_step", "gate"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: expected a positive number; got {getattr(self, name)!r}")
         for name in (
@@ -146,15 +143,13 @@ class AttitudeFilterConfiguration:
         check_vector("initial_dipole", self.initial_dipole, 3, "A m2")
 
     def noise(self) -> FloatArray:
-        """Return the process noise in the order of the kernels, shape (8,)."""
+        """Return the process noise in the order of the kernels, shape (6,)."""
         return np.array(
             [
                 self.torque_noise,
                 self.dipole_walk if self.estimates_dipole else 0.0,
                 self.bias_walk,
                 0.0,
-                self.field_sigma,
-                self.field_time_constant,
                 self.wheel_sigma,
                 self.torquer_sigma,
             ]

@@ -1,19 +1,14 @@
 """Compiled steps of the attitude filters: prediction over a period and update by the field.
 
-Error state, 21 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
-magnetometer bias (T), inertia corrections (share of each diagonal moment), error of the field model
-(T, GCRF) and its rate (T/s). What is not estimated has zero variance and zero process noise: its
-rows and columns stay zero and cost little. The true attitude is the estimate times the small
-rotation, in body axes.
-
-The error of the field model is a potential field, so it is smooth along the orbit: a second-order
-Gauss-Markov process. The first-order process has a kink in its correlation, that is noise at high
-frequencies that no potential field has, and too little at some turns an orbit.
+Error state, 27 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
+magnetometer bias (T), inertia corrections (share of each diagonal moment) and the error of the
+field model (T, see `vtff_nav.attitude.field_error`). What is not estimated has zero variance and
+zero process noise: its rows and columns stay zero and cost little. The true attitude is the
+estimate times the small rotation, in body axes.
 
 References
 ----------
 Markley and Crassidis (2014), Fundamentals of Spacecraft Attitude Determination and Control, 6.2.
-Gelb (1974), Applied Optimal Estimation, table 2.2-1: second-order Gauss-Markov process.
 """
 
 from __future__ import annotations
@@ -26,12 +21,12 @@ from vtff_dynamics.attitude.quaternion import from_rotation_vector, multiply, ro
 from vtff_dynamics.attitude.rigid_body import rotation_step
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
+from vtff_nav.attitude.field_error import FIELD_STATES
 
 __all__ = [
     "BIAS",
     "DIPOLE",
     "FIELD",
-    "FIELD_RATE",
     "INERTIA",
     "RATE",
     "ROTATION",
@@ -42,10 +37,10 @@ __all__ = [
     "update_by_field",
 ]
 
-ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD, FIELD_RATE = 0, 3, 6, 9, 12, 15, 18
+ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD = 0, 3, 6, 9, 12, 15
 """First number of each part of the error state."""
 
-STATES = 21
+STATES = FIELD + FIELD_STATES
 """Size of the error state."""
 
 
@@ -103,15 +98,18 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     rod_moment,
     coupling,
     noise,
+    field_partial,
+    field_transition,
+    field_noise,
 ):
     """Predict attitude, state and covariance over a period, in place.
 
     Parameters
     ----------
     quaternion : (4,)
-    mean : (18,)
-        Rate, dipole, bias, inertia corrections, field error and its rate.
-    covariance : (21, 21)
+    mean : (24,)
+        Rate, dipole, bias, inertia corrections, states of the field error.
+    covariance : (27, 27)
     steps : int
         Steps of the integration.
     field_start, field_end : (3,)
@@ -122,10 +120,13 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         Momentum of the wheel, N m s; it changes uniformly.
     pulses : (3,)
         On-times of the rods from the start of the period, s, signed.
-    noise : (8,)
+    noise : (6,)
         Torque (N m sqrt(s)), dipole walk (A m2/sqrt(s)), bias walk (T/sqrt(s)), inertia walk
-        (1/sqrt(s)), field sigma (T), field time constant (s), wheel momentum sigma of a period
-        (N m s), sigma of the moment of a rod (share).
+        (1/sqrt(s)), wheel momentum sigma of a period (N m s), sigma of the moment of a rod (share).
+    field_partial : (3, 12)
+        Derivatives of the field in GCRF by the states of its error.
+    field_transition, field_noise : (12, 12)
+        Transition of these states over the period, and their process noise.
     """
     identity = np.eye(3)
     body = inertia.copy()
@@ -144,6 +145,10 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     positions = np.empty((3, 3))  # of the middle of the period, throughout
     for node in range(3):
         positions[node] = position_gcrf
+    field_error = np.zeros(3)
+    for i in range(3):
+        for j in range(FIELD_STATES):
+            field_error[i] += field_partial[i, j] * mean[12 + j]
     growth = np.zeros((6, STATES))
     for i in range(6):
         growth[i, i] = 1.0
@@ -154,7 +159,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         rods = mean_rod_moment(pulses, time, time + step, rod_moment)
         moment = mean[3:6].copy()
         for i in range(3):
-            rod_variance[i] += (rods[i] * noise[7]) ** 2 / steps
+            rod_variance[i] += (rods[i] * noise[5]) ** 2 / steps
             for j in range(3):
                 moment[i] += coupling[i, j] * rods[j]
         field = np.empty((3, 3))
@@ -162,7 +167,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             share = (time + 0.5 * half * step) / period
             for i in range(3):
                 field[half, i] = (
-                    (1.0 - share) * field_start[i] + share * field_end[i] + mean[12 + i]
+                    (1.0 - share) * field_start[i] + share * field_end[i] + field_error[i]
                 )
         before = state.copy()
         rotation_step(
@@ -214,7 +219,8 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         by_rotation = _product(inverse, turned)
         by_rate = _product(inverse, _cross_matrix(momentum) - _product(cross_rate, body))
         by_dipole = -_product(inverse, cross_field)
-        by_field = _product(inverse, _product(cross_moment, to_gcrf.T.copy()))
+        to_body = to_gcrf.T.copy()
+        by_field = _product(inverse, _product(cross_moment, _product(to_body, field_partial)))
         by_inertia = np.empty((3, 3))
         for i in range(3):
             change = np.zeros(3)
@@ -237,6 +243,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
                 matrix[3 + i, RATE + j] = by_rate[i, j]
                 matrix[3 + i, DIPOLE + j] = by_dipole[i, j]
                 matrix[3 + i, INERTIA + j] = by_inertia[i, j]
+            for j in range(FIELD_STATES):
                 matrix[3 + i, FIELD + j] = by_field[i, j]
         dynamics = matrix[:, :6].copy()
         slope = _product(dynamics, growth)
@@ -249,15 +256,11 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         quaternion[i] = state[i]
     for i in range(3):
         mean[i] = state[4 + i]
-    # Error of the field model: value and rate over the period.
-    share = period / noise[5]
-    decay = math.exp(-share)
-    stay, gain = decay * (1.0 + share), decay * period
-    pull, slow = -decay * share / noise[5], decay * (1.0 - share)
-    for i in range(3):
-        value, change = mean[12 + i], mean[15 + i]
-        mean[12 + i] = stay * value + gain * change
-        mean[15 + i] = pull * value + slow * change
+    field_mean = mean[12:].copy()
+    for i in range(FIELD_STATES):
+        mean[12 + i] = 0.0
+        for j in range(FIELD_STATES):
+            mean[12 + i] += field_transition[i, j] * field_mean[j]
     upper = _product(growth, covariance)
     corner = _product(upper, growth.T.copy())
     for i in range(6):
@@ -266,22 +269,21 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         for j in range(6, STATES):
             covariance[i, j] = upper[i, j]
             covariance[j, i] = upper[i, j]
-    for i in range(STATES):
-        for j in range(3):
-            value, change = covariance[i, FIELD + j], covariance[i, FIELD_RATE + j]
-            covariance[i, FIELD + j] = stay * value + gain * change
-            covariance[i, FIELD_RATE + j] = pull * value + slow * change
-    for j in range(STATES):
-        for i in range(3):
-            value, change = covariance[FIELD + i, j], covariance[FIELD_RATE + i, j]
-            covariance[FIELD + i, j] = stay * value + gain * change
-            covariance[FIELD_RATE + i, j] = pull * value + slow * change
+    if field_noise[FIELD_STATES - 1, FIELD_STATES - 1] > 0.0:
+        across = _product(covariance[:, FIELD:].copy(), field_transition.T.copy())
+        covariance[:, FIELD:] = across
+        covariance[FIELD:, :FIELD] = across[:FIELD].T
+        corner = _product(field_transition, across[FIELD:].copy())
+        for i in range(FIELD_STATES):
+            for j in range(FIELD_STATES):
+                value = 0.5 * (corner[i, j] + corner[j, i]) + field_noise[i, j]
+                covariance[FIELD + i, FIELD + j] = value
     # Torque noise, and what wheel and rods give besides what is known of them.
     spread = np.zeros((3, 3))
     for i in range(3):
         spread[i, i] = noise[0] ** 2 * period
         for j in range(3):
-            spread[i, j] += wheel_axis[i] * wheel_axis[j] * noise[6] ** 2
+            spread[i, j] += wheel_axis[i] * wheel_axis[j] * noise[4] ** 2
     for axis in range(3):
         if rod_variance[axis] > 0.0:
             unit = np.zeros(3)
@@ -304,34 +306,27 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         covariance[DIPOLE + i, DIPOLE + i] += noise[1] ** 2 * period
         covariance[BIAS + i, BIAS + i] += noise[2] ** 2 * period
         covariance[INERTIA + i, INERTIA + i] += noise[3] ** 2 * period
-        # What is lost of the stationary variances, sigma^2 and (sigma / time constant)^2.
-        variance = noise[4] ** 2
-        variance_rate = variance / noise[5] ** 2
-        covariance[FIELD + i, FIELD + i] += variance * (1.0 - stay * stay) - (
-            variance_rate * gain * gain
-        )
-        covariance[FIELD_RATE + i, FIELD_RATE + i] += variance_rate * (1.0 - slow * slow) - (
-            variance * pull * pull
-        )
-        crossed = variance * stay * pull + variance_rate * gain * slow
-        covariance[FIELD + i, FIELD_RATE + i] -= crossed
-        covariance[FIELD_RATE + i, FIELD + i] -= crossed
 
 
 @compiled
 def update_by_field(  # type: ignore[no-untyped-def]
-    quaternion, mean, covariance, measured_body, field_gcrf, sigma, gate, innovation
+    quaternion, mean, covariance, measured_body, field_gcrf, sigma, gate, field_partial, innovation
 ):
     """Update by a magnetometer sample, in place.
 
     Returns the normalised innovation squared and the logarithm of the likelihood. A sample whose
-    normalised innovation squared exceeds `gate` changes nothing.
+    normalised innovation squared exceeds `gate` changes nothing. `field_partial` is that of
+    `predict_attitude`.
     """
     to_gcrf = rotation_matrix(quaternion)
     field_body = np.zeros(3)
     for i in range(3):
         for j in range(3):
-            field_body[i] += to_gcrf[j, i] * (field_gcrf[j] + mean[12 + j])
+            field_body[i] += to_gcrf[j, i] * field_gcrf[j]
+    by_field = _product(to_gcrf.T.copy(), field_partial)
+    for i in range(3):
+        for j in range(FIELD_STATES):
+            field_body[i] += by_field[i, j] * mean[12 + j]
     partial = np.zeros((3, STATES))
     cross_field = _cross_matrix(field_body)
     for i in range(3):
@@ -339,7 +334,8 @@ def update_by_field(  # type: ignore[no-untyped-def]
         partial[i, BIAS + i] = 1.0
         for j in range(3):
             partial[i, ROTATION + j] = cross_field[i, j]
-            partial[i, FIELD + j] = to_gcrf[j, i]
+        for j in range(FIELD_STATES):
+            partial[i, FIELD + j] = by_field[i, j]
     # Second order: a rotation a along the field and p across it moves the field by (p a + p^2) / 2
     # of its strength besides what the linear model says.
     strength = 0.0

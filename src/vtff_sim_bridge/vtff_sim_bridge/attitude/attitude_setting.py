@@ -195,7 +195,9 @@ class BodyThrusters:
         accelerations : ndarray, shape (3, 3)
             Row i is the acceleration that the thruster of axis i gives, m/s2, body axes.
         """
-        torque: FloatArray = self.mass * np.cross(self.points_body, accelerations).sum(axis=0)
+        torque: FloatArray = self.mass * np.cross(np.asarray(self.points_body), accelerations).sum(
+            axis=0
+        )
         return torque
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from vtff_nav.relative.common.dynamics import (
     ThrustInterval,
 )
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
+from vtff_nav.relative.noise.components import SlowError
 from vtff_sim_bridge.gnss.configuration import MultipathModel, NoiseModel
 
 SECONDS = 200
@@ -113,13 +115,44 @@ def test_an_error_of_the_attitude_turns_a_thrust_along_the_body():
     for rotation, expected in ((to_rtn, moved), (None, predicted(acceleration).relative)):
         filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
         labels = [("attitude_error", 1, axis) for axis in range(3)]
-        filter_.expect_attitude_errors(dict.fromkeys(labels, 1e-4))
+        filter_.expect_attitude_errors(dict.fromkeys(labels, 1e-4), {})
         for label, value in zip(labels, error, strict=True):
             filter_.state.mean[filter_.state.index(label)] = value
         filter_.predict(predicted(acceleration), 2.0, np.zeros(2), rotation)
         np.testing.assert_allclose(filter_.state.mean[:6], expected[:6], rtol=0.0, atol=1e-7)
         covariance = filter_.state.covariance[:3, filter_.state.index(labels[0])]
         assert covariance.any() == (rotation is not None)
+
+
+def test_a_newer_attitude_has_the_error_of_the_one_before_it_less_its_turn():
+    """The antenna stays where it was; a smaller sigma is information, a larger one is noise."""
+    difference, label = nine(DEPUTY_250M - CHIEF), ("attitude_error", 1, 0)
+    filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
+    filter_.expect_attitude_errors({label: 4e-4}, {})
+    index = filter_.state.index(label)
+    # The position has the error of the attitude at a lever arm of 0.4 m.
+    filter_.state.covariance[0, 0] = 0.4**2 * 4e-4 + 1e-10
+    filter_.state.covariance[0, index] = filter_.state.covariance[index, 0] = -0.4 * 4e-4
+    antenna = np.zeros(len(filter_.state))
+    antenna[[0, index]] = 1.0, 0.4
+
+    def sigmas() -> np.ndarray:
+        covariance = filter_.state.covariance
+        variances = covariance[0, 0], covariance[index, index], antenna @ covariance @ antenna
+        return np.sqrt(np.array(variances))
+
+    filter_.expect_attitude_errors({label: 1e-4}, {label: 5e-3})
+    # Half the sigma: the position has gained as much, and the antenna is where it was.
+    np.testing.assert_allclose(sigmas(), [0.4e-2, 1e-2, 1e-5], rtol=1e-3)
+    assert filter_.state.mean[index] == pytest.approx(-5e-3 / 4.0)
+    assert filter_.state.mean[0] - difference[0] == pytest.approx(-0.4 * 5e-3 * 0.75, rel=1e-3)
+    filter_.expect_attitude_errors({label: 9e-4}, {label: 0.0})
+    np.testing.assert_allclose(sigmas()[:2], [0.4e-2, 3e-2], rtol=1e-3)
+    # Half a radian away is no newer estimate of the same, nor is an attitude that was unknown.
+    for turns in ({label: 0.5}, {}):
+        filter_.expect_attitude_errors({label: 1e-4}, turns)
+        assert filter_.state.mean[index] == 0.0
+        assert not filter_.state.covariance[0, index]
 
 
 def test_shells_against_a_ray_through_a_thick_layer():
@@ -177,3 +210,19 @@ def test_coupling_and_reweighing_against_a_batch():
     np.testing.assert_allclose(state.mean, to_last @ first, rtol=1e-9)
     expected = to_last @ np.linalg.inv(information) @ to_last.T
     np.testing.assert_allclose(state.covariance, expected, rtol=1e-9)
+
+
+def test_doubt_about_phases_is_no_doubt_about_the_attitude():
+    """An antenna that is known to 1 mm, with an attitude that moves it by 8 mm, and doubt of 5."""
+    filter_ = RelativeFilter(CdgpsConfiguration(), nine(DEPUTY_250M - CHIEF), 1e-6 * np.eye(9), 0.0)
+    label = ("attitude_error", 1, 0)
+    filter_.expect_attitude_errors({label: 4e-4}, {})
+    index, state = filter_.state.index(label), filter_.state
+    state.covariance[0, 0] += 0.4**2 * 4e-4
+    state.covariance[0, index] = state.covariance[index, 0] = -0.4 * 4e-4
+    filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))
+    antenna = np.zeros(len(state))
+    antenna[[0, index]] = 1.0, 0.4
+    assert state.covariance[index, index] == pytest.approx(4e-4)
+    assert math.sqrt(antenna @ state.covariance @ antenna) == pytest.approx(5e-3)
+    assert math.sqrt(state.covariance[1, 1]) == pytest.approx(5e-3)

@@ -34,6 +34,7 @@ from vtff_nav.relative.cdgps.output import (
     differential_tec_table,
     relative_rtn,
 )
+from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,
     OrbitalMotion,
@@ -107,6 +108,7 @@ class CdgpsEstimator(EstimatorInputs):
     def _forget_relative(self) -> None:
         """Forget the relative state."""
         self._relative: RelativeFilter | None = None
+        self._attitudes_used: Attitudes = (None, None)
 
     def process(
         self,
@@ -356,7 +358,11 @@ class CdgpsEstimator(EstimatorInputs):
             return states, None
         attitudes = self._attitudes_at(time)
         rotations = antennas.rotations_body_to_itrf(time, states, attitudes)
-        self._relative.expect_attitude_errors(antennas.attitude_variances(attitudes))
+        self._relative.expect_attitude_errors(
+            antennas.attitude_variances(attitudes),
+            antennas.attitude_turns(time, self._attitudes_used, attitudes),
+        )
+        self._attitudes_used = attitudes
         to_navigation = self._motion.to_itrf(time).T
         return antennas.states_itrf(states, rotations), to_navigation @ rotations
 

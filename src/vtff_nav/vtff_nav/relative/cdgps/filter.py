@@ -55,8 +55,10 @@ _DETECTION_PASSES = 6
 # The noise is learnt at so many first epochs, then at two consecutive ones of each cycle: it
 # changes slowly.
 _EPOCHS_OF_LEARNING, _LEARNING_CYCLE = 120, 5
-# Ratio of the variances of two attitudes, from which the errors of both have little in common.
-_ANOTHER_ATTITUDE = 4.0
+# Variance below which an attitude is exact, rad2: 0.06 um at a lever arm of 0.6 m.
+_LEAST_ATTITUDE_VARIANCE = 1e-14
+# Sigmas beyond which an attitude is another one than that before it, as after a new start.
+_ANOTHER_ATTITUDE = 5.0
 # Limits of the white error of the thrust relative to its magnitude, the gain with which it follows
 # the corrections, the largest of these as a multiple of their variance, and the change of velocity
 # below which they say little of it, m/s.
@@ -194,23 +196,33 @@ class RelativeFilter:
                 self.state.add(label, 0.0, variance)
         self._attitude_variances: dict[Label, float] = {}
 
-    def expect_attitude_errors(self, variances: Mapping[Label, float]) -> None:
+    def expect_attitude_errors(
+        self, variances: Mapping[Label, float], turns: Mapping[Label, float]
+    ) -> None:
         """Have errors of estimated attitudes in the state.
 
         Parameters
         ----------
-        variances : mapping of Label to float
-            rad2, see `AntennaPair.attitude_variances`. An attitude that is suddenly known much
-            better, or worse, has another error than the one before it.
+        variances : mapping of label to float
+            rad2, see `AntennaPair.attitude_variances`.
+        turns : mapping of label to float
+            By how much a newer attitude is turned against the one before it, rad, see
+            `AntennaPair.attitude_turns`. The error of the newer one is less by it; that its
+            variance is smaller is information, that it is larger is noise. An attitude whose turn
+            is not given, or by far too large for its sigmas, has an error of its own.
         """
-        for label, variance in variances.items():
+        for label, given in variances.items():
+            variance = max(given, _LEAST_ATTITUDE_VARIANCE)
             last = self._attitude_variances.get(label)
             if last is None:
                 self.state.add(label, 0.0, variance)
-            elif not 1.0 / _ANOTHER_ATTITUDE < variance / max(last, 1e-30) < _ANOTHER_ATTITUDE:
+            elif not abs(turns.get(label, math.inf)) < _ANOTHER_ATTITUDE * math.hypot(
+                math.sqrt(last), math.sqrt(variance)
+            ):
                 self.state.renew(label, variance)
             else:
-                continue
+                self.state.mean[self.state.index(label)] -= turns[label]
+                self.state.reweigh([label], last, variance)
             self._attitude_variances[label] = variance
 
     def predict(
@@ -596,7 +608,9 @@ class RelativeFilter:
     def _doubt(self, last: SlowError, slow: SlowError) -> None:
         """Raise the covariance of what was estimated from phases with larger slow errors.
 
-        Not that of empirical accelerations: their process bounds them, not the phases.
+        Not that of empirical accelerations: their process bounds them, not the phases. Nor what an
+        error of an attitude moves: raised with the rest, an antenna that is known would say that
+        the attitude has no error.
         """
 
         def power(error: SlowError) -> float:
@@ -608,7 +622,14 @@ class RelativeFilter:
             [math.sqrt(factor) if kind in kinds else 1.0 for kind, *_ in self.state.labels]
         )
         scale[6:DYNAMIC_STATES] = 1.0
-        self.state.covariance *= scale[:, None] * scale
+        covariance = self.state.covariance
+        attitude = [self.state.index(label) for label in self.state.labels_of("attitude_error")]
+        by_attitude = np.zeros_like(covariance)
+        if attitude:
+            columns = covariance[:, attitude]
+            inverse = np.linalg.inv(covariance[np.ix_(attitude, attitude)])
+            by_attitude = columns @ inverse @ columns.T
+        self.state.covariance = by_attitude + (covariance - by_attitude) * scale[:, None] * scale
 
     def _reject_faults(
         self,

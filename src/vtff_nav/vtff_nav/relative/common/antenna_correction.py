@@ -263,6 +263,24 @@ class AntennaPair:
             )
         }
 
+    def attitude_turns(
+        self, time: GpsTime, before: Attitudes, attitudes: Attitudes
+    ) -> dict[tuple[str, int, int], float]:
+        """Return by how much attitudes are turned against those used before, rad, by label.
+
+        Receivers whose attitude has become known, or is no longer, are left out.
+        """
+        turns: dict[tuple[str, int, int], float] = {}
+        for receiver, antenna in enumerate(self.both):
+            first, second = before[receiver], attitudes[receiver]
+            if antenna.is_turned_by_estimate and (first is None) == (second is None):
+                turn = np.zeros(3)
+                if first is not None and second is not None and first is not second:
+                    turn = second.turn_from(first, time)
+                for axis in range(3):
+                    turns["attitude_error", receiver, axis] = float(turn[axis])
+        return turns
+
     def attitude_columns(
         self, directions: FloatArray, rotations: FloatArray, attitudes: Attitudes
     ) -> FloatArray:

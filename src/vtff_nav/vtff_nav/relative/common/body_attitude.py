@@ -6,7 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vtff_dynamics.attitude.quaternion import check_quaternion, rotation_matrix, turned_at_rate
+from vtff_dynamics.attitude.quaternion import (
+    check_quaternion,
+    conjugate,
+    multiply,
+    rotation_matrix,
+    rotation_vector,
+    turned_at_rate,
+)
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -55,3 +62,12 @@ class BodyAttitude:
         turned = turned_at_rate(self.quaternion_gcrf, self.rate_body, time - self.time)
         rotation: FloatArray = rotation_matrix(turned)
         return rotation
+
+    def turn_from(self, before: BodyAttitude, time: GpsTime) -> FloatArray:
+        """Return the small rotation from another estimate to this one at a time, rad, body axes."""
+        first, second = (
+            turned_at_rate(one.quaternion_gcrf, one.rate_body, time - one.time)
+            for one in (before, self)
+        )
+        turn: FloatArray = rotation_vector(multiply(conjugate(first), second))
+        return turn
