@@ -257,10 +257,11 @@ def _refuse_unknown_names(node_name: str, given: Iterable[str], declared: Iterab
     for name in sorted(set(given) - names):
         if name.startswith(_ROS_OWN):
             continue
-        near = difflib.get_close_matches(name, names, n=3) or sorted(names)
-        raise ParameterError(
-            f"node '{node_name}' has no parameter '{name}'; did you mean: {', '.join(near)}?"
+        near = difflib.get_close_matches(name, names, n=3)
+        hint = (
+            f"did you mean: {', '.join(near)}?" if near else f"it has: {', '.join(sorted(names))}"
         )
+        raise ParameterError(f"node '{node_name}' has no parameter '{name}'; {hint}")
 
 
 def _declare_field(node: Any, field: dataclasses.Field[Any]) -> Any:

@@ -317,6 +317,7 @@ def test_summary_without_any_solution_and_plots_of_all_kinds(tmp_path):
     [
         (["absent.rnx", "base.rnx"], "absent.rnx: No such file"),
         (["text", "text"], "text: neither RINEX nor a NovAtel log"),
+        (["absent"], "absent: no such file or bag"),
         (["text"], "is no bag: name the observations of the base too"),
         (["bag", "text"], "is a bag, which holds both receivers"),
         (["folder", "text"], "folder: not a bag"),

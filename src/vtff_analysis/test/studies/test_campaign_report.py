@@ -95,6 +95,12 @@ def test_the_bound_and_the_failed_case_are_told(page):
     assert "39 of 40" in text
 
 
+def test_the_page_opens_with_its_bounds_and_medians(page, table):
+    median = np.median([v for v in table["settling_time_s"].to_pylist() if v is not None])
+    sentence = page[page.index('class="sentence"') : page.index("</p></div>")]
+    assert f"Medians: settling time {median:.1f} s, final radial" in sentence
+
+
 def test_figures_and_variables_stand_in_words(page):
     text = re.sub(r"<style>.*?</style>", "", page, flags=re.DOTALL)
     assert "final radial (m)" in cells(text)

@@ -136,6 +136,30 @@ def test_globe(visit):
     assert visit.errors == []
 
 
+REGION = {
+    "name": "bubble",
+    "latitude_south_deg": -10.0,
+    "latitude_north_deg": 10.0,
+    "longitude_west_deg": -60.0,
+    "width_deg": 5.0,
+    "longitude_rate_deg": 0.0,
+    "altitude_bottom": 250e3,
+    "altitude_top": 600e3,
+    "s4": 0.5,
+}
+
+
+@pytest.mark.skipif(not cesium_is_installed(), reason="needs Cesium: tools/install_viewer.sh")
+@pytest.mark.parametrize("regions", [[], [REGION]], ids=["without", "with"])
+def test_the_camera_of_a_region_is_offered_where_there_is_one(browser, scene, regions):
+    for visit in viewed(browser, {**scene, "regions": regions}):
+        button = visit.page.locator('[data-camera="region"]')
+        assert button.is_visible() == bool(regions)
+        visit.page.keyboard.press("5")
+        assert visit.value("window.vtff.camera") == ("region" if regions else "earth")
+        assert visit.errors == []
+
+
 def test_map_without_cesium(visit_without_cesium):
     visit = visit_without_cesium
     check_spacecraft_links_and_plots(visit)

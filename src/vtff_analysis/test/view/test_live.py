@@ -79,6 +79,7 @@ def test_what_was_and_is_published_arrives_once(graph):
     content, sent = graph.live.news({})
     assert content["reset"] and content["live"]
     assert content["series"][0]["time"] == [0.0, 1.0, 2.0, 3.0, 4.0]
+    assert len(content["dip_equator"]) == 73
     graph.publish(5)
     graph.until(lambda: len(graph.times()) == 6)
     content, sent = graph.live.news(sent)

@@ -27,6 +27,7 @@ __all__ = ["CampaignDescription", "render_campaign_report"]
 _PERCENTILES = (0, 5, 25, 50, 75, 95, 100)
 _WORST = 3  # cases shown of each figure
 _MOST_FAILED = 50
+_MOST_MEDIANS = 4  # in the sentence that opens the page
 _LARGEST_POWER = 6  # of ten, of numbers that are written without an exponent
 _TEMPLATE = "campaign_report.html.j2"
 
@@ -90,6 +91,7 @@ def render_campaign_report(table: pa.Table, description: CampaignDescription) ->
     drivers = [_column(complete, name, unit) for name, unit in description.inputs.items()]
     drivers = [column for column in drivers if len(np.unique(column.values)) > 1]
     filled = [figure for figure in figures if np.isfinite(figure.values).any()]
+    rows = [_percentile_row(figure) for figure in figures]
     pairs = [pair for pair in (_strongest(drivers, figure) for figure in filled) if pair]
     return render_template(
         _TEMPLATE,
@@ -102,7 +104,12 @@ def render_campaign_report(table: pa.Table, description: CampaignDescription) ->
         wall_time=_total(table, "wall_time_s"),
         processor_time=_total(table, "processor_time_s"),
         percentiles=_PERCENTILES,
-        rows=[_percentile_row(figure) for figure in figures],
+        rows=rows,
+        medians=[
+            _median_text(row, figure)
+            for row, figure in list(zip(rows, figures, strict=True))[:_MOST_MEDIANS]
+            if row["count"] and not figure.categories
+        ],
         distributions=draw_distributions(figures) if filled else "",
         drivers=draw_drivers(drivers, filled) if drivers and filled else "",
         chance=2.0 / np.sqrt(max(complete.num_rows, 1)),
@@ -151,6 +158,11 @@ def _alike(numbers: Sequence[float]) -> list[str]:
         return [f"{number:.4g}" for number in numbers]
     decimals = max(0, 2 - place)
     return [f"{number:.{decimals}f}" for number in numbers]
+
+
+def _median_text(row: Mapping[str, Any], figure: Column) -> str:
+    number = row["numbers"][_PERCENTILES.index(50)]
+    return f"{describe_name(figure.name)} {number} {figure.unit}".rstrip()
 
 
 def _strongest(drivers: Sequence[Column], figure: Column) -> tuple[Column, Column] | None:

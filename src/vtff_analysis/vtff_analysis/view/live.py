@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import Trigger
 
+from vtff_analysis.view.regions import add_dip_equator
 from vtff_analysis.view.scene import Scene
 from vtff_analysis.view.scene_builder import SceneBuilder
 from vtff_bag.file.errors import UnknownTypeError
@@ -53,6 +54,7 @@ class LiveScene:
         self.scene = Scene(self._name, live=True)
         self._builder = SceneBuilder(self.scene)
         self._newest: dict[str, int] = {}
+        self._has_dip_equator = False
         self._generation += 1
 
     def shows(self, topic: str) -> bool:
@@ -95,6 +97,9 @@ class LiveScene:
         """
         with self._lock:
             self._builder.finish()
+            if self.scene.start and not self._has_dip_equator:
+                self._has_dip_equator = True
+                add_dip_equator(self.scene)
             same = sent.get(_GENERATION) == self._generation
             content = self.scene.as_json(sent if same else None)
             content["reset"] = not same

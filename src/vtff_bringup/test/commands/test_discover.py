@@ -146,6 +146,7 @@ def test_the_shell_completes_runs_and_topics(tmp_path, monkeypatch):
     ("override", "expected"),
     [
         ("sdre_controller.desing:=paper", "has no parameter 'desing'; did you mean: design"),
+        ("sdre_controller.xyzzy:=1", "has no parameter 'xyzzy'; it has: acceleration_cap"),
         ("sdre_controller.design:=best", "'best'; choose one of: "),
         ("thruster.start_timeout:=-1", "it must be at least"),
         ("simgen_bridge.maximum_lag:=two", "it must be a whole number"),

@@ -201,6 +201,8 @@ def _read_sources(
         )
     if is_bag:
         return from_bag(rover, *names)
+    if base is None and not rover.exists():
+        raise BaselineError(f"{rover}: no such file or bag")
     if base is None:
         raise BaselineError(f"{rover} is no bag: name the observations of the base too")
     return from_files(

@@ -85,7 +85,9 @@ def view(
     """
     console = make_console()
     if (bag is None) == (not live):
-        raise exit_with_error(console, "give a bag, or --live for a run that goes on", EXIT_USAGE)
+        raise exit_with_error(
+            console, "give either a bag, or --live for a run that goes on", EXIT_USAGE
+        )
     if live and (beside is not None or export is not None):
         raise exit_with_error(console, "--beside and --export are for recorded runs", EXIT_USAGE)
     try:

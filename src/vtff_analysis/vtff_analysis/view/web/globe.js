@@ -69,7 +69,6 @@ class Globe {
     this.points = view.primitives.add(new Cesium.PointPrimitiveCollection());
     this.names = view.primitives.add(new Cesium.LabelCollection());
     this.formation = new FormationView(Cesium, scene, view);
-    this.addDipEquator();
     this.update();
     this.look("earth");
   }
@@ -86,6 +85,7 @@ class Globe {
       this.crafts.get(craft).track.positions = this.groundTrack(craft);
     });
     this.addRegions();
+    this.addDipEquator();
     this.formation.update();
     this.orbitTime = null;
     if (this.ribbon) this.widget.scene.primitives.remove(this.ribbon);
@@ -132,12 +132,12 @@ class Globe {
 
   addDipEquator() {
     const { Cesium } = this;
-    if (!this.scene.dipEquator.length) return;
+    if (this.dipEquator || !this.scene.dipEquator.length) return;
     const material = Cesium.Material.fromType("PolylineDash", {
       color: Cesium.Color.WHITE.withAlpha(0.8), dashLength: 12,
     });
     const positions = this.scene.dipEquator.map(([lon, lat]) => Cesium.Cartesian3.fromDegrees(lon, lat, 15e3));
-    this.lines.add({ width: 1.5, material, positions });
+    this.dipEquator = this.lines.add({ width: 1.5, material, positions });
   }
 
   addRegions() {

@@ -234,7 +234,7 @@ function bindCamera(state) {
       button.textContent = "Attitude";
       button.title = "The spacecraft in its RTN frame, with its body axes (4)";
     }
-    if (button.dataset.camera === "region") button.hidden ||= !state.scene.regions.length;
+    if (button.dataset.camera === "region") button.hidden = element("globe").hidden || !state.scene.regions.length;
     button.addEventListener("click", () => look(state, button.dataset.camera));
   }
   const colour = element("colour");

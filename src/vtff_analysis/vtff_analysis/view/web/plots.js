@@ -403,7 +403,7 @@ function drawCursor(plot, context, time, width, hoverTime) {
     context.stroke();
     const digits = room < 100 ? 3 : room < 140 ? 4 : DIGITS;
     const text = room < 75 ? line.name : `${line.name} ${format(value, digits)}`;
-    context.fillText(text, place + 16, 31, Math.max(room - 18, 20));
+    context.fillText(text, place + 16, 31, Math.max(room - 24, 20));
   });
   context.setLineDash([]);
 }
