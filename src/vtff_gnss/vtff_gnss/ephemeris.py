@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -88,7 +89,7 @@ class BroadcastEphemeris:
     accuracy: float
     fit_interval: float
 
-    @property
+    @functools.cached_property
     def time_of_ephemeris(self) -> GpsTime:
         """Ephemeris reference time."""
         return GpsTime.from_week_tow(self.gps_week, self.toe)

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pyarrow as pa
 
-from vtff_analysis.large_tables import file_metadata, write_table
+from vtff_analysis.large_tables import file_metadata, table_of_columns, write_table
 from vtff_analysis.tec.processing import TecResult, rejection_counts
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_gnss.signals import carrier_frequency_hz, satellite_name
@@ -44,7 +44,7 @@ def content_table(result: TecResult) -> pa.Table:
     def select(values: npt.NDArray[Any]) -> npt.NDArray[Any]:
         return values[has_link]
 
-    return pa.table(
+    return table_of_columns(
         {
             "gps_time": _gps_time(select(pairs.time)),
             "satellite": np.array(names, dtype=str)[link],
@@ -64,10 +64,10 @@ def content_table(result: TecResult) -> pa.Table:
     )
 
 
-def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> pa.Array:
+def _gps_time(nanoseconds: npt.NDArray[np.int64]) -> npt.NDArray[np.datetime64]:
     """Return GPS calendar times, without leap seconds, to the millisecond."""
     epoch = np.datetime64("1980-01-06T00:00:00", "ms")
-    return pa.array(epoch + (nanoseconds // 1_000_000).astype("timedelta64[ms]"))
+    return epoch + (nanoseconds // 1_000_000).astype("timedelta64[ms]")
 
 
 def write_tables(
@@ -93,7 +93,7 @@ def write_tables(
     times = roti.pop("time_nanoseconds")
     tables = {
         "tec": content_table(result),
-        "roti": pa.table({"gps_time_end": _gps_time(times), **roti}),
+        "roti": table_of_columns({"gps_time_end": _gps_time(times), **roti}),
     }
     if result.scintillation:
         tables["scintillation"] = _scintillation_table(result)
@@ -120,11 +120,11 @@ def _scintillation_table(result: TecResult) -> pa.Table:
     times = np.concatenate([np.full(len(w.prn), w.time, dtype=np.int64) for w in windows])
     signals = zip(*(join_column(n).tolist() for n in ("band", "attribute")), strict=True)
     satellites = zip(*(join_column(n).tolist() for n in ("system", "prn")), strict=True)
-    return pa.table(
+    return table_of_columns(
         {
             "gps_time_end": _gps_time(times),
-            "satellite": [satellite_name(*satellite) for satellite in satellites],
-            "signal": [f"{band}{chr(attribute)}" for band, attribute in signals],
+            "satellite": np.array([satellite_name(*satellite) for satellite in satellites]),
+            "signal": np.array([f"{band}{chr(attribute)}" for band, attribute in signals]),
             **{
                 name: join_column(name)
                 for name in ("s4", "s4_corrected", "s4_pseudo", "sigma_phi", "cn0_dbhz", "samples")

@@ -126,14 +126,13 @@ def process(
             bias_table = biases
         else:
             biases.require_valid(middle, _BIAS_TOLERANCE)
-    table, reasons = _usable_systems(table, navigation, bias_table)
+    table, orbits, reasons = _usable_systems(table, navigation, bias_table)
     remarks += reasons
     pairs: tuple[SignalPair, ...] = DEFAULT_PAIRS
     if bias_table is not None:
         choice = choose_codes(table, bias_table, tolerance)
         table, bias_table, pairs = choice.table, choice.biases, choice.pairs
         remarks += choice.remarks
-    orbits = navigation.by_system(np.unique(table.columns["system"]).tolist())
     counts = np.diff(table.first_row)
     time = np.repeat(table.time_nanoseconds, counts)
     position = _receiver_position(source, table, orbits, orbit)
@@ -201,8 +200,10 @@ def _bias_function(biases: CodeBiasTable, tolerance: float) -> BiasFunction:
 
 def _usable_systems(
     table: ObservationTable, navigation: NavigationFiles, biases: CodeBiasTable | None
-) -> tuple[ObservationTable, list[str]]:
-    """Return the observations of systems with pairs, orbits and biases, and why others are not.
+) -> tuple[ObservationTable, dict[int, SatelliteOrbits], list[str]]:
+    """Return observations and orbits of the systems with pairs, orbits and biases, and remarks.
+
+    The remarks say why other systems are not used.
 
     Raises
     ------
@@ -214,9 +215,8 @@ def _usable_systems(
     with_orbits = navigation.by_system(observed)
     with_biases = None if biases is None else {bias.system for bias in biases.biases}
     reasons: dict[str, list[str]] = {}
-    used = ""
+    used = {}
     for system in observed:
-        letter = SYSTEM_LETTERS[system]
         if system not in with_pairs:
             reason = "no two bands of these are paired"
         elif system not in with_orbits:
@@ -224,13 +224,14 @@ def _usable_systems(
         elif with_biases is not None and system not in with_biases:
             reason = f"no satellite biases in {biases.origin if biases else ''}"
         else:
-            used += letter
+            used[system] = with_orbits[system]
             continue
         reasons.setdefault(reason, []).append(SYSTEM_FULL_NAMES[system])
     remarks = [f"{', '.join(names)} not used: {reason}" for reason, names in reasons.items()]
     if not used:
         raise TecError("; ".join(remarks) or "no observations")
-    return table.select(systems=used), remarks
+    letters = "".join(SYSTEM_LETTERS[system] for system in used)
+    return table.select(systems=letters), used, remarks
 
 
 def _receiver_position(

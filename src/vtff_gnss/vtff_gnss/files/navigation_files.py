@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import pathlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -91,12 +91,15 @@ class NavigationFiles:
         if not len(time_nanoseconds) or self.is_empty:
             return
         first, last = (GpsTime(int(time_nanoseconds[index])) for index in (0, -1))
-        spans = [validity_interval(ephemeris) for ephemeris in self.ephemerides]
-        if self.precise_orbits is not None:
-            spans.append((self.precise_orbits.start, self.precise_orbits.end))
-        if any(start <= last and first <= end for start, end in spans):
+
+        def spans() -> Iterator[tuple[GpsTime, GpsTime]]:
+            if self.precise_orbits is not None:
+                yield self.precise_orbits.start, self.precise_orbits.end
+            yield from map(validity_interval, self.ephemerides)
+
+        if any(start <= last and first <= end for start, end in spans()):
             return
-        start, end = min(span[0] for span in spans), max(span[1] for span in spans)
+        start, end = min(span[0] for span in spans()), max(span[1] for span in spans())
         origin = ", ".join(self.names) or "the ephemerides of the log"
         raise ObservationFileError(
             f"{origin}: valid from {_minute(start)} to {_minute(end)}, the observations "

@@ -64,21 +64,19 @@ class EphemerisStore:
         self._healthy_only = healthy_only
         # With their validity (ns), which is asked for at every change of any satellite.
         self._sets: dict[tuple[int, int], list[tuple[int, int, BroadcastEphemeris]]] = {}
-        changes: set[GpsTime] = set()
+        changes: set[int] = set()
         for ephemeris in ephemerides:
             if ephemeris.source in sources:
-                start, end = validity_interval(ephemeris)
+                start, end = (time.nanoseconds for time in validity_interval(ephemeris))
                 satellite = (ephemeris.system, ephemeris.prn)
-                self._sets.setdefault(satellite, []).append(
-                    (start.nanoseconds, end.nanoseconds, ephemeris)
-                )
+                self._sets.setdefault(satellite, []).append((start, end, ephemeris))
                 changes.update((start, end))
         for sets in self._sets.values():
             sets.sort(
                 key=lambda entry: (
                     -sources.index(entry[2].source),
-                    entry[2].time_of_ephemeris,
-                    entry[2].time,
+                    entry[2].time_of_ephemeris.nanoseconds,
+                    entry[2].time.nanoseconds,
                 )
             )
         self._changes = sorted(changes)
@@ -102,7 +100,7 @@ class EphemerisStore:
 
         The table is the same object until the choice changes, so that repeated calls cost nothing.
         """
-        interval = bisect.bisect_right(self._changes, time)
+        interval = bisect.bisect_right(self._changes, time.nanoseconds)
         if interval != self._interval:
             chosen = (self.ephemeris(system, prn, time) for system, prn in sorted(self._sets))
             self._table = EphemerisTable([e for e in chosen if e is not None])
@@ -111,8 +109,8 @@ class EphemerisStore:
 
     def next_change(self, time: GpsTime) -> GpsTime | None:
         """Return until when `table` gives the object of `time`; None if for ever."""
-        interval = bisect.bisect_right(self._changes, time)
-        return self._changes[interval] if interval < len(self._changes) else None
+        interval = bisect.bisect_right(self._changes, time.nanoseconds)
+        return GpsTime(self._changes[interval]) if interval < len(self._changes) else None
 
 
 def stores_by_system(ephemerides: Iterable[BroadcastEphemeris]) -> dict[int, EphemerisStore]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import datetime
+import functools
 import math
 import pathlib
 from typing import NamedTuple
@@ -32,6 +33,8 @@ _ACCURACY_NO_PREDICTION = 8192.0
 # Bits of the Galileo data source (RINEX 3.05, table A8).
 _SOURCE_FNAV_BITS = 1 << 1 | 1 << 8
 
+# Fields of the first line after the epoch.
+_CLOCK_FIELDS = ("af0", "af1", "af2")
 # Fields of the lines after the first (RINEX 3.05, tables A6 and A8; RINEX 2.11, table A4); None
 # for those that are not needed. A question mark allows the field to be blank.
 _ORBIT_FIELDS: tuple[tuple[str | None, ...], ...] = (
@@ -132,9 +135,6 @@ def read_ephemeris(
         raise record[-1].error(f"{satellite}: {len(record)} lines, 8 are required")
     time_of_clock = _epoch(first, satellite, indent)
     value = _fields(record, satellite, layout, indent)
-    for position, name in enumerate(("af0", "af1", "af2"), start=1):
-        column = indent + _FIELD_WIDTH * position
-        value[name] = read_number(first, f"{satellite} {name}", column, _FIELD_WIDTH)
     time_of_ephemeris = nearest_time_of_week(_week_seconds(record, satellite, value), time_of_clock)
     system_values = _gps_values(value) if is_gps else _galileo_values(value, message)
     orbit = {name: value[name] for name in _ELEMENTS}
@@ -161,24 +161,38 @@ def read_ephemeris(
 def _fields(
     record: list[Line], satellite: str, layout: tuple[tuple[str | None, ...], ...], indent: int
 ) -> dict[str, float]:
-    """Return the fields of the orbit lines; optional ones only where they are not blank."""
+    """Return the fields of all lines; optional ones only where they are not blank."""
     value = {}
-    for line, row in zip(record[1:], layout, strict=False):
-        for position, entry in enumerate(row):
-            if entry is None:
+    for row, column, name, is_optional in _places(layout, indent):
+        text = record[row].text[column : column + _FIELD_WIDTH]
+        try:
+            number = float(text)
+        except ValueError:  # blank, an exponent with D, or an error to tell
+            number = math.nan
+        if not math.isfinite(number):
+            if is_optional and not text.strip():
                 continue
-            name, column = entry.rstrip("?"), indent + _FIELD_WIDTH * position
-            text = line.text[column : column + _FIELD_WIDTH]
-            if entry.endswith("?") and not text.strip():
-                continue
-            try:
-                number = float(text)
-            except ValueError:  # an exponent with D, or an error to tell
-                number = math.nan
-            if not math.isfinite(number):
-                number = read_number(line, f"{satellite} {name}", column, _FIELD_WIDTH)
-            value[name] = number
+            number = read_number(record[row], f"{satellite} {name}", column, _FIELD_WIDTH)
+        value[name] = number
     return value
+
+
+@functools.cache
+def _places(
+    layout: tuple[tuple[str | None, ...], ...], indent: int
+) -> tuple[tuple[int, int, str, bool], ...]:
+    """Return line, column and name of each field that is needed, and whether it may be blank."""
+    clock = [(0, position, name) for position, name in enumerate(_CLOCK_FIELDS, start=1)]
+    orbit = [
+        (row, position, name)
+        for row, names in enumerate(layout, start=1)
+        for position, name in enumerate(names)
+        if name is not None
+    ]
+    return tuple(
+        (row, indent + _FIELD_WIDTH * position, name.rstrip("?"), name.endswith("?"))
+        for row, position, name in [*orbit, *clock]
+    )
 
 
 def _gps_values(value: dict[str, float]) -> dict[str, object]:

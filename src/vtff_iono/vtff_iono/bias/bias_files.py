@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import calendar
 import datetime
+import functools
 import math
 import pathlib
 import re
@@ -121,18 +122,29 @@ def _sinex_bias(line_name: str, line: str) -> CodeBias | None:
 
 
 def _sinex_time(line_name: str, name: str, text: str, absent: GpsTime) -> GpsTime:
-    """Return the time written as year:day:second; zeros mean an open end."""
-    match = re.fullmatch(r"(\d{4}):(\d{3}):(\d{5})", text)
-    if match is None:
-        raise BiasFileError(f"{line_name}: {name} {text!r}: expected YYYY:DDD:SSSSS")
-    year, day, second = (int(digits) for digits in match.groups())
-    if year == 0:
-        return absent
+    """Return the time of a field; zeros mean an open end."""
     try:
-        date = datetime.date(year, 1, 1) + datetime.timedelta(days=day - 1)
+        return _parse_sinex_time(text) or absent
     except (ValueError, OverflowError) as error:
         raise BiasFileError(f"{line_name}: {name} {text!r}: {error}") from None
-    return _midnight(date) + second
+
+
+@functools.lru_cache(maxsize=64)
+def _parse_sinex_time(text: str) -> GpsTime | None:
+    """Return the time written as year:day:second; None for zeros.
+
+    Raises
+    ------
+    ValueError, OverflowError
+        If it is no time.
+    """
+    match = re.fullmatch(r"(\d{4}):(\d{3}):(\d{5})", text)
+    if match is None:
+        raise ValueError("expected YYYY:DDD:SSSSS")
+    year, day, second = (int(digits) for digits in match.groups())
+    if year == 0:
+        return None
+    return _midnight(datetime.date(year, 1, 1) + datetime.timedelta(days=day - 1)) + second
 
 
 def _read_dcb_file(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:

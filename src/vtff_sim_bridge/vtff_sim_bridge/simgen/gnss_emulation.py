@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import logging
 import select
 from collections.abc import Callable, Sequence
@@ -306,7 +307,7 @@ class GnssEmulation:
         self._truth.close()
         self._truth = TruthFile(self._truth_path)
         first = machine.motions[self._configuration.receivers[0].vehicle].at(0)
-        return ReceiverSet(
+        receivers = ReceiverSet(
             self._configuration,
             self._emulated,
             start,
@@ -315,3 +316,6 @@ class GnssEmulation:
             self._truth,
             machine.power_commands,
         )
+        # All that is there now stays to the end of the run: no collection has to look at it again.
+        gc.freeze()
+        return receivers
