@@ -46,7 +46,12 @@ def make_app() -> typer.Typer:
         rich_markup_mode=None,
     )
 
-    help_text = "Formation-flying and ionosphere testbed: run systems, look at bags, make studies."
+    help_text = (
+        "Formation-flying and ionosphere testbed: run systems, look at bags, make studies.\n\n"
+        "Exit codes: 0 complete, 1 something failed on the way, 2 a file, an argument or a "
+        "parameter is wrong, 130 interrupted by Ctrl-C.\n\n"
+        "For a begin: vtff run reference --duration 300; vtff list; vtff view bags/sample"
+    )
     app.callback(help=help_text)(version.common_options)
     app.command("run", no_args_is_help=True)(run.run)
     app.command("replay", no_args_is_help=True)(replay.replay)

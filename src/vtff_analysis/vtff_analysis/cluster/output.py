@@ -66,7 +66,7 @@ def run_potential_field(
         hold = flight.velocity_change(flight.times[-1] - flight.period, np.inf)
         rows.append(
             _row(
-                f"lead and {count} chasers",
+                f"lead and {count} chaser{'s' if count > 1 else ''}",
                 "closest; sides in the last orbit; hold of each",
                 "any number",
                 f"{flight.closest:.0f} m; {last.min():.0f} to {last.max():.0f} m; "

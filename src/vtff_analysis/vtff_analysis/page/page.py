@@ -114,7 +114,8 @@ def escape(value: Any) -> str:
 
 def breakable(value: Any) -> str:
     """Return a value as HTML; names of topics, files and figures may break between their parts."""
-    return escape(value).replace("/", "/<wbr>").replace("_", "_<wbr>")
+    # A unit such as m/s stays whole.
+    return re.sub(r"/(?!s\d?\b)", "/<wbr>", escape(value)).replace("_", "_<wbr>")
 
 
 def render_figures(pictures: Sequence[Picture], section: str) -> str:

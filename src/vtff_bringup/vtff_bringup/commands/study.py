@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import operator
 import os
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
@@ -349,8 +351,10 @@ def _compare_with_paper(
         found = run(folder, lambda line: console.print(line, markup=False))
         texts = [(row.subject, row.quantity, row.paper, row.measured) for row in found.rows]
         pictures = [(path, _caption(path.stem, paper)) for path in sorted(folder.glob("*.png"))]
-        heads = ("", "", "paper", "measured")
-        results = Section("", heads, texts, pictures, numbers=False)
+        rows: list[Sequence[str]] = []
+        for subject, group in itertools.groupby(texts, operator.itemgetter(0)):
+            rows += [subject, *(row[1:] for row in group)]
+        results = Section("", ("", "paper", "measured"), rows, pictures, numbers=False)
         open_points = Section(f"{remark[0].upper()}{remark[1:]}", (), (), points=points)
         page = _write_page(folder, name, paper, found.sentence, [results, open_points])
     except RunFolderError as error:

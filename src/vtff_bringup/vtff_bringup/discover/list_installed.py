@@ -37,10 +37,11 @@ def list_installed(
         text += ", or topics of a run or bag by vtff topic list" if kind == "topics" else ""
         raise exit_with_error(console, text, EXIT_USAGE)
     for shown in KINDS if kind is None else (kind,):
-        lines = _node_lines() if shown == "nodes" else _file_lines(shown)
+        lines = list(_node_lines() if shown == "nodes" else _file_lines(shown))
+        width = max((len(name) for name, _ in lines), default=0)
         console.print(f"[bold]{shown}[/bold]")
         for name, text in lines:
-            console.print(f"  {name:22} {text}", markup=False, soft_wrap=True)
+            console.print(f"  {name:{width}}  {text}", markup=False, soft_wrap=True)
 
 
 def _file_lines(kind: str) -> Iterator[tuple[str, str]]:
