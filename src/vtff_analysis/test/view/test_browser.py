@@ -168,6 +168,39 @@ def test_map_without_cesium(visit_without_cesium):
     assert visit.colours("#map") > 50
 
 
+def test_many_spacecraft_are_drawn_on_the_map(browser, scene, monkeypatch):
+    """From the seventh on the map stopped at a circle of negative radius."""
+    monkeypatch.setattr("vtff_analysis.view.server.cesium_is_installed", lambda: False)
+    (orbit,) = [part for part in scene["series"] if part["name"] == "orbit/deputy/truth"]
+    names = [f"deputy_{number}" for number in range(2, 10)]
+    more = [{**orbit, "name": f"orbit/{name}/truth", "craft": name} for name in names]
+    for visit in viewed(browser, {**scene, "series": [*scene["series"], *more]}):
+        visit.wait("window.vtff.drawn === 0")
+        assert visit.value("window.vtff.globe.counts.spacecraft") == 10
+        assert visit.errors == []
+
+
+def test_labels_cover_no_other_and_stay_within_the_pane(visit_without_cesium):
+    label = "{ left: 380, top: 90, wide: 60, high: 20 }"
+    places = visit_without_cesium.value(
+        f"import('/canvas.js').then((m) => m.placeLabels([{label}, {label}, {label}], 400, 300))"
+    )
+    assert [place["left"] for place in places] == [336] * 3
+    assert [place["top"] for place in places] == [90, 110, 130]
+
+
+def test_the_views_of_the_formation_stand_below_each_other_on_a_phone(visit_without_cesium):
+    visit = visit_without_cesium
+    corner = "window.vtff.hill.frames.map(({ frame }) => [frame.x, frame.y])"
+    side, above = visit.value(corner)
+    assert side[0] < above[0] and side[1] == above[1]
+    visit.page.set_viewport_size({"width": 390, "height": 844})
+    visit.value("window.vtff.timeline.seek(10)")
+    visit.wait("window.vtff.drawn === 10")
+    side, above = visit.value(corner)
+    assert side[0] == above[0] and side[1] < above[1]
+
+
 def test_controls_move_the_time(visit_without_cesium):
     visit = visit_without_cesium
     now = "window.vtff.timeline.time"

@@ -102,10 +102,12 @@ def judge_ionosphere(
         )
     if density is not None:
         sentences.append(f"The electron density errs by {short_text(density)} cm⁻³ on average.")
-    return sentences or [
-        "No edge of an irregularity was met, and no receiver bias known before the end: nothing of "
-        "this ionosphere stands beside a true value."
-    ], figures
+    if not sentences:
+        sentences.append(
+            "No edge of an irregularity was met and no receiver bias known before the end: there "
+            "is no figure of edges, nor of absolute TEC."
+        )
+    return sentences, figures
 
 
 def judge_survey(summary: Summary, deputies: Sequence[str]) -> tuple[list[str], list[Figure]]:
