@@ -64,10 +64,10 @@ class ClusterGuidanceParameters:
         minimum=0.0,
     )
     transfer_time: float = parameter(
-        PotentialField.transfer_time, "for which an impulse is computed", unit="s", minimum=1.0
+        PotentialField.transfer_time, "in which a step is made", unit="s", minimum=1.0
     )
     longest_step: float = parameter(
-        PotentialField.longest_step, "longest way of one impulse", unit="m", minimum=1e-3
+        PotentialField.longest_step, "longest step", unit="m", minimum=1e-3
     )
     range_sigma: float = parameter(
         0.3, "noise of the sensor's range, as its maker states it", unit="m", minimum=1e-6

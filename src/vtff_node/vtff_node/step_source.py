@@ -60,8 +60,8 @@ class StepSource:
     on_acknowledged : callable
         Called after each acknowledgement of a step, in lockstep only.
     awaited_data : callable, optional
-        Returns one text for each piece of data that the current step still waits for, besides
-        the acknowledgements.
+        Yields one text for each piece of data that the current step still waits for, besides the
+        acknowledgements. After each message the first is asked for, no more.
     preparing : iterable of str
         Fully qualified nodes that must report ready before the first step.
     steady_clock : callable
@@ -79,7 +79,7 @@ class StepSource:
         parameters: StepSourceParameters,
         on_acknowledged: Callable[[], None],
         *,
-        awaited_data: Callable[[], list[str]] = list,
+        awaited_data: Callable[[], Iterable[str]] = list,
         preparing: Iterable[str] = (),
         steady_clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -107,7 +107,7 @@ class StepSource:
     @property
     def is_complete(self) -> bool:
         """Whether every participant has finished the current step and all its data have come."""
-        return self._coordinator.complete and not self._awaited_data()
+        return self._coordinator.complete and not any(True for _ in self._awaited_data())
 
     def begin(self, stamp_nanoseconds: int) -> None:
         """Begin the next step, named by its stamp in ns since 1970."""

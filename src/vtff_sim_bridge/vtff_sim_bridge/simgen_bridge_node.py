@@ -7,6 +7,7 @@ import functools
 import math
 import pathlib
 import time
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -436,21 +437,18 @@ class SimgenBridgeNode(VtffNode):
         if self.lockstep:
             self._advance_when_complete()
 
-    def _awaited_data(self) -> list[str]:
-        """Return the topics on which data of the current step have not come yet.
+    def _awaited_data(self) -> Iterator[str]:
+        """Yield the topics on which data of the current step have not come yet.
 
         Topics are not ordered among each other: an acknowledgement may overtake the data.
         """
-        thrust = [
-            f"thrust on /{self._thrust_topic(name)}"
-            for name, buffer in self._thrust.items()
-            if buffer.received <= self._step_source.step
-        ]
-        return thrust + [
-            f"actuation on /{name}/adcs/actuation"
-            for name, actuations in self._actuations.items()
-            if self._attitudes[name].begins_period and self.scenario_nanoseconds not in actuations
-        ]
+        step = self._step_source.step
+        for name, buffer in self._thrust.items():
+            if buffer.received <= step:
+                yield f"thrust on /{self._thrust_topic(name)}"
+        for name, actuations in self._actuations.items():
+            if self._attitudes[name].begins_period and self.scenario_nanoseconds not in actuations:
+                yield f"actuation on /{name}/adcs/actuation"
 
     def _advance_when_complete(self) -> None:
         if self._state == SimulatorStatus.STATE_RUNNING:

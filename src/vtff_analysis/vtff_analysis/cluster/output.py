@@ -26,6 +26,8 @@ _DECAY = 12000.0  # s
 _DECELERATION = 5e-5  # m/s2
 _ORBITS_FROM = 7000.0  # s: all have gathered
 _ORBITS_OF_ELEMENTS = 10.0
+_DECAY_IN_ORBIT = 20000.0  # s: the cluster goes round in orbits
+_ORBITS_OF_DECAY = 7.4
 
 
 @rc_context(STYLE)
@@ -108,6 +110,7 @@ def run_potential_field(
     say("held by orbits")
     for shape in SHAPES:
         rows += _orbit_rows(shape, seed, max(1, starts // 10))
+    rows += [_decay_in_orbit_row(shape, seed) for shape in ("ellipse", "helix")]
     _write_potential(folder / "figure_2.png")
     draw_paths(flights[:4], folder / "paths.png")
     draw_sides(flights, wanted, folder / "sides.png")
@@ -227,6 +230,27 @@ def _orbit_rows(shape: str, seed: int, starts: int) -> list[ComparisonRow]:
             f"{1e3 * min(hold):.0f} to {1e3 * max(hold):.0f} mm/s",
         ),
     ]
+
+
+def _decay_in_orbit_row(shape: str, seed: int) -> ComparisonRow:
+    """Return how near a chaser that fails in orbit comes to the others."""
+    flight = fly_cluster(
+        draw_starts(seed),
+        _ORBITS_OF_DECAY,
+        RangeSensor(),
+        seed=seed,
+        decay=Decay(_DECAY_IN_ORBIT, _DECELERATION),
+        orbits_from=_ORBITS_FROM,
+        held=ElementsField(shape),
+    )
+    nearest = flight.sides[flight.times >= _DECAY_IN_ORBIT].min(axis=0)
+    hold = flight.velocity_change(flight.times[-1] - flight.period, np.inf)
+    return _row(
+        f"a chaser in orbit fails and decays: {shape}",
+        "closest to the lead, to the other; hold of the other in the last orbit",
+        "the others follow it (conclusion)",
+        f"{nearest[1]:.0f}, {nearest[2]:.0f} m; {1e3 * hold[0]:.0f} mm/s",
+    )
 
 
 def _write_potential(path: Path) -> None:

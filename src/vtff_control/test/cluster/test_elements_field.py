@@ -51,7 +51,7 @@ def test_triangle_needs_no_thrust_and_keeps_its_distance(shape):
         np.testing.assert_allclose(apart, SIDE, rtol=1e-9)
     for own in range(3):
         neighbours = np.delete(states, own, axis=0) - states[own]
-        assert np.abs(ElementsField(shape).impulse(neighbours, MEAN_MOTION)).max() < 1e-9
+        assert np.abs(ElementsField(shape).impulse(neighbours, MEAN_MOTION, 30.0)).max() < 1e-9
 
 
 def test_a_cluster_at_rest_joins_without_drift():
@@ -73,36 +73,42 @@ def test_a_cluster_at_rest_joins_without_drift():
 
 
 def test_thrust_against_drift_distance_and_tilt():
-    field = ElementsField()
+    field = ElementsField("ellipse")
     elements = triangle("ellipse")[1:]
     higher = elements.copy()
     higher[:, 0] += 4.0
     # The others are higher: speed up by as much as a small share of n da / 2.
-    change = field.impulse(states_of(higher), MEAN_MOTION)
+    change = field.impulse(states_of(higher), MEAN_MOTION, 30.0)
     assert change[1] == pytest.approx(field.quiet_share * 0.5 * MEAN_MOTION * 4.0)
     assert change[2] == 0.0
     # The others are ahead by 8 m: a lower orbit catches up.
     ahead = elements.copy()
     ahead[:, 1] += 8.0
     lower = 8.0 / (1.5 * MEAN_MOTION * field.drift_time)
-    change = field.impulse(states_of(ahead), MEAN_MOTION)
+    change = field.impulse(states_of(ahead), MEAN_MOTION, 30.0)
     assert change[1] == pytest.approx(-field.quiet_share * 0.5 * MEAN_MOTION * lower)
     # One member whose ellipse is too narrow: both go apart, at once.
     near = np.zeros((1, 6))
     near[0, 3] = 0.5 * SIDE
-    away = field.impulse(states_of(near), MEAN_MOTION)
+    away = field.impulse(states_of(near), MEAN_MOTION, 30.0)
     nearer = states_of(near) - np.concatenate((np.zeros(3), away))
     assert distances(np.vstack((np.zeros(6), nearer))).min() > 0.7 * SIDE
     # One that is not followed only repels.
     both = np.vstack((near, near))
     both[1, 3] = 3.0 * SIDE
-    only_near = field.impulse(states_of(near), MEAN_MOTION)
-    far_ignored = field.impulse(states_of(both), MEAN_MOTION, [True, False])
+    only_near = field.impulse(states_of(near), MEAN_MOTION, 30.0)
+    far_ignored = field.impulse(states_of(both), MEAN_MOTION, 30.0, [True, False])
     np.testing.assert_allclose(far_ignored, only_near)
-    assert not field.impulse(np.zeros((0, 6)), MEAN_MOTION).any()
+    # It repels where it is near along the track, or will be before half an orbit is over.
+    drifting = np.vstack((states_of(triangle("ellipse")[1:]), np.zeros((1, 6))))
+    for ahead, height, repels in ((0.0, 0.0, 1), (4e3, 0.0, 0), (4e3, 8e2, 1), (4e3, -8e2, 0)):
+        drifting[2] = states_of(np.array([[height, ahead, height, 0.3 * SIDE, 0.0, 0.0]]))
+        change = field.impulse(drifting, MEAN_MOTION, 30.0, [True, True, False])
+        assert (abs(change[0]) > 0.1) == repels, (ahead, height)
+    assert not field.impulse(np.zeros((0, 6)), MEAN_MOTION, 30.0).any()
     # A circle wants its inclination.
-    flat = field.impulse(states_of(triangle("ellipse")[1:]), MEAN_MOTION)
-    tilted = ElementsField("circle").impulse(states_of(triangle("ellipse")[1:]), MEAN_MOTION)
+    flat = field.impulse(states_of(triangle("ellipse")[1:]), MEAN_MOTION, 30.0)
+    tilted = ElementsField("circle").impulse(states_of(triangle("ellipse")[1:]), MEAN_MOTION, 30.0)
     assert flat[2] == 0.0 and abs(tilted[2]) > 1e-3
 
 

@@ -279,18 +279,24 @@ def test_goals_of_any_size_are_answered(field, size):
 
 def test_phasing_moves_the_whole_formation_and_no_pair():
     flight = Flight("circle").until(100.0)
+    # The thrust of keeping that is under way ends first.
+    flight.guidance.request(ModeRequest("free_drift"))
+    flight.until(140.0)
     flight.guidance.request(ModeRequest("phase", angle_deg=0.0005, orbits=1.0))
+    start, before = flight.time, flight.states.ravel()
+    while flight.step().mode == "phase":
+        assert flight.time < 6500.0
+    # Now that it is over, keeping goes on; none of its thrust has acted yet.
     drift = solve_ivp(
         rates,
-        (0.0, 6200.0),
-        flight.states.ravel(),
+        (start, flight.time),
+        before,
         "DOP853",
         args=(np.zeros((3, 3)),),
         rtol=1e-11,
         atol=1e-6,
     )
     without = drift.y[:, -1].reshape(3, 6)
-    flight.until(6300.0)
     moved = relative_state_rtn(without[0], flight.states[0])
     assert moved[1] == pytest.approx(math.radians(0.0005) * 7.1531e6, rel=0.03)
     for craft in (1, 2):

@@ -80,6 +80,31 @@ def test_pulses_are_those_of_the_engine():
     assert not thrust[:, 0].any()
 
 
+def test_the_first_decision_comes_when_the_drift_is_known():
+    """After a reconfiguration the rest of its errors drifts by decimetres until somebody acts."""
+    sigma = np.array([2e-3] * 3 + [2e-5] * 3)
+    design = helix(60.0, 90.0, 1.0)
+    ends = {}
+    for may_begin in (True, False):
+        generator = np.random.default_rng(5)
+        keeper = FormationKeeper(design, T5_ENGINE, MASS, 10.0)
+        assert not keeper.knows_drift
+        known, true = math.nan, design + [0.15, 0.1, 0.0, 0.0, 0.0, 0.0]
+        for time in np.arange(0.0, 4000.0, 10.0):
+            if time % 60.0 == 0.0:
+                chief, relative = states(true, time)
+                noisy = relative + sigma * generator.standard_normal(6)
+                keeper.estimator.update(time, chief, noisy, np.diag(sigma**2))
+            if keeper.knows_drift and math.isnan(known):
+                known = time
+            if keeper.command(time, may_begin).any():
+                break
+        ends[may_begin] = time
+        assert 60.0 < known < 900.0
+    quarter = 0.5 * math.pi / keeper.estimator.mean_motion
+    assert ends[True] < quarter <= ends[False]
+
+
 def test_nothing_is_commanded_before_a_state_and_the_engine_is_checked():
     keeper = FormationKeeper(np.zeros(6), T5_ENGINE, MASS, 10.0)
     assert not keeper.command(0.0).any()

@@ -24,7 +24,7 @@ from vtff_control.cluster.neighbour_tracker import NeighbourTracker, Track
 from vtff_control.cluster.potential_field import PotentialField
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.mean_elements import elements_from_state, mean_elements, secular_rates
-from vtff_dynamics.relative.motion import hcw_transition_matrix
+from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = ["ClusterMember", "MemberSetting"]
@@ -81,8 +81,10 @@ class MemberSetting:
 
     def limited(self, acceleration: FloatArray) -> FloatArray:
         """Return an acceleration with its direction that the engine can give, m/s2, (3,)."""
-        largest = float(np.abs(acceleration).max())
-        return acceleration * min(1.0, self.largest_acceleration / max(largest, 1e-12))
+        cap = self.largest_acceleration
+        share = min(1.0, cap / max(float(np.abs(acceleration).max()), 1e-12))
+        # The product may be above the limit by what it is rounded.
+        return np.clip(share * acceleration, -cap, cap)
 
 
 class ClusterMember:
@@ -128,6 +130,7 @@ class ClusterMember:
         self._last_field: PotentialField | ElementsField | None = None
         self._last_change = np.zeros(3)
         self._thrust_density = PotentialField.acceleration_density
+        self._held_thrust = PotentialField.held_thrust
 
     @property
     def followed(self) -> int:
@@ -164,10 +167,12 @@ class ClusterMember:
                 self._thrust_density = self.field.thrust_density(
                     self._last_change, self._setting.decision_interval
                 )
+                self._held_thrust = self.field.held_thrust
             self._tracker.predict(
                 time - self._time,
                 _mean_motion(own_gcrf),
                 self._thrust_density,
+                self._held_thrust,
                 *self._own_change(self._time, time),
             )
         self._time = time
@@ -207,7 +212,8 @@ class ClusterMember:
         ahead = self._setting.delay + 0.5 * self._setting.step
         own = np.concatenate(self._own_change(self._time, self._time + ahead))
         transition = hcw_transition_matrix(mean_motion, ahead)
-        states = [transition @ track.state - own for track in tracks]
+        effect = hcw_input_matrix(mean_motion, ahead)
+        states = [transition @ track.state + effect @ track.thrust - own for track in tracks]
         if self.is_blind and field.stays_without_thrust:
             return np.zeros(3)
         if self.is_blind:
@@ -229,7 +235,9 @@ class ClusterMember:
         is_new, self._last_field = field is not self._last_field, field
         if is_new and isinstance(field, ElementsField):
             return field.join(states, mean_motion, followed)
-        return field.impulse(states, mean_motion, followed)
+        thrusts = [track.thrust for track in tracks]
+        interval = self._setting.decision_interval
+        return field.impulse(states, mean_motion, interval, followed, thrusts)
 
     def _coast(self, own_gcrf: FloatArray, neighbours: list[FloatArray]) -> FloatArray:
         """Return the change that leads to an ellipse with the period of the station, m/s, (3,)."""

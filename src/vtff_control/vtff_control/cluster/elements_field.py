@@ -32,7 +32,8 @@ __all__ = ["SHAPES", "ElementsField"]
 
 SHAPES = ("ellipse", "circle", "helix")
 """In the orbital plane of each, round with constant distances, and with parallel eccentricity and
-inclination vectors, which keeps members apart across the track too."""
+inclination vectors. The last alone keeps members apart when one of them fails and drifts along the
+track: in the other two the paths of a member that drifts and of one that does not thrust cross."""
 
 _RADIAL, _IN_TRACK, _NORMAL = range(3)
 _AXIS, _LATITUDE, _ECCENTRICITY_Y, _INCLINATION_X = 0, 1, 3, 4
@@ -40,6 +41,7 @@ _CIRCLE = math.sqrt(3.0)
 # Length of the inclination vector for that of the eccentricity vector.
 _INCLINATION_RATIO: dict[str, float] = {"circle": _CIRCLE, "helix": 1.0}
 _KILOMETRE = 1e3  # m
+_NEAR = 1e3  # m: about the ring of the potential
 
 
 @dataclass(frozen=True)
@@ -70,7 +72,7 @@ class ElementsField:
         If the shape is not known.
     """
 
-    shape: str = "ellipse"
+    shape: str = "helix"
     gain: float = 0.07
     longest_step: float = 250.0
     drift_time: float = 2400.0
@@ -88,6 +90,11 @@ class ElementsField:
         """Whether the cluster stays together without thrust; a chaser that is blind waits."""
         return True
 
+    @property
+    def held_thrust(self) -> float:
+        """Mean thrust of a neighbour, m/s2: orbits need none."""
+        return 0.0
+
     def thrust_density(self, change: FloatArray, interval: float) -> float:
         """Return the root of the spectral density of a neighbour's thrust, m/s^1.5.
 
@@ -103,7 +110,12 @@ class ElementsField:
         return math.hypot(self.acceleration_density, norm(change) / math.sqrt(interval))
 
     def impulse(
-        self, neighbours: npt.ArrayLike, mean_motion: float, followed: npt.ArrayLike | None = None
+        self,
+        neighbours: npt.ArrayLike,
+        mean_motion: float,
+        interval: float,
+        followed: npt.ArrayLike | None = None,
+        thrusts: npt.ArrayLike | None = None,
     ) -> FloatArray:
         """Return the velocity change of the chaser, m/s in its RTN frame, shape (3,).
 
@@ -132,14 +144,26 @@ class ElementsField:
         change = np.zeros(3)
         change[_IN_TRACK] = self._share(missing) * missing / effect[_AXIS, _IN_TRACK]
         change[_RADIAL] = share * turn / effect[_ECCENTRICITY_Y, _RADIAL]
-        ratio = _INCLINATION_RATIO.get(self.shape)
-        if ratio is not None:
-            x, y = own[2:4]
-            # N = c R in a circle, and in phase with T in a helix.
-            wanted = -ratio * y if self.shape == "circle" else ratio * x
-            missing = self.quiet_share * float(wanted - own[_INCLINATION_X])
-            change[_NORMAL] = missing / effect[_INCLINATION_X, _NORMAL]
+        missing = self.quiet_share * self._missing_inclination(own, own[2:4])
+        change[_NORMAL] = missing / effect[_INCLINATION_X, _NORMAL]
         return change
+
+    def _missing_inclination(self, own: FloatArray, vector: FloatArray) -> float:
+        """Return by how much the inclination vector is to change where it can now, m.
+
+        Parameters
+        ----------
+        own
+            Relative elements, m, shape (6,).
+        vector
+            Eccentricity vector, m, shape (2,).
+        """
+        ratio = _INCLINATION_RATIO.get(self.shape)
+        if ratio is None:
+            return 0.0
+        # N = c R in a circle, and in phase with T in a helix.
+        wanted = -ratio * vector[1] if self.shape == "circle" else ratio * vector[0]
+        return float(wanted - own[_INCLINATION_X])
 
     def join(
         self, neighbours: npt.ArrayLike, mean_motion: float, followed: npt.ArrayLike | None = None
@@ -158,6 +182,9 @@ class ElementsField:
             others, effect = elements.mean(axis=0), control_matrix(mean_motion, 0.0)
             change[_IN_TRACK] = others[_AXIS] / effect[_AXIS, _IN_TRACK]
             change[_RADIAL] = others[_LATITUDE] / effect[_LATITUDE, _RADIAL]
+            joined = -others + effect[:, :2] @ change[:2]
+            missing = self._missing_inclination(joined, joined[2:4])
+            change[_NORMAL] = missing / effect[_INCLINATION_X, _NORMAL]
         return change
 
     def _share(self, error: float) -> float:
@@ -178,8 +205,9 @@ class ElementsField:
         ratios = np.hypot(1.0, np.minimum(np.abs(across) / squares, _CIRCLE))
         distances = ratios[:, np.newaxis] * vectors
         gradient = potential_gradient(distances[chosen], np.zeros(2))
-        for other in distances[~chosen]:
-            # A neighbour that is not followed only repels.
+        meets = _meets_within_half_an_orbit(elements, vectors)
+        for other in distances[~chosen & meets]:
+            # A neighbour that is not followed only repels, and not from afar.
             slope = potential_gradient(other[np.newaxis], np.zeros(2))
             if slope @ other < 0.0:
                 gradient = gradient + slope
@@ -188,3 +216,23 @@ class ElementsField:
         if length > self.longest_step:
             step *= self.longest_step / length
         return np.asarray(step)
+
+
+def _meets_within_half_an_orbit(elements: FloatArray, vectors: FloatArray) -> npt.NDArray[np.bool_]:
+    """Return which neighbours may come near along the track, shape (k,).
+
+    One that drifts is ahead or behind by its difference of latitudes, less twice the length of the
+    eccentricity vector.
+
+    Parameters
+    ----------
+    elements
+        Relative elements, m, shape (k, 6).
+    vectors
+        Eccentricity vectors, m, shape (k, 2).
+    """
+    now = elements[:, _LATITUDE]
+    later = now - 1.5 * math.pi * elements[:, _AXIS]
+    least = np.where(now * later <= 0.0, 0.0, np.minimum(np.abs(now), np.abs(later)))
+    reached: npt.NDArray[np.bool_] = least - 2.0 * np.linalg.norm(vectors, axis=1) <= _NEAR
+    return reached

@@ -1,4 +1,10 @@
-"""Tracks of neighbours from an on-board sensor of range and direction, without any message."""
+"""Tracks of neighbours from an on-board sensor of range and direction, without any message.
+
+A neighbour that holds a place at rest thrusts against the tide, by the same acceleration for as
+long as it stays there: 3 n^2 x, some mm/s2 at a kilometre. A filter that takes it to fall freely is
+wrong in its velocity by centimetres per second, and a cluster of chasers that do so stands one
+percent too wide. So that acceleration is estimated with each track.
+"""
 
 from __future__ import annotations
 
@@ -7,10 +13,13 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.relative.motion import hcw_transition_matrix
+from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
 from vtff_dynamics.vectors import FloatArray, norm
 
 __all__ = ["NeighbourTracker", "Track"]
+
+_HELD_TIME = 3e4  # s: a place is held for orbits; the pulses that hold it are averaged over minutes
+_STATE, _THRUST = slice(0, 6), slice(6, 9)
 
 
 class Track:
@@ -18,24 +27,35 @@ class Track:
 
     Attributes
     ----------
-    state
-        m and m/s, shape (6,).
+    estimate
+        State, m and m/s, and mean thrust, m/s2; shape (9,).
     covariance
-        Shape (6, 6).
+        Shape (9, 9).
     age
         Time since the last detection, s.
     detections
         Their number.
     """
 
-    def __init__(self, position: FloatArray, noise: FloatArray, speed_sigma: float) -> None:
-        self.state = np.concatenate((position, np.zeros(3)))
-        self.covariance = np.zeros((6, 6))
+    def __init__(
+        self, position: FloatArray, noise: FloatArray, speed_sigma: float, thrust_sigma: float
+    ) -> None:
+        self.estimate = np.concatenate((position, np.zeros(6)))
+        self.covariance = np.diag([0.0] * 3 + [speed_sigma**2] * 3 + [thrust_sigma**2] * 3)
         self.covariance[:3, :3] = noise
-        self.covariance[3:, 3:] = speed_sigma**2 * np.eye(3)
         self.age = 0.0
         self.detections = 1
         self.latitudes: list[tuple[float, float]] = []
+
+    @property
+    def state(self) -> FloatArray:
+        """Relative state, m and m/s, shape (6,)."""
+        return self.estimate[_STATE]
+
+    @property
+    def thrust(self) -> FloatArray:
+        """Mean thrust of the neighbour, m/s2, shape (3,)."""
+        return self.estimate[_THRUST]
 
     def leaves_station(
         self, time: float, latitude: float, period: float, largest_drift: float
@@ -96,6 +116,7 @@ class NeighbourTracker:
         self._largest_speed = largest_speed
         self._gate = gate
         self._longest_age = longest_age
+        self._held_thrust = 0.0
         self.tracks: list[Track] = []
 
     def predict(
@@ -103,6 +124,7 @@ class NeighbourTracker:
         duration: float,
         mean_motion: float,
         acceleration_density: float,
+        held_thrust: float,
         own_displacement: npt.ArrayLike = (0.0, 0.0, 0.0),
         own_velocity_change: npt.ArrayLike = (0.0, 0.0, 0.0),
     ) -> None:
@@ -115,21 +137,31 @@ class NeighbourTracker:
         mean_motion
             rad/s.
         acceleration_density
-            Root of the spectral density of a neighbour's thrust, m/s^1.5.
+            Root of the spectral density of a neighbour's thrust about its mean, m/s^1.5.
+        held_thrust
+            Sigma of the mean thrust of a neighbour on each axis, m/s2; 0 where none is needed, and
+            what was estimated of it is forgotten.
         own_displacement, own_velocity_change
             How far and how fast the chaser's own thrust has moved it in this time, m and m/s in
             its RTN frame, shape (3,).
         """
-        own = np.concatenate((own_displacement, own_velocity_change))
-        transition = hcw_transition_matrix(mean_motion, duration)
-        noise = np.zeros((6, 6))
-        noise[:3, :3] = duration**3 / 3.0 * np.eye(3)
-        noise[:3, 3:] = noise[3:, :3] = duration**2 / 2.0 * np.eye(3)
-        noise[3:, 3:] = duration * np.eye(3)
+        own = np.concatenate((own_displacement, own_velocity_change, np.zeros(3)))
+        decay = math.exp(-duration / _HELD_TIME) if held_thrust else 0.0
+        transition = np.zeros((9, 9))
+        transition[_STATE, _STATE] = hcw_transition_matrix(mean_motion, duration)
+        if held_thrust:
+            transition[_STATE, _THRUST] = hcw_input_matrix(mean_motion, duration)
+        transition[_THRUST, _THRUST] = decay * np.eye(3)
+        density = acceleration_density**2
+        noise = np.zeros((9, 9))
+        noise[:3, :3] = density * duration**3 / 3.0 * np.eye(3)
+        noise[:3, 3:6] = noise[3:6, :3] = density * duration**2 / 2.0 * np.eye(3)
+        noise[3:6, 3:6] = density * duration * np.eye(3)
+        noise[_THRUST, _THRUST] = held_thrust**2 * (1.0 - decay**2) * np.eye(3)
+        self._held_thrust = held_thrust
         for track in self.tracks:
-            track.state = transition @ track.state - own
-            track.covariance = transition @ track.covariance @ transition.T
-            track.covariance += acceleration_density**2 * noise
+            track.estimate = transition @ track.estimate - own
+            track.covariance = transition @ track.covariance @ transition.T + noise
             track.age += duration
         self.tracks = [track for track in self.tracks if track.age <= self._longest_age]
 
@@ -152,7 +184,7 @@ class NeighbourTracker:
                 if (sigmas <= self._gate or norm(difference) < 50.0) and sigmas < least:
                     best, least = track, sigmas
             if best is None:
-                self.tracks.append(Track(position, noise, self._largest_speed))
+                self.tracks.append(Track(position, noise, self._largest_speed, self._held_thrust))
                 continue
             free.remove(best)
             _correct(best, position, noise)
@@ -168,8 +200,8 @@ class NeighbourTracker:
 
 def _correct(track: Track, position: FloatArray, noise: FloatArray) -> None:
     gain = np.linalg.solve(track.covariance[:3, :3] + noise, track.covariance[:3]).T
-    track.state = track.state + gain @ (position - track.state[:3])
-    rest = np.eye(6)
+    track.estimate = track.estimate + gain @ (position - track.estimate[:3])
+    rest = np.eye(9)
     rest[:, :3] -= gain
     track.covariance = rest @ track.covariance @ rest.T + gain @ noise @ gain.T
     track.age = 0.0

@@ -2,7 +2,10 @@
 
 Each neighbour is a well with a ring of high potential about it. A chaser climbs the sum of the
 potentials in steps, each reached by the first of two Clohessy-Wiltshire impulses, and plans again
-before it arrives. Distances in the potential are kilometres, as in the paper.
+before it arrives. An impulse leads to the place on the step where the next one is due: one that led
+to the end of the step would count on falling on after the next impulse, and a chaser that holds a
+place against the tide would hold it some metres off. Distances in the potential are kilometres, as
+in the paper.
 
 References
 ----------
@@ -19,7 +22,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
-from vtff_dynamics.relative.motion import hcw_transition_matrix
+from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
 from vtff_dynamics.vectors import FloatArray, norm
 
 __all__ = [
@@ -71,7 +74,11 @@ def equilibrium_distance() -> float:
 
 
 def first_impulse(
-    relative_state: npt.ArrayLike, position_wanted: npt.ArrayLike, mean_motion: float, time: float
+    relative_state: npt.ArrayLike,
+    position_wanted: npt.ArrayLike,
+    mean_motion: float,
+    time: float,
+    acceleration: npt.ArrayLike = (0.0, 0.0, 0.0),
 ) -> FloatArray:
     """Return the velocity change that leads to a relative position in a time, m/s, shape (3,).
 
@@ -85,10 +92,14 @@ def first_impulse(
         rad/s.
     time
         s.
+    acceleration
+        Relative thrust that acts meanwhile, m/s2, shape (3,).
     """
     state = np.asarray(relative_state, dtype=float)
     transition = hcw_transition_matrix(mean_motion, time)
-    missing = np.asarray(position_wanted, dtype=float) - transition[:3, :3] @ state[:3]
+    fallen = transition[:3, :3] @ state[:3]
+    fallen += hcw_input_matrix(mean_motion, time)[:3] @ np.asarray(acceleration, dtype=float)
+    missing = np.asarray(position_wanted, dtype=float) - fallen
     impulse: FloatArray = np.linalg.solve(transition[:3, 3:], missing) - state[3:]
     return impulse
 
@@ -100,19 +111,22 @@ class PotentialField:
     Parameters
     ----------
     transfer_time
-        For which an impulse is computed, s.
+        In which a step is made, s.
     longest_step
         m.
     gain
         Step for a unit gradient, km^2.
     acceleration_density
-        Root of the spectral density of a neighbour's thrust, m/s^1.5.
+        Root of the spectral density of a neighbour's thrust about its mean, m/s^1.5.
+    held_thrust
+        Sigma on each axis of the mean thrust by which a neighbour holds its place, m/s2.
     """
 
     transfer_time: float = 60.0
     longest_step: float = 100.0
     gain: float = 0.07
     acceleration_density: float = 0.005
+    held_thrust: float = 1e-3
 
     @property
     def stays_without_thrust(self) -> bool:
@@ -124,7 +138,12 @@ class PotentialField:
         return self.acceleration_density
 
     def impulse(
-        self, neighbours: npt.ArrayLike, mean_motion: float, followed: npt.ArrayLike | None = None
+        self,
+        neighbours: npt.ArrayLike,
+        mean_motion: float,
+        interval: float,
+        followed: npt.ArrayLike | None = None,
+        thrusts: npt.ArrayLike | None = None,
     ) -> FloatArray:
         """Return the velocity change of the chaser, m/s in its RTN frame, shape (3,).
 
@@ -137,11 +156,16 @@ class PotentialField:
             Their states relative to the chaser in its RTN frame, m and m/s, shape (k, 6).
         mean_motion
             Mean motion of the chaser, rad/s.
+        interval
+            To the next such change, s.
         followed
             Which of them are followed, boolean, shape (k,); the others are only avoided. Default
             all.
+        thrusts
+            Mean thrusts of the neighbours, m/s2, shape (k, 3). Default none.
         """
         states = np.asarray(neighbours, dtype=float).reshape(-1, 6)
+        acting = np.zeros((len(states), 3)) if thrusts is None else np.asarray(thrusts, float)
         chosen = np.ones(len(states), bool) if followed is None else np.asarray(followed, bool)
         if not chosen.any():
             return np.zeros(3)
@@ -156,4 +180,6 @@ class PotentialField:
         if length > self.longest_step:
             step *= self.longest_step / length
         own = -states[chosen].mean(axis=0)
-        return first_impulse(own, own[:3] + step, mean_motion, self.transfer_time)
+        place = own[:3] + min(interval / self.transfer_time, 1.0) * step
+        acceleration = -acting.reshape(-1, 3)[chosen].mean(axis=0)
+        return first_impulse(own, place, mean_motion, interval, acceleration)

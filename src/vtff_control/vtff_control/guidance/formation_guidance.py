@@ -530,8 +530,9 @@ class FormationGuidance:
             if begins >= phasing.end:
                 self._mode, self._phasing = "keep" if self._formation else "hold", None
         elif self._mode in ("hold", "keep"):
+            may_begin = all(keeper.knows_drift for keeper in self._keepers.values())
             for index, name in enumerate(self._names):
-                wanted[index] = self._keepers[name].command(self._time)
+                wanted[index] = self._keepers[name].command(self._time, may_begin)
         return self._kept_states(), wanted
 
     def _kept_states(self) -> FloatArray:

@@ -2,7 +2,9 @@
 
 Every half orbit the mean relative elements are compared with the design; the least impulses of the
 coming half orbit lead to where the drift of J2 then carries the formation evenly about the design.
-The relative semi-major axis gets the offset that stops the drift along-track.
+The relative semi-major axis gets the offset that stops the drift along-track. The first comparison
+comes as soon as the filter knows where the drift leads: what is left of a reconfiguration drifts by
+decimetres in a quarter of an orbit.
 """
 
 from __future__ import annotations
@@ -20,6 +22,8 @@ from vtff_dynamics.relative.transition import j2_transition_matrix
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["T5_ENGINE", "FormationKeeper", "KeepingEngine"]
+
+_KNOWN_DRIFT = 0.03  # m: sigma of the mean longitude after the coming interval
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ class FormationKeeper:
         self._interval = interval
         self._longest = max(1, int(longest_pulse / step))
         self._decision = math.nan
+        self._has_decided = False
         self._schedule: dict[int, FloatArray] = {}
 
     def target(self) -> FloatArray:
@@ -127,23 +132,40 @@ class FormationKeeper:
         wanted = self.design + self.centre
         return relative_state_of_mean_elements(self.estimator.chief_mean, wanted)
 
-    def command(self, time: float) -> FloatArray:
+    @property
+    def knows_drift(self) -> bool:
+        """Whether the filter knows to centimetres where the drift of an interval leads."""
+        if math.isnan(self.estimator.time):
+            return False
+        transition = j2_transition_matrix(self.estimator.chief_mean, self._span)
+        variance = float(transition[1] @ self.estimator.covariance @ transition[1])
+        return variance <= _KNOWN_DRIFT**2
+
+    @property
+    def _span(self) -> float:
+        return self._interval * 2.0 * math.pi / self.estimator.mean_motion
+
+    def command(self, time: float, may_begin: bool = True) -> FloatArray:
         """Return the thrust from a time on for one step, m/s2 in RTN, shape (3,).
 
         Parameters
         ----------
         time
             s, that of the last update of the estimator or later.
+        may_begin
+            Whether the first decision may be made before half an interval is over. Keepers with a
+            common centre decide together: it moves with what each of them corrects.
         """
         if math.isnan(self.estimator.time):
             return np.zeros(3)
-        span = self._interval * 2.0 * math.pi / self.estimator.mean_motion
+        span = self._span
         if math.isnan(self._decision):
-            # The filter first sees a part of an orbit.
             self._decision = time + 0.5 * span
-        if time >= self._decision:
+        begins = may_begin and not self._has_decided and self.knows_drift
+        if begins or time >= self._decision:
             self._decide(time, span)
             self._decision = time + span
+            self._has_decided = True
         return self._schedule.pop(round(time / self._step), np.zeros(3))
 
     def _decide(self, time: float, span: float) -> None:

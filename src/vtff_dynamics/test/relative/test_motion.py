@@ -16,6 +16,7 @@ from vtff_dynamics.orbit.gravity import gravity_acceleration, gravity_jerk
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.relative.motion import (
     frame_rates_rtn,
+    hcw_input_matrix,
     hcw_state_matrix,
     hcw_transition_matrix,
     holding_acceleration,
@@ -35,6 +36,18 @@ def test_hcw_transition_is_the_exponential_of_the_state_matrix(mean_motion, dura
     scale = np.abs(expected).max()
     np.testing.assert_allclose(
         hcw_transition_matrix(mean_motion, duration) / scale, expected / scale, atol=1e-9
+    )
+
+
+@given(st.floats(5e-4, 2e-3), st.floats(5.0, 2e4))
+def test_hcw_input_is_the_integral_of_the_transition(mean_motion, duration):
+    joint = np.zeros((9, 9))
+    joint[:6, :6] = hcw_state_matrix(mean_motion)
+    joint[3:6, 6:] = np.eye(3)
+    expected = expm(joint * duration)[:6, 6:]
+    scale = np.abs(expected).max(axis=1, keepdims=True)
+    np.testing.assert_allclose(
+        hcw_input_matrix(mean_motion, duration) / scale, expected / scale, atol=1e-8
     )
 
 

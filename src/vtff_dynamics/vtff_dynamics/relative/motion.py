@@ -19,6 +19,7 @@ from vtff_dynamics.vectors import FloatArray, cross, norm
 __all__ = [
     "FrameRates",
     "frame_rates_rtn",
+    "hcw_input_matrix",
     "hcw_state_matrix",
     "hcw_transition_matrix",
     "holding_acceleration",
@@ -74,6 +75,36 @@ def hcw_transition_matrix(mean_motion: float, duration: float) -> FloatArray:
             [3.0 * n * s, 0.0, 0.0, c, 2.0 * s, 0.0],
             [-6.0 * n * (1.0 - c), 0.0, 0.0, -2.0 * s, 4.0 * c - 3.0, 0.0],
             [0.0, 0.0, -n * s, 0.0, 0.0, c],
+        ]
+    )
+
+
+def hcw_input_matrix(mean_motion: float, duration: float) -> FloatArray:
+    """Return the change (6, 3) of a relative state by a constant acceleration of 1 m/s2 (R, T, N).
+
+    The integral of `hcw_transition_matrix` over a duration, for thrust that is constant in the
+    turning frame.
+
+    Parameters
+    ----------
+    mean_motion : float
+        Mean motion of the circular chief orbit, rad/s, not zero.
+    duration : float
+        s.
+    """
+    n = mean_motion
+    angle = n * duration
+    s, c = math.sin(angle), math.cos(angle)
+    across, along = (1.0 - c) / n, (4.0 * s - 3.0 * angle) / n
+    behind = 2.0 * (angle - s) / n**2
+    return np.array(
+        [
+            [across / n, behind, 0.0],
+            [-behind, (4.0 * (1.0 - c) - 1.5 * angle**2) / n**2, 0.0],
+            [0.0, 0.0, across / n],
+            [s / n, 2.0 * across, 0.0],
+            [-2.0 * across, along, 0.0],
+            [0.0, 0.0, s / n],
         ]
     )
 

@@ -240,6 +240,7 @@ WRONG = [
     ("spacecraft/0", "chief", "spacecraft[0]: a mapping of fields expected"),
     ("spacecraft/0/name", "Chief One", "spacecraft[0].name: 'Chief One' is not made of"),
     ("spacecraft/1/name", "chief", "spacecraft[1].name: 'chief' is used twice"),
+    ("spacecraft/1/name", "formation", "spacecraft[1].name: 'formation' is the namespace"),
     ("spacecraft/1/role", "chief", "spacecraft[1].role: the first spacecraft"),
     ("spacecraft/0/role", "deputy", "spacecraft[0].role: the first spacecraft"),
     ("spacecraft/1/role", "leader", "spacecraft[1].role: one of chief, deputy expected"),

@@ -50,6 +50,7 @@ from vtff_sim_bridge.truth.thruster_errors import ThrusterErrorModel, ThrusterEr
 
 __all__ = [
     "INTEGRATORS",
+    "SHARED_NAMESPACES",
     "Scenario",
     "ScenarioError",
     "Spacecraft",
@@ -70,6 +71,9 @@ _PARTS_OF_ATTITUDE: dict[str, type] = {
 
 INTEGRATORS = ("rk4", "euler")
 """Names accepted by the field ``integrator``."""
+
+SHARED_NAMESPACES = frozenset(("formation", "iono", "sim"))
+"""Namespaces of topics that belong to no single spacecraft; none may have such a name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +208,7 @@ def load_scenario(
                                orbits that the seed draws
         force_model            fields of vtff_dynamics.orbit.propagator.ForceModel
         spacecraft             a list, the chief first:
-          - name               lower-case letters, digits, underscores
+          - name               lower-case letters, digits, underscores; none of SHARED_NAMESPACES
             repeat             (optional) this entry stands for so many deputies, see
                                truth.repeated_spacecraft
             role               chief | deputy
@@ -431,6 +435,8 @@ def _all_spacecraft(
             raise section.error(
                 "name", f"{name!r} is not made of lower-case letters, digits and underscores"
             )
+        if name in SHARED_NAMESPACES:
+            raise section.error("name", f"{name!r} is the namespace of topics that are not of one")
         if any(other.name == name for other in spacecraft):
             raise section.error("name", f"{name!r} is used twice")
         role = section.choice("role", ("chief", "deputy"))
