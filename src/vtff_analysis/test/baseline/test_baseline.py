@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import dataclasses
+import errno
 import json
 import pathlib
 
@@ -336,6 +337,16 @@ def test_wrong_arguments_are_named(arguments, message, tmp_path, monkeypatch):
     assert result.exit_code == 2, result.output
     assert message in " ".join(result.output.split())
     assert not list(tmp_path.glob("baseline_*"))
+
+
+def test_a_full_disk_is_no_wrong_argument(tmp_path, sample, monkeypatch):
+    def fail(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("vtff_analysis.baseline.output.write_epochs", fail)
+    result = vtff("baseline", *sample, "--end", "5", "--out", tmp_path / "out")
+    assert result.exit_code == 1, result.output
+    assert "out: No space left on device" in result.output.replace("\n", "")
 
 
 def test_wrong_arguments_with_good_files(tmp_path, sample):

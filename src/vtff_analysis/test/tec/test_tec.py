@@ -1,5 +1,6 @@
 """`vtff tec`: real and damaged files, a bag, tables, plots and messages."""
 
+import errno
 import gzip
 import json
 import pathlib
@@ -129,6 +130,17 @@ def test_files_of_one_name_keep_their_tables_and_the_order(tmp_path, sample):
     alike = [(out / f"same{end}_tec.csv").read_bytes() for end in ("", "_3")]
     assert alike[0] == alike[1]
     assert csv.read_csv(out / "same_tec.csv").num_rows > 0
+
+
+def test_a_full_disk_is_no_wrong_argument(tmp_path, sample, monkeypatch):
+    def fail(*arguments):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("vtff_analysis.tec.batch.write_tables", fail)
+    out = tmp_path / "out"
+    result = run(sample.rover, "--nav", sample.navigation, "--out", out)
+    assert result.exit_code == 1
+    assert "out: No space left on device" in result.output.replace("\n", "")
 
 
 def test_biases_of_another_year(tmp_path, sample):

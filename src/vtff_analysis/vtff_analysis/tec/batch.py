@@ -80,11 +80,12 @@ class TecOptions:
 
 @dataclass(frozen=True, eq=False)
 class TecOutcome:
-    """Result of a task: a summary, or an error message."""
+    """Result of a task: a summary, or an error message and whether it was one of writing."""
 
     task: TecTask
     summary: dict[str, Any] | None = None
     error: str | None = None
+    is_unwritten: bool = False
 
 
 def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
@@ -130,18 +131,22 @@ def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
         result = process(
             source, options.navigation, options.biases, options.orbit, options.allow_old_biases
         )
-        write_tables(result, options.folder, task.name, options.form)
-        if options.plots:
-            # Imported here: matplotlib takes half a second.
-            from vtff_analysis.tec.plots import write_plots
-
-            write_plots(result, options.folder, task.name)
     except (BagError, TecError, ObservationFileError, BiasFileError) as error:
         message = str(error)
         prefix = "" if task.path.name in message else f"{task.path}: "
         return TecOutcome(task, error=prefix + message)
     except OSError as error:
         return TecOutcome(task, error=_describe_error(error, task.path))
+    try:
+        write_tables(result, options.folder, task.name, options.form)
+        if options.plots:
+            # Imported here: matplotlib takes half a second.
+            from vtff_analysis.tec.plots import write_plots
+
+            write_plots(result, options.folder, task.name)
+    except OSError as error:
+        message = _describe_error(error, options.folder)
+        return TecOutcome(task, error=message, is_unwritten=True)
     return TecOutcome(task, summary=summarise_result(result))
 
 

@@ -260,20 +260,23 @@ def _compute(
     summary = summarise(run, errors)
     folder = output_folder(out, "baseline")
     title = f"{sources.rover_name} relative to {sources.base_name}"
-    epochs = write_epochs(run, errors, folder, form, title)
-    write_json(summary, folder / "baseline.json")
-    plot = write_plot(run, errors, folder / "baseline.png", title)
     sentence = lead_sentence(run, summary)
     facts = summary_rows(run, summary)
     heads, components = component_rows(options, run, summary)
     caption = "Components with three sigma, kind of solution and satellites."
     used = [("used", line) for line in sources.usage]
-    sections = (
-        Section("", heads, components, [(plot, caption)], sources.remarks),
-        Section("Epochs and solutions", ("", ""), [*facts, *used], numbers=False),
-    )
-    page = folder / "baseline.html"
-    write_results(page, title, sections, command=command_line(without="--out"), lead=sentence)
+    command = command_line(without="--out")
+    try:
+        epochs = write_epochs(run, errors, folder, form, title)
+        write_json(summary, folder / "baseline.json")
+        plot = write_plot(run, errors, folder / "baseline.png", title)
+        sections = (
+            Section("", heads, components, [(plot, caption)], sources.remarks),
+            Section("Epochs and solutions", ("", ""), [*facts, *used], numbers=False),
+        )
+        write_results(folder / "baseline.html", title, sections, command=command, lead=sentence)
+    except OSError as error:
+        raise exit_with_error(console, describe_os_error(error, folder), EXIT_FAILURE) from error
     console.print(title, markup=False, style="bold", soft_wrap=True)
     for line in (sentence, *sources.usage, *(f"{name:<12} {text}" for name, text in facts)):
         console.print(f"  {line}", markup=False, soft_wrap=True)

@@ -91,7 +91,10 @@ def thrust_cap(
     _print_result(console, landmarks.describe(), table)
     picture = (folder / "thrust_cap.png", "Velocity change and smallest in-track distance by cap.")
     sections = [_section(table, [picture])]
-    page = _write_page(folder, "thrust_cap", "000", landmarks.describe(), sections)
+    try:
+        page = _write_page(folder, "thrust_cap", "000", landmarks.describe(), sections)
+    except OSError as error:
+        stop(console, error, EXIT_FAILURE)
     console.print(f"{len(points)} caps; plot and table: {page}", markup=False, soft_wrap=True)
 
 
@@ -237,8 +240,12 @@ def formation_designs(
     console.print(remark)
     sections.append(_section(table, points=(remark,)))
     if folder is not None:
-        page = _write_page(folder, "formation_designs", "002", sentence, sections)
-        for path in (*write_formation_designs(folder, errors, pairs), page):
+        try:
+            page = _write_page(folder, "formation_designs", "002", sentence, sections)
+            written = (*write_formation_designs(folder, errors, pairs), page)
+        except OSError as error:
+            stop(console, error, EXIT_FAILURE)
+        for path in written:
             console.print(f"wrote {path}")
 
 
@@ -497,7 +504,10 @@ def _write_offsets(console: Console, results: Sequence[OffsetResult], folder: pa
         for kind, caption in captions.items()
     ]
     section = _section(table, pictures, (remark,))
-    page = _write_page(folder, "radial_offset", "000", sentence, [section])
+    try:
+        page = _write_page(folder, "radial_offset", "000", sentence, [section])
+    except OSError as error:
+        stop(console, error, EXIT_FAILURE)
     console.print(f"plots and table: {page}", markup=False, soft_wrap=True)
 
 

@@ -108,6 +108,7 @@ def tec(
     summaries: list[dict[str, Any]] = []
     sections = []
     failed = 0
+    is_unwritten = False
     entries = find_tasks(files)
     tasks = [entry for entry in entries if not isinstance(entry, TecOutcome)]
     options = TecOptions(
@@ -130,6 +131,7 @@ def tec(
             if outcome.summary is None:
                 print_error(console, outcome.error or "")
                 failed += 1
+                is_unwritten |= outcome.is_unwritten
             else:
                 _print_summary(console, outcome.summary)
                 summaries.append(outcome.summary)
@@ -146,13 +148,14 @@ def tec(
             bar.advance(progress)
     if not summaries:
         remove_if_empty(folder)
-        raise typer.Exit(EXIT_USAGE)
-    write_summary(summaries, folder / "tec.json")
+        raise typer.Exit(EXIT_FAILURE if is_unwritten else EXIT_USAGE)
     lead = _lead_sentence(summaries, failed)
-    page = folder / "tec.html"
-    write_results(
-        page, "Electron content", sections, command=command_line(without="--out"), lead=lead
-    )
+    command = command_line(without="--out")
+    try:
+        write_summary(summaries, folder / "tec.json")
+        write_results(folder / "tec.html", "Electron content", sections, command=command, lead=lead)
+    except OSError as error:
+        raise exit_with_error(console, describe_os_error(error, folder), EXIT_FAILURE) from error
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
