@@ -88,7 +88,10 @@ class ViewerServer(http.server.ThreadingHTTPServer):
         command: Command | None = None,
         port: int = 0,
     ) -> None:
-        super().__init__((HOST, port), _Handler)
+        try:
+            super().__init__((HOST, port), _Handler)
+        except OSError as error:
+            raise OSError(f"port {port}: {error.strerror}; choose another --port") from error
         self.scene = scene
         self.news = news
         self.command = command

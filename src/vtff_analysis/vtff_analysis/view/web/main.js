@@ -238,6 +238,7 @@ function bindCamera(state) {
     button.addEventListener("click", () => look(state, button.dataset.camera));
   }
   const colour = element("colour");
+  colour.hidden = !state.scene.ofKind("link").length && !state.scene.live;
   colour.querySelector("[value=s4]").hidden = !state.scene.ofKind("scintillation").length && !state.scene.live;
   colour.querySelector("[value=vtec_tecu]").hidden = !state.scene.ofKind("pierce").length && !state.scene.live;
   colour.addEventListener("change", () => {
