@@ -94,7 +94,7 @@ class AttitudeEstimate:
         True less model field, T, shape (3,); zero if not estimated.
     covariance
         Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections and the
-        states of the field error, shape (27, 27); zero where not estimated.
+        states of the field error, shape (31, 31); zero where not estimated.
     """
 
     quaternion_gcrf: FloatArray

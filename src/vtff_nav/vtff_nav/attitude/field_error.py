@@ -33,17 +33,20 @@ __all__ = ["FIELD_STATES", "FieldErrorModel", "track_rate"]
 
 _ORDER = 4
 _GROUPS = 2
-_ACROSS = 2
-FIELD_STATES = (_GROUPS + 1) * _ORDER
-"""Value and three scaled derivatives of each of three processes: the radial component of the low
-degrees, that of the high ones, and the component across the track."""
+_ALONG, _ACROSS = 2, 3
+_PROCESSES = 4
+FIELD_STATES = _PROCESSES * _ORDER
+"""Value and three scaled derivatives of each of four processes: the radial component of the low
+degrees, that of the high ones, what of the component along the track does not follow from them
+(degrees of one group differ), and the component across the track."""
 
 
 class FieldErrorModel:
     """The processes of an error of given size and degrees.
 
-    Coefficients of field models have about equal errors at all degrees (Lowes 2000), which makes
-    mean squares in a low orbit that differ little from degree to degree: here they are equal.
+    IGRF has the degrees 1 to 13. Its coefficients have about equal errors at all of them (Lowes
+    2000), which makes mean squares in a low orbit that differ little from degree 4 on: here all are
+    equal.
 
     Parameters
     ----------
@@ -56,17 +59,17 @@ class FieldErrorModel:
     def __init__(
         self,
         sigma: float,
-        low_degrees: tuple[int, int] = (1, 3),
-        high_degrees: tuple[int, int] = (4, 8),
+        low_degrees: tuple[int, int] = (1, 4),
+        high_degrees: tuple[int, int] = (5, 13),
     ) -> None:
         groups = [np.arange(first, last + 1.0) for first, last in (low_degrees, high_degrees)]
         degrees = np.concatenate(groups)
         power = 3.0 / len(degrees)  # of all components, of each degree, over sigma^2
         form = _unit_process()
-        self._numbers = np.empty(_GROUPS + 1)  # 1/rad of the track, by which derivatives are scaled
-        self._sigmas = np.empty(_GROUPS + 1)
+        self._numbers = np.empty(_PROCESSES)  # 1/rad of the track, by which derivatives are scaled
+        self._sigmas = np.empty(_PROCESSES)
         self._follow = np.empty(_GROUPS)  # rad
-        across = np.zeros(2)
+        rest, across = np.zeros(2), np.zeros(2)
         for index, degree in enumerate(groups):
             potential = power / ((degree + 1.0) * (2.0 * degree + 1.0))  # V2 / r2
             square = degree * (degree + 1.0)
@@ -74,19 +77,21 @@ class FieldErrorModel:
             self._sigmas[index] = math.sqrt(radial.sum())
             frequency = math.sqrt(float((0.5 * square * radial).sum() / radial.sum()))
             self._numbers[index] = frequency / form.frequency
-            # Times this, the derivative of the radial component has the right mean square.
-            self._follow[index] = math.sqrt(
-                float(slope.sum() / ((degree + 1.0) ** 2 * slope).sum())
-            )
+            # Regression of the component along the track on the derivative of the radial one.
+            follow = ((degree + 1.0) * slope).sum() / ((degree + 1.0) ** 2 * slope).sum()
+            self._follow[index] = follow
+            left = slope * (1.0 - follow * (degree + 1.0)) ** 2
+            rest += np.array([left.sum(), (0.75 * square * left).sum()])
             # The component across has the mean square of that along.
             across += np.array([slope.sum(), (0.25 * square * slope).sum()])
-        self._sigmas[_ACROSS] = math.sqrt(across[0])
-        self._numbers[_ACROSS] = math.sqrt(across[1] / across[0]) / form.frequency
+        for place, (size, squared) in ((_ALONG, rest), (_ACROSS, across)):
+            self._sigmas[place] = math.sqrt(size)
+            self._numbers[place] = math.sqrt(squared / size) / form.frequency
         self._sigmas *= sigma
 
     @property
     def covariance(self) -> FloatArray:
-        """Covariance of the states without measurements, T2, shape (12, 12)."""
+        """Covariance of the states without measurements, T2, shape (16, 16)."""
         covariance = np.zeros((FIELD_STATES, FIELD_STATES))
         for index, sigma in enumerate(self._sigmas):
             part = slice(index * _ORDER, (index + 1) * _ORDER)
@@ -94,7 +99,7 @@ class FieldErrorModel:
         return covariance
 
     def transition(self, turn: float) -> FloatArray:
-        """Return the transition over an angle of the track, rad, shape (12, 12)."""
+        """Return the transition over an angle of the track, rad, shape (16, 16)."""
         transition = np.zeros((FIELD_STATES, FIELD_STATES))
         for index, number in enumerate(self._numbers):
             part = slice(index * _ORDER, (index + 1) * _ORDER)
@@ -102,7 +107,7 @@ class FieldErrorModel:
         return transition
 
     def partial(self, position_gcrf: FloatArray, velocity_gcrf: FloatArray) -> FloatArray:
-        """Return the derivatives of the error in GCRF axes by the states, shape (3, 12).
+        """Return the derivatives of the error in GCRF axes by the states, shape (3, 16).
 
         Parameters
         ----------
@@ -116,6 +121,7 @@ class FieldErrorModel:
             first = index * _ORDER
             partial[:, first] = radial
             partial[:, first + 1] = -self._follow[index] * self._numbers[index] * track
+        partial[:, _ALONG * _ORDER] = track
         partial[:, _ACROSS * _ORDER] = across
         return partial
 

@@ -1,6 +1,6 @@
 """Compiled steps of the attitude filters: prediction over a period and update by the field.
 
-Error state, 27 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
+Error state, 31 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
 magnetometer bias (T), inertia corrections (share of each diagonal moment) and the error of the
 field model (T, see `vtff_nav.attitude.field_error`). What is not estimated has zero variance and
 zero process noise: its rows and columns stay zero and cost little. The true attitude is the
@@ -107,9 +107,9 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     Parameters
     ----------
     quaternion : (4,)
-    mean : (24,)
+    mean : (28,)
         Rate, dipole, bias, inertia corrections, states of the field error.
-    covariance : (27, 27)
+    covariance : (31, 31)
     steps : int
         Steps of the integration.
     field_start, field_end : (3,)
@@ -123,9 +123,9 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     noise : (6,)
         Torque (N m sqrt(s)), dipole walk (A m2/sqrt(s)), bias walk (T/sqrt(s)), inertia walk
         (1/sqrt(s)), wheel momentum sigma of a period (N m s), sigma of the moment of a rod (share).
-    field_partial : (3, 12)
+    field_partial : (3, 16)
         Derivatives of the field in GCRF by the states of its error.
-    field_transition, field_noise : (12, 12)
+    field_transition, field_noise : (16, 16)
         Transition of these states over the period, and their process noise.
     """
     identity = np.eye(3)
