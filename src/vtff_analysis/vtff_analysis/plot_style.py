@@ -69,7 +69,7 @@ def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
     # `savefig` would draw everything once more before, for the layout alone.
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
-    canvas.print_png(path)
+    canvas.print_png(path, metadata={"Title": title})
     write_lines(figure, path)
     if "svg" in os.environ.get(FIGURES_VARIABLE, ""):
         with rc_context({"svg.hashsalt": path.stem}):  # equal figures have equal bytes

@@ -10,6 +10,8 @@ from typer.testing import CliRunner
 
 pytest.importorskip("rclpy", reason="needs ROS 2")
 
+from vtff_analysis.plot_style import make_figure, save_figure  # noqa: E402
+from vtff_bringup.commands import study  # noqa: E402
 from vtff_bringup.commands.study import app  # noqa: E402
 
 
@@ -26,6 +28,21 @@ def test_radial_offset_with_the_model_alone(tmp_path):
     page = (tmp_path / "study/radial_offset.html").read_text(encoding="utf-8")
     assert "Spectra of the retrieved densities" in page and "10.1002/navi.354" in page
     assert '<p class="sentence">Of the offsets by the paper&#x27;s model, 3 km shows' in page
+
+
+def test_figures_stand_in_their_order_with_what_they_show(tmp_path):
+    for name, title in (
+        ("decay", "The other chaser"),
+        ("figure_10", "Figure 10: distances"),
+        ("figure_4", "Figure 4: impulsive phasing"),
+    ):
+        save_figure(make_figure(3.0), tmp_path / f"{name}.png", title)
+    paths = study._in_order(tmp_path.glob("*.png"))
+    assert [study._caption(path, "002") for path in paths] == [
+        "Figure 4 of paper 002, as computed here: impulsive phasing.",
+        "Figure 10 of paper 002, as computed here: distances.",
+        "Distance of the other chaser from the lead when one fails and decays.",
+    ]
 
 
 def test_radial_offset_refuses_an_offset_above_the_chief(tmp_path):

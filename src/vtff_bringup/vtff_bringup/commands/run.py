@@ -17,6 +17,7 @@ from vtff_bringup.run.background_import import BackgroundImport
 from vtff_bringup.run.console import make_console
 from vtff_bringup.run.errors import exit_with_error
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED, EXIT_USAGE
+from vtff_bringup.run.flown import has_flown
 from vtff_bringup.run.host_session import Conclusion, HostSession
 from vtff_bringup.run.on_console import (
     REPORT_MODULE,
@@ -148,6 +149,9 @@ def run(
             own = Conclusion(session.host, str(run_directory), exit_code, message_count)
             session.conclude(own)
     if order.report and message_count and exit_code in (0, EXIT_INTERRUPTED):
+        if not has_flown(run_directory):
+            console.print("nothing flew before the end: no report")
+            raise typer.Exit(exit_code)
         exit_code = report_run(console, run_directory, imports) or exit_code
         console.print(f"look at it: vtff view {run_directory}", markup=False, soft_wrap=True)
     raise typer.Exit(exit_code)

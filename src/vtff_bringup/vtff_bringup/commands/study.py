@@ -6,7 +6,7 @@ import itertools
 import operator
 import os
 import pathlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
@@ -357,7 +357,7 @@ def _compare_with_paper(
         folder = output_folder(out, name, parent="studies")
         found = run(folder, lambda line: console.print(line, markup=False))
         texts = [(row.subject, row.quantity, row.paper, row.measured) for row in found.rows]
-        pictures = [(path, _caption(path.stem, paper)) for path in sorted(folder.glob("*.png"))]
+        pictures = [(path, _caption(path, paper)) for path in _in_order(folder.glob("*.png"))]
         rows: list[Sequence[str]] = []
         for subject, group in itertools.groupby(texts, operator.itemgetter(0)):
             rows += [subject, *(row[1:] for row in group)]
@@ -383,12 +383,28 @@ def _print_result(console: Console, sentence: str, *tables: Table) -> None:
         console.print(table)
 
 
-def _caption(stem: str, paper: str) -> str:
-    """Return the caption of a picture: what it shows, or which figure of the paper it repeats."""
+def _in_order(paths: Iterable[pathlib.Path]) -> list[pathlib.Path]:
+    """Return figures by their numbers, figure 4 before figure 10, then the other pictures."""
+
+    def place(path: pathlib.Path) -> tuple[bool, int, str]:
+        number = path.stem.removeprefix("figure_")
+        return not number.isdecimal(), int(number) if number.isdecimal() else 0, path.stem
+
+    return sorted(paths, key=place)
+
+
+def _caption(path: pathlib.Path, paper: str) -> str:
+    """Return the caption of a picture: what it shows, and which figure of the paper it repeats."""
+    from PIL import Image
+
+    stem = path.stem
     kind, _, number = stem.partition("_")
-    if kind == "figure" and number:
-        return f"Figure {number.replace('_', ' ')} of paper {paper}, as computed here."
-    return _CAPTIONS.get(stem, f"{stem.replace('_', ' ').capitalize()}.")
+    if kind != "figure" or not number:
+        return _CAPTIONS.get(stem, f"{stem.replace('_', ' ').capitalize()}.")
+    with Image.open(path) as picture:
+        shown = str(picture.info.get("Title", "")).partition(": ")[2]
+    told = f": {shown}" if shown else ""
+    return f"Figure {number.replace('_', ' ')} of paper {paper}, as computed here{told}."
 
 
 def _section(

@@ -71,7 +71,7 @@ export function drawAxes(context, frame, range, ticks, labels = {}) {
     context.translate(frame.x - 46, frame.y + frame.height / 2);
     context.rotate(-Math.PI / 2);
     context.textAlign = "center";
-    context.fillText(labels.y, 0, 0);
+    context.fillText(labels.y, 0, 0, frame.height);
     context.restore();
   }
   return { toX, toY };
