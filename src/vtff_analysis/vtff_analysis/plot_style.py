@@ -10,6 +10,7 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.layout_engine import ConstrainedLayoutEngine
+from PIL import Image
 
 from vtff_analysis.page.line_data import write_lines
 
@@ -75,6 +76,12 @@ def save_figure(figure: Figure, path: pathlib.Path, title: str) -> pathlib.Path:
         with rc_context({"svg.hashsalt": path.stem}):  # equal figures have equal bytes
             figure.savefig(path.with_suffix(".svg"), metadata={"Date": None})
     return path
+
+
+def figure_title(path: pathlib.Path) -> str:
+    """Return the title of a figure that `save_figure` has written; empty for another picture."""
+    with Image.open(path) as picture:
+        return str(picture.info.get("Title", ""))
 
 
 def length_unit(largest: float) -> tuple[float, str]:

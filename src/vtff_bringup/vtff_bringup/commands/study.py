@@ -395,14 +395,13 @@ def _in_order(paths: Iterable[pathlib.Path]) -> list[pathlib.Path]:
 
 def _caption(path: pathlib.Path, paper: str) -> str:
     """Return the caption of a picture: what it shows, and which figure of the paper it repeats."""
-    from PIL import Image
+    from vtff_analysis.plot_style import figure_title
 
     stem = path.stem
     kind, _, number = stem.partition("_")
     if kind != "figure" or not number:
         return _CAPTIONS.get(stem, f"{stem.replace('_', ' ').capitalize()}.")
-    with Image.open(path) as picture:
-        shown = str(picture.info.get("Title", "")).partition(": ")[2]
+    shown = figure_title(path).partition(": ")[2]
     told = f": {shown}" if shown else ""
     return f"Figure {number.replace('_', ' ')} of paper {paper}, as computed here{told}."
 
