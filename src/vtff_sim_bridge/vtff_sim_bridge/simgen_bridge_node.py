@@ -307,10 +307,9 @@ class SimgenBridgeNode(VtffNode):
         self._thrust_in_force = self._thrust_now(stamp_nanoseconds)
         self._receive_replies()
         self._send_motion()
-        if self.lockstep and self.parameters.lockstep_preparing:
+        if self.lockstep:
             # SimGEN replies when the bytes of this step are on the ports of the receivers. With
-            # /clock after that, a driver never takes a slow emulator for a silent receiver. A
-            # driver prepares its receiver; where no node prepares, SimGEN works beside the nodes.
+            # /clock after that, a driver never takes a slow emulator for a silent receiver.
             self._receive_replies()
         if self._state == SimulatorStatus.STATE_ERROR:
             return
