@@ -25,6 +25,7 @@ from plasma.figures import (  # noqa: E402
     absolute_figures,
     density_figures,
     edge_figures,
+    false_edges,
     wall_errors,
 )
 from plasma.recording import load_or_fly  # noqa: E402
@@ -88,8 +89,12 @@ def report_bubbles(flown: Flown) -> None:
     print(f"density z RMS {z:.2f}, largest {max(r.largest_z for r in ratios):.1f}; ", end="")
     print(f"beyond 3 sigma below zero: {sum(r.impossible for r in ratios)} seconds")
     for world, result in flown:
+        density = density_figures(world, result)
+        print(f"  {world.name}: density z RMS {density.z_rms:.2f}, largest {density.largest_z:.1f}")
         for error in wall_errors(world, result):
             print(f"  {error}")
+        for line in false_edges(world, result):
+            print(f"  {line}")
 
 
 def main() -> None:

@@ -42,6 +42,9 @@ class ChainResult:
         spacecraft, error and sigma, TECU.
     edges : list of Boundary
         Vertical edges.
+    column_errors : dict of int to ndarray, shape (n, 3)
+        By PRN: time into the flight, s, error of the differential slant content with all integers
+        known, TECU, and path of the ray through a layer over its height.
     altitudes : ndarray, shape (k, 3)
         Time into the flight, s, and true altitudes of chief and deputy, m.
     processor_time : float
@@ -51,6 +54,7 @@ class ChainResult:
     density: FloatArray
     absolute: FloatArray
     edges: list[Boundary]
+    column_errors: dict[int, FloatArray]
     altitudes: FloatArray
     processor_time: float
     start: int
@@ -96,8 +100,11 @@ def run_chain(recording: Recording, world: PlasmaWorld) -> ChainResult:
     elapsed = (times - start) * 1e-9
     altitudes = np.array([integrator.altitude(second.position_itrf) for second in recording])
     densities, contents, edges = [], [], []
+    errors: dict[int, list[tuple[float, float, float]]] = {}
     spent = 0.0
-    for recorded in recording:
+    for at, recorded in zip(elapsed.tolist(), recording, strict=True):
+        for prn, of_satellite in recorded.column_errors.items():
+            errors.setdefault(prn, []).append((at, *of_satellite))
         second = _second(recorded, choice)
         began = time.process_time()
         for ephemeris in recorded.ephemerides:
@@ -134,6 +141,7 @@ def run_chain(recording: Recording, world: PlasmaWorld) -> ChainResult:
         np.array(densities).reshape(-1, 6),
         np.array(contents).reshape(-1, 4),
         edges,
+        {prn: np.array(rows) for prn, rows in errors.items()},
         np.column_stack((elapsed, altitudes)),
         spent / len(recording),
         start,

@@ -13,7 +13,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.boundary import Boundary
 
 from .chain import ChainResult
-from .worlds import Bubble, PlasmaWorld
+from .worlds import PlasmaWorld
 
 __all__ = [
     "AbsoluteFigures",
@@ -22,6 +22,7 @@ __all__ = [
     "absolute_figures",
     "density_figures",
     "edge_figures",
+    "false_edges",
     "wall_errors",
 ]
 
@@ -32,11 +33,8 @@ _FIRST_ABSOLUTE = 600.0
 # A wall is told if an edge of the right sense is within this distance of it, m, and a half width.
 _NEAR = 2e3
 _STRONG = 5.0
-# What theory gives for the change of a density over a wall: noise of one phase for a second, m,
-# satellites, and mean path through a layer over its height.
-_WHITE, _SATELLITES, _PATH = 0.001 / math.sqrt(20.0), 9.0, 1.6
-_TECU_PER_METRE = 9.51775
-_SEGMENT = 3e3  # m, beside a wall
+# Of the contrast: m beside a wall; s before and after it, and in how many places.
+_SEGMENT, _AROUND, _PLACES = 3e3, 60.0, 25
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
             WallError(
                 world.name,
                 is_upper,
-                _contrast(world, altitude, speed),
+                _contrast(world, result, altitude, float(times.mean()), speed),
                 bubble.wall_width,
                 times,
                 told,
@@ -145,6 +143,22 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
             )
         )
     return walls
+
+
+def false_edges(world: PlasmaWorld, result: ChainResult) -> list[str]:
+    """Return a line for each edge that was told where there is no wall."""
+    told = [time for wall in wall_errors(world, result) for time in wall.told_time.tolist()]
+    lines = []
+    for edge in result.edges:
+        at = 1e-9 * (edge.time - result.start)
+        if at not in told:
+            height = float(np.interp(at, *result.altitudes[:, [0, 1 + edge.spacecraft]].T))
+            lines.append(
+                f"{world.name}: {'entry' if edge.is_entry else 'exit'} of spacecraft "
+                f"{edge.spacecraft} at {at:.1f} s, {1e-3 * height:.1f} km, width "
+                f"{1e-3 * edge.width:.1f} km, confidence {edge.confidence:.3f}: no wall"
+            )
+    return lines
 
 
 def _crossings(result: ChainResult, altitude: float) -> tuple[FloatArray, float]:
@@ -158,54 +172,56 @@ def _crossings(result: ChainResult, altitude: float) -> tuple[FloatArray, float]
     return np.array(times), abs(float(chief[index + 5] - chief[index - 5])) / 10.0
 
 
-def _contrast(world: PlasmaWorld, altitude: float, speed: float) -> float:
-    """Return the change of density over a wall in sigmas that theory gives.
+def _contrast(
+    world: PlasmaWorld, result: ChainResult, altitude: float, time: float, speed: float
+) -> float:
+    """Return the change of density over a wall in sigmas of the column that was measured.
 
-    Slow errors of four phases change with their correlation time between both sides of the wall;
-    white noise and fluctuations that the spacecraft do not share are averaged over the segments.
+    The sigma is that of the measured differential contents of this flight with every integer known,
+    which no receiver knows: multipath, noise, and fluctuations that the spacecraft do not share. It
+    is what the mean of a segment beside the wall scatters by against that of the other side, for
+    places of the wall up to a minute before and after; satellites are weighted by it.
     """
     bubble = world.bubble
     assert bubble is not None
-    gnss = world.gnss()
-    background = _background_density(world)
-    contrast = bubble.depth * background
     separation = world.vertical_separation
-    multipath = gnss.receivers[0].multipath
-    apart = (_SEGMENT + bubble.wall_width + separation) / speed
-    slow = 2.0 * multipath.phase_sigma * _TECU_PER_METRE
-    slow *= math.sqrt(2.0 * (1.0 - math.exp(-apart / multipath.correlation_time)))
-    seconds = max(1.0, _SEGMENT / speed)
-    white = 2.0 * _WHITE * _TECU_PER_METRE * math.sqrt(2.0 / seconds)
-    fluctuation = _fluctuation_tecu(bubble) * math.sqrt(2.0)
-    averaged = min(1.0, 2.0 * bubble.decorrelation_time / seconds)
-    fluctuation *= math.sqrt(averaged)
-    column = math.sqrt(slow**2 + white**2 + fluctuation**2)
-    sigma = column * 1e16 / (math.sqrt(_SATELLITES) * _PATH * separation)
-    return contrast / sigma
+    segment = max(1.0, _SEGMENT / speed)
+    apart = segment + (bubble.wall_width + separation) / speed
+    information = 0.0
+    for rows in result.column_errors.values():
+        changes = _segment_changes(rows, time, segment, apart)
+        if len(changes) >= _PLACES // 2:
+            path = float(np.mean(rows[:, 2])) * separation
+            information += path**2 / max(float(np.mean(changes**2)), 1e-12)
+    # Electrons per cubic metre; 1e16 per square metre are a TECU.
+    sigma = 1e16 / math.sqrt(information) if information > 0.0 else math.inf
+    return bubble.depth * _background_density(world, altitude) / sigma
 
 
-def _background_density(world: PlasmaWorld) -> float:
-    """Return the density of the background of a world beside the middle of its bubble, 1/m3."""
-    assert world.bubble is not None
+def _segment_changes(rows: FloatArray, time: float, segment: float, apart: float) -> FloatArray:
+    """Return the changes of the mean error from one segment to another, TECU, for many places.
+
+    `rows` are times, errors, and paths of seconds; segments (s) have their middles `apart` (s). A
+    segment that is not measured for half of its time has no mean.
+    """
+    changes = []
+    for middle in np.linspace(time - _AROUND, time + _AROUND, _PLACES):
+        means = []
+        for side in (-0.5, 0.5):
+            near = np.abs(rows[:, 0] - middle - side * apart) <= 0.5 * segment
+            if np.count_nonzero(near) < max(1.0, 0.5 * segment):
+                break
+            means.append(float(rows[near, 1].mean()))
+        else:
+            changes.append(means[1] - means[0])
+    return np.array(changes)
+
+
+def _background_density(world: PlasmaWorld, altitude: float) -> float:
+    """Return the density of a world without its bubble at an altitude (m), 1/m3."""
     plain = dataclasses.replace(world, bubble=None).gnss().profile
     assert plain is not None
-    middle = 0.5 * (world.bubble.altitude_bottom + world.bubble.altitude_top)
-    return float(plain.density(middle))
-
-
-def _fluctuation_tecu(bubble: Bubble) -> float:
-    """Return what the phases of a ray scatter by in L1 less L2 of both receivers, TECU.
-
-    For weak scatter a phase has half the scattered power: sigma^2 = (1 - d) / (2 d) with the direct
-    power d = (1 - S4^2)^(1/2); L2 follows L1 by the same pattern.
-    """
-    if bubble.s4 == 0.0:
-        return 0.0
-    lengths = []
-    for scale, wavelength in ((1.0, 0.1903), ((1575.42 / 1227.60) ** 1.5, 0.2442)):
-        direct = math.sqrt(max(1.0 - min(bubble.s4 * scale, 0.97) ** 2, 0.0))
-        lengths.append(math.sqrt((1.0 - direct) / (2.0 * direct)) * wavelength / (2.0 * math.pi))
-    return abs(lengths[1] - lengths[0]) * math.sqrt(2.0) * _TECU_PER_METRE
+    return float(plain.density(altitude))
 
 
 @dataclass(frozen=True)

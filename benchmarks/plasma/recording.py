@@ -8,6 +8,7 @@ emulation and the filter, is kept in a folder, so that the ionosphere chain can 
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 import pathlib
 import pickle
@@ -21,15 +22,19 @@ from realism.recording import DESIGN, simulator_fingerprint
 from vtff_analysis.closed_loop.simulation import simulate_closed_loop
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.novatel.encode.frame import HeaderSettings
 from vtff_gnss.observations import OBSERVATION_COLUMNS, ObservationSeries
+from vtff_gnss.signals import carrier_frequency_hz
+from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.solution import RelativeSolution
 from vtff_nav.relative.shipped_estimators import make_cdgps
 from vtff_sim_bridge.bridge.simgen_link import motion_state
 from vtff_sim_bridge.gnss.configuration import GnssConfiguration
+from vtff_sim_bridge.receiver.measurements import Measurements
 from vtff_sim_bridge.receiver.receiver_firmware import ReceiverFirmware
 from vtff_sim_bridge.receiver.truth_file import TruthFile
 from vtff_sim_bridge.simgen.gnss_emulation import ReceiverSet
@@ -59,6 +64,11 @@ class RecordedSecond:
         Own solutions of the receivers, m and m/s.
     stec_tecu : tuple of 2 dict of int to float
         True slant TEC by PRN of GPS at the end of the second.
+    column_errors : dict of int to (float, float)
+        By PRN of GPS what the phases show of the differential slant TEC, deputy less chief, if
+        every integer is known, less the true one: mean over the second, TECU; and the path of the
+        ray through a layer over its height. Only where both receivers track both signals all the
+        time.
     """
 
     time: GpsTime
@@ -68,6 +78,7 @@ class RecordedSecond:
     solution: RelativeSolution
     fixes_itrf: tuple[FloatArray | None, FloatArray | None]
     stec_tecu: tuple[dict[int, float], dict[int, float]]
+    column_errors: dict[int, tuple[float, float]]
 
 
 Recording = list[RecordedSecond]
@@ -82,6 +93,36 @@ def _block(series: ObservationSeries) -> ObservationBlock:
         for name in OBSERVATION_COLUMNS
     }
     return ObservationBlock(times.astype(np.int64), columns)
+
+
+def _phase_errors(measured: Measurements) -> dict[int, tuple[float, float]]:
+    """Return the error of the content that phases show if their integers are known, by PRN.
+
+    Mean over the second, TECU; and the path through a layer over its height. What receivers slip
+    by is known too, what scintillation winds the signals up by is not.
+    """
+    signals, tracks = measured.signals, measured.tracks
+    plan = signals.plan
+    phase = (measured.observables.carrier_phase_cycles - tracks.cycles) * plan.wavelength
+    columns = {
+        (int(prn), int(band)): column
+        for column, (system, prn, band) in enumerate(
+            zip(plan.system.tolist(), plan.prn.tolist(), plan.band.tolist(), strict=True)
+        )
+        if system == SYSTEM_GPS and band in (1, 2)
+    }
+    scale = tecu_per_metre(*carrier_frequency_hz([SYSTEM_GPS] * 2, (1, 2)).tolist())
+    errors = {}
+    for (prn, band), first in columns.items():
+        second = columns.get((prn, 2))
+        if band != 1 or second is None or not tracks.is_tracked[:, [first, second]].all():
+            continue
+        satellite = plan.satellite[first]
+        content = scale * (phase[:, first] - phase[:, second])
+        error = float(np.mean(content - signals.slant_tec_tecu[:, satellite]))
+        elevation = float(signals.line_of_sight.elevation[-1, satellite])
+        errors[prn] = (error, 1.0 / math.sin(elevation))
+    return errors
 
 
 def fly(
@@ -110,6 +151,7 @@ def fly(
             motion.forget_before(second * 10**9)
         now = truth.time
         blocks, epochs, fixes, contents, new = [], [], [], [], []
+        errors: list[dict[int, tuple[float, float]]] = []
         for name, engine in receivers.receivers.items():
             measured = engine.measurements
             assert measured is not None
@@ -125,6 +167,7 @@ def fly(
             contents.append(
                 {prn: float(measured.signals.slant_tec_tecu[-1, column]) for prn, column in of_gps}
             )
+            errors.append(_phase_errors(measured))
             broadcast = engine.ephemerides(now)
             if broadcast is not heard.get(name):
                 heard[name] = broadcast
@@ -142,6 +185,10 @@ def fly(
             solution,
             (fixes[0], fixes[1]),
             (contents[0], contents[1]),
+            {
+                prn: (errors[1][prn][0] - errors[0][prn][0], errors[0][prn][1])
+                for prn in errors[0].keys() & errors[1].keys()
+            },
         )
         truth.advance({names[1]: thrust})
 
@@ -158,6 +205,7 @@ def load_or_fly(
         return list(fly(scenario, gnss, setting))
     inputs = hashlib.sha256(pickle.dumps((scenario, gnss, setting)))
     inputs.update(simulator_fingerprint().encode())
+    inputs.update(" ".join(RecordedSecond.__annotations__).encode())
     path = cache / f"{name}-{inputs.hexdigest()[:16]}.pickle"
     if path.is_file():
         with path.open("rb") as stream:

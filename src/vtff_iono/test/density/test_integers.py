@@ -126,7 +126,7 @@ def test_integers_of_a_broken_arc_are_found_again(seed, pair):
         resolver.add_resolved(bias + generator.normal(0.0, 0.35 / np.sqrt(20)), 20)
     for second in range(60):
         wide = pair[0] - pair[1] + bias + generator.normal(0.0, 0.35 / np.sqrt(20))
-        found = resolver.resolve("arc", wide, 20, shift + generator.normal(0.0, 0.08), 0.02)
+        found = resolver.resolve("arc", wide, 20, shift + generator.normal(0.0, 0.08), 0.08, 0.02)
         if found is not None:
             assert found == pair
             assert second >= 3
@@ -143,7 +143,7 @@ def test_nothing_is_decided_between_two_integers():
         resolver.add_resolved(generator.normal(0.0, 0.08), 20)
         noise = generator.normal(0.0, 0.01, size=2)
         excess = half + noise[1]
-        assert resolver.resolve("arc", noise[0], 20, excess, 0.02) is None
+        assert resolver.resolve("arc", noise[0], 20, excess, 0.01, 0.02) is None
 
 
 @pytest.mark.parametrize("wide_lane_error", [0.0, 0.45])
@@ -155,7 +155,7 @@ def test_the_content_decides_where_the_wide_lane_is_off(wide_lane_error):
         resolver.add_resolved(generator.normal(0.0, 0.25), 20)
     for _ in range(30):
         excess = generator.normal(0.0, 0.01)
-        integers = resolver.resolve("arc", wide_lane_error, 20, excess, 0.02)
+        integers = resolver.resolve("arc", wide_lane_error, 20, excess, 0.01, 0.02)
         if integers is not None:
             break
     assert integers == (0.0, 0.0)
@@ -166,7 +166,20 @@ def test_a_content_off_its_level_is_not_explained_by_other_integers():
     resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
     for _ in range(100):
         resolver.add_resolved(0.0, 20)
-        assert resolver.resolve("arc", 0.0, 20, 0.2, 0.02) is None
+        assert resolver.resolve("arc", 0.0, 20, 0.2, 0.01, 0.02) is None
+
+
+@pytest.mark.parametrize("known", [(7.0, None), (None, -4.0)])
+def test_beside_a_signal_that_went_on_the_other_integer_is_found_in_a_second(known):
+    """One cycle of a single signal is 1.8 or 2.3 TECU: codes are not needed."""
+    scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT
+    excess = scale * (7.0 / FREQUENCY_L1 + 4.0 / FREQUENCY_L2)
+    arguments = ("arc", 0.0, 20, excess + 0.3)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    assert resolver.resolve(*arguments, 0.2, 0.1, known) == (7.0, -4.0)
+    # Nor is it guessed where a second does not tell it.
+    assert resolver.resolve(*arguments, 0.6, 0.1, known) is None
+    assert resolver.resolve(*arguments, 0.2, 0.1) is None
 
 
 def test_the_sigma_of_a_mean_is_that_of_its_samples_from_two_on():

@@ -101,7 +101,7 @@ def detected(time, altitude, density, fast_sigma, slow_sigma, separation=985.0):
     edges = []
     for sample in zip(time, altitude, density, strict=True):
         edges += detector.update(
-            sample[0], sample[1], separation, sample[2], fast_sigma, slow_sigma, 100.0
+            sample[0], sample[1], separation, sample[2], fast_sigma, {1: slow_sigma}, 100.0
         )
     return [*edges, *detector.flush()]
 
@@ -166,6 +166,27 @@ def test_the_ledge_below_a_layer_is_no_edge():
         generator = np.random.default_rng(seed)
         noise = 1e10 * generator.standard_normal(len(time))
         assert detected(time, altitude, truth + noise, 1e10, 0.0) == []
+
+
+def test_a_step_where_another_satellite_joins_is_no_edge():
+    """A new satellite brings its own multipath; with the old ones alone the step is an edge."""
+    joined = []
+    for parts_after in ({1: 1e11}, {1: 5e10, 2: 9e10}):
+        detector, edges = DensityEdgeDetector(), []
+        for second in range(160):
+            density, parts = (6e11, {1: 1e11}) if second < 80 else (8e11, parts_after)
+            edges += detector.update(
+                float(second), 300e3 + 270.0 * second, 985.0, density, 1e9, parts, 1000.0
+            )
+        joined.append(len([*edges, *detector.flush()]))
+    assert joined == [1, 0]
+
+
+def test_the_foot_of_a_wide_wall_is_no_wall_of_the_other_sense():
+    altitude = 390e3 - 320.0 * np.arange(100.0)
+    density = np.interp(-altitude, [-380e3, -374e3], [4.4e11, 11.2e11])
+    edges = detected(np.arange(100.0), altitude, density, 5e9, 1e9, separation=6900.0)
+    assert [edge.is_entry for edge in edges] == [False]
 
 
 def test_a_step_over_a_gap_is_no_edge():

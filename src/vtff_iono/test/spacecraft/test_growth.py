@@ -76,10 +76,10 @@ def test_arcs_that_break_every_minute_of_a_day_are_forgotten():
     most, most_unresolved, number = 0, 0, -1
     for second in range(86_400):
         arcs = {link: (1 + (second + 7 * link.prn) // 60, 1) for link in links}
-        current = stretches.continue_or_begin(arcs, integers)
+        current = stretches.continue_or_begin(arcs, integers, {})
         for link in links[4:]:
             # No common bias is known, so that nothing is ever resolved.
-            assert resolver.resolve(current[link].number, 0.0, 20, 0.0, 0.02) is None
+            assert resolver.resolve(current[link].number, 0.0, 20, 0.0, 0.01, 0.02) is None
         stretches.forget_ended(stretch.number for stretch in current.values())
         resolver.keep_only(stretches.numbers())
         most = max(most, len(stretches))
@@ -97,17 +97,18 @@ def test_a_stretch_continues_after_an_interruption_and_lasts_while_it_is_in_use(
     stretches = PhaseStretches()
     link = LinkSignals(SignalKey(SYSTEM_GPS, 5, 1, 67), SignalKey(SYSTEM_GPS, 5, 2, 87))
     fixed = {link.first: 3.0, link.second: 4.0}
-    first = stretches.continue_or_begin({link: (1, 1)}, fixed)[link]
+    first = stretches.continue_or_begin({link: (1, 1)}, fixed, {})[link]
     assert (first.number, first.integers, first.signals.prn) == (0, (3.0, 4.0), 5)
-    floating = stretches.continue_or_begin({link: (1, 1)}, {link.first: 3.0})[link]
-    assert (floating.number, floating.integers) == (1, None)
+    floating = stretches.continue_or_begin({link: (1, 1)}, {link.first: 3.0}, {})[link]
+    assert (floating.number, floating.integers) == (1, (3.0, None))
+    assert first.has_integers and not floating.has_integers
     stretches.forget_ended([])
     # Neither other integers nor a second without the link end it; other arcs do.
-    stretches.continue_or_begin({}, {})
+    stretches.continue_or_begin({}, {}, {})
     stretches.forget_ended([])
-    assert stretches.continue_or_begin({link: (1, 1)}, fixed)[link] is first
+    assert stretches.continue_or_begin({link: (1, 1)}, fixed, {})[link] is first
     assert stretches[0] is first
-    second = stretches.continue_or_begin({link: (1, 2)}, fixed)[link]
+    second = stretches.continue_or_begin({link: (1, 2)}, fixed, {})[link]
     assert second.number == 2
     stretches.forget_ended([0])
     assert list(stretches.numbers()) == [0, 2]

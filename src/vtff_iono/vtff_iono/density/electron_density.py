@@ -80,9 +80,11 @@ class DensitySettings:
         is, because what all epochs together would learn from it must be nothing.
     largest_sigma : float
         A density with a larger sigma is withheld, electrons per cubic metre.
-    fewest_satellites : int
-        A density that rests on fewer is withheld: with three states in common, a single wrong
-        integer among four could not be told from the right ones.
+    spare_satellites : int
+        A density is withheld unless there are so many satellites more than states in common that
+        are not known: a single wrong integer could not be told from the right ones. What the past
+        has told to better than `outlier_tecu` is known, as a rule b and a, once as many satellites
+        as are needed without a past have agreed.
     """
 
     elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
@@ -99,7 +101,7 @@ class DensitySettings:
     outlier_tecu: float = 0.1
     density_sigma: float = 1e14
     largest_sigma: float = 1e12
-    fewest_satellites: int = 5
+    spare_satellites: int = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,10 +117,13 @@ class DensityEpoch:
     density, sigma : float
         Density from all satellites and its sigma, electrons per cubic metre; NaN where there is no
         estimate.
-    fast_sigma, slow_sigma, slow_time : float
-        Sigmas of the errors of the density that are independent from epoch to epoch, and that have
-        a correlation time, electrons per cubic metre and s. An error of b, which hardly changes,
+    fast_sigma, slow_time : float
+        Sigma of the errors of the density that are independent from epoch to epoch, electrons per
+        cubic metre, and correlation time of the slow ones, s. An error of b, which hardly changes,
         is in `sigma` alone.
+    slow_parts : ndarray
+        By how much one sigma of the slow error of each satellite moves the density, electrons per
+        cubic metre: where other satellites are used, the slow error is another one at once.
     density_satellite, sigma_satellite : ndarray
         Density from each satellite alone, with the common b and a, and its sigma; NaN for a
         satellite that is not used.
@@ -133,8 +138,8 @@ class DensityEpoch:
     density: float
     sigma: float
     fast_sigma: float
-    slow_sigma: float
     slow_time: float
+    slow_parts: FloatArray
     density_satellite: FloatArray
     sigma_satellite: FloatArray
     is_outlier: npt.NDArray[np.bool_]
@@ -181,6 +186,7 @@ class ElectronDensityEstimator:
     def reset_bias(self) -> None:
         """Forget b, because the integers have another datum."""
         self._is_bias_new = True
+        self._is_checked = False
         self._state[0] = 0.0
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
@@ -256,6 +262,7 @@ class ElectronDensityEstimator:
             self._state[0] = float(np.median(residual))
         self._predict(time, numbers[used].tolist())
         design = self._with_slow_errors(common, numbers[used].tolist())
+        unknown = self._count_unknown(common) if self._is_checked else _COMMON
         is_outlier = self._find_outliers(design, residual, fast_variance)
         kept = ~is_outlier
         self.slow_errors.add(
@@ -272,11 +279,17 @@ class ElectronDensityEstimator:
         )
         variance = float(self._covariance[2, 2])
         fast = float(gain[2] ** 2 @ fast_variance[kept])
-        slow = min(max(variance - fast, 0.0), self.slow_errors.sigma**2 * float(gain[2] @ gain[2]))
+        # What the past tells of slow errors is no error any more.
+        parts = self.slow_errors.sigma * gain[2]
+        left = max(variance - fast, 0.0) / max(float(parts @ parts), 1e-30)
+        slow_parts = np.zeros(len(observed))
+        slow_parts[rows] = parts * math.sqrt(min(left, 1.0)) * ELECTRONS_PER_TECU
         total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[2]) * ELECTRONS_PER_TECU
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
-        has_check = int(np.count_nonzero(kept)) >= settings.fewest_satellites
+        count = int(np.count_nonzero(kept))
+        has_check = count >= unknown + settings.spare_satellites
+        self._is_checked |= count >= _COMMON + settings.spare_satellites
         is_told = has_check and density_sigma <= settings.largest_sigma
         if is_told:
             self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
@@ -286,8 +299,8 @@ class ElectronDensityEstimator:
             density=density if is_told else math.nan,
             sigma=density_sigma if is_told else math.nan,
             fast_sigma=math.sqrt(fast) * ELECTRONS_PER_TECU,
-            slow_sigma=math.sqrt(slow) * ELECTRONS_PER_TECU,
             slow_time=self.slow_errors.correlation_time,
+            slow_parts=slow_parts,
             density_satellite=single,
             sigma_satellite=single_sigma,
             is_outlier=outliers,
@@ -333,6 +346,13 @@ class ElectronDensityEstimator:
         geometric = self._geometric(elevations, altitude_chief, altitude_deputy)
         geometric += modelled / ELECTRONS_PER_TECU * path
         return np.stack((np.ones(len(path)), geometric, -path), axis=-1)
+
+    def _count_unknown(self, common: FloatArray) -> int:
+        """Return how many of b, a and density the past does not tell to the size of an outlier."""
+        sigma = np.sqrt(np.diag(self._covariance)[:_COMMON])
+        # What all contents share of a is as b is.
+        effect = sigma * np.array([1.0, np.ptp(common[:, 1]), math.inf])
+        return int(np.count_nonzero(effect > self._settings.outlier_tecu))
 
     def _geometric(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
@@ -461,8 +481,8 @@ class ElectronDensityEstimator:
             density=math.nan,
             sigma=math.nan,
             fast_sigma=math.nan,
-            slow_sigma=math.nan,
             slow_time=math.nan,
+            slow_parts=np.zeros(count),
             density_satellite=nothing,
             sigma_satellite=nothing.copy(),
             is_outlier=np.zeros(count, dtype=bool),

@@ -31,6 +31,7 @@ from vtff_iono.density.electron_density import (
 from vtff_iono.density.integer_datum import IntegerDatum
 from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch, PhaseStretches
+from vtff_iono.density.signal_continuity import SignalContinuity
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.formation_second import PairSecond, Track
@@ -47,16 +48,22 @@ _NO_PHASE = np.uint16(
 _FEWEST_SAMPLES = 2
 # Smallest elevation of the satellites that show the vertical content above the chief, rad.
 _VTEC_ELEVATION = math.radians(40.0)
-# A scatter that exceeds the variance of the noise by this factor is scintillation. Of fades that
-# last half a second a third of the variance shows as scatter within a second, the rest is in the
-# mean: twice the scatter.
+# A scatter that exceeds the variance of the noise by this factor is scintillation.
 _LARGE_SCATTER = 2.0
+# Variance of the mean of a second over the scatter within it. Of fades that last half a second a
+# third of the variance shows as scatter, the rest is in the mean; of faster fades little is in the
+# mean. It is measured by the changes from second to second; at first it is that of fades of half a
+# second, which counts as so many seconds of satellites.
+_FIRST_MEAN_OVER_SCATTER, _FIRST_WEIGHT = 2.0, 20.0
+_SMALLEST_RATIO, _LARGEST_RATIO = 0.05, 10.0
+# A change counts at most as this many times its expected variance: a wrong integer is no fade.
+_LARGEST_CHANGE = 16.0
 # The same for a change from one second to the next, which has a single degree of freedom.
 _LARGE_CHANGE = 9.0
 # Noise is at least this fraction of the variance that the settings tell.
 _LEAST_NOISE = 0.1
-_MEAN_OVER_SCATTER = 2.0
 _SCATTER_MEMORY = 15.0  # seconds
+_SATELLITES = 5.0  # that fluctuate at once, as a rule
 # The integers of a satellite are wrong when its content (see `DensitySettings.outlier_sigmas`) or
 # its wide lane is off by more than this for `_MOST_DOUBTS` seconds in a row.
 _WRONG_WIDE_LANE_SIGMAS = 5.0
@@ -152,6 +159,9 @@ class FormationDensity:
         self._bands = bands
         self._datum = IntegerDatum()
         self._datum_number = 0
+        self._signals = tuple(SignalContinuity(SYSTEM_GPS, bands) for _ in range(2))
+        # Which phases both receivers have continuously, by signal.
+        self._continuity: dict[SignalKey, tuple[int, int]] = {}
         self._stretches = PhaseStretches()
         # Links of the density bands, numbered in the order in which either receiver has seen them,
         # and for each receiver these numbers by its own numbers of links.
@@ -166,8 +176,13 @@ class FormationDensity:
         self._sample_sigma = 2.0 * carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
         self._excess: dict[int, float] = {}
+        # Variances of means, and scatters, whose ratio says how long fades last: sums of late.
+        self._of_means = _FIRST_MEAN_OVER_SCATTER * _FIRST_WEIGHT
+        self._of_scatter = _FIRST_WEIGHT
         # Content of each satellite less the predicted one a second ago, TECU, by stretch.
         self._last_errors: dict[int, float] = {}
+        # The same of satellites with integers, by PRN.
+        self._last_fixed: dict[int, float] = {}
         # Seconds in a row for which the integers of a satellite were wrong, by PRN.
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
@@ -193,7 +208,7 @@ class FormationDensity:
         """
         for numbers, links_of_craft in zip(self._link_numbers, links, strict=True):
             numbers += [self._number_of_link(link) for link in links_of_craft[len(numbers) :]]
-        stretches = self._current_stretches(second, self._arcs_at_end(results))
+        stretches = self._current_stretches(second, results)
         time, number, columns = self._differences(second, results, stretches)
         densities = []
         ended = list(self._average.update(time, number, columns))
@@ -247,12 +262,23 @@ class FormationDensity:
         }
 
     def _current_stretches(
-        self, second: PairSecond, arcs: dict[LinkSignals, tuple[int, int]]
+        self, second: PairSecond, results: tuple[SpacecraftResult, SpacecraftResult]
     ) -> dict[LinkSignals, PhaseStretch]:
         """Return the stretch of each link: its arcs and the integers that hold now."""
-        continuity = {signal: both for signals, both in arcs.items() for signal in signals}
-        integers = self._datum.update(second.integers, continuity)
-        return self._stretches.continue_or_begin(arcs, integers)
+        chief, deputy = (
+            signals.update(block, result.rows)
+            for signals, block, result in zip(
+                self._signals, second.observations, results, strict=True
+            )
+        )
+        self._continuity = {
+            signal: (chief[signal], deputy[signal])
+            for signal in sorted(chief.keys() & deputy.keys())
+        }
+        integers = self._datum.update(second.integers, self._continuity)
+        return self._stretches.continue_or_begin(
+            self._arcs_at_end(results), integers, self._continuity
+        )
 
     def _differences(
         self,
@@ -267,7 +293,8 @@ class FormationDensity:
         for signals, stretch in stretches.items():
             number = self._links[signals]
             stretch_of_link[number] = stretch.number
-            integers_of_link[number] = stretch.integers or (0.0, 0.0)
+            if stretch.has_integers:
+                integers_of_link[number] = stretch.integers
         integers = integers_of_link[link]
         chosen = (chief_row, deputy_row)
         first, second_phase = (
@@ -330,10 +357,11 @@ class FormationDensity:
             self._resolver.reset()
         stretches = [self._stretches[number] for number in averages.number.tolist()]
         means = _LinkMeans(stretches, averages.samples, **averages.columns)
-        has_integers = np.array([s.integers is not None for s in stretches], dtype=bool)
+        has_integers = np.array([stretch.has_integers for stretch in stretches], dtype=bool)
         fixed = means.select(has_integers)
         satellites = [stretch.signals.prn for stretch in fixed.stretches]
-        sigma = self._sigma(fixed)
+        sigma_of_all = self._sigma(means)
+        sigma = sigma_of_all[has_integers]
         # The Earth-centred angle between both spacecraft; a gradient across it is no density.
         radii = np.linalg.norm(positions, axis=1)
         cosine = float(positions[0] @ positions[1] / radii.prod())
@@ -367,8 +395,12 @@ class FormationDensity:
                 fixed, error[has_integers], np.hypot(spread, sigma), epoch.is_outlier
             )
             self._resolve_integers(
-                means.select(~has_integers), error[~has_integers], predicted_sigma[~has_integers]
+                means.select(~has_integers),
+                error[~has_integers],
+                sigma_of_all[~has_integers],
+                predicted_sigma[~has_integers],
             )
+            self._measure_fades(fixed, error[has_integers], sigma)
             self._add_changes(means, error)
         if not has_integers.any():
             return None
@@ -398,7 +430,42 @@ class FormationDensity:
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
             excess[row] = max(value, self._excess[prn])
-        return np.sqrt(white / means.samples + excess * _MEAN_OVER_SCATTER)
+        return np.sqrt(white / means.samples + excess * self._mean_over_scatter)
+
+    @property
+    def _mean_over_scatter(self) -> float:
+        ratio = self._of_means / max(self._of_scatter, 1e-12)
+        return min(max(ratio, _SMALLEST_RATIO), _LARGEST_RATIO)
+
+    def _measure_fades(self, means: _LinkMeans, errors: FloatArray, sigma: FloatArray) -> None:
+        """Measure how much of the fluctuation of a second is in its mean, and how much within it.
+
+        `errors` are contents of links with integers less the predicted ones, `sigma` their own
+        sigmas, TECU.
+        """
+        noise = 0.5 * means.step_squared
+        scatter = means.stec_squared - means.stec**2
+        now = {
+            stretch.signals.prn: error
+            for stretch, error in zip(means.stretches, errors.tolist(), strict=True)
+        }
+        # All errors of a second share the density that is estimated from them.
+        share = max(len(now) - 1, 1) / max(len(now), 1)
+        of_means, of_scatter, count = 0.0, 0.0, 0
+        for row, (prn, error) in enumerate(now.items()):
+            if prn not in self._last_fixed or scatter[row] <= _LARGE_SCATTER * noise[row]:
+                continue
+            change = 0.5 * (error - self._last_fixed[prn]) ** 2 / share
+            change = min(change, _LARGEST_CHANGE * float(sigma[row]) ** 2)
+            weight = float(sigma[row]) ** -2
+            of_means += weight * (change - float(noise[row]) / float(means.samples[row]))
+            of_scatter += weight * float(scatter[row] - noise[row])
+            count += 1
+        self._last_fixed = now
+        if count and of_scatter > 0.0:
+            kept = math.exp(-count / (_SCATTER_MEMORY * _SATELLITES))
+            self._of_means = kept * self._of_means + count * of_means / of_scatter
+            self._of_scatter = kept * self._of_scatter + count
 
     def _add_changes(self, means: _LinkMeans, errors: FloatArray) -> None:
         """Let changes from second to second count as fluctuation where they exceed the noise.
@@ -448,12 +515,16 @@ class FormationDensity:
                 self._resolver.add_resolved(wide_lanes[row], samples[row])
 
     def _resolve_integers(
-        self, floating: _LinkMeans, errors: FloatArray, sigma: FloatArray
+        self,
+        floating: _LinkMeans,
+        errors: FloatArray,
+        sigma: FloatArray,
+        predicted_sigma: FloatArray,
     ) -> None:
         """Find the integers of links without, from the contents that are predicted of them.
 
-        `errors` are differential contents without integers less the predicted ones, `sigma` are
-        those of the predictions, TECU: they contain the level that a satellite had before.
+        `errors` are differential contents without integers less the predicted ones, with the sigmas
+        of either, TECU; those of the predictions contain the level that a satellite had before.
         """
         wide_lanes, samples = floating.wide_lane.tolist(), floating.samples.tolist()
         for row, stretch in enumerate(floating.stretches):
@@ -463,10 +534,17 @@ class FormationDensity:
                 samples[row],
                 float(errors[row]),
                 float(sigma[row]),
+                float(predicted_sigma[row]),
+                stretch.integers,
             )
-            if integers is not None:
-                for signal, cycles in zip(stretch.signals, integers, strict=True):
-                    self._datum.resolve(signal, cycles, stretch.arcs)
+            if integers is None:
+                continue
+            for signal, cycles, continuity in zip(
+                stretch.signals, integers, stretch.continuity, strict=True
+            ):
+                # A stretch may have ended while its last second was averaged.
+                if continuity is not None and self._continuity.get(signal) == continuity:
+                    self._datum.resolve(signal, cycles, continuity)
 
     def _judge(self, stretch: PhaseStretch, is_wrong: bool) -> None:
         """Count the seconds that speak against or for the integers of a stretch."""

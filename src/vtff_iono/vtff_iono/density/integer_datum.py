@@ -64,7 +64,7 @@ class IntegerDatum:
             of each group of signals.
         continuity : mapping of SignalKey to hashable
             For each signal with continuous phases in both receivers a value that changes when the
-            continuity is broken, such as the arcs. A signal without an entry has no integer.
+            continuity is broken. A signal without an entry has no integer.
         """
         result: dict[SignalKey, float] = {}
         for group in sorted({signal.group for signal in fixed} | set(self._held)):

@@ -7,6 +7,9 @@ other satellites show, and the differential TEC that the other satellites, and t
 one had before, predict. One cycle more on both signals is 0.51 TECU, one wide lane more at least
 0.24 TECU and two 0.03 TECU, so that either number helps the other.
 
+Where one of the signals was not interrupted, its integer is known, and only one is looked for: a
+cycle of L2 alone is 2.3 TECU, so that a second of contents decides, whatever the codes say.
+
 A pair is accepted when it fits, and no other pair of integers is nearly as good. Multipath of the
 codes does not average out in a minute: how far wide lanes of fixed satellites are from their common
 bias shows it.
@@ -129,7 +132,9 @@ class IntegerResolver:
         wide_lane_cycles: float,
         samples: int,
         excess_tecu: float,
+        excess_sigma_tecu: float,
         prediction_sigma_tecu: float,
+        known: tuple[float | None, float | None] = (None, None),
     ) -> tuple[float, float] | None:
         """Add a second of an arc without integers and return both integers once they are certain.
 
@@ -139,42 +144,81 @@ class IntegerResolver:
             Satellite and arcs of both receivers.
         wide_lane_cycles, samples : float, int
             Mean wide lane of the single difference, and of how many samples it is the mean.
-        excess_tecu, prediction_sigma_tecu : float
+        excess_tecu, excess_sigma_tecu, prediction_sigma_tecu : float
             Differential TEC of the phases without integers less the prediction of the other
-            satellites, and the sigma of that. The noise of both shows in its scatter.
+            satellites, and the sigmas of either. What more there is shows in the scatter.
+        known : tuple of float or None
+            Integers of the signals that were not interrupted, cycles.
         """
         if not math.isfinite(wide_lane_cycles + excess_tecu):
             return None
         wide_lane, excess = self._unresolved.setdefault(arc, (WeightedMean(), WeightedMean()))
         wide_lane.add(wide_lane_cycles, float(samples))
         excess.add(excess_tecu)
-        if excess.count < _FEWEST_SECONDS or self._bias.count < _FEWEST_SECONDS:
+        has_known = known != (None, None)
+        has_wide_lane = self._bias.count >= _FEWEST_SECONDS
+        if not has_known and (excess.count < _FEWEST_SECONDS or not has_wide_lane):
             return None
-        lasting = self.wide_lane_sigma / math.sqrt(1.0 + excess.count / _WIDE_LANE_TIME)
-        wide_sigma = math.hypot(
-            max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR), self._bias.sigma()
+        scatter = excess.sigma() if excess.count >= _FEWEST_SECONDS else 0.0
+        sigma = math.hypot(
+            max(scatter, excess_sigma_tecu / math.sqrt(excess.count)),
+            max(prediction_sigma_tecu, _PREDICTION_FLOOR),
         )
-        sigma = math.hypot(excess.sigma(), max(prediction_sigma_tecu, _PREDICTION_FLOOR))
-        integers = self._best_pair(wide_lane.mean - self._bias.mean, wide_sigma, excess.mean, sigma)
+        wide_error, wide_sigma = 0.0, math.inf
+        if has_wide_lane:
+            lasting = self.wide_lane_sigma / math.sqrt(1.0 + excess.count / _WIDE_LANE_TIME)
+            wide_sigma = math.hypot(
+                max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR), self._bias.sigma()
+            )
+            wide_error = wide_lane.mean - self._bias.mean
+        pairs = (
+            self._pairs_with(known, excess.mean)
+            if has_known
+            else self._pairs_near(round(wide_error), excess.mean)
+        )
+        integers = self._best_pair(pairs, wide_error, wide_sigma, excess.mean, sigma)
         if integers is not None:
             del self._unresolved[arc]
         return integers
 
-    def _best_pair(
-        self, wide_lane: float, wide_sigma: float, excess: float, sigma: float
-    ) -> tuple[float, float] | None:
-        """Return the pair of integers that fits, if no other pair fits nearly as well."""
-        nearest = round(wide_lane)
-        pairs: list[tuple[float, float, float]] = []
-        for wide in range(nearest - _WIDE_LANES_TRIED, nearest + _WIDE_LANES_TRIED + 1):
+    def _pairs_near(self, wide_lane: int, excess: float) -> list[tuple[float, float]]:
+        """Return pairs of integers whose wide lane and content (TECU) are near to given ones."""
+        pairs = []
+        for wide in range(wide_lane - _WIDE_LANES_TRIED, wide_lane + _WIDE_LANES_TRIED + 1):
             # S = K (l1 n1 - l2 n2) with n1 = wide + n2.
             middle = round((excess - self._first_tecu * wide) / self._both_tecu)
-            for second in (middle - 1, middle, middle + 1):
-                error = excess - self._first_tecu * wide - self._both_tecu * second
-                square = ((wide_lane - wide) / wide_sigma) ** 2 + (error / sigma) ** 2
-                pairs.append((square, float(wide + second), float(second)))
-        pairs.sort()
-        best, other = pairs[0], pairs[1]
+            pairs += [(float(wide + n), float(n)) for n in (middle - 1, middle, middle + 1)]
+        return pairs
+
+    def _pairs_with(
+        self, known: tuple[float | None, float | None], excess: float
+    ) -> list[tuple[float, float]]:
+        """Return pairs of which one integer is known whose content is near to a given one, TECU."""
+        first, second = known
+        second_tecu = self._first_tecu - self._both_tecu
+        if first is not None:
+            middle = round((self._first_tecu * first - excess) / second_tecu)
+            return [(first, float(n)) for n in (middle - 1, middle, middle + 1)]
+        assert second is not None
+        middle = round((excess + second_tecu * second) / self._first_tecu)
+        return [(float(n), second) for n in (middle - 1, middle, middle + 1)]
+
+    def _best_pair(
+        self,
+        pairs: list[tuple[float, float]],
+        wide_lane: float,
+        wide_sigma: float,
+        excess: float,
+        sigma: float,
+    ) -> tuple[float, float] | None:
+        """Return the pair of integers that fits, if no other pair fits nearly as well."""
+        squares = []
+        for first, second in pairs:
+            error = excess - self._first_tecu * (first - second) - self._both_tecu * second
+            square = ((wide_lane - (first - second)) / wide_sigma) ** 2 + (error / sigma) ** 2
+            squares.append((square, first, second))
+        squares.sort()
+        best, other = squares[0], squares[1]
         if best[0] > _LARGEST_SQUARE or other[0] - best[0] < _MARGIN:
             return None
         return best[1], best[2]

@@ -8,7 +8,7 @@ mixed in one mean.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, KeysView, Mapping
+from collections.abc import Hashable, Iterable, KeysView, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -46,8 +46,10 @@ class PhaseStretch:
     signals : LinkSignals
     arcs : tuple of int
         Arcs of the link in the receivers of chief and deputy.
+    continuity : tuple of hashable
+        For both signals what changes when the phase of either receiver is interrupted.
     integers : tuple of float or None
-        Integers of both signals, deputy less chief, cycles; None while they are not fixed.
+        Integers of both signals, deputy less chief, cycles; None while one is not fixed.
     seconds_of_agreement : int
         For how many seconds in a row its content has agreed with that of the other satellites.
     """
@@ -55,8 +57,14 @@ class PhaseStretch:
     number: int
     signals: LinkSignals
     arcs: tuple[int, int]
-    integers: tuple[float, float] | None
+    continuity: tuple[Hashable, Hashable]
+    integers: tuple[float | None, float | None]
     seconds_of_agreement: int = 0
+
+    @property
+    def has_integers(self) -> bool:
+        """Whether the integers of both signals are fixed."""
+        return None not in self.integers
 
 
 class PhaseStretches:
@@ -72,7 +80,13 @@ class PhaseStretches:
     def __init__(self) -> None:
         self._by_number: dict[int, PhaseStretch] = {}
         self._by_content: dict[
-            tuple[LinkSignals, tuple[int, int], tuple[float, float] | None], PhaseStretch
+            tuple[
+                LinkSignals,
+                tuple[int, int],
+                tuple[Hashable, Hashable],
+                tuple[float | None, float | None],
+            ],
+            PhaseStretch,
         ] = {}
         self._latest_arcs: dict[LinkSignals, tuple[int, int]] = {}
         self._created = 0
@@ -93,6 +107,7 @@ class PhaseStretches:
         self,
         arcs: Mapping[LinkSignals, tuple[int, int]],
         integers: Mapping[SignalKey, float],
+        continuity: Mapping[SignalKey, Hashable],
     ) -> dict[LinkSignals, PhaseStretch]:
         """Return the stretch that each link has now, a new one where arcs or integers have changed.
 
@@ -102,13 +117,18 @@ class PhaseStretches:
             Arcs of the links in the receivers of chief and deputy.
         integers : mapping of SignalKey to float
             Integers that hold now, deputy less chief, cycles.
+        continuity : mapping of SignalKey to hashable
+            For each signal what changes when the phase of either receiver is interrupted.
         """
         self._latest_arcs.update(arcs)
         current = {}
         for signals, arcs_of_link in arcs.items():
-            first, second = integers.get(signals.first), integers.get(signals.second)
-            both = None if first is None or second is None else (first, second)
-            content = (signals, arcs_of_link, both)
+            content = (
+                signals,
+                arcs_of_link,
+                (continuity.get(signals.first), continuity.get(signals.second)),
+                (integers.get(signals.first), integers.get(signals.second)),
+            )
             stretch = self._by_content.get(content)
             if stretch is None:
                 stretch = PhaseStretch(self._created, *content)
@@ -121,6 +141,6 @@ class PhaseStretches:
         """Forget the stretches that never continue, except those whose numbers are still in use."""
         in_use = set(numbers_in_use)
         for content, stretch in list(self._by_content.items()):
-            signals, arcs, _ = content
+            signals, arcs = content[:2]
             if self._latest_arcs[signals] != arcs and stretch.number not in in_use:
                 del self._by_content[content], self._by_number[stretch.number]

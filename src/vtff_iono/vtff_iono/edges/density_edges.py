@@ -3,7 +3,8 @@
 Around each altitude the densities are fitted with a straight line and a wall, for walls of several
 widths; the separation of the spacecraft smears each of them. A wall is told if its change is
 
-- many times its sigma, which contains errors that are correlated from second to second,
+- many times its sigma, which contains errors that are correlated from second to second while the
+  same satellites are used,
 - a part of the density beside it, and
 - no part of a smooth rise: against a straight line the wall stands out.
 """
@@ -12,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -32,6 +34,9 @@ _FEWEST_SAMPLES = 3
 _LONGEST_GAP = 10.0
 # The change of a wall is at least this part of what the straight line changes over the window.
 _SHAPE = 0.3
+# Where the straight line goes against the wall, the whole window changes in the sense of the wall:
+# the foot of a wider wall beside it is no wall.
+_SHAPE_AGAINST = 1.0
 # A wall is told when densities reach over this many times the half window of its fit.
 _CONFIRMED = 1.5
 
@@ -68,13 +73,12 @@ def smeared_step(distance: FloatArray, width: float, length: float, power: int =
 
 
 class _Sample(NamedTuple):
-    """A density at the middle of the two spacecraft; sigmas of fast and slow errors."""
+    """A density at the middle of the two spacecraft, and the sigma of its fast error."""
 
     time: float
     altitude: float
     density: float
     fast_sigma: float
-    slow_sigma: float
 
 
 @dataclass(frozen=True)
@@ -123,6 +127,7 @@ class DensityEdgeDetector:
         self._windows = [(width, margin) for width in widths]
         self._windows += [(width, wide_margin) for width in widths if width < wide_margin]
         self._samples: deque[_Sample] = deque()
+        self._slow_parts: deque[Mapping[int, float]] = deque()
         self._direction = 0.0  # 1 in a climb, -1 in a descent
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
@@ -135,7 +140,7 @@ class DensityEdgeDetector:
         separation: float,
         density: float,
         fast_sigma: float,
-        slow_sigma: float = 0.0,
+        slow_parts: Mapping[int, float] | None = None,
         slow_time: float = 100.0,
     ) -> list[Edge]:
         """Add a sample and return the edges that it confirms.
@@ -148,11 +153,15 @@ class DensityEdgeDetector:
             Altitude of the middle of the two spacecraft, and difference of their altitudes, m.
         density : float
             Electrons per cubic metre; a sample with NaN is left out.
-        fast_sigma, slow_sigma : float
-            Sigmas of errors that are independent from sample to sample, and that are correlated
-            over `slow_time`, s, electrons per cubic metre.
+        fast_sigma : float
+            Sigma of errors that are independent from sample to sample, electrons per cubic metre.
+        slow_parts : mapping of int to float, optional
+            By number of a satellite how much one sigma of its slow error moves the density,
+            electrons per cubic metre.
+        slow_time : float
+            Correlation time of the slow errors, s.
         """
-        if not math.isfinite(altitude + separation + density + fast_sigma + slow_sigma):
+        if not math.isfinite(altitude + separation + density + fast_sigma):
             return []
         edges: list[Edge] = []
         if self._samples:
@@ -162,18 +171,20 @@ class DensityEdgeDetector:
             if direction != self._direction or is_late:
                 edges += self.flush()
                 self._direction = direction
-        self._samples.append(_Sample(time, altitude, density, fast_sigma, slow_sigma))
+        self._samples.append(_Sample(time, altitude, density, fast_sigma))
+        self._slow_parts.append(slow_parts or {})
         length = max(abs(separation), _NARROWEST)
         longest = max(_reach(*window, length) for window in self._windows)
         while abs(altitude - self._samples[0].altitude) > 2.5 * longest:
             self._samples.popleft()
-        samples = np.array(self._samples)
+            self._slow_parts.popleft()
+        samples, slow = np.array(self._samples), self._slow_table()
         advance = self._direction * samples[:, 1]
         for window in self._windows:
             reach = _reach(*window, length)
             is_new = (advance > self._examined_to[window]) & (advance + reach <= advance[-1])
             for middle in advance[is_new & (advance - reach >= advance[0])].tolist():
-                self._fit(samples, advance, middle, window, length, slow_time)
+                self._fit(samples, slow, advance, middle, window, length, slow_time)
             if is_new.any():
                 self._examined_to[window] = float(advance[is_new][-1])
         return edges + self._confirmed(float(advance[-1]))
@@ -182,10 +193,21 @@ class DensityEdgeDetector:
         """Return the edges that wait for confirmation, and start anew."""
         edges = self._confirmed(math.inf)
         self._samples.clear()
+        self._slow_parts.clear()
         self._direction = 0.0
         self._candidates, self._told = [], []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         return edges
+
+    def _slow_table(self) -> FloatArray:
+        """Return the slow parts of all samples, a column for each satellite."""
+        numbers = sorted({number for parts in self._slow_parts for number in parts})
+        column = {number: index for index, number in enumerate(numbers)}
+        table = np.zeros((len(self._slow_parts), len(numbers)))
+        for row, parts in zip(table, self._slow_parts, strict=True):
+            for number, part in parts.items():
+                row[column[number]] = part
+        return table
 
     def _confirmed(self, advance: float) -> list[Edge]:
         """Return the walls that stand out in their surroundings, once these are known."""
@@ -209,6 +231,7 @@ class DensityEdgeDetector:
     def _fit(
         self,
         samples: FloatArray,
+        slow: FloatArray,
         advance: FloatArray,
         middle: float,
         window: tuple[float, float],
@@ -224,20 +247,15 @@ class DensityEdgeDetector:
         groups = np.minimum(np.arange(len(near)) * _MEANS // len(near), _MEANS - 1)
         groups = np.unique(groups, return_inverse=True)[1]
         count = np.bincount(groups)
-        time, density, fast, slow = (
+        time, density, fast = (
             np.bincount(groups, column) / count
-            for column in (
-                samples[near, 0],
-                samples[near, 2],
-                samples[near, 3] ** 2,
-                samples[near, 4],
-            )
+            for column in (samples[near, 0], samples[near, 2], samples[near, 3] ** 2)
         )
+        begins = np.flatnonzero(np.diff(groups, prepend=-1))
+        parts = np.add.reduceat(slow[near], begins, axis=0) / count[:, np.newaxis]
         distance = np.bincount(groups, advance[near] - middle) / count
         covariance = np.diag(fast / count)
-        covariance += np.outer(slow, slow) * np.exp(
-            -np.abs(np.subtract.outer(time, time)) / slow_time
-        )
+        covariance += (parts @ parts.T) * np.exp(-np.abs(np.subtract.outer(time, time)) / slow_time)
         half_length = 0.5 * (width + length)
         sides = (
             np.count_nonzero(distance < -half_length),
@@ -257,12 +275,13 @@ class DensityEdgeDetector:
         sigma = math.sqrt(float(normal[2, 2]) * max(1.0, misfit / freedom))
         before, after = level - 0.5 * change, level + 0.5 * change
         largest = max(before, after)
+        shape = _SHAPE if slope * change >= 0.0 else _SHAPE_AGAINST
         if not (
             largest > 0.0
             and min(before, after) >= -self._sigmas * sigma
             and abs(change) >= self._sigmas * sigma
             and abs(change) >= self._relative_change * largest
-            and abs(change) >= _SHAPE * 2.0 * abs(slope)
+            and abs(change) >= shape * 2.0 * abs(slope)
         ):
             return
         significance = abs(change) / sigma

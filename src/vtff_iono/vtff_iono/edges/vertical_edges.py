@@ -82,7 +82,7 @@ class VerticalEdgeFinder:
                 density.epoch.separation,
                 density.epoch.density,
                 density.epoch.fast_sigma,
-                density.epoch.slow_sigma,
+                dict(zip(density.prn.tolist(), density.epoch.slow_parts.tolist(), strict=True)),
                 density.epoch.slow_time,
             )
             self._waiting += edges

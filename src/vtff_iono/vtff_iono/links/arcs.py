@@ -15,7 +15,9 @@ one of them breaks all links of its satellite, because the links of a satellite 
 The limits of test 3 grow with the interval of the samples: 0.15 TECU at 20 Hz detects every slip of
 integer cycles that changes the content by 0.24 TECU or more, while a wall of a plasma bubble that
 is crossed at 7.5 km/s changes it by 0.08 TECU at most. At 30 s on the ground the ionosphere moves
-more than the smallest slips, so the limit follows the scatter of the innovations up to a cap.
+more than the smallest slips, and so does scintillation from sample to sample where it decorrelates
+within some of them: the limit follows the scatter of the innovations up to a cap, which is half of
+what a cycle of one signal makes at least.
 
 References
 ----------
@@ -35,7 +37,15 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_iono.links.signal_pairs import PairRows
 
-__all__ = ["ArcBreak", "ArcDetector", "ArcSettings", "Arcs", "arc_keys"]
+__all__ = [
+    "LOCK_INTERVAL_MARGIN",
+    "LOCK_TIME_MARGIN",
+    "ArcBreak",
+    "ArcDetector",
+    "ArcSettings",
+    "Arcs",
+    "arc_keys",
+]
 
 
 class ArcBreak(enum.IntEnum):
@@ -74,9 +84,13 @@ class ArcSettings(NamedTuple):
         Smallest limit of the geometry-free test: TECU, plus TECU/s times the sample interval.
     cap_tecu, cap_rate : float
         Largest limit of the geometry-free test: TECU, plus TECU/s times the sample interval.
+    scatter_cap : float
+        Largest limit where the innovations scatter, TECU, if the cap above is not larger.
     jump_sigmas : float
         Between the smallest and the largest limit, the limit is this many times the scatter of the
         innovations.
+    scatter_time : float
+        An arc that begins within this time of the end of another, s, begins with its scatter.
     wide_lane_cycles, wide_lane_sigmas : float
         Limit of the Melbourne-Wuebbena test: the larger of a number of cycles and a number of
         standard deviations.
@@ -95,7 +109,9 @@ class ArcSettings(NamedTuple):
     jump_rate: float = 0.03
     cap_tecu: float = 0.18
     cap_rate: float = 0.25
+    scatter_cap: float = 0.9
     jump_sigmas: float = 5.5
+    scatter_time: float = 5.0
     wide_lane_cycles: float = 0.6
     wide_lane_sigmas: float = 5.0
     wide_lane_average: float = 3.0
@@ -130,11 +146,13 @@ def arc_keys(link: npt.NDArray[np.int64], arc: npt.NDArray[np.int64]) -> npt.NDA
 
 
 # Columns of the state of a link: its arc, the filter of the phase content, and what the receiver
-# reported with the last sample; then the wide lane; then the closure.
+# reported with the last sample; then the wide lane; then the closure; then whether the scatter was
+# that of the arc before.
 _ARC, _TIME, _VALUE, _RATE, _COUNT, _SCATTER, _HALF, _LOCK = range(8)
 _WIDE_FAST, _WIDE_MEAN, _WIDE_SPREAD, _WIDE_COUNT = range(8, 12)
 _CLOSURE_MEAN, _CLOSURE_SPREAD, _CLOSURE_COUNT = range(12, 15)
-_STATE_COLUMNS = 15
+_HAS_SCATTER = 15
+_STATE_COLUMNS = 16
 # Elements of the state of the detector: time of the last epoch, shortest interval of epochs.
 _LAST_EPOCH, _NOMINAL = range(2)
 
@@ -150,8 +168,8 @@ _WIDE_LANE_SETTLING = 20
 _WIDE_LANE_MEMORY = 1800.0
 # Lock times are rounded to 1/32 s in compressed logs, sample times to the epoch: a lock time is
 # too short only if it falls short by more than these margins, s.
-_LOCK_TIME_MARGIN = 0.05
-_LOCK_INTERVAL_MARGIN = 0.1
+LOCK_TIME_MARGIN = 0.05
+LOCK_INTERVAL_MARGIN = 0.1
 
 
 class ArcDetector:
@@ -214,12 +232,12 @@ def _largest_limit(interval, settings):  # type: ignore[no-untyped-def]
 def _geometry_free_limit(state, interval, settings):  # type: ignore[no-untyped-def]
     """Return how far a content may be from its prediction, TECU."""
     largest = _largest_limit(interval, settings)
+    scatter_limit = settings.jump_sigmas * np.sqrt(state[_SCATTER])
     # Until the filter has settled, only what no ionosphere does is a jump.
     if state[_COUNT] <= _SETTLING_SAMPLES:
-        return largest
+        return max(largest, min(scatter_limit, settings.scatter_cap))
     smallest = settings.jump_tecu + settings.jump_rate * interval
-    scatter_limit = settings.jump_sigmas * np.sqrt(state[_SCATTER])
-    return min(max(smallest, scatter_limit), max(largest, smallest))
+    return min(max(smallest, scatter_limit), max(largest, smallest, settings.scatter_cap))
 
 
 @compiled
@@ -243,8 +261,8 @@ def _classify_sample(  # type: ignore[no-untyped-def]
         return ArcBreak.START
     if (
         lost
-        or lock_time < state[_LOCK] - _LOCK_TIME_MARGIN
-        or lock_time < interval - _LOCK_INTERVAL_MARGIN
+        or lock_time < state[_LOCK] - LOCK_TIME_MARGIN
+        or lock_time < interval - LOCK_INTERVAL_MARGIN
     ):
         return ArcBreak.LOCK
     if half != state[_HALF]:
@@ -273,10 +291,15 @@ def _is_slip(break_reason):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _begin_arc(state, content, wide_lane, has_code, half, settings):  # type: ignore[no-untyped-def]
+def _begin_arc(  # type: ignore[no-untyped-def]
+    state, interval, content, wide_lane, has_code, half, settings
+):
     """Reset the state of a link to the first sample of a new arc."""
     arc = state[_ARC] + 1.0
+    scatter = state[_SCATTER] if interval <= settings.scatter_time else 0.0
     state[:] = 0.0
+    state[_SCATTER] = scatter
+    state[_HAS_SCATTER] = scatter > 0.0
     state[_ARC] = arc
     state[_COUNT] = 1.0
     state[_VALUE] = content
@@ -300,7 +323,9 @@ def _continue_arc(state, interval, content, wide_lane, has_code, settings):  # t
         state[_VALUE] += state[_RATE] * interval + gain_value * innovation
         state[_RATE] += gain_rate * innovation / interval
         if count >= _SETTLING_SAMPLES:
-            gain_scatter = max(1.0 / _SCATTER_MEMORY, 1.0 / (count - _SETTLING_SAMPLES + 1.0))
+            gain_scatter = 1.0 / _SCATTER_MEMORY
+            if not state[_HAS_SCATTER]:
+                gain_scatter = max(gain_scatter, 1.0 / (count - _SETTLING_SAMPLES + 1.0))
             state[_SCATTER] += gain_scatter * (innovation * innovation - state[_SCATTER])
     state[_COUNT] = count + 1.0
     if has_code:
@@ -431,10 +456,18 @@ def _divide_into_arcs(  # type: ignore[no-untyped-def]
             if satellite_slipped[satellite[row]] and reason[row] == ArcBreak.NONE:
                 reason[row] = ArcBreak.OTHER_LINK
             has_code = code_valid[row]
+            interval = 1e-9 * (time[row] - state[_TIME])
             if reason[row] != ArcBreak.NONE:
-                _begin_arc(state, content[row], wide_lane[row], has_code, half_cycle[row], settings)
+                _begin_arc(
+                    state,
+                    interval,
+                    content[row],
+                    wide_lane[row],
+                    has_code,
+                    half_cycle[row],
+                    settings,
+                )
             else:
-                interval = 1e-9 * (time[row] - state[_TIME])
                 _continue_arc(state, interval, content[row], wide_lane[row], has_code, settings)
             state[_TIME] = time[row]
             state[_LOCK] = lock_time[row]
