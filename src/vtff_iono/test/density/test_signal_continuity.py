@@ -16,9 +16,9 @@ LOCKED = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID | c.FLAG_PARITY_KNOWN
 RATE = 20
 
 
-def numbers(seconds, lock_time=None, flags=None, phase=None):
+def numbers(seconds, lock_time=None, flags=None, phase=None, cn0=None):
     """Return the number of the stretch of L1 and L2 after each second; changes by (second, row)."""
-    lock_time, flags, phase = lock_time or {}, flags or {}, phase or {}
+    lock_time, flags, phase, cn0 = (table or {} for table in (lock_time, flags, phase, cn0))
     continuity, result = SignalContinuity(c.SYSTEM_GPS, (1, 2)), []
     processor = SlantTecProcessor(no_bias, no_bias)
     for second in range(seconds):
@@ -34,7 +34,7 @@ def numbers(seconds, lock_time=None, flags=None, phase=None):
         columns["lock_time"] = 100.0 + 1e-9 * time
         columns["flags"] = np.full(2 * RATE, LOCKED, dtype=np.uint16)
         row = np.arange(RATE)
-        for table, name in ((lock_time, "lock_time"), (flags, "flags")):
+        for table, name in ((lock_time, "lock_time"), (flags, "flags"), (cn0, "cn0_dbhz")):
             for (at, band), values in table.items():
                 if at == second:
                     columns[name][2 * row + band - 1] = values
@@ -73,3 +73,11 @@ def test_a_slip_that_no_receiver_reports_may_be_of_either_signal():
     for signal in (0, 1):
         changes = [numbers_now[signal] - slipped[0][signal] for numbers_now in slipped]
         assert changes[:3] == [0, 0, 0] and changes[3] > 0 and changes[4] == changes[3]
+
+
+def test_the_signal_that_has_faded_is_blamed_alone():
+    faded = np.full(RATE, 40.0)
+    faded[5] = 27.0
+    slipped = numbers(5, phase={(3, 2): 1.0}, cn0={(3, 2): faded})
+    assert len({first for first, _ in slipped}) == 1
+    assert [second - slipped[0][1] > 0 for _, second in slipped] == [False] * 3 + [True] * 2

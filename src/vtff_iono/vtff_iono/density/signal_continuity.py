@@ -4,6 +4,9 @@ An arc of a link ends when either of its signals is interrupted. In scintillatio
 always the weaker one: fades make a receiver lose L2 every few seconds, while L1 goes on for
 minutes. The integer of a signal that goes on is still right, and with it the other is found at
 once: a cycle of L2 alone changes the content by 2.3 TECU.
+
+What jumps without a report of the receiver has slipped, or was wound up by the plasma, in a fade:
+the blame is on the signals that faded in that second, and on both where none did.
 """
 
 from __future__ import annotations
@@ -22,6 +25,9 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
 
 __all__ = ["SignalContinuity"]
 
+# A signal has faded where its C/N0 falls by so much below its mean of so many seconds, dB: to a
+# third of its amplitude.
+_FADE, _FADE_MEMORY = 10.0, 10.0
 # What ends an arc though no receiver reports an interruption: either signal may have slipped.
 _TESTS = (ArcBreak.GEOMETRY_FREE, ArcBreak.WIDE_LANE, ArcBreak.OTHER_LINK, ArcBreak.CLOSURE)
 
@@ -42,6 +48,7 @@ class SignalContinuity:
         self._stretches: dict[int, int] = {}
         # Time, ns, lock time, s, and half-cycle bit of the last observation of each signal.
         self._last: dict[int, tuple[int, float, int]] = {}
+        self._mean_cn0: dict[int, float] = {}  # dB-Hz
 
     def update(self, block: ObservationBlock, rows: SlantTecRows) -> dict[SignalKey, int]:
         """Return the number of the stretch of each signal with a phase at the end of the block.
@@ -58,10 +65,7 @@ class SignalContinuity:
         if not chosen.any():
             return {}
         number = signal_number(*(columns[name] for name in SignalKey._fields))
-        is_blamed = np.zeros(len(number), dtype=bool)
-        slipped = np.isin(rows.break_reason, _TESTS)
-        for name in ("row_first", "row_second"):
-            is_blamed[getattr(rows.pairs, name)[slipped]] = True
+        is_blamed = self._blame(number, columns["cn0_dbhz"], rows)
         signals, time = number[chosen], block.time[chosen]
         flags = columns["flags"][chosen]
         order = np.lexsort((time, signals))
@@ -93,6 +97,29 @@ class SignalContinuity:
             if time[row] == block.time[-1]:
                 result[signal_from_number(signal)] = self._stretches[signal]
         return result
+
+    def _blame(
+        self, number: npt.NDArray[np.int64], cn0_dbhz: npt.NDArray[Any], rows: SlantTecRows
+    ) -> npt.NDArray[np.bool_]:
+        """Return which observations (n,) may have slipped though no receiver reports it."""
+        signals, inverse = np.unique(number, return_inverse=True)
+        lowest = np.full(len(signals), np.inf)
+        np.minimum.at(lowest, inverse, cn0_dbhz)
+        mean = np.bincount(inverse, cn0_dbhz) / np.bincount(inverse)
+        before = np.array(
+            [self._mean_cn0.get(s, m) for s, m in zip(signals.tolist(), mean, strict=True)]
+        )
+        has_faded = (lowest < before - _FADE)[inverse]
+        self._mean_cn0 |= dict(
+            zip(signals.tolist(), (before + (mean - before) / _FADE_MEMORY).tolist(), strict=True)
+        )
+        is_blamed = np.zeros(len(number), dtype=bool)
+        slipped = np.isin(rows.break_reason, _TESTS)
+        first, second = rows.pairs.row_first[slipped], rows.pairs.row_second[slipped]
+        no_fade = ~(has_faded[first] | has_faded[second])
+        is_blamed[first] |= has_faded[first] | no_fade
+        is_blamed[second] |= has_faded[second] | no_fade
+        return is_blamed
 
 
 def _shifted(
