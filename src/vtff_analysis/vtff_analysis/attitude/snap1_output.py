@@ -100,20 +100,21 @@ def run_snap1(
     rows += _raising_rows(raising)
     _write_raising(raising, folder)
     write_comparison(rows, folder / "snap1.csv")
-    return PaperComparison(_sentence(flights, free, raising), rows)
+    return PaperComparison(_sentence(flights, free, raising, hours), rows)
 
 
 def _sentence(
-    flights: Mapping[str, ThreeAxisResult], free: KickResult, raising: OrbitRaising
+    flights: Mapping[str, ThreeAxisResult], free: KickResult, raising: OrbitRaising, hours: float
 ) -> str:
     final, onboard = (
         " / ".join(f"{sigma:.2f}" for sigma in flights[name].statistics.sigma_deg)
         for name in ("final", "estimated")
     )
     return (
-        f"With the paper's compensation (14) SNAP-1 points to {final} deg (roll / pitch / yaw, one "
-        f"sigma; the paper's flight 2.9 / 0.3 / 2.6), with the dipole estimated on board to "
-        f"{onboard} deg. A firing swings it by {max(free.peak_deg):.0f} deg (paper 55), and orbit "
+        f"With the paper's compensation (14) SNAP-1 points to {final} deg over {hours:g} h (roll / "
+        f"pitch / yaw, one sigma; the paper's 28 h of flight 2.9 / 0.3 / 2.6), with the dipole "
+        f"estimated on board to {onboard} deg. A firing swings it by "
+        f"{max(free.peak_deg):.0f} deg (paper 55), and orbit "
         f"raising leads it {raising.peak_deg:.0f} deg away from Tsinghua-1 (paper 124)."
     )
 
