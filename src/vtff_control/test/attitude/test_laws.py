@@ -131,3 +131,20 @@ def test_camera_looks_at_the_target():
     np.testing.assert_allclose(line / np.linalg.norm(line), [0.0, 0.0, 1.0], atol=1e-12)
     with pytest.raises(ValueError, match="target: below the horizon"):
         pitch_to_target(-below, STATE)
+
+
+@pytest.mark.parametrize("tilt_deg", [5.0, 60.0, 90.0, 120.0, 175.0])
+def test_the_momentum_is_turned_to_its_goal_from_any_side(tilt_deg):
+    """With the field along the axis of the turn nothing else is left, also from opposite to it."""
+    wheel, tilt = -5.4e-3, math.radians(tilt_deg)
+    normal = np.array([0.0, math.cos(tilt), math.sin(tilt)])  # y of the orbit axes, in the body
+    rotation = np.column_stack((np.eye(3)[0], normal, np.cross(np.eye(3)[0], normal)))
+    errors = PointingErrors(np.zeros(3), np.zeros(3), rotation, 0.0)
+    gains = MomentumGains(nutation=0.0, wheel=0.0, direction=1e-3)
+    field = 3e-5 * np.eye(3)[0]
+    moment = momentum_moment(errors, INERTIA, wheel, wheel, Y_AXIS, field, gains)
+    torque, momentum, goal = np.cross(moment, field), wheel * Y_AXIS, -normal
+    expected = 1e-3 * abs(wheel) * (math.sin(tilt) if tilt_deg < 90.0 else 1.0)
+    assert torque @ momentum == pytest.approx(0.0, abs=1e-12)
+    assert torque @ (goal - momentum * (goal @ momentum) / wheel**2) > 0.0
+    assert np.linalg.norm(torque) == pytest.approx(expected, rel=1e-6)

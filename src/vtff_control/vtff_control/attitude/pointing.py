@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_dynamics.attitude.orbit_axes import orbit_rate, roll_pitch_yaw, rotation_gcrf_to_orbit
-from vtff_dynamics.vectors import FloatArray, cross
+from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = [
     "MomentumGains",
@@ -184,10 +184,25 @@ def momentum_moment(
         momentum = (
             inertia @ (errors.rate_body - errors.orbit_rate * normal) + wheel_momentum * wheel_axis
         )
-        sideways = momentum - normal * float(normal @ momentum)
-        wanted = wanted - gains.direction * sideways
+        goal = math.copysign(1.0, wheel_reference) * normal
+        wanted = wanted + gains.direction * _turn_towards(goal, momentum)
     square = float(field_body @ field_body)
     return cross(field_body, wanted) / square
+
+
+def _turn_towards(goal: FloatArray, momentum: FloatArray) -> FloatArray:
+    """Return the change that turns a momentum to a direction, N m s, shape (3,).
+
+    It is across the momentum, with the sine of the angle up to 90 deg and in full beyond: a law
+    that takes away what is across the goal holds a momentum that is opposite to it.
+    """
+    size = norm(momentum)
+    if not size > 0.0:
+        return np.zeros(3)
+    cosine = float(goal @ momentum) / size
+    turn = goal * size - cosine * momentum
+    sine = norm(turn) / size
+    return turn / sine if cosine < 0.0 and sine > 0.0 else turn
 
 
 def pitch_to_target(target_gcrf: FloatArray, state_gcrf: FloatArray) -> tuple[float, float]:
