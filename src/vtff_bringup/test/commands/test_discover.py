@@ -19,6 +19,7 @@ from bag_samples import sample_messages, write_bag  # noqa: E402
 from vtff_bag.file.message_definitions import message_class  # noqa: E402
 from vtff_bringup.cli import make_app  # noqa: E402
 from vtff_bringup.discover.installed import config_files, nodes  # noqa: E402
+from vtff_bringup.system.system_file import find_system_file  # noqa: E402
 from vtff_msgs.msg import RelativeState  # noqa: E402
 from vtff_node.message_text import message_lines  # noqa: E402
 
@@ -168,6 +169,32 @@ def test_parameters_are_checked_before_anything_starts(override, expected, tmp_p
         assert not (tmp_path / "run").exists()
     else:
         assert isinstance(result.exception, AssertionError)
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        (("hard_radius: 30.0", "hard_radius: 500.0"), "inside the hard radius of 500 m"),
+        (("name: bravo", "name: formation"), "spacecraft[1].name: 'formation' is the namespace"),
+        (("name: bravo", "name: charlie"), "spacecraft: 'charlie' is listed twice"),
+        (("position_relative_rtn: [0.0,", "position_relative_rtn: [.nan,"), "three numbers"),
+        (("position_relative_rtn:", "position_relative_gcrf:"), "position_relative_rtn"),
+    ],
+)
+def test_a_scenario_is_checked_before_anything_starts(changed, expected, tmp_path, monkeypatch):
+    from vtff_bringup.commands import run as command
+
+    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    scenario = find_system_file("formation_three").parents[1] / "scenario/formation_three.yaml"
+    text = scenario.read_text(encoding="utf-8")
+    assert changed[0] in text
+    file = tmp_path / "wrong.yaml"
+    file.write_text(text.replace(*changed), encoding="utf-8")
+    result = run("run", "formation_three", f"scenario:={file}", "--out", tmp_path / "run")
+    assert result.exit_code == 2, result.output
+    line = result.output.replace("\n", " ")
+    assert "wrong.yaml" in line and expected in line
+    assert not (tmp_path / "run").exists()
 
 
 def test_short_help_of_every_command_is_whole():

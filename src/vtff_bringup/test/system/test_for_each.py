@@ -108,6 +108,12 @@ def test_a_spacecraft_listed_twice_is_refused(load):
         load("d_port:=/dev/ttyS0")
 
 
+def test_a_node_that_needs_deputies_is_refused_without_any(load):
+    alone = "\n".join(SCENARIO.splitlines()[:4])
+    with pytest.raises(SystemFileError, match="a deputy or more expected beside 'mother'"):
+        load(scenario=alone)
+
+
 def test_names_of_a_repeated_deputy(load):
     scenario = SCENARIO.replace("{name: c,", "{name: 'c_{number}', repeat: 3,")
     names = [node.namespace for node in load(scenario=scenario).nodes[:5]]

@@ -9,9 +9,10 @@ from typing import Any
 from vtff_bringup.system.description import NodeDescription, SystemDescription
 from vtff_bringup.system.errors import SystemFileError
 from vtff_bringup.system.overrides import parse_override
+from vtff_bringup.system.references import NUMBER_OF_DEPUTIES
 from vtff_node.executables import ExecutableNotFoundError, node_class, share_folder
 
-__all__ = ["check_parameters", "parameter_tables"]
+__all__ = ["check_parameters", "check_scenario", "parameter_tables"]
 
 
 def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> None:
@@ -33,6 +34,27 @@ def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> Non
         if is_shipped and not named & {node.name, name}:
             continue
         _check_node(node)
+
+
+def check_scenario(system: SystemDescription) -> None:
+    """Check the scenario file of a system, so that no process starts for a wrong one.
+
+    Raises
+    ------
+    SystemFileError
+        If the scenario is wrong; one line with file and field.
+    """
+    if "scenario" not in system.arguments:
+        return
+    # Imported here: numpy comes with it, and no command should wait for that to print its help.
+    from vtff_sim_bridge.truth.scenario import load_scenario
+    from vtff_sim_bridge.truth.scenario_fields import ScenarioError
+
+    number = system.arguments.get(NUMBER_OF_DEPUTIES) or 0
+    try:
+        load_scenario(str(system.arguments["scenario"]), number_of_deputies=number)
+    except ScenarioError as error:
+        raise SystemFileError(str(error)) from error
 
 
 def _check_node(node: NodeDescription) -> None:

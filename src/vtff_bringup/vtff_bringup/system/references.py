@@ -152,7 +152,13 @@ class References:
             if name == "chief":
                 return self.spacecraft_names(where)[0]
             if name == "deputies":
-                return self.spacecraft_names(where)[1:]
+                chief, *deputies = self.spacecraft_names(where)
+                if not deputies:
+                    raise SystemFileError(
+                        f"{self.values['scenario']}: spacecraft: a deputy or more expected beside "
+                        f"'{chief}'"
+                    )
+                return deputies
             if name.startswith("scenario."):
                 return self._look_up_scenario(name, where)
         names = ", ".join(sorted({*self.values, *self._each}))
