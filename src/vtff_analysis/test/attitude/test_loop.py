@@ -127,7 +127,8 @@ def test_a_stuck_wheel_is_named_until_it_turns_again(track):
     assert max(np.linalg.norm(step.truth.rate_body) for step in steps) < 4e-3
     loop.module.wheel_is_stuck = False
     loop.controller.pitch_reference = 0.0
-    steps = [loop.step() for _ in range(200)]
+    # Torquers give the momentum back within some 100 periods; seeds 1 to 4 are within 180 rpm.
+    steps = [loop.step() for _ in range(250)]
     assert not any(step.command.reason for step in steps[150:])
     assert abs(loop.spacecraft.body.wheel_speed_rpm(steps[-1].truth.wheel_momentum) + 2700) < 250
 

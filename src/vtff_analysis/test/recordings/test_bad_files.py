@@ -8,6 +8,7 @@ import pathlib
 import warnings
 from collections.abc import Callable
 
+import bag_samples
 import pytest
 from emulated_day import EmulatedDay, write_day
 from encoder_test_support import receiver_log
@@ -252,5 +253,9 @@ def test_two_bags_and_a_folder_that_is_none(tmp_path):
     result = CliRunner().invoke(make_app(), ["baseline", str(folder)])
     assert result.exit_code == 2 and f"{folder}: not a bag" in result.output
     result = CliRunner().invoke(make_app(), ["baseline", str(folder), str(folder)])
-    assert result.exit_code == 2 and "leave" in result.output
-    assert len(result.output.splitlines()) == 1
+    assert result.exit_code == 2 and f"{folder}: not a bag" in result.output
+    bag = tmp_path / "bag"
+    bag_samples.write_bag(bag, bag_samples.sample_messages(3))
+    result = CliRunner().invoke(make_app(), ["baseline", str(bag), str(folder)])
+    assert result.exit_code == 2 and f"{bag} is a bag" in result.output
+    assert "leave" in result.output and len(result.output.splitlines()) == 1
