@@ -197,6 +197,14 @@ def test_scintillating_minutes_and_their_place():
     assert found["ionosphere_first_event_longitude_deg"] == pytest.approx(0.066 * 989)
 
 
+def test_minutes_are_counted_from_windows_of_any_length():
+    run = made_up_run()
+    for columns in run.scintillation.values():
+        columns.time[:] = columns.time.min() + (columns.time - columns.time.min()) // 6
+    found = summarise_ionosphere(run, None)
+    assert found["ionosphere_chief_scintillating_minutes"] == pytest.approx(2 / 6)
+
+
 def test_edges_of_other_structures_do_not_make_a_separation():
     run = made_up_run()
     # The deputy has missed what the chief has found first, and found something else.

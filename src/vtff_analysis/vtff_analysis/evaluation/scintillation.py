@@ -60,17 +60,27 @@ def add_scintillation(
         if columns is None:
             continue
         detected = columns.values["s4_corrected"] > WEAK_SCINTILLATION
-        measured[f"{role}_scintillating_minutes"] = int(np.count_nonzero(detected))
+        minutes = _window_length(columns) / MINUTE
+        measured[f"{role}_scintillating_minutes"] = minutes * int(np.count_nonzero(detected))
         rays = None if truth is None else truth.satellites.get(craft)
         if rays is None or not len(columns.time):
             continue
         score = score_minutes(detected, _crossing_seconds(columns, rays))
-        true[f"{role}_scintillating_minutes"] = score.crossing_count
+        true[f"{role}_scintillating_minutes"] = minutes * score.crossing_count
         if score.crossing_count:
             measured[f"{role}_scintillation_detected_percent"] = 100.0 * score.detection_rate
         if score.other_count:
             measured[f"{role}_scintillation_false_percent"] = 100.0 * score.false_alarm_rate
     _add_events(measured, true, history, truth)
+
+
+def _window_length(columns: SatelliteColumns) -> int:
+    """Return the length of the windows of the indices, ns: the shortest time between two."""
+    satellite = satellite_number(columns.system, columns.prn)
+    order = np.lexsort((columns.time, satellite))
+    between = np.diff(columns.time[order])[np.diff(satellite[order]) == 0]
+    between = between[between > 0]
+    return int(between.min()) if between.size else MINUTE
 
 
 def true_lag(truth: IonosphereTruth, history: RunHistory, ends: TimeArray) -> float | None:
