@@ -2,11 +2,13 @@
 
 The time is processor time of the process that holds all nodes but the recorder, per second of
 scenario, without what it takes to start: the difference of a long and a short run. All fly equally
-long, because an approach costs more than keeping. The least of some rounds is taken, because other
-work on the machine only adds. The speed is that of the fastest long run on the wall clock, from
-first to last step. The cost of a spacecraft more should not depend on how many there are.
+long, because an approach costs more than keeping. Virtual machines change their speed within
+minutes: a fixed calculation before and after each run tells how fast it was, and all times are
+those of the fastest. The median of some rounds is taken. The speed is that of the fastest long run
+on the wall clock, from first to last step. The cost of a spacecraft more should not depend on how
+many there are.
 
-    python benchmarks/bench_formation.py [--duration 2000] [--rounds 2] [--spacecraft 2 4 8 16]
+    python benchmarks/bench_formation.py [--duration 2000] [--rounds 3] [--spacecraft 2 4 8 16]
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import pathlib
 import subprocess
 import sys
 import tempfile
+import time
 
 import numpy as np
 
@@ -24,8 +27,18 @@ SYSTEM = "formation_software"
 SHORT = 50  # s of scenario; what a run takes to start cancels in the difference
 
 
+def fixed_calculation() -> float:
+    """Return the processor time of a calculation that is always the same, s."""
+    vector, total = np.arange(3.0), 0.0
+    start = time.process_time()
+    for _ in range(200_000):
+        total += float(vector @ vector)
+    return time.process_time() - start
+
+
 def fly(spacecraft: int, duration: int) -> tuple[float, float]:
-    """Fly a formation; return processor time of its nodes (s) and real-time factor."""
+    """Fly a formation; return processor time in units of `fixed_calculation`, real-time factor."""
+    unit = fixed_calculation()
     with tempfile.TemporaryDirectory() as folder:
         out = pathlib.Path(folder) / "run"
         arguments = [SYSTEM, f"number_of_deputies:={spacecraft - 1}"]
@@ -35,20 +48,22 @@ def fly(spacecraft: int, duration: int) -> tuple[float, float]:
             sys.exit(done.stdout + done.stderr)
         record = json.loads((out / "nodes" / "simgen_bridge.json").read_text(encoding="utf-8"))
         summary = json.loads((out / "report" / "summary.json").read_text(encoding="utf-8"))
-    return record["process_cpu_time_s"], summary["real_time_factor"]
+    unit = 0.5 * (unit + fixed_calculation())
+    return record["process_cpu_time_s"] / unit, summary["real_time_factor"]
 
 
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--duration", type=int, default=2000, help="s of scenario (%(default)s)")
-    parser.add_argument("--rounds", type=int, default=2, help="of all formations (%(default)s)")
+    parser.add_argument("--rounds", type=int, default=3, help="of all formations (%(default)s)")
     parser.add_argument("--spacecraft", type=int, nargs="+", default=[2, 4, 8, 16])
     options = parser.parse_args()
     if min(options.spacecraft) < 2 or options.duration <= SHORT or options.rounds < 1:
         parser.error(
             f"2 spacecraft or more, a duration of more than {SHORT} s and a round or more expected"
         )
+    fastest = min(fixed_calculation() for _ in range(10))
     flown: list[dict[int, tuple[float, float, float]]] = []
     for _ in range(options.rounds):
         flown.append({})
@@ -57,16 +72,17 @@ def main() -> None:
             long, speed = fly(number, options.duration)
             flown[-1][number] = short, long, speed
             print(
-                f"round {len(flown)}, {number} spacecraft: {long - short:.2f} s of processor, "
+                f"round {len(flown)}, {number} spacecraft: {fastest * (long - short):.2f} s of "
+                f"processor, "
                 f"{speed:.0f} x real time",
                 flush=True,
             )
     print("spacecraft   ms processor per s   a spacecraft   x real time")
     costs = []
     for number in options.spacecraft:
-        least = np.min([one[number][:2] for one in flown], axis=0)
+        units = float(np.median([one[number][1] - one[number][0] for one in flown]))
         speed = max(one[number][2] for one in flown)
-        costs.append(1e3 * float(least[1] - least[0]) / (options.duration - SHORT))
+        costs.append(1e3 * fastest * units / (options.duration - SHORT))
         print(f"{number:10d} {costs[-1]:20.2f} {costs[-1] / number:14.2f} {speed:13.0f}")
     if len(costs) > 1:
         slopes = np.diff(costs) / np.diff(options.spacecraft)
