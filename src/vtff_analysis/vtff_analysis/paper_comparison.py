@@ -22,7 +22,7 @@ class ComparisonRow:
 
 @dataclass(frozen=True)
 class PaperComparison:
-    """What a study found.
+    """Results of a study beside those of its paper.
 
     Attributes
     ----------

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import AccelStamped
@@ -20,7 +21,25 @@ from vtff_node.parameters import parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
 _OPEN_THRUSTS = 120
-"""Thrusts whose report may still come, and whose rotations are kept."""
+"""Largest number of thrusts that are kept until the thruster reports them."""
+
+
+class _OpenThrust(NamedTuple):
+    """A thrust that was commanded and not reported yet.
+
+    Attributes
+    ----------
+    command_stamp
+        Stamp of its command, which names the step.
+    started
+        ``time.perf_counter()`` when the work on the step began.
+    rotation
+        From RTN to the body at its start, shape (3, 3); None without attitude.
+    """
+
+    command_stamp: Any
+    started: float
+    rotation: FloatArray | None
 
 
 @dataclass(frozen=True)
@@ -58,8 +77,7 @@ class ThrustAllocationNode(VtffNode):
         self._order = StampOrder()
         self._waiting: list[AccelStamped] = []
         self._orbit_stamp = -1
-        self._rotations: dict[int, FloatArray | None] = {}
-        self._started: dict[int, tuple[object, float]] = {}  # start of a thrust: stamp, wall time
+        self._open: dict[int, _OpenThrust] = {}  # by the start of the thrust, ns
         self._frame = ""
         self._counts = {"commands": 0, "without attitude": 0, "reports not understood": 0}
         self._isolated = 0
@@ -126,11 +144,9 @@ class ThrustAllocationNode(VtffNode):
         started = time.perf_counter()
         start = stamp + self._delay
         rotation = self._axes.rotation_from_rtn(stamp, start)
-        self._rotations[start] = rotation
-        self._started[start] = message.header.stamp, started
-        for kept in (self._rotations, self._started):
-            while len(kept) > _OPEN_THRUSTS:
-                del kept[next(iter(kept))]
+        self._open[start] = _OpenThrust(message.header.stamp, started, rotation)
+        while len(self._open) > _OPEN_THRUSTS:
+            del self._open[next(iter(self._open))]
         self._counts["commands"] += 1
         self._counts["without attitude"] += rotation is None
         self._frame = message.header.frame_id
@@ -138,35 +154,25 @@ class ThrustAllocationNode(VtffNode):
         thrust = np.zeros(3)
         if rotation is not None:
             thrust = rotation @ np.array([wanted.x, wanted.y, wanted.z])
-        turned = AccelStamped()
-        turned.header.stamp = message.header.stamp
-        turned.header.frame_id = f"{self.parameters.spacecraft}/body"
-        linear = turned.accel.linear
-        linear.x, linear.y, linear.z = (thrust + 0.0).tolist()
-        self._command_publisher.publish(turned)
+        frame = f"{self.parameters.spacecraft}/body"
+        self._command_publisher.publish(_acceleration(message.header.stamp, frame, thrust))
 
     def _on_thrust(self, message: AccelStamped) -> None:
         """Publish the thrust of the body along the axes of the orbit."""
-        start = to_nanoseconds(message.header.stamp)
-        rotation = self._rotations.pop(start, None)
+        commanded = self._open.pop(to_nanoseconds(message.header.stamp), None)
         given = message.accel.linear
         thrust = np.array([given.x, given.y, given.z])
-        if rotation is not None:
-            thrust = rotation.T @ thrust
+        if commanded is not None and commanded.rotation is not None:
+            thrust = commanded.rotation.T @ thrust
         elif thrust.any():
             # A thrust that nobody commanded, or a thruster that is stuck, in a direction that is
             # not known.
             self._counts["reports not understood"] += 1
             thrust = np.zeros(3)
-        applied = AccelStamped()
-        applied.header.stamp = message.header.stamp
-        applied.header.frame_id = self._frame
-        linear = applied.accel.linear
-        linear.x, linear.y, linear.z = (thrust + 0.0).tolist()
+        applied = _acceleration(message.header.stamp, self._frame, thrust)
         self._applied_publisher.publish(applied)
-        step = self._started.pop(start, None)
-        if step is not None:
-            self.acknowledge_step(*step)
+        if commanded is not None:
+            self.acknowledge_step(commanded.command_stamp, commanded.started)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:
         """Report why there is no thrust, if there is none."""
@@ -186,6 +192,16 @@ class ThrustAllocationNode(VtffNode):
                 hardware_id=self.parameters.spacecraft,
             )
         ]
+
+
+def _acceleration(stamp: Any, frame_id: str, acceleration: FloatArray) -> AccelStamped:
+    """Return the message of an acceleration, m/s2, shape (3,)."""
+    message = AccelStamped()
+    message.header.stamp = stamp
+    message.header.frame_id = frame_id
+    linear = message.accel.linear
+    linear.x, linear.y, linear.z = (acceleration + 0.0).tolist()  # no negative zeros
+    return message
 
 
 NODE_CLASS = ThrustAllocationNode

@@ -1,4 +1,4 @@
-"""What is imported while a run flies does not break the threads that come later."""
+"""Imports while a run flies do not break the threads that come later."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a shell completes: systems, their arguments and parameters, campaigns, nodes, runs, topics.
+"""Completions of a shell: systems, their arguments and parameters, campaigns, nodes, runs, topics.
 
 Where nothing is returned, a shell completes the names of files.
 """

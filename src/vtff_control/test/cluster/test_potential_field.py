@@ -105,7 +105,7 @@ def test_tracks_from_unlabelled_detections():
 
 
 def test_a_neighbour_that_holds_a_place_is_known_to_thrust():
-    """One that is taken to fall freely seems to move by centimetres per second."""
+    """A neighbour that is taken to fall freely seems to move by centimetres per second."""
     generator = np.random.default_rng(8)
     place = np.array([700.0, 300.0, 400.0])
     thrust = np.array([-3.0 * 700.0, 0.0, 400.0]) * MEAN_MOTION**2

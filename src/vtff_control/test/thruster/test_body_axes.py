@@ -44,7 +44,7 @@ def test_the_rotation_is_that_of_attitude_and_orbit_at_the_start_of_the_thrust()
 
 
 def test_an_error_of_the_attitude_turns_the_thrust_by_its_angle() -> None:
-    """What the body gives, turned back by the true attitude, is off by the error's angle."""
+    """The thrust of the body, turned back by the true attitude, is off by the error's angle."""
     error = math.radians(2.0) * np.array([0.0, 0.6, 0.8])
     wrong = multiply(QUATERNION, conjugate(from_rotation_vector(error)))
     axes = BodyAxes()

@@ -118,7 +118,7 @@ class AttitudeDetermination:
 
     @property
     def status(self) -> DeterminationStatus:
-        """What is known now, without a sample."""
+        """Status of the present estimate, without a sample."""
         return self._status(False, math.nan)
 
     def process(

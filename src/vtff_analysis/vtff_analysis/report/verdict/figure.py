@@ -33,7 +33,7 @@ class Figure:
     Attributes
     ----------
     label
-        What it is.
+        Name of the number.
     measured, paper, bound
         Number with unit; empty where there is none. The bound is what the same run reaches at best
         (the controller fed with truth), or the true value.

@@ -60,7 +60,7 @@ _ENDS_OF_IONOSPHERE = (
 
 @dataclasses.dataclass(frozen=True)
 class Verdict:
-    """What a run was about, and how it went.
+    """Subject of a run, and its result.
 
     Attributes
     ----------

@@ -101,7 +101,7 @@ def test_thrust_coupling_is_the_derivative():
 
 
 def test_an_error_of_the_attitude_turns_a_thrust_along_the_body():
-    """What the filter makes of it is what the motion does with the turned thrust."""
+    """The derivative of the filter is that of the motion with the turned thrust."""
     acceleration, error = np.array([0.2, -0.7, 0.4]), 1e-3 * np.array([0.5, -0.3, 0.8])
     to_rtn = np.array([[0.0, 0.6, 0.8], [1.0, 0.0, 0.0], [0.0, 0.8, -0.6]])
     motion = OrbitalMotion(J2, MotionNoise(1e-6), MotionNoise(1e-6))
