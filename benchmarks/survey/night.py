@@ -1,16 +1,14 @@
-"""Nights of drifting bubbles, drawn by seed, and the truth of what a formation crosses."""
+"""Nights of drifting bubbles, drawn by seed."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from vtff_dynamics.constants import GM_EARTH, WGS84_SEMI_MAJOR_AXIS
-from vtff_dynamics.frames.earth import earth_rotation_angle, rotation_gcrf_to_itrf
-from vtff_dynamics.frames.geodetic import geodetic_from_itrf
+from vtff_dynamics.frames.earth import earth_rotation_angle
 from vtff_dynamics.orbit.mean_elements import osculating_elements, state_from_elements
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_dynamics.vectors import FloatArray
@@ -98,81 +96,3 @@ def _longitude_of_hour(time: GpsTime, hour: float) -> float:
     day = 86_400 * 10**9
     universal = time.to_unix_nanoseconds() % day / day * 24.0
     return (hour - universal) * math.pi / 12.0
-
-
-@dataclass(frozen=True)
-class TrueCrossing:
-    """A wall that a spacecraft truly crossed.
-
-    Attributes
-    ----------
-    wall
-        Number of the region and whether it is its western wall.
-    number
-        How often this spacecraft has crossed this wall before.
-    spacecraft
-        Name.
-    time
-        s.
-    altitude
-        m.
-    """
-
-    wall: tuple[int, bool]
-    number: int
-    spacecraft: str
-    time: float
-    altitude: float
-
-
-class CrossingWatch:
-    """Finds the true crossings of a flight from true states, by longitude alone."""
-
-    def __init__(self, night: Night) -> None:
-        self._night = night
-        self._last: dict[tuple[str, int, bool], tuple[float, float, float]] = {}
-        self._count: dict[tuple[str, int, bool], int] = {}
-        self.crossings: list[TrueCrossing] = []
-
-    def look(self, time: float, positions_gcrf: Mapping[str, FloatArray]) -> None:
-        """Take the true positions (m) at a time (s)."""
-        rotation = rotation_gcrf_to_itrf(self._night.start + time)
-        for name, position in positions_gcrf.items():
-            _, longitude, altitude = geodetic_from_itrf(rotation @ position).tolist()
-            for number, region in enumerate(self._night.regions):
-                west, width = region.longitude_limits(self._night.start)
-                drift = float(region.drift_angle(time))
-                for is_west, place in ((True, west + drift), (False, west + width + drift)):
-                    self._compare((name, number, is_west), time, _wrap(longitude - place), altitude)
-
-    def _compare(
-        self, key: tuple[str, int, bool], time: float, ahead: float, altitude: float
-    ) -> None:
-        last = self._last.get(key)
-        self._last[key] = time, ahead, altitude
-        if last is None or not (last[1] < 0.0 <= ahead and ahead - last[1] < 1.0):
-            return
-        part = -last[1] / (ahead - last[1])
-        count = self._count.get(key, 0)
-        self._count[key] = count + 1
-        self.crossings.append(
-            TrueCrossing(
-                key[1:],
-                count,
-                key[0],
-                last[0] + part * (time - last[0]),
-                last[2] + part * (altitude - last[2]),
-            )
-        )
-
-
-def edges_by_difference(crossings: list[TrueCrossing]) -> list[float]:
-    """Return the altitude difference of the spacecraft at each crossing that all made, m."""
-    groups: dict[tuple[tuple[int, bool], int], list[float]] = {}
-    for crossing in crossings:
-        groups.setdefault((crossing.wall, crossing.number), []).append(crossing.altitude)
-    return [max(values) - min(values) for values in groups.values() if len(values) > 1]
-
-
-def _wrap(angle: float) -> float:
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi

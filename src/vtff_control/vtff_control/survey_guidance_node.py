@@ -35,6 +35,8 @@ from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 _GUIDANCE = "/formation/guidance"
+#: Phase, reason, passes, and whether there are predictions, before the first message.
+_NOTHING_SHOWN = ("", "", -1, False)
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class SurveyGuidanceNode(VtffNode):
         self._running: _RunningGoal | None = None
         self._newest = 0
         self._busy = False
-        self._shown = ("", "", math.nan)
+        self._shown = _NOTHING_SHOWN
         self._join = EpochJoin(
             [*given.deputies, _GUIDANCE],
             math.inf if self.lockstep else given.wait,
@@ -197,6 +199,7 @@ class SurveyGuidanceNode(VtffNode):
         ]
         self._survey.add_scintillation(
             to_nanoseconds(message.header.stamp),
+            message.window,
             name,
             {ray: message.azimuth[index] for ray, index in first.items()},
             {ray: s4[index] for ray, index in first.items()},
@@ -210,7 +213,7 @@ class SurveyGuidanceNode(VtffNode):
             self._join.restart()
             self._survey.reset()
             self._end_goal("time has jumped back")
-            self._entries, self._shown = list(self._timeline), ("", "", math.nan)
+            self._entries, self._shown = list(self._timeline), _NOTHING_SHOWN
         self._newest = stamp
         self._join.add(source, stamp, message, time.monotonic())
         self._step_complete()
@@ -309,7 +312,7 @@ class SurveyGuidanceNode(VtffNode):
     def _publish(self, stamp: int) -> None:
         survey = self._survey
         seconds = survey.seconds(stamp)
-        shown = (survey.phase, survey.reason, float(survey.estimate.passes))
+        shown = (survey.phase, survey.reason, survey.estimate.passes, bool(survey.predictions))
         if shown == self._shown:
             return
         self._shown = shown

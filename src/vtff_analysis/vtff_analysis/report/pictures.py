@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import matplotlib as mpl
@@ -49,7 +49,7 @@ from vtff_analysis.report.plots_ionosphere import (
 from vtff_analysis.report.plots_receiver_ionosphere import plot_comparisons
 from vtff_analysis.report.plots_survey import plot_survey
 from vtff_control.cluster.potential_field import equilibrium_distance
-from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
+from vtff_sim_bridge.atmosphere.walls import WallTruth
 
 _LEAST_ALTITUDES = 2e3  # m that a profile of the density spans
 
@@ -88,7 +88,7 @@ def draw_pictures(
     folder: pathlib.Path,
     run_name: str,
     truth: IonosphereTruth | None = None,
-    regions: Sequence[IrregularityRegion] = (),
+    wall_truth: WallTruth | None = None,
 ) -> list[Picture]:
     """Draw the plots of every subject that a run has.
 
@@ -102,8 +102,8 @@ def draw_pictures(
         Name of the run for the titles.
     truth
         The true ionosphere; None where it is not recorded.
-    regions
-        True irregularity regions, for the picture of a survey.
+    wall_truth
+        Emulated plasma and true crossings of a survey; None in a run without one.
 
     Returns
     -------
@@ -132,8 +132,8 @@ def draw_pictures(
             partial(_draw_tracking, receiver, folder, run_name),
             partial(_draw_sky, receiver, folder, run_name),
         ]
-    if history.survey is not None and history.survey.decisions:
-        tasks.append(partial(_draw_survey, history, regions, folder, labelled))
+    if history.survey is not None and history.survey.decisions and wall_truth is not None:
+        tasks.append(partial(_draw_survey, history, wall_truth, folder, labelled))
     cluster = cluster_of_run(history)
     if cluster is not None:
         tasks.append(partial(_draw_cluster, cluster, folder))
@@ -192,13 +192,13 @@ def _draw_attitude(
 
 def _draw_survey(
     history: RunHistory,
-    regions: Sequence[IrregularityRegion],
+    truth: WallTruth,
     folder: pathlib.Path,
     run_name: str,
 ) -> list[Picture]:
     assert history.survey is not None
     path, title = folder / "survey.png", f"{run_name}: survey of plasma bubbles, emulated"
-    plot_survey(history.survey, regions, (history.start_time, history.end_time), path, title)
+    plot_survey(history.survey, truth, (history.start_time, history.end_time), path, title)
     return [
         Picture(
             path,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Sequence
 from typing import Any
 
 import matplotlib as mpl
@@ -22,18 +21,18 @@ from vtff_analysis.plot_style import (
 from vtff_analysis.survey.recording import SurveyHistory
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
+from vtff_sim_bridge.atmosphere.walls import WALL_RADIUS, WallTruth, side_longitudes
 
 __all__ = ["plot_survey"]
 
 _HOUR = 3.6e12  # ns
-_RADIUS = 6.75e6  # m, at which the speed of a wall is an angle
 _TRUE_COLOUR = "0.8"
 _MARKERS = "osD^v<>"
 
 
 def plot_survey(
     survey: SurveyHistory,
-    regions: Sequence[IrregularityRegion],
+    truth: WallTruth,
     span: tuple[int, int],
     path: pathlib.Path,
     title: str,
@@ -44,8 +43,8 @@ def plot_survey(
     ----------
     survey
         What it learnt and decided.
-    regions
-        True irregularity regions; none where they are not recorded.
+    truth
+        Emulated plasma and true crossings; none where they are not recorded.
     span
         Start and end of the run, ns since 1970.
     path
@@ -55,15 +54,16 @@ def plot_survey(
     """
     start_time, end = span
     with mpl.rc_context(STYLE):
-        ratios = (3, 2, 3, 2) if survey.crossings else (3, 2, 2)
+        has_crossings = bool(survey.crossings or truth.crossings)
+        ratios = (3, 2, 3, 2) if has_crossings else (3, 2, 2)
         figure = make_figure(1.3 * sum(ratios))
         axes: Any = figure.subplots(len(ratios), 1, height_ratios=ratios)
         hours = np.linspace(0.0, (end - start_time) / _HOUR, 100)
-        _draw_longitudes(axes[0], survey, regions, start_time, hours)
-        _draw_map(axes[1], survey, regions, start_time)
-        if survey.crossings:
-            _draw_altitudes(axes[2], survey, start_time)
-        _draw_drift(axes[-1], survey, regions, start_time)
+        _draw_longitudes(axes[0], survey, truth, start_time, hours)
+        _draw_map(axes[1], survey, truth, start_time)
+        if has_crossings:
+            _draw_altitudes(axes[2], survey, truth, start_time)
+        _draw_drift(axes[-1], survey, truth, start_time)
         for axis in (axes[0], *axes[2:]):
             axis.set_xlim(0.0, hours[-1])
             axis.set_xlabel("time since the start (h)")
@@ -72,36 +72,28 @@ def plot_survey(
         return save_figure(figure, path, title)
 
 
-def _sides_deg(region: IrregularityRegion, start_time: int, hours: Any) -> tuple[Any, Any]:
+def _sides_deg(region: IrregularityRegion, start: GpsTime, hours: Any) -> tuple[Any, Any]:
     """Return the longitudes of the western and eastern side at times in h, deg, not wrapped."""
-    start = GpsTime.from_unix_nanoseconds(start_time)
-    west, width = region.longitude_limits(start)
-    if region.drift_east is None:
-        moved = -hours * math.pi / 12.0
-    else:
-        moved = region.drift_angle(3600.0 * hours)
-    west_deg = np.degrees(math.remainder(west, 2.0 * math.pi) + moved)
-    return west_deg, west_deg + math.degrees(width)
+    west, east = side_longitudes(region, start, 3600.0 * hours)
+    return np.degrees(west), np.degrees(east)
 
 
 def _draw_longitudes(
     axis: Any,
     survey: SurveyHistory,
-    regions: Sequence[IrregularityRegion],
+    truth: WallTruth,
     start_time: int,
     hours: Any,
 ) -> None:
-    for number, region in enumerate(regions):
-        west, east = _sides_deg(region, start_time, hours)
+    for number, region in enumerate(truth.regions):
+        west, east = _sides_deg(region, truth.start, hours)
         label = "true bubbles" if number == 0 else None
         axis.fill_between(hours, west, east, color=_TRUE_COLOUR, lw=0, label=label)
-    at = (survey.wall_time - start_time) / _HOUR
-    for number, (longitude, drift) in enumerate(
-        zip(survey.wall_longitude_deg, survey.wall_drift, strict=True)
-    ):
-        moved = np.degrees(drift * 3600.0 * (hours - at) / _RADIUS)
+    at = (survey.decisions[-1].time - start_time) / _HOUR
+    for number, wall in enumerate(survey.decisions[-1].walls):
+        moved = np.degrees(wall.drift * 3600.0 * (hours - at) / WALL_RADIUS)
         label = "walls as estimated at the end" if number == 0 else None
-        axis.plot(hours, longitude + moved, color=ESTIMATE_COLOUR, lw=1.2, label=label)
+        axis.plot(hours, wall.longitude_deg + moved, color=ESTIMATE_COLOUR, lw=1.2, label=label)
     for number, name in enumerate(_names(survey)):
         own = [crossing for crossing in survey.crossings if crossing.spacecraft == name]
         axis.plot(
@@ -117,12 +109,10 @@ def _draw_longitudes(
     axis.legend(loc="upper left", bbox_to_anchor=(0.0, 1.18), ncols=4, fontsize="small")
 
 
-def _draw_map(
-    axis: Any, survey: SurveyHistory, regions: Sequence[IrregularityRegion], start_time: int
-) -> None:
+def _draw_map(axis: Any, survey: SurveyHistory, truth: WallTruth, start_time: int) -> None:
     last = (survey.decisions[-1].time - start_time) / _HOUR
-    for region in regions:
-        west, east = _sides_deg(region, start_time, np.array([0.0, last]))
+    for region in truth.regions:
+        west, east = _sides_deg(region, truth.start, np.array([0.0, last]))
         south, north = math.degrees(region.latitude_south), math.degrees(region.latitude_north)
         for index, style in ((0, "--"), (1, "-")):
             axis.plot(
@@ -143,12 +133,21 @@ def _draw_map(
         axis.figure.colorbar(points, ax=axis, label="time (h)")
     axis.set(xlabel="longitude (deg E)", ylabel="latitude (deg)")
     place = "map of the crossings"
-    if regions:
+    if truth.regions:
         place += "; bubbles at the start (dashed) and at the end"
     axis.set_title(place, loc="left", fontsize="medium")
 
 
-def _draw_altitudes(axis: Any, survey: SurveyHistory, start_time: int) -> None:
+def _draw_altitudes(axis: Any, survey: SurveyHistory, truth: WallTruth, start_time: int) -> None:
+    if truth.crossings:
+        axis.plot(
+            [crossing.time / 3600.0 for crossing in truth.crossings],
+            [crossing.altitude / 1e3 for crossing in truth.crossings],
+            "x",
+            color="0.4",
+            ms=4,
+            label="true crossings",
+        )
     for number, name in enumerate(_names(survey)):
         own = [crossing for crossing in survey.crossings if crossing.spacecraft == name]
         axis.plot(
@@ -175,10 +174,8 @@ def _draw_altitudes(axis: Any, survey: SurveyHistory, start_time: int) -> None:
     axis.legend(loc="lower right", ncols=3, fontsize="small")
 
 
-def _draw_drift(
-    axis: Any, survey: SurveyHistory, regions: Sequence[IrregularityRegion], start_time: int
-) -> None:
-    for number, region in enumerate(regions):
+def _draw_drift(axis: Any, survey: SurveyHistory, truth: WallTruth, start_time: int) -> None:
+    for number, region in enumerate(truth.regions):
         if region.drift_east is not None:
             label = "true, each bubble" if number == 0 else None
             axis.axhline(region.drift_east, color="k", ls="--", lw=1.0, label=label)

@@ -8,6 +8,7 @@ import pathlib
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
 from rich.console import Console
 from rich.markup import escape
 
@@ -19,8 +20,10 @@ from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.evaluation.safety import passing_sentences, safety_sentences
 from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
 from vtff_analysis.evaluation.summary import plain_value, summarise_run
+from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.history import RunHistory
 from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, read_ionosphere_truth
+from vtff_analysis.recordings.orbits import read_orbits
 from vtff_analysis.recordings.recording import read_run
 from vtff_analysis.recordings.run_place import find_run
 from vtff_analysis.recordings.settings import RunSettings, read_settings
@@ -30,18 +33,18 @@ from vtff_analysis.report.ionosphere_table import print_ionosphere
 from vtff_analysis.report.pictures import draw_pictures
 from vtff_analysis.report.tables import print_formation, print_message_counts, print_receivers
 from vtff_analysis.report.verdict import find_verdict
-from vtff_analysis.survey.figures import (
-    simulated_regions,
-    summarise_simulated_drift,
-    survey_sentences,
-)
+from vtff_analysis.survey.figures import simulated_regions, survey_sentences
+from vtff_analysis.survey.truth import summarise_survey_truth
 from vtff_bag.file.reader import BagReader
 from vtff_bag.run.description import RunDescription, describe_run
 from vtff_bag.run.environment import describe_environment
+from vtff_dynamics.time.timescales import GpsTime
+from vtff_sim_bridge.atmosphere.walls import WallTruth, find_wall_truth
 
 REPORT_FOLDER = "report"
 SUMMARY_FILE = "summary.json"
 HTML_FILE = "report.html"
+_SURVEY_INTERVAL = 10.0  # s between true states: the speed over the Earth is even
 PROCESSOR_TOPIC = "/iono/slant_tec"  # end of the ionosphere processor's topics of contents
 
 
@@ -96,7 +99,7 @@ def write_report(
     processed = [topic for topic in history.slant_tec if topic.endswith(PROCESSOR_TOPIC)]
     if processed or any(pair.density is not None for pair in history.pairs.values()):
         truth = read_ionosphere_truth(reader, described, run_path.folder)
-    regions = () if history.survey is None else simulated_regions(described)
+    wall_truth = _read_wall_truth(history, described, reader)
     summary = {
         "run_name": run_path.name,
         **_named_arguments(described.arguments),
@@ -104,13 +107,13 @@ def write_report(
         **summarise_run(history, settings, flights),
         **_summarise_truth_fed(history, described, settings, list(flights)),
         **_summarise_ionosphere(history, reader, truth),
-        **summarise_simulated_drift(regions),
+        **_summarise_survey(history, wall_truth),
     }
     folder = output or run_path.output_folder(REPORT_FOLDER)
     folder.mkdir(parents=True, exist_ok=True)
     text = json.dumps(summary, indent=1, allow_nan=False, ensure_ascii=False)
     (folder / SUMMARY_FILE).write_text(text + "\n", encoding="utf-8")
-    pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth, regions)
+    pictures = draw_pictures(history, settings, flights, folder, run_path.name, truth, wall_truth)
     safety = safety_sentences(history.safety, history.start_time)
     notes = (*history.notes, *settings.notes, *safety)
     survey = survey_sentences(history.survey, history.start_time)
@@ -164,6 +167,33 @@ def _summarise_ionosphere(
     for comparison in compare_with_receiver(history):
         summary.update(comparison.summarise())
     return {key: plain_value(value) for key, value in summary.items()}
+
+
+def _read_wall_truth(
+    history: RunHistory, described: RunDescription, reader: BagReader
+) -> WallTruth | None:
+    """Return the emulated bubbles of a survey and what was truly crossed; None without a survey."""
+    if history.survey is None:
+        return None
+    start = GpsTime.from_unix_nanoseconds(history.start_time)
+    regions = simulated_regions(described)
+    try:
+        orbits = read_orbits(reader, _SURVEY_INTERVAL) if regions else []
+    except RecordingError:  # no orbit: nothing is known of true crossings
+        orbits = []
+    tracks = {
+        orbit.name: (np.array([time - start for time in orbit.time]), orbit.state_itrf[:, :3])
+        for orbit in orbits
+        if orbit.source == "truth"
+    }
+    return find_wall_truth(regions, start, tracks)
+
+
+def _summarise_survey(history: RunHistory, truth: WallTruth | None) -> dict[str, Any]:
+    """Return the numbers of a survey beside the truth; empty without one."""
+    if history.survey is None or truth is None:
+        return {}
+    return summarise_survey_truth(history.survey, truth)
 
 
 def _print_tables(

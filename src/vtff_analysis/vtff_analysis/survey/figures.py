@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pathlib
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,6 @@ from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
 __all__ = [
     "edge_differences",
     "simulated_regions",
-    "summarise_simulated_drift",
     "summarise_survey",
     "survey_sentences",
 ]
@@ -58,7 +56,7 @@ def summarise_survey(history: SurveyHistory | None) -> dict[str, Any]:
     last = history.decisions[-1]
     differences = np.array(edge_differences(history))
     return {
-        "survey_walls": len(history.wall_passes),
+        "survey_walls": len(last.walls),
         "survey_crossings": len(history.crossings),
         "survey_unsupported_crossings": history.unsupported,
         "survey_edges_two_spacecraft": int(differences.size),
@@ -69,18 +67,6 @@ def summarise_survey(history: SurveyHistory | None) -> dict[str, Any]:
         "survey_plans": last.plans,
         "survey_velocity_change_m_s": last.velocity_change,
     }
-
-
-def summarise_simulated_drift(regions: Sequence[IrregularityRegion]) -> dict[str, Any]:
-    """Return the mean zonal drift of the true bubbles; empty where none is known to drift.
-
-    Parameters
-    ----------
-    regions
-        `simulated_regions` of a run.
-    """
-    drifts = [region.drift_east for region in regions if region.drift_east is not None]
-    return {"survey_true_drift_m_s": math.fsum(drifts) / len(drifts)} if drifts else {}
 
 
 def survey_sentences(history: SurveyHistory | None, start_time: int) -> list[str]:
@@ -94,7 +80,7 @@ def survey_sentences(history: SurveyHistory | None, start_time: int) -> list[str
         for second, plan in zip(seconds, history.plans, strict=True)
     ]
     drift = ""
-    if math.isfinite(last.drift) and max(history.wall_passes, default=0) > 1:
+    if math.isfinite(last.drift) and max((wall.passes for wall in last.walls), default=0) > 1:
         drift = f"; drift {last.drift:.0f} +- {last.drift_sigma:.0f} m/s"
     lines.append(f"survey_guidance at the end: {last.phase}, {last.reason}{drift}")
     return lines

@@ -8,7 +8,15 @@ from typing import Any
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_node.stamps import to_nanoseconds
 
-__all__ = ["SURVEY_TOPIC", "SurveyCollector", "SurveyCrossing", "SurveyDecision", "SurveyHistory"]
+__all__ = [
+    "SURVEY_TOPIC",
+    "SurveyCollector",
+    "SurveyCrossing",
+    "SurveyDecision",
+    "SurveyHistory",
+    "SurveyPrediction",
+    "SurveyWall",
+]
 
 SURVEY_TOPIC = "/formation/survey"
 
@@ -41,6 +49,51 @@ class SurveyCrossing:
 
 
 @dataclass(frozen=True)
+class SurveyWall:
+    """A wall as it was known at a decision.
+
+    Attributes
+    ----------
+    is_entry
+        Whether the irregularity begins there.
+    passes
+        In how many passes it was crossed.
+    longitude_deg
+        At the decision, deg.
+    drift, drift_sigma
+        Zonal, m/s.
+    """
+
+    is_entry: bool
+    passes: int
+    longitude_deg: float
+    drift: float
+    drift_sigma: float
+
+
+@dataclass(frozen=True)
+class SurveyPrediction:
+    """A crossing to come.
+
+    Attributes
+    ----------
+    wall
+        Index of the wall at the decision.
+    spacecraft
+        Name.
+    time
+        ns since 1970.
+    sigma
+        Sigma of the time, s.
+    """
+
+    wall: int
+    spacecraft: str
+    time: int
+    sigma: float
+
+
+@dataclass(frozen=True)
 class SurveyDecision:
     """A decision.
 
@@ -58,6 +111,10 @@ class SurveyDecision:
         Size of the last ellipse, m.
     velocity_change
         Velocity change of all ellipses together, by impulses, m/s.
+    walls
+        Walls known by then.
+    predictions
+        Crossings to come, in order of time.
     """
 
     time: int
@@ -68,11 +125,13 @@ class SurveyDecision:
     plans: int
     ellipse_size: float
     velocity_change: float
+    walls: tuple[SurveyWall, ...] = ()
+    predictions: tuple[SurveyPrediction, ...] = ()
 
 
 @dataclass
 class SurveyHistory:
-    """A survey; walls and crossings are those of the last decision.
+    """A survey; the crossings are those of the last decision.
 
     Attributes
     ----------
@@ -80,18 +139,12 @@ class SurveyHistory:
         In order of time.
     crossings
         In order of time.
-    wall_longitude_deg, wall_drift, wall_time
-        Longitude (deg) and speed (m/s) of each wall, and the time (ns since 1970) of the longitude.
     unsupported
         Crossings left out as false.
     """
 
     decisions: list[SurveyDecision] = field(default_factory=list)
     crossings: list[SurveyCrossing] = field(default_factory=list)
-    wall_longitude_deg: list[float] = field(default_factory=list)
-    wall_drift: list[float] = field(default_factory=list)
-    wall_passes: list[int] = field(default_factory=list)
-    wall_time: int = 0
     unsupported: int = 0
 
     @property
@@ -127,6 +180,8 @@ class SurveyCollector:
                 message.plans,
                 message.ellipse_size,
                 message.velocity_change,
+                _walls(message),
+                _predictions(message, time),
             )
         )
         columns = zip(
@@ -146,8 +201,30 @@ class SurveyCollector:
             ),
             key=lambda crossing: crossing.time,
         )
-        history.wall_longitude_deg = list(message.wall_longitude_deg)
-        history.wall_drift = list(message.wall_drift)
-        history.wall_passes = list(message.wall_passes)
-        history.wall_time = time
         history.unsupported = message.unsupported_crossings
+
+
+def _walls(message: Any) -> tuple[SurveyWall, ...]:
+    columns = zip(
+        message.wall_entry,
+        message.wall_passes,
+        message.wall_longitude_deg,
+        message.wall_drift,
+        message.wall_drift_sigma,
+        strict=True,
+    )
+    return tuple(SurveyWall(*values) for values in columns)
+
+
+def _predictions(message: Any, time: int) -> tuple[SurveyPrediction, ...]:
+    columns = zip(
+        message.next_wall,
+        message.next_spacecraft,
+        message.next_time,
+        message.next_sigma,
+        strict=True,
+    )
+    return tuple(
+        SurveyPrediction(wall, spacecraft, time + round(after * NANOSECONDS_PER_SECOND), sigma)
+        for wall, spacecraft, after, sigma in columns
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["WAIT", "GraphWaiter"]
 
 WAIT = 10.0  # s of wall time for a node
+#: s of wall time for the result of a node that is no longer in the graph: it may be on its way.
+_LAST_RESULT_WAIT = 1.0
 
 
 class GraphWaiter:
@@ -44,8 +47,19 @@ class GraphWaiter:
         self._stop = stop
         self._awaited = awaited
 
-    def wait_until(self, is_done: Callable[[], bool], patience: float = WAIT) -> None:
+    def wait_until(
+        self, is_done: Callable[[], bool], patience: float = WAIT, lacking: str = "no answer of"
+    ) -> None:
         """Spin until something is done.
+
+        Parameters
+        ----------
+        is_done
+            Whether it is done.
+        patience
+            Longest wait, s of wall time.
+        lacking
+            What there is not of the awaited node when the patience is over, for the error.
 
         Raises
         ------
@@ -57,7 +71,7 @@ class GraphWaiter:
             if self._stop.requested:
                 raise typer.Exit(EXIT_INTERRUPTED)
             if time.monotonic() > deadline:
-                text = f"no answer of {self._awaited} in {domain_text()} within {patience:g} s"
+                text = f"{lacking} {self._awaited} in {domain_text()} within {patience:g} s"
                 raise exit_with_error(self._console, text, EXIT_FAILURE)
             self._executor.spin_once(timeout_sec=0.1)
 
@@ -83,26 +97,30 @@ class GraphWaiter:
         Raises
         ------
         typer.Exit
-            With one line if there is no answer.
+            With one line if there is no answer, or if the node leaves the graph before the goal
+            has ended.
         """
         from rclpy.action import ActionClient
 
         client = ActionClient(self._node, action, name)
-        self.wait_until(client.server_is_ready)
+        self.wait_until(client.server_is_ready, lacking="no")
         sent = client.send_goal_async(goal, feedback_callback=take_feedback)
         self.wait_until(sent.done)
         handle = sent.result()
         future = handle.get_result_async()
-        deadline = None
+        is_cancelled = is_gone = False
+        deadline = math.inf
         with contextlib.suppress(KeyboardInterrupt):
-            while not future.done():
+            while not future.done() and time.monotonic() <= deadline:
                 self._executor.spin_once(timeout_sec=0.1)
-                if self._stop.requested and deadline is None:
+                if not is_gone and not client.server_is_ready():
+                    is_gone, deadline = True, time.monotonic() + _LAST_RESULT_WAIT
+                elif self._stop.requested and not is_gone and not is_cancelled:
                     handle.cancel_goal_async()
-                    deadline = time.monotonic() + WAIT
-                if deadline is not None and time.monotonic() > deadline:
-                    break
+                    is_cancelled, deadline = True, time.monotonic() + WAIT
         if not future.done():
             text = f"no answer of {self._awaited} to the cancellation"
+            if is_gone:
+                text = f"{self._awaited} has left {domain_text()}: the run ended before the goal"
             raise exit_with_error(self._console, text, EXIT_FAILURE)
-        return future.result().result, deadline is not None
+        return future.result().result, is_cancelled

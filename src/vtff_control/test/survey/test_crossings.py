@@ -13,12 +13,16 @@ AHEAD = [(0, n) for n in range(4)]
 BEHIND = [(0, n) for n in range(4, 8)]
 
 
-def finder(s4_after=0.5, begin=1000.0):
-    """Return a finder that has heard windows of 10 s; rays scintillate from a time on."""
+def finder(s4=0.5, ahead=(950.0, 2000.0), behind=(1000.0, 2000.0)):
+    """Return a finder that has heard windows of 10 s; rays scintillate between two times."""
     found = CrossingFinder()
     for end in np.arange(800.0, 1300.0, 10.0):
-        value = s4_after if end > begin else 0.02
-        found.add_scintillation(end, "chief", AZIMUTHS, dict.fromkeys(AZIMUTHS, value))
+        values = {
+            ray: s4 if begin < end and end - 10.0 < until else 0.02
+            for rays, (begin, until) in ((AHEAD, ahead), (BEHIND, behind))
+            for ray in rays
+        }
+        found.add_scintillation(end - 10.0, end, "chief", AZIMUTHS, values)
     return found
 
 
@@ -41,9 +45,7 @@ def test_entry_is_that_of_the_rays_behind():
 
 
 def test_exit_is_that_of_the_rays_ahead():
-    found = finder(s4_after=0.02, begin=0.0)
-    for end in np.arange(805.0, 1000.0, 10.0):
-        found.add_scintillation(end, "chief", AZIMUTHS, dict.fromkeys(AZIMUTHS, 0.6))
+    found = finder(ahead=(0.0, 1000.0), behind=(0.0, 1040.0))
     add(found, AHEAD, (1000.0, 1001.0, 1000.0, 999.0), is_entry=False)
     add(found, BEHIND, (1010.0, 1020.0, 1030.0, 1035.0), is_entry=False)
     (crossing,) = found.take(1200.0)
@@ -60,15 +62,25 @@ def test_nothing_is_taken_before_others_may_have_told():
 
 
 @pytest.mark.parametrize(
-    ("rays", "s4"),
+    ("rays", "scintillation"),
     [
-        (BEHIND[:1], 0.5),  # one ray alone, although there is scintillation
-        (BEHIND, 0.05),  # all rays, but no scintillation
+        (BEHIND[:1], {}),  # one ray alone, although there is scintillation
+        (BEHIND, {"s4": 0.05}),  # all rays, but no scintillation
+        (BEHIND, {"ahead": (1000.0, 2000.0)}),  # interference: all rays at once
+        (BEHIND, {"ahead": (0.0, 2000.0), "behind": (0.0, 2000.0)}),  # within a bubble
+        (BEHIND, {"behind": (2000.0, 2000.0)}),  # the rays behind stay quiet
     ],
 )
-def test_false_edge_has_no_support(rays, s4):
-    found = finder(s4_after=s4)
+def test_false_edge_has_no_support(rays, scintillation):
+    found = finder(**scintillation)
     add(found, rays, (1000.0,) * len(rays))
+    (crossing,) = found.take(1200.0)
+    assert not crossing.is_supported
+
+
+def test_interference_has_no_end_either():
+    found = finder(ahead=(990.0, 1010.0), behind=(990.0, 1010.0))
+    add(found, AHEAD, (1010.0,) * 4, is_entry=False)
     (crossing,) = found.take(1200.0)
     assert not crossing.is_supported
 

@@ -36,7 +36,7 @@ class Survey:
         deputy = deputy_state_gcrf(chief, relative_state_of_mean_elements(CHIEF_MEAN, design))
         self.times = np.arange(0.0, 9000.0, STEP)
         self.states = free_flight(np.array([chief, deputy]), self.times)
-        self.walls = walls
+        self.walls_of = {"chief": walls, "deputy": walls}
         self.sigma = 1e-3
         self.mode = "free_drift"
         self.asked = []
@@ -68,16 +68,21 @@ class Survey:
         return self
 
     def _tell(self, now):
-        inside = any(begin < now <= end for begin, end in self.walls)
-        for name in ("chief", "deputy"):
-            s4 = dict.fromkeys(AZIMUTHS, 0.6 if inside else 0.03)
-            self.guidance.add_scintillation(START + round(now * 1e9), name, AZIMUTHS, s4)
-            for begin, end in self.walls:
+        for name, walls in self.walls_of.items():
+            s4 = {ray: 0.6 if _is_inside(ray, now, walls) else 0.03 for ray in AZIMUTHS}
+            self.guidance.add_scintillation(START + round(now * 1e9), STEP, name, AZIMUTHS, s4)
+            for begin, end in walls:
                 for time, rays, is_entry in ((begin, BEHIND, True), (end, AHEAD, False)):
                     if now - STEP < time <= now:
                         for ray in rays:
                             stamp = START + round(time * 1e9)
                             self.guidance.add_edge(stamp, 1.0, name, ray, is_entry)
+
+
+def _is_inside(ray, now, walls):
+    """Rays ahead look into a bubble a minute before it is entered, rays behind a minute longer."""
+    before, after = (60.0, 0.0) if ray in AHEAD else (0.0, 60.0)
+    return any(begin - before < now <= end + after for begin, end in walls)
 
 
 BUBBLES = ((1005.0, 1095.0), (1305.0, 1425.0), (1635.0, 1725.0))
@@ -152,6 +157,32 @@ def test_degraded_navigation_ends_in_a_drift():
     survey.fly(3000.0)
     assert isinstance(survey.asked[-1], ReconfigurationRequest)
     assert len(survey.guidance.plans) == 2
+
+
+def test_crossings_that_no_navigation_has_seen_are_nowhere():
+    whole = Survey(BUBBLES).fly(2300.0)
+    survey = Survey(BUBBLES).fly(1200.0)
+    survey.sigma = 50.0
+    survey.fly(1500.0)
+    assert survey.phases[-1] == "degraded"
+    survey.sigma = 1e-3
+    survey.fly(2300.0)
+    walls = [whole.guidance.estimate.walls[index] for index in (0, 1, 4, 5)]
+    for wall, known in zip(survey.guidance.estimate.walls, walls, strict=True):
+        assert wall.longitude == pytest.approx(known.longitude, abs=1e-6)
+
+
+def test_predictions_name_the_wall_and_go_on_in_a_transfer():
+    survey = Survey(BUBBLES)
+    # Walls that one spacecraft alone has told come first and are not predicted.
+    survey.walls_of["chief"] = ((645.0, 705.0), *BUBBLES)
+    survey.fly(3000.0)
+    walls, predictions = survey.guidance.estimate.walls, survey.guidance.predictions
+    assert survey.phases[-1] == "transfer"
+    assert [len(wall.spacecraft) for wall in walls] == [1, 1] + [2] * 6
+    assert {prediction.wall for prediction in predictions} == {2, 3, 4, 5, 6, 7}
+    assert all(p.is_entry == walls[p.wall].is_entry for p in predictions)
+    assert predictions[0].time > 3000.0
 
 
 def test_a_refused_request_is_no_plan():

@@ -3,8 +3,10 @@
 A ray towards a satellite ahead meets a wall long before the spacecraft does, and one towards a
 satellite behind leaves the plasma long after it. So the entry of the spacecraft is that of the rays
 behind it, and its exit that of the rays ahead: these cross the wall when the spacecraft does.
-Rays that agree support each other; an edge that no other ray and no scintillation supports is false
-until proved otherwise.
+Rays that agree support each other. About a wall the scintillation has a pattern that interference,
+multipath or a fade within the plasma has not: just outside, the rays that look into the plasma
+scintillate and those that look away from it do not. An edge without agreeing rays or without this
+pattern is false until proved otherwise.
 """
 
 from __future__ import annotations
@@ -86,7 +88,8 @@ class CrossingSettings:
     fewest_rays
         Rays that must agree.
     fewest_share
-        Share of the rays on the side that counts which must agree.
+        Share of the rays on the side that counts which must agree, and of those on the other side
+        which must scintillate just outside a wall.
     s4_threshold
         Scintillation index from which on a ray scintillates.
     smallest_sigma
@@ -104,8 +107,9 @@ class CrossingSettings:
 
 @dataclass(frozen=True)
 class _Scintillation:
-    """Rays of a spacecraft in a window: azimuth, rad, and scintillation index."""
+    """Rays of a spacecraft in a window (s): azimuth, rad, and scintillation index."""
 
+    begin: float
     time: float
     azimuths: Mapping[Ray, float]
     s4: Mapping[Ray, float]
@@ -135,14 +139,19 @@ class CrossingFinder:
         self._edges.append(edge)
 
     def add_scintillation(
-        self, time: float, spacecraft: str, azimuths: Mapping[Ray, float], s4: Mapping[Ray, float]
+        self,
+        begin: float,
+        time: float,
+        spacecraft: str,
+        azimuths: Mapping[Ray, float],
+        s4: Mapping[Ray, float],
     ) -> None:
-        """Take the scintillation of all rays of a spacecraft in a window that ends at a time.
+        """Take the scintillation of all rays of a spacecraft in a window.
 
         Parameters
         ----------
-        time
-            s.
+        begin, time
+            Start and end of the window, s.
         spacecraft
             Name.
         azimuths
@@ -151,7 +160,7 @@ class CrossingFinder:
             Amplitude scintillation index of each ray; not a number where it is not known.
         """
         windows = self._scintillation.setdefault(spacecraft, [])
-        windows.append(_Scintillation(time, dict(azimuths), dict(s4)))
+        windows.append(_Scintillation(begin, time, dict(azimuths), dict(s4)))
         del windows[:-60]
 
     def take(self, time: float) -> list[WallCrossing]:
@@ -206,7 +215,8 @@ class CrossingFinder:
         else:
             side = sum(self._on_side(a, first.is_entry) for a in window.azimuths.values())
             supported &= len(rays) >= given.fewest_share * side
-            supported &= self._scintillates(first.spacecraft, moment, first.is_entry)
+            supported &= self._scintillates_inside(first.spacecraft, moment, first.is_entry)
+            supported &= self._looks_in_from_outside(first.spacecraft, moment, first.is_entry)
         return WallCrossing(
             moment,
             max(spread, given.smallest_sigma),
@@ -231,13 +241,43 @@ class CrossingFinder:
         azimuth = window.azimuths.get(edge.ray)
         return azimuth is None or self._on_side(azimuth, edge.is_entry)
 
-    def _scintillates(self, spacecraft: str, time: float, is_entry: bool) -> bool:
-        """Return whether at least half of the rays scintillate on the inner side of a wall."""
+    def _scintillates_inside(self, spacecraft: str, time: float, is_entry: bool) -> bool:
+        """Return whether at least half of the rays that count scintillate just inside a wall."""
         given = self._settings
         for window in self._scintillation.get(spacecraft, []):
             inner = window.time - time if is_entry else time - window.time
             if 0.0 <= inner <= given.window:
-                values = [value for value in window.s4.values() if math.isfinite(value)]
-                if values and 2 * sum(v >= given.s4_threshold for v in values) >= len(values):
+                counting, _ = self._scintillating(window, is_entry)
+                if counting and 2 * sum(counting) >= len(counting):
                     return True
         return False
+
+    def _looks_in_from_outside(self, spacecraft: str, time: float, is_entry: bool) -> bool:
+        """Return whether just outside a wall the rays scintillate that look in, and no others."""
+        given = self._settings
+        # Time from the wall to the near end of each window that is wholly outside.
+        outside = [
+            (time - window.time if is_entry else window.begin - time, window)
+            for window in self._scintillation.get(spacecraft, [])
+        ]
+        slack = 2.0 * given.smallest_sigma
+        near = [pair for pair in outside if -slack <= pair[0] <= given.window]
+        if not near:
+            return False
+        window = min(near, key=lambda pair: pair[0])[1]
+        looking_away, looking_in = self._scintillating(window, is_entry)
+        return 2 * sum(looking_away) < max(len(looking_away), 1) and sum(looking_in) >= max(
+            given.fewest_share * len(looking_in), 1.0
+        )
+
+    def _scintillating(
+        self, window: _Scintillation, is_entry: bool
+    ) -> tuple[list[bool], list[bool]]:
+        """Return which rays on the side that counts, and on the other one, scintillate."""
+        counting: list[bool] = []
+        others: list[bool] = []
+        for ray, value in window.s4.items():
+            if math.isfinite(value):
+                side = counting if self._on_side(window.azimuths[ray], is_entry) else others
+                side.append(value >= self._settings.s4_threshold)
+        return counting, others

@@ -6,7 +6,7 @@ The orbits are flown under J2 with the Earth turning below; a wall moves with it
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -51,7 +51,7 @@ class PredictedCrossing:
     Attributes
     ----------
     wall
-        Index of the wall.
+        Number of the wall.
     is_entry
         Whether the irregularity begins there, seen along the flight.
     spacecraft
@@ -103,7 +103,7 @@ def fly_ground_track(
     return GroundTrack(time + elapsed, tuple(states_gcrf), states, np.unwrap(longitudes, axis=0))
 
 
-def predict_crossings(track: GroundTrack, walls: Sequence[Wall]) -> list[PredictedCrossing]:
+def predict_crossings(track: GroundTrack, walls: Mapping[int, Wall]) -> list[PredictedCrossing]:
     """Return all crossings of walls along a motion, in order of time.
 
     Parameters
@@ -111,10 +111,10 @@ def predict_crossings(track: GroundTrack, walls: Sequence[Wall]) -> list[Predict
     track
         Coming motion of the spacecraft.
     walls
-        Walls.
+        Walls by their numbers.
     """
     crossings = []
-    for number, wall in enumerate(walls):
+    for number, wall in walls.items():
         places = np.array([wall.longitude_at(time) for time in track.times.tolist()])
         for craft, name in enumerate(track.names):
             ahead = (track.longitudes[:, craft] - places) / (2.0 * math.pi)

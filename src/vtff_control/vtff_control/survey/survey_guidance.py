@@ -7,6 +7,7 @@ change from one to another, when the samples gained are worth it, and drifts saf
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import deque
 from collections.abc import Mapping
@@ -45,6 +46,8 @@ __all__ = ["SurveyGuidance", "SurveyParameters", "SurveyPlan", "SurveyResult"]
 
 _TRANSFER_ORBITS = (0.6, 0.75, 0.9, 1.05)
 """Durations that a change of ellipse may have, orbits."""
+_LARGEST_GAP = 60.0
+"""Time between positions, s, over which the chord is the orbit to 20 m."""
 _ORBIT_SPEED = 7.2e3
 """Speed over the plasma, m/s: turns the sigma of a time into that of a place."""
 
@@ -229,13 +232,25 @@ class SurveyGuidance:
     def add_scintillation(
         self,
         stamp: int,
+        window: float,
         spacecraft: str,
         azimuths: Mapping[tuple[int, int], float],
         s4: Mapping[tuple[int, int], float],
     ) -> None:
-        """Take the scintillation of all rays (azimuth in rad) of a spacecraft; the stamp in ns."""
+        """Take the scintillation of all rays of a spacecraft in a window that ends at a stamp.
+
+        Parameters
+        ----------
+        stamp
+            ns.
+        window
+            Length of the window, s.
+        spacecraft, azimuths, s4
+            As for `CrossingFinder.add_scintillation`.
+        """
         if self._first is not None:
-            self._finder.add_scintillation(self.seconds(stamp), spacecraft, azimuths, s4)
+            end = self.seconds(stamp)
+            self._finder.add_scintillation(end - window, end, spacecraft, azimuths, s4)
 
     def refused(self, reason: str) -> None:
         """Note that `formation_guidance` has refused the last request."""
@@ -270,6 +285,7 @@ class SurveyGuidance:
             request = self._arrival_request(time, mode)
             if request is None and time - self._decided >= self._parameters.decision_interval:
                 self._decided = time
+                self._predict(time, state)
                 request = self._decide(time, state, mode)
         return SurveyResult(request, self._phase, self._reason)
 
@@ -325,17 +341,21 @@ class SurveyGuidance:
         if time - max(c.time for c in self._located) >= self._parameters.settling_time:
             self._judged = len(self._located)
             self.estimate = estimate_walls(self._located)
+            # They are of the walls before, whose numbers may differ.
+            self.predictions = []
 
     def _locate(self, crossing: WallCrossing) -> LocatedCrossing | None:
         times = [time for time, _ in self._positions]
-        if not times or not times[0] <= crossing.time <= times[-1]:
+        after = bisect.bisect_left(times, crossing.time)
+        if not 0 < after < len(times) or times[after] - times[after - 1] > _LARGEST_GAP:
             return None
-        track = np.array([positions[crossing.spacecraft] for _, positions in self._positions])
-        position = np.array([np.interp(crossing.time, times, axis) for axis in track.T])
+        part = (crossing.time - times[after - 1]) / (times[after] - times[after - 1])
+        ends = [self._positions[index][1][crossing.spacecraft] for index in (after - 1, after)]
+        position = (1.0 - part) * ends[0] + part * ends[1]
         # Between two samples a chord; their radius is that of the arc.
-        radius = np.interp(crossing.time, times, np.linalg.norm(track, axis=1))
+        radius = (1.0 - part) * np.linalg.norm(ends[0]) + part * np.linalg.norm(ends[1])
         latitude, longitude, altitude = geodetic_from_itrf(
-            position * float(radius) / float(np.linalg.norm(position))
+            position * float(radius / np.linalg.norm(position))
         ).tolist()
         return LocatedCrossing(
             crossing.time,
@@ -362,6 +382,20 @@ class SurveyGuidance:
             return ModeRequest("free_drift")
         return None
 
+    def _predict(self, time: float, state: FormationState) -> None:
+        """Predict the crossings of walls that two passes or two spacecraft have told."""
+        confirmed = {
+            number: wall
+            for number, wall in enumerate(self.estimate.walls)
+            if wall.passes >= 2 or len(wall.spacecraft) >= 2
+        }
+        self.predictions = []
+        if confirmed:
+            moment = GpsTime.from_unix_nanoseconds(state.stamp)
+            horizon = self._parameters.horizon_orbits * _period(state)
+            track = fly_ground_track(self._states_gcrf(state), moment, time, horizon)
+            self.predictions = predict_crossings(track, confirmed)
+
     def _decide(self, time: float, state: FormationState, mode: str) -> Request | None:
         given, goal = self._parameters, self.goal
         if self._phase == "transfer" or mode == "reconfigure":
@@ -371,10 +405,7 @@ class SurveyGuidance:
         if goal is None or goal.kind == "default":
             self._reason = "no goal: safe ellipse kept"
             return None
-        confirmed = [
-            wall for wall in self.estimate.walls if wall.passes >= 2 or len(wall.spacecraft) >= 2
-        ]
-        if not confirmed:
+        if not self.predictions:
             told = sum(not crossing.is_supported for crossing in self.crossings)
             doubt = f", {told} unsupported crossings left out" if told else ""
             self._reason = f"no walls confirmed: safe ellipse kept{doubt}"
@@ -385,14 +416,7 @@ class SurveyGuidance:
                 "safe ellipse kept"
             )
             return None
-        chief = state.state_chief_gcrf
-        axis = float(mean_elements(elements_from_state(chief))[0])
-        period = 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)
-        moment = GpsTime.from_unix_nanoseconds(state.stamp)
-        horizon = given.horizon_orbits * period
-        track = fly_ground_track(self._states_gcrf(state), moment, time, horizon)
-        self.predictions = predict_crossings(track, confirmed)
-        return self._change(time, state, period)
+        return self._change(time, state, _period(state))
 
     def _change(self, time: float, state: FormationState, period: float) -> Request | None:
         """Ask for the ellipse that is worth most, if it is worth its velocity change."""
@@ -491,3 +515,9 @@ class SurveyGuidance:
                 **dict(zip(self._deputies, designs, strict=True)),
             },
         )
+
+
+def _period(state: FormationState) -> float:
+    """Return the period of the chief's mean orbit, s."""
+    axis = float(mean_elements(elements_from_state(state.state_chief_gcrf))[0])
+    return 2.0 * math.pi * math.sqrt(axis**3 / GM_EARTH)

@@ -128,6 +128,7 @@ def judge_survey(summary: Summary, deputies: Sequence[str]) -> tuple[list[str], 
         Figure("at altitudes 1 km apart", str(far)),
         Figure("at altitudes 2 km apart", str(summary["survey_edges_2km"])),
         Figure("crossings left out as false", str(summary["survey_unsupported_crossings"])),
+        *_survey_errors(summary),
         Figure("velocity change", f"{spent} m/s"),
     ]
     drift, sigma = (summary.get(f"survey_drift{end}_m_s") for end in ("", "_sigma"))
@@ -137,6 +138,25 @@ def judge_survey(summary: Summary, deputies: Sequence[str]) -> tuple[list[str], 
         figures.append(Figure("zonal drift, eastward", f"{drift:.0f} ± {sigma:.0f} m/s", "", bound))
     told, shown = judge_deputies(summary, deputies, _judge_surveyor)
     return [sentence, *told], [*figures, *shown]
+
+
+def _survey_errors(summary: Summary) -> list[Figure]:
+    """Return how far a survey was from the emulated truth, where that is known."""
+    figures = [
+        Figure(label, str(summary[key]), "", "0")
+        for label, key in (
+            ("crossings told where there is none", "survey_false_crossings"),
+            ("true crossings not told", "survey_missed_crossings"),
+        )
+        if summary.get(key) is not None
+    ]
+    for label, key in (
+        ("time of a crossing, RMS error", "survey_crossing_error_rms_s"),
+        ("next crossing, largest error", "survey_next_crossing_error_s"),
+    ):
+        if summary.get(key) is not None:
+            figures.append(Figure(label, f"{summary[key]:.1f} s"))
+    return figures
 
 
 def _judge_surveyor(numbers: Summary, name: str) -> tuple[list[str], list[Figure]]:
