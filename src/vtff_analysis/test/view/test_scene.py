@@ -100,6 +100,7 @@ from vtff_msgs.msg import (  # noqa: E402
     GnssObservations,
     OrbitState,
     RelativeState,
+    SurveyGuidance,
 )
 from vtff_node.stamps import to_stamp  # noqa: E402
 
@@ -164,7 +165,7 @@ def test_times_count_from_the_first_message(sample):
 def test_everything_of_a_run_is_shown(tmp_path):
     scene = read_scene(full_run_samples.write_full_run(tmp_path / "bag", seconds=130))
     kinds = {series.kind for series in scene.series.values()}
-    assert kinds == set(COLUMNS) - {"attitude", "density", "safety"}
+    assert kinds == set(COLUMNS) - {"attitude", "density", "safety", "wall"}
     assert scene.notes == []
     assert len(scene.dip_equator) == 73
     vertical = scene.series["pierce/deputy/G07"].at(100.0)
@@ -285,6 +286,27 @@ def test_a_fix_that_is_lost_for_one_second_of_a_long_run_is_an_event():
     assert scene.series["covariance/deputy"].at(0.0) == {
         "rr": 1e-6, "rt": 0.0, "rn": 0.0, "tt": 4e-6, "tn": 0.0, "nn": 9e-6,
     }  # fmt: skip
+
+
+def test_a_survey_has_walls_that_drift_and_events_with_reasons():
+    builder = SceneBuilder(Scene("survey", start=START))
+    told = [("default", 0, []), ("default", 0, [-60.0, -50.0]), ("transfer", 1, [-60.0])]
+    for number, (phase, plans, longitudes) in enumerate(told):
+        time = START + 100 * number * SECOND
+        message = SurveyGuidance(phase=phase, reason="as told", plans=plans)
+        message.wall_longitude_deg = longitudes
+        message.wall_drift, message.wall_sigma = [[v] * len(longitudes) for v in (100.0, 5e3)]
+        message.header.stamp = to_stamp(time)
+        builder.add("/formation/survey", time, message)
+    scene = builder.scene
+    assert [(event.time, event.kind, event.text) for event in scene.events] == [
+        (200.0, "survey", "survey: transfer, as told")
+    ]
+    wall = scene.series["wall/1"].at(250.0)
+    assert wall["longitude_deg"] == -60.0
+    assert wall["rate_deg"] * 3600.0 == pytest.approx(math.degrees(100.0 * 3600.0 / 6.75e6))
+    assert math.isnan(scene.series["wall/2"].at(250.0)["longitude_deg"])
+    assert scene.series["wall/2"].at(150.0)["longitude_deg"] == -50.0
 
 
 def test_safety_faults_and_densities_are_shown():

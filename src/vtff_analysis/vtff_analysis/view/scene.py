@@ -29,6 +29,7 @@ COLUMNS: dict[str, dict[str, int]] = {
     "scintillation": {"s4": 4, "sigma_phi": 4},
     "density": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "per_cm3": 1, "sigma": 1},
     "boundary": {"latitude_deg": 4, "longitude_deg": 4, "altitude": 0, "entry": 0},
+    "wall": {"longitude_deg": 4, "rate_deg": 8, "sigma_deg": 4},
     "safety": {"mode": 0, "isolated_axes": 0},
     "attitude": {
         **{"qx": 6, "qy": 6, "qz": 6, "qw": 6},
@@ -59,7 +60,8 @@ class Series:
         of the chief; a density has its sigma in the same unit. An attitude is the rotation from the
         body to the RTN axes of the spacecraft itself (qx, qy, qz, qw), with the angles to the orbit
         axes, the rates against GCRF in body axes (deg/s), the direction of the magnetic field in
-        RTN (NaN where IGRF does not cover the time), and the speed of the wheel.
+        RTN (NaN where IGRF does not cover the time), and the speed of the wheel. A wall of plasma
+        that a survey knows drifts with its rate, deg/s; its source is its number.
     """
 
     kind: str
@@ -152,8 +154,8 @@ class Event:
     time
         s after the start of the scene.
     kind
-        ``manoeuvre``, ``solution`` (navigation lost its fix or has it again), ``edge``, ``safety``
-        or ``fault``.
+        ``manoeuvre``, ``solution`` (navigation lost its fix or has it again), ``edge``, ``survey``
+        (a plan or another phase), ``safety`` or ``fault``.
     text
         One line for the user.
     """

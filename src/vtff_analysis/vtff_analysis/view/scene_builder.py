@@ -25,6 +25,7 @@ from vtff_msgs.msg import AttitudeState, FormationSafety, RelativeState
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.stamps import to_nanoseconds
 from vtff_node.start.listeners import DIAGNOSTICS_TOPIC
+from vtff_sim_bridge.atmosphere.walls import WALL_RADIUS
 
 _CRAFT_TOPIC = re.compile(
     r"^/(?P<craft>.+?)/(?P<what>truth/orbit|gnss/fix|gnss/epoch|gnss/ephemeris"
@@ -33,12 +34,13 @@ _CRAFT_TOPIC = re.compile(
 _BOUNDARY_TOPIC = re.compile(r"boundar")
 
 _SAFETY_TOPIC = "/formation/safety"
+_SURVEY_TOPIC = "/formation/survey"
 _DENSITY_TOPIC = re.compile(r"^/(?P<deputy>.+)/iono/electron_density$")
 
 #: Topics of which every message is taken, whatever the interval of the samples: nothing that
 #: happens for a second only is missed.
 _NEVER_THINNED = re.compile(
-    r"(/gnss/ephemeris|boundar\w*|/target|/relative_state|/formation/safety|/diagnostics)$"
+    r"(/gnss/ephemeris|boundar\w*|/target|/relative_state|/formation/(?:safety|survey)|/diagnostics)$"
 )
 
 _EPHEMERIS = "/gnss/ephemeris"
@@ -94,6 +96,7 @@ class SceneBuilder:
         self._satellites = SatellitePositions(scene)
         self._solutions: dict[str, int] = {}
         self._faults: dict[str, bytes] = {}
+        self._survey = ("default", 0)  # phase and number of plans
 
     def handler(self, topic: str) -> Handler | None:
         """Return the function of (ns since 1970, message) for a topic; None if it is not shown."""
@@ -123,6 +126,7 @@ class SceneBuilder:
             return self._add_boundary
         return {
             _SAFETY_TOPIC: self._add_safety,
+            _SURVEY_TOPIC: self._add_survey,
             DIAGNOSTICS_TOPIC: self._add_diagnostics,
         }.get(topic)
 
@@ -282,6 +286,22 @@ class SceneBuilder:
             if series is not None or mode or axes:
                 text = f"{name}: {_MODES.get(mode, 'unknown mode')}"
                 self.scene.note_event(stamp, "safety", f"{text}: {reason}" if reason else text)
+
+    def _add_survey(self, stamp: int, message: Any) -> None:
+        """Keep the walls of plasma; a plan or another phase is an event with its reason."""
+        told = (message.phase, message.plans)
+        if told != self._survey:
+            self.scene.note_event(stamp, "survey", f"survey: {message.phase}, {message.reason}")
+        self._survey = told
+        columns = (message.wall_longitude_deg, message.wall_drift, message.wall_sigma)
+        rows = [
+            [longitude, *(math.degrees(value / WALL_RADIUS) for value in (drift, sigma))]
+            for longitude, drift, sigma in zip(*columns, strict=True)
+        ]
+        # Of walls that are given up no number is left.
+        rows += [[math.nan] * 3] * (len(self.scene.of_kind("wall")) - len(rows))
+        for number, row in enumerate(rows, 1):
+            self.scene.add("wall", stamp, row, source=str(number))
 
     def _add_diagnostics(self, stamp: int, message: Any) -> None:
         for status in message.status:

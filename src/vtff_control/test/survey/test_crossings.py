@@ -99,3 +99,11 @@ def test_a_late_ray_is_another_crossing():
     assert (first.support, second.support) == (3, 1)
     assert first.is_supported
     assert not second.is_supported
+
+
+def test_an_edge_that_is_told_an_hour_late_is_no_crossing():
+    found = finder()
+    add(found, BEHIND, (1000.0,) * 4)
+    assert len(found.take(1100.0)) == 1
+    add(found, BEHIND[:1], (1001.0,))
+    assert found.take(4700.0) == []

@@ -133,10 +133,15 @@ class CrossingFinder:
         self._settings = settings or CrossingSettings()
         self._edges: list[RayEdge] = []
         self._scintillation: dict[str, list[_Scintillation]] = {}
+        self._judged = -math.inf
 
     def add_edge(self, edge: RayEdge) -> None:
-        """Take an edge of a ray."""
-        self._edges.append(edge)
+        """Take an edge of a ray; one that is told when its time has been judged is left out.
+
+        Such an edge comes from a ray that was lost and found again an hour later.
+        """
+        if edge.time > self._judged:
+            self._edges.append(edge)
 
     def add_scintillation(
         self,
@@ -171,6 +176,7 @@ class CrossingFinder:
         time
             s; edges later than `delay` before it are kept.
         """
+        self._judged = max(self._judged, time - self._settings.delay)
         crossings = []
         for spacecraft in sorted({edge.spacecraft for edge in self._edges}):
             for is_entry in (True, False):

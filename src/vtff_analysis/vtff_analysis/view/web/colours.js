@@ -6,6 +6,8 @@ export const DEPUTY = "#e69f00";
 export const OTHERS = ["#cc79a7", "#009e73", "#f0e442"];
 export const AXIS_DASHES = [[], [], [6, 3]];
 export const REGION = "#cc79a7";
+export const WALL = "#f0e442"; // walls of plasma as a survey knows them
+export const WALL_LATITUDE = 25; // deg to which they are drawn
 export const BESIDE = "#8a929b"; // the second run
 
 export const CN0_RANGE = [30, 50]; // dB-Hz

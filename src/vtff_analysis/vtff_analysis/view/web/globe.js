@@ -1,6 +1,6 @@
 // The globe: CesiumJS with the imagery that comes with it; nothing is asked of other machines.
 
-import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, partOf } from "./colours.js";
+import { CN0_RANGE, REGION, S4_RANGE, WALL, WALL_LATITUDE, cividis, craftColour, partOf } from "./colours.js";
 import { FormationView } from "./formation.js";
 import { Scene, geodetic } from "./scene.js";
 
@@ -11,6 +11,8 @@ const MOST_RIBBON_POINTS = 1500;
 // Distance of the camera from the centre of the Earth, m: the Earth fills the pane; all GNSS orbits.
 const EARTH_RANGE = 1.5e7;
 const LINKS_RANGE = 9e7;
+const WALL_HEIGHT = 400e3; // m
+const WALL_POINTS = [-1, -0.5, 0, 0.5, 1].map((part) => part * WALL_LATITUDE);
 const BORESIGHT = "#ff8fab"; // as the z axis close up
 const FAR_LIGHT = 1e10; // m: day and night are drawn at any distance
 
@@ -37,6 +39,7 @@ class Globe {
     this.crafts = new Map();
     this.regions = [];
     this.edges = new Map();
+    this.walls = [];
     this.boresights = new Map();
     this.quantity = "cn0_dbhz"; // by which links are coloured
     this.orbitTime = null;
@@ -201,6 +204,7 @@ class Globe {
     this.drawLinks(time);
     this.drawPierces(time);
     this.drawEdges(time);
+    this.drawWalls(time);
     this.drawBoresights(time);
     this.widget.clock.currentTime = this.Cesium.JulianDate.fromDate(
       new Date((this.scene.startUnix + time) * 1000),
@@ -321,6 +325,21 @@ class Globe {
         for (const part of parts) part.show = at <= time;
       });
     }
+  }
+
+  // Walls of plasma as a survey knows them, at the height of its orbit.
+  drawWalls(time) {
+    const { Cesium } = this;
+    const longitudes = this.scene.wallsAt(time);
+    while (this.walls.length < longitudes.length) {
+      const material = Cesium.Material.fromType("Color", { color: Cesium.Color.fromCssColorString(WALL) });
+      this.walls.push(this.lines.add({ width: 2, material }));
+    }
+    this.walls.forEach((wall, index) => {
+      wall.show = index < longitudes.length;
+      if (!wall.show) return;
+      wall.positions = WALL_POINTS.map((latitude) => Cesium.Cartesian3.fromDegrees(longitudes[index], latitude, WALL_HEIGHT));
+    });
   }
 
   // Where the z axis of a spacecraft with an attitude meets the ground: what a camera there sees.

@@ -1,7 +1,7 @@
 // The viewer: loads the scene, builds its parts, and moves them with the time.
 
 import { Capture } from "./capture.js";
-import { BESIDE, REGION, cividis, craftColour, css, onPageChange } from "./colours.js";
+import { BESIDE, REGION, WALL, cividis, craftColour, css, onPageChange } from "./colours.js";
 import { format } from "./canvas.js";
 import { makeGlobe } from "./globe.js";
 import { HillPanel } from "./hill.js";
@@ -267,6 +267,7 @@ function drawLegend(state) {
     rows.push(row(`${region.name.replaceAll("_", " ")}, S4 ${region.s4}`, swatch(REGION, "solid")));
   }
   if (scene.ofKind("boundary").length) rows.push(row("edges that were found", swatch(REGION, "dot")));
+  if (scene.ofKind("wall").length) rows.push(row("walls as the survey knows them", swatch(WALL, "solid")));
   if (scene.dipEquator.length) rows.push(row("dip equator", swatch("#9aa4af", "dashed")));
   element("legend").replaceChildren(...rows);
 }

@@ -1,7 +1,7 @@
 // Map of the ground tracks on a plain canvas: what is shown where Cesium is not installed, and in
 // an exported page. The same canvas shows the formation close up.
 
-import { CN0_RANGE, REGION, S4_RANGE, cividis, craftColour, css, partOf } from "./colours.js";
+import { CN0_RANGE, REGION, S4_RANGE, WALL, WALL_LATITUDE, cividis, craftColour, css, partOf } from "./colours.js";
 import { placeLabels, prepare } from "./canvas.js";
 import { CloseView } from "./closeup.js";
 import { Scene, geodetic } from "./scene.js";
@@ -89,6 +89,11 @@ export class GroundMap {
         toY(region.latitude_south_deg) - toY(region.latitude_north_deg)];
       context.fillRect(...box);
       context.strokeRect(...box);
+    }
+    context.strokeStyle = WALL;
+    context.lineWidth = 1.5;
+    for (const longitude of this.scene.wallsAt(time)) {
+      segment(context, toX(longitude), toY(WALL_LATITUDE), toX(longitude), toY(-WALL_LATITUDE));
     }
     const links = this.scene.linksAt(time);
     this.linkCount = links.length;

@@ -198,8 +198,17 @@ export class Scene {
 
   // Local time does not turn with the Earth: western side of a region at a time, deg.
   static westOf(region, time) {
-    const west = region.longitude_west_deg + region.longitude_rate_deg * time;
-    return ((((west + 180) % 360) + 360) % 360) - 180;
+    return wrapped(region.longitude_west_deg + region.longitude_rate_deg * time);
+  }
+
+  // Longitudes of the walls of plasma that a survey knows at a time, with their drift, deg.
+  wallsAt(time) {
+    return this.ofKind("wall").flatMap((series) => {
+      const index = series.indexAt(time);
+      const { longitude_deg: place, rate_deg: rate } = series.columns;
+      if (index < 0 || place[index] === null) return [];
+      return [wrapped(place[index] + rate[index] * (time - series.time[index]))];
+    });
   }
 
   // One revolution of the osculating orbit, seen in the axes of the Earth at this time: (n) [x, y, z].
@@ -245,6 +254,10 @@ export function geodetic([x, y, z]) {
   const height = across * Math.cos(latitude) + z * Math.sin(latitude) - (major * major) / normal;
   const degrees = 180 / Math.PI;
   return { longitude: Math.atan2(y, x) * degrees, latitude: latitude * degrees, height };
+}
+
+function wrapped(longitude) {
+  return ((((longitude + 180) % 360) + 360) % 360) - 180;
 }
 
 function cross(a, b) {
