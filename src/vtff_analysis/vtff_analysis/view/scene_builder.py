@@ -298,7 +298,7 @@ class SceneBuilder:
             [longitude, *(math.degrees(value / WALL_RADIUS) for value in (drift, sigma))]
             for longitude, drift, sigma in zip(*columns, strict=True)
         ]
-        # Of walls that are given up no number is left.
+        # A wall that is given up has no longitude any more.
         rows += [[math.nan] * 3] * (len(self.scene.of_kind("wall")) - len(rows))
         for number, row in enumerate(rows, 1):
             self.scene.add("wall", stamp, row, source=str(number))
