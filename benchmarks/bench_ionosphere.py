@@ -68,8 +68,15 @@ def yardstick() -> float:
     return measured(add).processor
 
 
+def process_recording(bag: str) -> int:
+    """Read a bag, process it many seconds at a time and return the number of seconds."""
+    return sum(
+        1 for _ in FormationIonosphere().process_recording(formation_seconds(BagReader(bag)))
+    )
+
+
 def process_seconds(bag: str) -> float:
-    """Read a bag, process its seconds and return the processor time of the algorithms, s."""
+    """Read a bag, process its seconds one by one and return the processor time of that, s."""
     ionosphere, total = FormationIonosphere(), 0.0
     for ephemerides, second in formation_seconds(BagReader(bag)):
         started = time.process_time()
@@ -90,7 +97,7 @@ def report(bag: str, folder: str) -> None:
     command = [*VTFF, "tec", bag, "--format", "parquet", "--out", f"{folder}/tec"]
     works: tuple[tuple[str, Callable[[], object]], ...] = (
         ("reading the bag", lambda: list(formation_seconds(BagReader(bag)))),
-        ("reading and the whole chain", lambda: process_seconds(bag)),
+        ("reading and the whole chain", lambda: process_recording(bag)),
         ("vtff tec, two processes, start and plots included", lambda: subprocess.run(
             command, check=True, capture_output=True, cwd=ROOT)),
     )  # fmt: skip

@@ -9,7 +9,10 @@ irregularities that the two cross (`vtff_iono.edges`).
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+
+import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -26,7 +29,10 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import (
     SpacecraftSettings,
 )
 
-__all__ = ["FormationIonosphere", "FormationResult", "FormationSettings"]
+__all__ = ["SECONDS_TOGETHER", "FormationIonosphere", "FormationResult", "FormationSettings"]
+
+SECONDS_TOGETHER = 20
+"""Seconds of a recording that are computed at once: more save little and fill the caches."""
 
 
 @dataclass(frozen=True)
@@ -119,16 +125,72 @@ class FormationIonosphere:
 
     def process(self, second: FormationSecond) -> FormationResult:
         """Process the next second and return its results."""
-        positions: list[FloatArray] = []
-        results: list[SpacecraftResult] = []
-        ray_edges: list[list[Boundary]] = []
+        (result,) = self._process_seconds((second,))
+        return result
+
+    def process_recording(
+        self, recording: Iterable[tuple[Iterable[BroadcastEphemeris], FormationSecond]]
+    ) -> Iterator[FormationResult]:
+        """Process seconds that are there already, and yield the result of each.
+
+        The results are those of `process`, for a fraction of the time: what does not depend on the
+        results of the second before is computed for `SECONDS_TOGETHER` seconds at once.
+
+        Parameters
+        ----------
+        recording : iterable of (iterable of BroadcastEphemeris, FormationSecond)
+            Each second and the ephemerides that came with it.
+        """
+        together: list[FormationSecond] = []
+        for ephemerides, second in recording:
+            new = list(ephemerides)
+            if together and (new or len(together) == SECONDS_TOGETHER):
+                yield from self._process_seconds(together)
+                together = []
+            for ephemeris in new:
+                self.add_ephemeris(ephemeris)
+            together.append(second)
+        if together:
+            yield from self._process_seconds(together)
+
+    def _process_seconds(self, seconds: Sequence[FormationSecond]) -> list[FormationResult]:
+        """Process one or more seconds and return their results."""
+        tracks: list[list[Track]] = []
+        positions: list[list[FloatArray]] = []
+        results: list[list[SpacecraftResult]] = []
+        ray_edges: list[list[list[Boundary]]] = []
         for craft, spacecraft in enumerate(self.spacecraft):
-            track = self._tracks[craft].followed_by(second.time, second.states_itrf[craft])
-            self._tracks[craft] = track
-            block = second.observations[craft]
-            positions.append(track.positions(block.time))
-            results.append(spacecraft.process(block, positions[craft]))
-            ray_edges.append(self._ray_edges[craft].update(block, positions[craft], results[craft]))
+            tracks.append([])
+            positions.append([])
+            blocks = [second.observations[craft] for second in seconds]
+            for second, block in zip(seconds, blocks, strict=True):
+                track = self._tracks[craft].followed_by(second.time, second.states_itrf[craft])
+                self._tracks[craft] = track
+                tracks[craft].append(track)
+                positions[craft].append(track.positions(block.time))
+            series = spacecraft.process(blocks, np.concatenate(positions[craft]))
+            results.append(series.results)
+            ray_edges.append(self._ray_edges[craft].update(series))
+        return [
+            self._result_of_pairs(
+                second,
+                tuple(of_craft[number] for of_craft in tracks),
+                tuple(of_craft[number] for of_craft in positions),
+                tuple(of_craft[number] for of_craft in results),
+                tuple(of_craft[number] for of_craft in ray_edges),
+            )
+            for number, second in enumerate(seconds)
+        ]
+
+    def _result_of_pairs(
+        self,
+        second: FormationSecond,
+        tracks: tuple[Track, ...],
+        positions: tuple[FloatArray, ...],
+        results: tuple[SpacecraftResult, ...],
+        ray_edges: tuple[list[Boundary], ...],
+    ) -> FormationResult:
+        """Return the results of a second from those of each spacecraft."""
         densities: list[tuple[DensityResult, ...]] = []
         boundaries: list[tuple[Boundary, ...]] = []
         for deputy, (density, vertical_edges) in enumerate(
@@ -138,11 +200,11 @@ class FormationIonosphere:
             pair_results = (results[0], results[craft])
             links = (self.spacecraft[0].links, self.spacecraft[craft].links)
             pair_densities = density.update(
-                second.pair(deputy), pair_results, links, (self._tracks[0], self._tracks[craft])
+                second.pair(deputy), pair_results, links, (tracks[0], tracks[craft])
             )
             edges = vertical_edges.update(
                 (positions[0], positions[craft]), pair_results, links, pair_densities
             )
             densities.append(tuple(pair_densities))
             boundaries.append((*ray_edges[0], *ray_edges[craft], *edges))
-        return FormationResult(tuple(results), tuple(densities), tuple(boundaries))
+        return FormationResult(results, tuple(densities), tuple(boundaries))

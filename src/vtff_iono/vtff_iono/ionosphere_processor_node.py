@@ -25,6 +25,7 @@ from vtff_iono.conversions import (
     slant_tec_to_message,
 )
 from vtff_iono.density.electron_density import DensitySettings
+from vtff_iono.edges.density_edges import compile_kernels
 from vtff_iono.edges.ray_edges import RayEdgeSettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
@@ -223,6 +224,7 @@ class IonosphereProcessorNode(VtffNode):
             self.publisher(IrregularityBoundary, f"{deputy}/iono/irregularity_boundary")
             for deputy in parameters.deputies
         ]
+        compile_kernels()  # the first wall, minutes later, would wait for it
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 

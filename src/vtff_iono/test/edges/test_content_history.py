@@ -25,7 +25,8 @@ def history(speed=SPEED, length=60.0, duration=100.0, missing=()):
         if number not in missing:
             block = second.observations[0]
             position = drawn.position(0, (block.time - START.nanoseconds) * 1e-9)
-            kept.add(position, spacecraft.process(block, position), spacecraft.links)
+            (result,) = spacecraft.process((block,), position).results
+            kept.add(position, result, spacecraft.links)
     return drawn, kept
 
 

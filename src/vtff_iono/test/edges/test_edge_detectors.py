@@ -8,7 +8,7 @@ from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
 
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
-from vtff_iono.edges.density_edges import DensityEdgeDetector
+from vtff_iono.edges.density_edges import DensityEdgeDetector, fit_wall, smeared_step
 from vtff_iono.edges.edge_detectors import (
     ExceedanceDetector,
     edge_position,
@@ -83,6 +83,51 @@ def test_an_edge_with_samples_at_its_middle_is_among_them():
     assert (edge.before, edge.after) == pytest.approx((1e12, 0.0), abs=6e10)
     assert 29.9 <= edge.time <= 32.1
     assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
+
+
+def test_the_compiled_fit_is_generalised_least_squares():
+    """Against the textbook's formulas with the whole covariance, for groups of up to 24 samples."""
+    generator = np.random.default_rng(3)
+    length, slow_time = 985.0, 100.0
+    fitted = 0
+    for count in (5, 9, 17, 24, 25, 31, 60):
+        for width in (0.0, 2e3, 20e3):
+            direction = generator.choice((-1.0, 1.0))
+            reach = 0.55 * (width + length) + 3e3
+            altitude = direction * np.sort(generator.uniform(-reach, reach, count)) + 300e3
+            time = np.cumsum(generator.uniform(0.5, 2.0, count))
+            density = 1e12 + 1e11 * generator.standard_normal(count)
+            samples = np.stack((time, altitude, density, generator.uniform(1e9, 1e10, count)), 1)
+            slow = 3e10 * generator.standard_normal((count, 4))
+            found = fit_wall(
+                samples, slow, direction, direction * 300e3, reach, width, length, slow_time
+            )
+            groups = np.array_split(np.arange(count), count)
+            if count > 24:
+                number = np.arange(count) * 24 // count
+                groups = [np.flatnonzero(number == group) for group in range(24)]
+            mean = np.array([samples[group].mean(axis=0) for group in groups])
+            parts = np.array([slow[group].mean(axis=0) for group in groups])
+            distance = direction * mean[:, 1] - direction * 300e3
+            half = 0.5 * (width + length)
+            is_enough = min(np.sum(distance < -half), np.sum(distance > half)) >= 3
+            assert found[0] == (is_enough and count >= 6)
+            if not found[0]:
+                continue
+            fitted += 1
+            lag = np.abs(np.subtract.outer(mean[:, 0], mean[:, 0]))
+            covariance = (parts @ parts.T) * np.exp(-lag / slow_time)
+            covariance += np.diag([np.mean(samples[g, 3] ** 2) / len(g) for g in groups])
+            wall = smeared_step(distance, width, length, 0) - 0.5
+            design = np.stack((np.ones(len(mean)), distance / reach, wall), axis=-1)
+            weight = np.linalg.inv(covariance)
+            normal = np.linalg.inv(design.T @ weight @ design)
+            expected = normal @ design.T @ weight @ mean[:, 2]
+            residual = mean[:, 2] - design @ expected
+            scale = max(1.0, residual @ weight @ residual / max(1, len(mean) - 3))
+            assert found[1:4] == pytest.approx(expected, rel=1e-9)
+            assert found[4] == pytest.approx(math.sqrt(normal[2, 2] * scale), rel=1e-9)
+    assert fitted >= 12
 
 
 def correlated(generator, count, sigma, time):

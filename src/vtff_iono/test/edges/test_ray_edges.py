@@ -34,7 +34,7 @@ def edges(drawn, interval=0.5, duration=DURATION):
     for second in drawn.seconds(duration, interval):
         block = second.observations[0]
         position = drawn.position(0, (block.time - START.nanoseconds) * 1e-9)
-        boundaries += finder.update(block, position, spacecraft.process(block, position))
+        boundaries += finder.update(spacecraft.process((block,), position))[0]
     return boundaries
 
 
@@ -44,7 +44,8 @@ def highest_satellite():
     for ephemeris in drawn.ephemerides(DURATION):
         spacecraft.add_ephemeris(ephemeris)
     block = next(drawn.seconds(DURATION, 1.0)).observations[0]
-    result = spacecraft.process(block, drawn.position(0, np.ones(len(block.time))))
+    position = drawn.position(0, np.ones(len(block.time)))
+    (result,) = spacecraft.process((block,), position).results
     return result.epoch.links[int(np.argmax(result.epoch.elevation))].prn
 
 

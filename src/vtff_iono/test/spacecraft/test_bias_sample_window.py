@@ -25,7 +25,8 @@ def collected(length, duration=400.0):
         count = len(block.time)
         rows = processor.update(block.time, block.columns, np.full(count, 0.7))
         direction = np.tile([0.0, 0.0, 1.0], (count, 1))
-        window.add_epoch(rows, direction, np.tile(second.states_itrf[0][:3], (count, 1)))
+        position = np.tile(second.states_itrf[0][:3], (count, 1))
+        window.add_epoch(rows, 0, len(rows), direction, position)
     return window, processor
 
 

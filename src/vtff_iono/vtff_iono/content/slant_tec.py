@@ -12,6 +12,7 @@ scatter of one-minute means, which contain the multipath.
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 import math
 from collections.abc import Callable, Sequence
@@ -158,6 +159,16 @@ class SlantTecRows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.arc)
+
+    def part(self, first: int, end: int, first_observation: int) -> SlantTecRows:
+        """Return rows `first` to `end`, without `end`; observations count from the given one."""
+        columns = {name: getattr(self, name)[first:end] for name in _CONTENT_COLUMNS}
+        return SlantTecRows(self.pairs.part(first, end, first_observation), **columns)
+
+
+_CONTENT_COLUMNS = tuple(
+    field.name for field in dataclasses.fields(SlantTecRows) if field.name != "pairs"
+)
 
 
 def no_bias(link: Link, time: GpsTime) -> tuple[float, float]:

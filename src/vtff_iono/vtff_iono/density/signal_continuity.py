@@ -11,14 +11,13 @@ the blame is on the signals that faded in that second, and on both where none di
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss import constants as c
-from vtff_gnss.signals import SignalKey, signal_from_number, signal_number
+from vtff_gnss.signals import SignalKey, signal_number
 from vtff_iono.content.slant_tec import SlantTecRows
 from vtff_iono.links.arcs import LOCK_INTERVAL_MARGIN, LOCK_TIME_MARGIN, ArcBreak
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
@@ -29,7 +28,14 @@ __all__ = ["SignalContinuity"]
 # third of its amplitude.
 _FADE, _FADE_MEMORY = 10.0, 10.0
 # What ends an arc though no receiver reports an interruption: either signal may have slipped.
-_TESTS = (ArcBreak.GEOMETRY_FREE, ArcBreak.WIDE_LANE, ArcBreak.OTHER_LINK, ArcBreak.CLOSURE)
+_GEOMETRY_FREE, _WIDE_LANE = int(ArcBreak.GEOMETRY_FREE), int(ArcBreak.WIDE_LANE)
+_OTHER_LINK, _CLOSURE = int(ArcBreak.OTHER_LINK), int(ArcBreak.CLOSURE)
+_PHASE_VALID, _LOCK_LOST = int(c.FLAG_PHASE_VALID), int(c.FLAG_LOCK_LOST)
+_HALF_CYCLE_ADDED = int(c.FLAG_HALF_CYCLE_ADDED)
+# Columns of the state of a signal: number of its stretch, mean C/N0 (dB-Hz; NaN at first), and lock
+# time (s) and half-cycle bit of its last observation.
+_STRETCH, _MEAN_CN0, _LAST_LOCK, _LAST_HALF = range(4)
+_STATE_COLUMNS = 4
 
 
 class SignalContinuity:
@@ -45,10 +51,10 @@ class SignalContinuity:
 
     def __init__(self, system: int, bands: tuple[int, int]) -> None:
         self._system, self._bands = system, bands
-        self._stretches: dict[int, int] = {}
-        # Time, ns, lock time, s, and half-cycle bit of the last observation of each signal.
-        self._last: dict[int, tuple[int, float, int]] = {}
-        self._mean_cn0: dict[int, float] = {}  # dB-Hz
+        # Signals in the order of their first observations: their numbers and states.
+        self._index: dict[int, int] = {}
+        self._states = np.zeros((0, _STATE_COLUMNS))
+        self._times = np.zeros(0, dtype=np.int64)
 
     def update(self, block: ObservationBlock, rows: SlantTecRows) -> dict[SignalKey, int]:
         """Return the number of the stretch of each signal with a phase at the end of the block.
@@ -61,72 +67,111 @@ class SignalContinuity:
             Links and arcs of these observations.
         """
         columns = block.columns
-        chosen = (columns["system"] == self._system) & np.isin(columns["band"], self._bands)
+        chosen = columns["system"] == self._system
+        chosen &= (columns["band"] == self._bands[0]) | (columns["band"] == self._bands[1])
         if not chosen.any():
             return {}
         number = signal_number(*(columns[name] for name in SignalKey._fields))
-        is_blamed = self._blame(number, columns["cn0_dbhz"], rows)
-        signals, time = number[chosen], block.time[chosen]
-        flags = columns["flags"][chosen]
-        order = np.lexsort((time, signals))
-        signals, time, flags = signals[order], time[order], flags[order]
-        lock_time = columns["lock_time"][chosen][order].astype(float)
-        half = flags & c.FLAG_HALF_CYCLE_ADDED
-        is_first = np.diff(signals, prepend=-1) != 0
-        before = [self._last.get(signal, (0, 0.0, 0)) for signal in signals[is_first].tolist()]
-        last_time, last_lock, last_half = (
-            _shifted(column, is_first, [row[index] for row in before])
-            for index, column in enumerate((time, lock_time, half))
-        )
-        interval = (time - last_time) / NANOSECONDS_PER_SECOND
-        is_broken = (
-            is_blamed[chosen][order]
-            | ((flags & c.FLAG_PHASE_VALID) == 0)
-            | ((flags & c.FLAG_LOCK_LOST) != 0)
-            | (lock_time < last_lock - LOCK_TIME_MARGIN)
-            | (lock_time < interval - LOCK_INTERVAL_MARGIN)
-            | (half != last_half)
-        )
-        ends = np.flatnonzero(np.append(is_first[1:], True))
-        broken = np.add.reduceat(is_broken.astype(np.int64), np.flatnonzero(is_first))
-        result = {}
-        for row, breaks in zip(ends.tolist(), broken.tolist(), strict=True):
-            signal = int(signals[row])
-            self._stretches[signal] = self._stretches.get(signal, 0) + breaks
-            self._last[signal] = (int(time[row]), float(lock_time[row]), int(half[row]))
-            if time[row] == block.time[-1]:
-                result[signal_from_number(signal)] = self._stretches[signal]
-        return result
-
-    def _blame(
-        self, number: npt.NDArray[np.int64], cn0_dbhz: npt.NDArray[Any], rows: SlantTecRows
-    ) -> npt.NDArray[np.bool_]:
-        """Return which observations (n,) may have slipped though no receiver reports it."""
         signals, inverse = np.unique(number, return_inverse=True)
-        lowest = np.full(len(signals), np.inf)
-        np.minimum.at(lowest, inverse, cn0_dbhz)
-        mean = np.bincount(inverse, cn0_dbhz) / np.bincount(inverse)
-        before = np.array(
-            [self._mean_cn0.get(s, m) for s, m in zip(signals.tolist(), mean, strict=True)]
+        signal = self._indices(signals.tolist())[inverse]
+        _follow_signals(
+            block.time,
+            signal,
+            chosen,
+            columns["cn0_dbhz"],
+            columns["flags"],
+            columns["lock_time"],
+            rows.pairs.row_first,
+            rows.pairs.row_second,
+            rows.break_reason,
+            self._states,
+            self._times,
         )
-        has_faded = (lowest < before - _FADE)[inverse]
-        self._mean_cn0 |= dict(
-            zip(signals.tolist(), (before + (mean - before) / _FADE_MEMORY).tolist(), strict=True)
-        )
-        is_blamed = np.zeros(len(number), dtype=bool)
-        slipped = np.isin(rows.break_reason, _TESTS)
-        first, second = rows.pairs.row_first[slipped], rows.pairs.row_second[slipped]
-        no_fade = ~(has_faded[first] | has_faded[second])
-        is_blamed[first] |= has_faded[first] | no_fade
-        is_blamed[second] |= has_faded[second] | no_fade
-        return is_blamed
+        last = np.flatnonzero(chosen & (block.time == block.time[-1]))
+        keys = zip(*(columns[name][last].tolist() for name in SignalKey._fields), strict=True)
+        stretches = self._states[signal[last], _STRETCH].astype(np.int64).tolist()
+        return {SignalKey(*key): stretch for key, stretch in zip(keys, stretches, strict=True)}
+
+    def _indices(self, numbers: list[int]) -> npt.NDArray[np.int64]:
+        """Return the indices of signals, with states of zero for those that are new."""
+        index = self._index
+        indices = np.array([index.setdefault(number, len(index)) for number in numbers])
+        missing = len(index) - len(self._times)
+        if missing:
+            states = np.zeros((missing, _STATE_COLUMNS))
+            states[:, _MEAN_CN0] = np.nan
+            self._states = np.concatenate((self._states, states))
+            self._times = np.concatenate((self._times, np.zeros(missing, dtype=np.int64)))
+        return indices
 
 
-def _shifted(
-    column: npt.NDArray[Any], is_first: npt.NDArray[np.bool_], before: list[float]
-) -> npt.NDArray[Any]:
-    """Return each row's predecessor; that of the first row of each signal is given."""
-    result = np.empty_like(column)
-    result[1:] = column[:-1]
-    result[is_first] = before
-    return result
+@compiled
+def _follow_signals(  # type: ignore[no-untyped-def]
+    time,
+    signal,
+    chosen,
+    cn0_dbhz,
+    flags,
+    lock_time,
+    row_first,
+    row_second,
+    break_reason,
+    states,
+    times,
+):
+    """Count the breaks of the chosen observations (n,) in the states of their signals.
+
+    `states` and `times` are those of the last observation of each signal. Mean C/N0 are followed of
+    all observations, since a link may have a signal that is not chosen.
+    """
+    lowest = np.full(len(states), np.inf)
+    total, count = np.zeros(len(states)), np.zeros(len(states))
+    for row in range(len(time)):
+        s = signal[row]
+        lowest[s] = min(lowest[s], cn0_dbhz[row])
+        total[s] += cn0_dbhz[row]
+        count[s] += 1.0
+    has_faded = np.zeros(len(states), dtype=np.bool_)
+    for s in range(len(states)):
+        if count[s] == 0.0:
+            continue
+        mean = total[s] / count[s]
+        if np.isnan(states[s, _MEAN_CN0]):
+            states[s, _MEAN_CN0] = mean
+        before = states[s, _MEAN_CN0]
+        has_faded[s] = lowest[s] < before - _FADE
+        states[s, _MEAN_CN0] = before + (mean - before) / _FADE_MEMORY
+    # What may have slipped though no receiver reports it.
+    is_blamed = np.zeros(len(time), dtype=np.bool_)
+    for row in range(len(break_reason)):
+        reason = break_reason[row]
+        if (
+            reason == _GEOMETRY_FREE
+            or reason == _WIDE_LANE
+            or reason == _OTHER_LINK
+            or reason == _CLOSURE
+        ):
+            first, second = row_first[row], row_second[row]
+            faded_first, faded_second = has_faded[signal[first]], has_faded[signal[second]]
+            no_fade = not (faded_first or faded_second)
+            is_blamed[first] |= faded_first or no_fade
+            is_blamed[second] |= faded_second or no_fade
+    for row in range(len(time)):
+        if not chosen[row]:
+            continue
+        s = signal[row]
+        interval = (time[row] - times[s]) / NANOSECONDS_PER_SECOND
+        lock, flag = float(lock_time[row]), np.int64(flags[row])
+        half = float(flag & _HALF_CYCLE_ADDED)
+        if (
+            is_blamed[row]
+            or (flag & _PHASE_VALID) == 0
+            or (flag & _LOCK_LOST) != 0
+            or lock < states[s, _LAST_LOCK] - LOCK_TIME_MARGIN
+            or lock < interval - LOCK_INTERVAL_MARGIN
+            or half != states[s, _LAST_HALF]
+        ):
+            states[s, _STRETCH] += 1.0
+        times[s] = time[row]
+        states[s, _LAST_LOCK] = lock
+        states[s, _LAST_HALF] = half

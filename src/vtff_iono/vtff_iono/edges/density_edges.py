@@ -12,20 +12,21 @@ widths; the separation of the spacecraft smears each of them. A wall is told if 
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_detectors import Edge
 
-__all__ = ["DensityEdgeDetector", "smeared_step"]
+__all__ = ["DensityEdgeDetector", "compile_kernels", "fit_wall", "smeared_step"]
 
 # Smallest length over which a wall is smeared, m.
 _NARROWEST = 100.0
+# Rows of the table of a profile at first.
+_FIRST_ROWS = 256
 # Largest number of means that a fit uses.
 _MEANS = 24
 # Fewest means on either side of a wall.
@@ -72,13 +73,60 @@ def smeared_step(distance: FloatArray, width: float, length: float, power: int =
     return np.asarray(total / (first * second))
 
 
-class _Sample(NamedTuple):
-    """A density at the middle of the two spacecraft, and the sigma of its fast error."""
+class _Profile:
+    """Densities along one climb or descent, the newest last; the oldest are forgotten.
 
-    time: float
-    altitude: float
-    density: float
-    fast_sigma: float
+    The tables are kept, because to build them anew each second would cost as much as all fits.
+    """
+
+    def __init__(self) -> None:
+        self._rows = np.empty((_FIRST_ROWS, 4))
+        self._slow = np.zeros((_FIRST_ROWS, 0))
+        self._column: dict[int, int] = {}
+        self._begin = self._end = 0
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return self._end - self._begin
+
+    @property
+    def samples(self) -> FloatArray:
+        """Time (s), altitude (m), density and sigma of its fast error (1/m3), shape (n, 4)."""
+        return self._rows[self._begin : self._end]
+
+    @property
+    def slow_parts(self) -> FloatArray:
+        """What one sigma of the slow error of each satellite adds, 1/m3, shape (n, satellites)."""
+        return self._slow[self._begin : self._end]
+
+    def add(self, sample: tuple[float, float, float, float], slow: Mapping[int, float]) -> None:
+        """Add a sample and its slow parts by number of the satellite."""
+        if self._end == len(self._rows):
+            self._make_room()
+        new = [number for number in slow if number not in self._column]
+        if new:
+            self._column.update({number: len(self._column) + k for k, number in enumerate(new)})
+            self._slow = np.hstack((self._slow, np.zeros((len(self._slow), len(new)))))
+        self._rows[self._end] = sample
+        parts = self._slow[self._end]
+        parts[:] = 0.0
+        for number, part in slow.items():
+            parts[self._column[number]] = part
+        self._end += 1
+
+    def forget_beyond(self, distance: float) -> None:
+        """Forget the samples whose altitudes differ from the last one by more than this, m."""
+        altitude = self.samples[:, 1]
+        while abs(altitude[-1] - self._rows[self._begin, 1]) > distance:
+            self._begin += 1
+
+    def _make_room(self) -> None:
+        """Move the samples to the beginning of tables that are twice as long as they are."""
+        count = len(self)
+        rows = np.empty((2 * max(count, _FIRST_ROWS), 4))
+        slow = np.zeros((len(rows), self._slow.shape[1]))
+        rows[:count], slow[:count] = self.samples, self.slow_parts
+        self._rows, self._slow, self._begin, self._end = rows, slow, 0, count
 
 
 @dataclass(frozen=True)
@@ -126,8 +174,7 @@ class DensityEdgeDetector:
         # Widths of walls with the margins beside them.
         self._windows = [(width, margin) for width in widths]
         self._windows += [(width, wide_margin) for width in widths if width < wide_margin]
-        self._samples: deque[_Sample] = deque()
-        self._slow_parts: deque[Mapping[int, float]] = deque()
+        self._profile = _Profile()
         self._direction = 0.0  # 1 in a climb, -1 in a descent
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
@@ -164,50 +211,38 @@ class DensityEdgeDetector:
         if not math.isfinite(altitude + separation + density + fast_sigma):
             return []
         edges: list[Edge] = []
-        if self._samples:
-            direction = math.copysign(1.0, altitude - self._samples[-1].altitude)
+        if len(self._profile):
+            last_time, last_altitude = self._profile.samples[-1, :2].tolist()
+            direction = math.copysign(1.0, altitude - last_altitude)
             # After a gap the constant between the receivers may be another one, a step of density.
-            is_late = time - self._samples[-1].time > _LONGEST_GAP
-            if direction != self._direction or is_late:
+            if direction != self._direction or time - last_time > _LONGEST_GAP:
                 edges += self.flush()
                 self._direction = direction
-        self._samples.append(_Sample(time, altitude, density, fast_sigma))
-        self._slow_parts.append(slow_parts or {})
+        self._profile.add((time, altitude, density, fast_sigma), slow_parts or {})
         length = max(abs(separation), _NARROWEST)
-        longest = max(_reach(*window, length) for window in self._windows)
-        while abs(altitude - self._samples[0].altitude) > 2.5 * longest:
-            self._samples.popleft()
-            self._slow_parts.popleft()
-        samples, slow = np.array(self._samples), self._slow_table()
-        advance = self._direction * samples[:, 1]
+        self._profile.forget_beyond(2.5 * max(_reach(*window, length) for window in self._windows))
+        # Increasing, because a turn begins a new profile.
+        advance = self._direction * self._profile.samples[:, 1]
+        first, last = float(advance[0]), float(advance[-1])
         for window in self._windows:
             reach = _reach(*window, length)
-            is_new = (advance > self._examined_to[window]) & (advance + reach <= advance[-1])
-            for middle in advance[is_new & (advance - reach >= advance[0])].tolist():
-                self._fit(samples, slow, advance, middle, window, length, slow_time)
-            if is_new.any():
-                self._examined_to[window] = float(advance[is_new][-1])
-        return edges + self._confirmed(float(advance[-1]))
+            begin = int(np.searchsorted(advance, self._examined_to[window], "right"))
+            end = int(np.searchsorted(advance, last - reach, "right"))
+            for middle in advance[begin:end].tolist():
+                if middle - reach >= first:
+                    self._fit(advance, middle, window, length, slow_time)
+            if end > begin:
+                self._examined_to[window] = float(advance[end - 1])
+        return edges + self._confirmed(last)
 
     def flush(self) -> list[Edge]:
         """Return the edges that wait for confirmation, and start anew."""
         edges = self._confirmed(math.inf)
-        self._samples.clear()
-        self._slow_parts.clear()
+        self._profile = _Profile()
         self._direction = 0.0
         self._candidates, self._told = [], []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         return edges
-
-    def _slow_table(self) -> FloatArray:
-        """Return the slow parts of all samples, a column for each satellite."""
-        numbers = sorted({number for parts in self._slow_parts for number in parts})
-        column = {number: index for index, number in enumerate(numbers)}
-        table = np.zeros((len(self._slow_parts), len(numbers)))
-        for row, parts in zip(table, self._slow_parts, strict=True):
-            for number, part in parts.items():
-                row[column[number]] = part
-        return table
 
     def _confirmed(self, advance: float) -> list[Edge]:
         """Return the walls that stand out in their surroundings, once these are known."""
@@ -230,8 +265,6 @@ class DensityEdgeDetector:
 
     def _fit(
         self,
-        samples: FloatArray,
-        slow: FloatArray,
         advance: FloatArray,
         middle: float,
         window: tuple[float, float],
@@ -241,38 +274,21 @@ class DensityEdgeDetector:
         """Fit a line and a wall in the middle of a window (width, margin); keep it if it is one."""
         width, _ = window
         reach = _reach(*window, length)
-        near = np.flatnonzero(np.abs(advance - middle) <= reach)
-        if len(near) < 2 * _FEWEST_SAMPLES:
-            return
-        groups = np.minimum(np.arange(len(near)) * _MEANS // len(near), _MEANS - 1)
-        groups = np.unique(groups, return_inverse=True)[1]
-        count = np.bincount(groups)
-        time, density, fast = (
-            np.bincount(groups, column) / count
-            for column in (samples[near, 0], samples[near, 2], samples[near, 3] ** 2)
+        samples = self._profile.samples
+        first = int(np.searchsorted(advance, middle - reach))
+        end = int(np.searchsorted(advance, middle + reach, "right"))
+        is_fitted, level, slope, change, sigma = fit_wall(
+            samples[first:end],
+            self._profile.slow_parts[first:end],
+            self._direction,
+            middle,
+            reach,
+            width,
+            length,
+            slow_time,
         )
-        begins = np.flatnonzero(np.diff(groups, prepend=-1))
-        parts = np.add.reduceat(slow[near], begins, axis=0) / count[:, np.newaxis]
-        distance = np.bincount(groups, advance[near] - middle) / count
-        covariance = np.diag(fast / count)
-        covariance += (parts @ parts.T) * np.exp(-np.abs(np.subtract.outer(time, time)) / slow_time)
-        half_length = 0.5 * (width + length)
-        sides = (
-            np.count_nonzero(distance < -half_length),
-            np.count_nonzero(distance > half_length),
-        )
-        if min(sides) < _FEWEST_SAMPLES:
+        if not is_fitted:
             return
-        wall = smeared_step(distance, width, length, 0) - 0.5
-        design = np.stack((np.ones(len(time)), distance / reach, wall), axis=-1)
-        weighted = np.linalg.solve(covariance, design)
-        normal = np.linalg.inv(design.T @ weighted)
-        level, slope, change = (normal @ (weighted.T @ density)).tolist()
-        # What is no line and no wall of this width is an error too.
-        residual = density - design @ (level, slope, change)
-        misfit = float(residual @ np.linalg.solve(covariance, residual))
-        freedom = max(1, len(time) - len(normal))
-        sigma = math.sqrt(float(normal[2, 2]) * max(1.0, misfit / freedom))
         before, after = level - 0.5 * change, level + 0.5 * change
         largest = max(before, after)
         shape = _SHAPE if slope * change >= 0.0 else _SHAPE_AGAINST
@@ -288,9 +304,8 @@ class DensityEdgeDetector:
         at = _crossing(advance, samples[:, 2], middle, 0.5 * (before + after), change)
         at = at if abs(at - middle) <= 0.5 * (width + length) else middle
         crossing = float(np.interp(at, advance, samples[:, 0]))
-        speed = abs(samples[near[-1], 1] - samples[near[0], 1]) / (
-            samples[near[-1], 0] - samples[near[0], 0]
-        )
+        climb, duration = np.abs(samples[end - 1] - samples[first])[[1, 0]].tolist()
+        speed = climb / duration
         edge = Edge(
             time=crossing,
             time_sigma=max(width, length) / significance / speed,
@@ -302,6 +317,142 @@ class DensityEdgeDetector:
             width=width,
         )
         self._candidates.append(_Candidate(significance, middle, reach, edge))
+
+
+@compiled
+def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):  # type: ignore[no-untyped-def]
+    """Fit a line and a wall to densities by generalised least squares.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, 4)
+        Time, s, altitude, m, density and sigma of its fast error, 1/m3.
+    slow : ndarray, shape (n, m)
+        What one sigma of each slow error adds to the densities, 1/m3.
+    direction : float
+        1 in a climb, -1 in a descent.
+    middle, reach : float
+        Altitude of the wall times the direction, and the distance by which the slope is counted, m.
+    width, length : float
+        Width of the wall and length over which it is smeared, m.
+    slow_time : float
+        Correlation time of the slow errors, s.
+
+    Returns
+    -------
+    is_fitted : bool
+        Whether there are enough samples on both sides.
+    level, slope, change, sigma : float
+        Density in the middle, its change by the line over `reach`, that by the wall along the
+        motion and its sigma, which contains what is no line and no wall, 1/m3.
+    """
+    count = len(samples)
+    nothing = (False, 0.0, 0.0, 0.0, 0.0)
+    if count < 2 * _FEWEST_SAMPLES:
+        return nothing
+    # Means of at most _MEANS groups of samples.
+    most = min(count, _MEANS)
+    number = np.zeros(most)
+    means = np.zeros((most, 4))  # time, distance, density, variance
+    parts = np.zeros((most, slow.shape[1]))
+    group, last = -1, -1
+    for row in range(count):
+        now = min(row * _MEANS // count, _MEANS - 1)
+        if now != last:
+            group += 1
+            last = now
+        number[group] += 1.0
+        means[group, 0] += samples[row, 0] - samples[0, 0]
+        means[group, 1] += direction * samples[row, 1] - middle
+        means[group, 2] += samples[row, 2]
+        means[group, 3] += samples[row, 3] ** 2
+        for column in range(slow.shape[1]):
+            parts[group, column] += slow[row, column]
+    groups = group + 1
+    before, behind = 0, 0
+    half_length = 0.5 * (width + length)
+    rounded, smeared = max(width, 1e-3), max(length, 1e-3)
+    table = np.empty((groups, 4))  # columns of the design, and the density
+    for row in range(groups):
+        for column in range(4):
+            means[row, column] /= number[row]
+        for column in range(slow.shape[1]):
+            parts[row, column] /= number[row]
+        distance = means[row, 1]
+        before += distance < -half_length
+        behind += distance > half_length
+        # `smeared_step` of power 0.
+        wall = (
+            max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
+            - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
+            - max(distance - 0.5 * (smeared - rounded), 0.0) ** 2
+            + max(distance - 0.5 * (rounded + smeared), 0.0) ** 2
+        ) / (2.0 * rounded * smeared)
+        table[row, 0] = 1.0
+        table[row, 1] = distance / reach
+        table[row, 2] = wall - 0.5
+        table[row, 3] = means[row, 2]
+    if min(before, behind) < _FEWEST_SAMPLES:
+        return nothing
+    # The Cholesky factor of the covariance makes the errors of the rows independent.
+    factor = np.zeros((groups, groups))
+    for row in range(groups):
+        for other in range(row + 1):
+            total = 0.0
+            for column in range(slow.shape[1]):
+                total += parts[row, column] * parts[other, column]
+            total *= math.exp(-abs(means[row, 0] - means[other, 0]) / slow_time)
+            if row == other:
+                total += means[row, 3] / number[row]
+            for column in range(other):
+                total -= factor[row, column] * factor[other, column]
+            if row > other:
+                factor[row, other] = total / factor[other, other]
+            elif total > 0.0:
+                factor[row, row] = math.sqrt(total)
+            else:
+                return nothing
+        for column in range(4):
+            total = table[row, column]
+            for other in range(row):
+                total -= factor[row, other] * table[other, column]
+            table[row, column] = total / factor[row, row]
+    normal = np.zeros((3, 4))
+    for row in range(groups):
+        for column in range(3):
+            for other in range(4):
+                normal[column, other] += table[row, column] * table[row, other]
+    # The cofactors of the symmetric normal matrix, of which the last column gives the change.
+    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
+    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
+    inverse = np.array(
+        [
+            [d * f - e * e, c * e - b * f, b * e - c * d],
+            [c * e - b * f, a * f - c * c, b * c - a * e],
+            [b * e - c * d, b * c - a * e, a * d - b * b],
+        ]
+    )
+    determinant = a * inverse[0, 0] + b * inverse[1, 0] + c * inverse[2, 0]
+    if not determinant > 0.0:
+        return nothing
+    solution = np.zeros(3)
+    for row in range(3):
+        for column in range(3):
+            solution[row] += inverse[row, column] * normal[column, 3] / determinant
+    misfit = 0.0
+    for row in range(groups):
+        residual = table[row, 3]
+        for column in range(3):
+            residual -= table[row, column] * solution[column]
+        misfit += residual * residual
+    # What is no line and no wall of this width is an error too.
+    variance = inverse[2, 2] / determinant * max(1.0, misfit / max(1, groups - 3))
+    return True, solution[0], solution[1], solution[2], math.sqrt(variance)
+
+
+def compile_kernels() -> None:
+    """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
+    fit_wall(np.zeros((0, 4)), np.zeros((0, 0)), 1.0, 0.0, 1.0, 0.0, 1.0, 1.0)
 
 
 def _reach(width: float, margin: float, length: float) -> float:

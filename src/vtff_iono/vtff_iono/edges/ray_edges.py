@@ -8,9 +8,11 @@ median of the rates, mapped to the vertical, is removed first.
 
 from __future__ import annotations
 
+import itertools
 import math
 import statistics
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -20,7 +22,7 @@ import numpy.typing as npt
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.content.slant_tec import SlantTecRows
+from vtff_gnss.signals import satellite_number
 from vtff_iono.edges.boundary import Boundary, BoundaryKind, BoundarySource
 from vtff_iono.edges.edge_detectors import (
     Edge,
@@ -30,12 +32,9 @@ from vtff_iono.edges.edge_detectors import (
 )
 from vtff_iono.geometry.mapping import mapping_factor
 from vtff_iono.scintillation.indices import linear_power, noise_s4
-from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock, SpacecraftResult
+from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftSeries
 
 __all__ = ["RayEdgeFinder", "RayEdgeSettings"]
-
-RowsOfLinks = dict[int, npt.NDArray[np.intp]]
-"""Rows of each link, in order of time, by the number of the link."""
 
 # Fewest epochs of a second in which the variance of the intensity is looked at.
 _FEWEST_EPOCHS = 10
@@ -81,9 +80,9 @@ class RayEdgeSettings:
 
 
 class _RayQuantity(NamedTuple):
-    """A quantity of the ray of a link in a second that ends at a time, ns."""
+    """A quantity of the ray of a group of rows in a second that ends at a time, ns."""
 
-    link: int
+    group: int
     time: int
     source: BoundarySource
     value: float
@@ -102,6 +101,57 @@ class _SecondRate(NamedTuple):
 
     end: int
     change_tecu: float
+
+
+class _ContentChanges(NamedTuple):
+    """Changes of content (TECU) to a second, with the groups of rows and elevations (rad)."""
+
+    second: int
+    end: int
+    duration: float
+    groups: list[int]
+    elevations: FloatArray
+    changes: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class _RayGroups:
+    """Rows of links, those of each link and second together; m groups by second and link.
+
+    Parameters
+    ----------
+    order : ndarray of int, shape (n,)
+        Rows with a link, group by group, in each by time.
+    starts, counts : ndarray of int, shape (m,)
+        Where each group begins in `order`, and its number of rows.
+    second, link : ndarray of int, shape (m,)
+        Second, counted from the beginning of the series, and link of each group.
+    of_rows : ndarray of int
+        Group of each row; -1 for a row without a link.
+    """
+
+    order: npt.NDArray[np.intp]
+    starts: npt.NDArray[np.intp]
+    counts: npt.NDArray[np.intp]
+    second: npt.NDArray[np.intp]
+    link: npt.NDArray[np.int64]
+    of_rows: npt.NDArray[np.intp]
+
+    @classmethod
+    def of(cls, series: SpacecraftSeries) -> _RayGroups:
+        """Return the groups of the rows of a series."""
+        link = series.rows.pairs.link
+        second_of_row = np.repeat(np.arange(len(series.results)), np.diff(series.first_row))
+        key = second_of_row * (int(link.max(initial=0)) + 1) + link
+        row = np.flatnonzero(link >= 0)
+        order = row[np.argsort(key[row], kind="stable")]
+        is_first = np.diff(key[order], prepend=-1) != 0
+        starts = np.flatnonzero(is_first)
+        of_rows = np.full(len(link), -1, dtype=np.intp)
+        of_rows[order] = np.cumsum(is_first) - 1
+        counts = np.diff(np.append(starts, len(order)))
+        first_row = order[starts]
+        return cls(order, starts, counts, second_of_row[first_row], link[first_row], of_rows)
 
 
 class RayEdgeFinder:
@@ -132,39 +182,41 @@ class RayEdgeFinder:
         self._last_content: dict[int, _SecondContent] = {}
         self._rates: dict[int, deque[_SecondRate]] = {}
 
-    def update(
-        self, block: ObservationBlock, position_itrf: FloatArray, result: SpacecraftResult
-    ) -> list[Boundary]:
-        """Process the next second and return the edges that it confirms.
+    def update(self, series: SpacecraftSeries) -> list[list[Boundary]]:
+        """Process the next seconds and return the edges that each of them confirms.
 
         Parameters
         ----------
-        block : ObservationBlock
-        position_itrf : ndarray, shape (n, 3)
-            Position of the antenna at each observation, m.
-        result : SpacecraftResult
-            Results of the spacecraft for the block.
+        series : SpacecraftSeries
+            Observations and results of the spacecraft, a block for each second.
         """
-        rows = result.rows
-        rows_of_links = _group_rows(rows)
-        quantities = self._variance_ratios(block, rows, rows_of_links)
-        quantities += self._rate_quantities(position_itrf, rows, rows_of_links)
-        boundaries = []
-        for link, time, source, value in quantities:
-            observation = int(rows.pairs.row_first[rows_of_links[link][-1]])
-            system = int(block.columns["system"][observation])
-            prn = int(block.columns["prn"][observation])
-            detector = self._detectors.get((system, prn, source))
-            if detector is None:
-                detector = ExceedanceDetector(self._thresholds[source])
-                self._detectors[system, prn, source] = detector
-            position = position_itrf[observation]
-            direction = result.direction_itrf[observation]
-            for edge in detector.update(time / NANOSECONDS_PER_SECOND, value):
-                if np.isfinite(position).all() and np.isfinite(direction).all():
-                    boundaries.append(
-                        self._boundary(source, system, prn, edge, position, direction)
-                    )
+        columns, rows = series.block.columns, series.rows
+        groups = _RayGroups.of(series)
+        quantities = self._variance_ratios(series, groups)
+        for number, of_rates in enumerate(self._rate_quantities(series, groups)):
+            quantities[number] += of_rates
+        boundaries: list[list[Boundary]] = [[] for _ in quantities]
+        last_rows = groups.order[groups.starts + groups.counts - 1]
+        observations = rows.pairs.row_first[last_rows]
+        systems = columns["system"][observations].tolist()
+        prns = columns["prn"][observations].tolist()
+        for number, quantities_of_second in enumerate(quantities):
+            for group, time, source, value in quantities_of_second:
+                system, prn = systems[group], prns[group]
+                detector = self._detectors.get((system, prn, source))
+                if detector is None:
+                    detector = ExceedanceDetector(self._thresholds[source])
+                    self._detectors[system, prn, source] = detector
+                for edge in detector.update(time / NANOSECONDS_PER_SECOND, value):
+                    observation = int(observations[group])
+                    position = series.position_itrf[observation]
+                    direction = series.results[number].direction_itrf[
+                        observation - int(series.first_observation[number])
+                    ]
+                    if np.isfinite(position).all() and np.isfinite(direction).all():
+                        boundaries[number].append(
+                            self._boundary(source, system, prn, edge, position, direction)
+                        )
         return boundaries
 
     def _boundary(
@@ -194,131 +246,178 @@ class RayEdgeFinder:
     # ---- intensity ---------------------------------------------------------------------------
 
     def _variance_ratios(
-        self, block: ObservationBlock, rows: SlantTecRows, rows_of_links: RowsOfLinks
-    ) -> list[_RayQuantity]:
-        """Return the variance of the intensity of first signals relative to that of noise."""
+        self, series: SpacecraftSeries, groups: _RayGroups
+    ) -> list[list[_RayQuantity]]:
+        """Return for each second the variances of the intensity relative to that of noise.
+
+        They are those of the first signal of each satellite.
+        """
+        rows, columns = series.rows, series.block.columns
         time = rows.pairs.time
-        epochs = time[np.flatnonzero(np.diff(time, prepend=time[:1] - 1))]
-        if len(epochs) < _FEWEST_EPOCHS:
-            return []
-        sample_length = statistics.median(np.diff(epochs).tolist()) / NANOSECONDS_PER_SECOND
-        is_high = rows.elevation >= self._settings.elevation_mask
-        system, prn = block.columns["system"], block.columns["prn"]
-        # Observations of the first signal of each satellite, by the number of its first link.
-        observations: dict[int, npt.NDArray[np.int64]] = {}
-        satellites: set[tuple[int, int]] = set()
-        for link, rows_of_link in rows_of_links.items():
-            if not is_high[rows_of_link].any():
-                continue
-            first = rows.pairs.row_first[rows_of_link]
-            satellite = int(system[first[0]]), int(prn[first[0]])
-            if satellite not in satellites and len(first) >= _COVERAGE * len(epochs):
-                satellites.add(satellite)
-                observations[link] = first
-        ratios: dict[int, float] = {}
+        seconds = len(series.results)
+        epochs_of_second, sample_length = np.zeros(seconds), np.ones(seconds)
+        for number, (first, end) in enumerate(itertools.pairwise(series.first_row.tolist())):
+            epochs = np.unique(time[first:end])
+            if len(epochs) >= _FEWEST_EPOCHS:
+                epochs_of_second[number] = len(epochs)
+                step = statistics.median(np.diff(epochs).tolist())
+                sample_length[number] = step / NANOSECONDS_PER_SECOND
+        is_high = rows.elevation[groups.order] >= self._settings.elevation_mask
+        has_high = np.logical_or.reduceat(is_high, groups.starts) if len(groups.starts) else is_high
+        needed = epochs_of_second[groups.second]
+        candidates = np.flatnonzero(has_high & (needed > 0) & (groups.counts >= _COVERAGE * needed))
+        # The first link of each satellite and second.
+        observation = rows.pairs.row_first[groups.order[groups.starts[candidates]]]
+        satellite = satellite_number(columns["system"][observation], columns["prn"][observation])
+        key = groups.second[candidates] * (int(satellite.max(initial=0)) + 1) + satellite
+        chosen = candidates[np.sort(np.unique(key, return_index=True)[1])]
+        ratios = np.empty(len(chosen))
         # Links with equal numbers of samples, as a rule all links, are computed together.
-        for count in {len(first) for first in observations.values()}:
-            links = [link for link, first in observations.items() if len(first) == count]
-            table = np.stack([observations[link] for link in links])
-            power = linear_power(block.columns["cn0_dbhz"][table])
-            noise = noise_s4(10.0 * np.log10(power.mean(axis=-1)), sample_length) ** 2
-            ratios.update(zip(links, (intensity_variance(power) / noise).tolist(), strict=True))
-        end = int(epochs[-1])
-        return [_RayQuantity(link, end, BoundarySource.S4, ratios[link]) for link in observations]
+        for count in np.unique(groups.counts[chosen]).tolist():
+            of_count = np.flatnonzero(groups.counts[chosen] == count)
+            table = groups.starts[chosen[of_count], np.newaxis] + np.arange(count)
+            power = linear_power(columns["cn0_dbhz"][rows.pairs.row_first[groups.order[table]]])
+            length = sample_length[groups.second[chosen[of_count]]]
+            noise = noise_s4(10.0 * np.log10(power.mean(axis=-1)), length) ** 2
+            ratios[of_count] = intensity_variance(power) / noise
+        quantities: list[list[_RayQuantity]] = [[] for _ in series.results]
+        for group, ratio in zip(chosen.tolist(), ratios.tolist(), strict=True):
+            number = int(groups.second[group])
+            end = int(time[series.first_row[number + 1] - 1])
+            quantities[number].append(_RayQuantity(group, end, BoundarySource.S4, ratio))
+        return quantities
 
     # ---- rate of TEC -------------------------------------------------------------------------
 
     def _rate_quantities(
-        self, position_itrf: FloatArray, rows: SlantTecRows, rows_of_links: RowsOfLinks
-    ) -> list[_RayQuantity]:
-        """Return ROTI and the gradient of TEC of the links that have rates for long enough."""
-        if not len(rows) or not np.isfinite(position_itrf[-1]).all():
-            return []
-        end = int(rows.pairs.time[-1])
-        distance = float(np.linalg.norm(position_itrf[-1] - position_itrf[0]))
-        duration = (rows.pairs.time[-1] - rows.pairs.time[0]) / NANOSECONDS_PER_SECOND
-        links, elevations, changes = self._content_changes(end, rows, rows_of_links)
-        if len(links) < _FEWEST_RATES or duration <= 0.0:
-            return []
-        radius = np.linalg.norm(position_itrf[-1])
-        factors = mapping_factor(elevations, radius, geodetic_from_itrf(position_itrf[-1])[2])
-        changes = changes - factors * statistics.median((changes / factors).tolist())
-        links_with_rates, table = self._recent_rates(end, links, changes)
-        roti = _SECONDS_PER_MINUTE * table.std(axis=-1, ddof=1)
-        kilometres_per_second = _KILOMETRES_PER_METRE * distance / duration
-        gradient = np.abs(table.mean(axis=-1)) / kilometres_per_second
-        quantities = []
-        for row, link in enumerate(links_with_rates):
-            quantities.append(_RayQuantity(link, end, BoundarySource.ROTI, float(roti[row])))
-            quantities.append(
-                _RayQuantity(link, end, BoundarySource.TEC_GRADIENT, float(gradient[row]))
-            )
+        self, series: SpacecraftSeries, groups: _RayGroups
+    ) -> list[list[_RayQuantity]]:
+        """Return for each second ROTI and gradients of TEC of links with rates for long enough."""
+        quantities: list[list[_RayQuantity]] = [[] for _ in series.results]
+        time, position = series.rows.pairs.time, series.position_itrf
+        ends = [
+            (number, int(time[end - 1]), float(time[end - 1] - time[first]))
+            for number, (first, end) in enumerate(itertools.pairwise(series.first_row.tolist()))
+            if end > first and np.isfinite(position[series.first_observation[number + 1] - 1]).all()
+        ]
+        changes = self._content_changes(series, groups, ends)
+        changes = [
+            change
+            for change in changes
+            if len(change.groups) >= _FEWEST_RATES and change.duration > 0.0
+        ]
+        if not changes:
+            return quantities
+        numbers = np.array([change.second for change in changes])
+        first, last = (
+            position[series.first_observation[numbers]],
+            position[series.first_observation[numbers + 1] - 1],
+        )
+        counts = [len(change.groups) for change in changes]
+        factors = mapping_factor(
+            np.concatenate([change.elevations for change in changes]),
+            np.repeat(np.linalg.norm(last, axis=-1), counts),
+            np.repeat(geodetic_from_itrf(last)[:, 2], counts),
+        )
+        steps = np.concatenate([change.changes for change in changes])
+        verticals = steps / factors
+        edges = np.cumsum([0, *counts])
+        medians = [
+            statistics.median(verticals[begin:end].tolist())
+            for begin, end in itertools.pairwise(edges.tolist())
+        ]
+        steps = steps - factors * np.repeat(medians, counts)
+        distance = np.linalg.norm(last - first, axis=-1)
+        kilometres_per_second = (
+            _KILOMETRES_PER_METRE * distance / [change.duration for change in changes]
+        )
+        found, tables = [], []
+        for row, (change, begin, end) in enumerate(
+            zip(changes, edges[:-1].tolist(), edges[1:].tolist(), strict=True)
+        ):
+            chosen, rates = self._recent_rates(change, groups, steps[begin:end])
+            found += [(row, group) for group in chosen]
+            tables += rates
+        table = np.array(tables).reshape(-1, _RATE_SECONDS)
+        roti = (_SECONDS_PER_MINUTE * table.std(axis=-1, ddof=1)).tolist()
+        speed = kilometres_per_second[[row for row, _ in found]] if found else np.zeros(0)
+        gradient = (np.abs(table.mean(axis=-1)) / speed).tolist()
+        for index, (row, group) in enumerate(found):
+            number, end = changes[row].second, changes[row].end
+            quantities[number] += [
+                _RayQuantity(group, end, BoundarySource.ROTI, roti[index]),
+                _RayQuantity(group, end, BoundarySource.TEC_GRADIENT, gradient[index]),
+            ]
         return quantities
 
     def _content_changes(
-        self, end: int, rows: SlantTecRows, rows_of_links: RowsOfLinks
-    ) -> tuple[list[int], FloatArray, FloatArray]:
-        """Return links, their elevations (rad) and changes of content since last second (TECU).
+        self,
+        series: SpacecraftSeries,
+        groups: _RayGroups,
+        ends: Sequence[tuple[int, int, float]],
+    ) -> list[_ContentChanges]:
+        """Return the changes of content since the second before, for some seconds.
 
-        A link has a change if its arc has lasted through both seconds.
+        `ends` are the number of each second, its end and its duration, ns. A link has a change if
+        its arc has lasted through both seconds.
         """
-        links: list[int] = []
-        elevations: list[float] = []
-        changes: list[float] = []
-        in_arc = (rows.arc > 0) & (rows.pairs.link >= 0)
-        link_in_arc = rows.pairs.link[in_arc]
-        totals = np.bincount(link_in_arc, rows.stec_phase_tecu[in_arc])
-        counts = np.bincount(link_in_arc)
-        for link, rows_of_link in rows_of_links.items():
-            if link >= len(counts) or not counts[link]:
-                continue
-            last_row = rows_of_link[in_arc[rows_of_link]][-1]
-            if not rows.elevation[last_row] >= self._settings.rate_elevation_mask:
-                continue
-            content = _SecondContent(
-                end, int(rows.arc[last_row]), float(totals[link] / counts[link])
+        rows = series.rows
+        in_arc = rows.arc > 0
+        row = groups.order[in_arc[groups.order]]
+        group = groups.of_rows[row]
+        count = np.bincount(group, minlength=len(groups.starts))
+        total = np.bincount(group, rows.stec_phase_tecu[row], minlength=len(groups.starts))
+        mean = (total / np.maximum(count, 1)).tolist()
+        last_row = np.zeros(len(groups.starts), dtype=np.intp)
+        last_row[group] = row  # of several rows the last one stays
+        elevation = rows.elevation[last_row]
+        arc = rows.arc[last_row].tolist()
+        is_seen = (count > 0) & (elevation >= self._settings.rate_elevation_mask)
+        first_group = np.searchsorted(groups.second, np.arange(len(series.results) + 1)).tolist()
+        link = groups.link.tolist()
+        result = []
+        for number, end, duration in ends:
+            begin = first_group[number]
+            changed: list[int] = []
+            changes: list[float] = []
+            for index in (
+                begin + np.flatnonzero(is_seen[begin : first_group[number + 1]])
+            ).tolist():
+                content = _SecondContent(end, arc[index], mean[index])
+                previous = self._last_content.get(link[index])
+                self._last_content[link[index]] = content
+                if (
+                    previous is not None
+                    and previous.arc == content.arc
+                    and end - previous.end == NANOSECONDS_PER_SECOND
+                ):
+                    changed.append(index)
+                    changes.append(content.stec_tecu - previous.stec_tecu)
+            result.append(
+                _ContentChanges(
+                    number,
+                    end,
+                    duration / NANOSECONDS_PER_SECOND,
+                    changed,
+                    elevation[changed],
+                    np.array(changes),
+                )
             )
-            previous = self._last_content.get(link)
-            self._last_content[link] = content
-            if (
-                previous is not None
-                and previous.arc == content.arc
-                and content.end - previous.end == NANOSECONDS_PER_SECOND
-            ):
-                links.append(link)
-                elevations.append(rows.elevation[last_row])
-                changes.append(content.stec_tecu - previous.stec_tecu)
-        return links, np.array(elevations), np.array(changes)
+        return result
 
     def _recent_rates(
-        self, end: int, links: list[int], changes: FloatArray
-    ) -> tuple[list[int], FloatArray]:
-        """Return the links that have a rate in each of the last seconds, and these rates.
+        self, change: _ContentChanges, groups: _RayGroups, rates_now: FloatArray
+    ) -> tuple[list[int], list[list[float]]]:
+        """Return the groups that have a rate in each of the last seconds, and these rates.
 
-        The rates are changes over a second, TECU, shape (links, `_RATE_SECONDS`).
+        The rates are changes over a second, TECU, `_RATE_SECONDS` of each.
         """
-        begin = end - _RATE_SECONDS * NANOSECONDS_PER_SECOND
-        links_with_rates, recent = [], []
-        for link, change in zip(links, changes.tolist(), strict=True):
-            rates = self._rates.setdefault(link, deque(maxlen=_RATE_SECONDS))
-            rates.append(_SecondRate(end, change))
-            newest = [rate.change_tecu for rate in rates if rate.end > begin]
-            if len(newest) == _RATE_SECONDS:
-                links_with_rates.append(link)
-                recent.append(newest)
-        return links_with_rates, np.array(recent).reshape(-1, _RATE_SECONDS)
-
-
-def _group_rows(rows: SlantTecRows) -> RowsOfLinks:
-    """Return the rows of each link."""
-    if not len(rows):
-        return {}
-    order = np.argsort(rows.pairs.link, kind="stable")
-    link = rows.pairs.link[order]
-    starts = np.flatnonzero(np.diff(link, prepend=link[:1] - 1))
-    groups = np.split(order, starts[1:])
-    return {
-        number: rows_of_link
-        for number, rows_of_link in zip(link[starts].tolist(), groups, strict=True)
-        if number >= 0
-    }
+        begin = change.end - _RATE_SECONDS * NANOSECONDS_PER_SECOND
+        chosen, recent = [], []
+        for group, rate in zip(change.groups, rates_now.tolist(), strict=True):
+            rates = self._rates.setdefault(int(groups.link[group]), deque(maxlen=_RATE_SECONDS))
+            rates.append(_SecondRate(change.end, rate))
+            if len(rates) == _RATE_SECONDS and rates[0].end > begin:
+                chosen.append(group)
+                recent.append([of_second.change_tecu for of_second in rates])
+        return chosen, recent

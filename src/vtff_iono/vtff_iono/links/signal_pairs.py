@@ -6,6 +6,7 @@ biases. Links are numbered in the order in which they first appear.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -159,6 +160,17 @@ class PairRows:
     def __len__(self) -> int:
         """Return the number of rows."""
         return len(self.time)
+
+    def part(self, first: int, end: int, first_observation: int) -> PairRows:
+        """Return rows `first` to `end`, without `end`; observations count from the given one."""
+        columns = {name: getattr(self, name)[first:end] for name in _ROW_COLUMNS}
+        columns["row_first"] = columns["row_first"] - first_observation
+        second = columns["row_second"]
+        columns["row_second"] = np.where(second < 0, second, second - first_observation)
+        return PairRows(**columns)
+
+
+_ROW_COLUMNS = tuple(field.name for field in dataclasses.fields(PairRows))
 
 
 class PairSelector:

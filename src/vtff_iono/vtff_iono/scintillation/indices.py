@@ -169,7 +169,7 @@ def s4_index(power: npt.ArrayLike) -> FloatArray:
     return pseudo_s4(power / trend)
 
 
-def noise_s4(cn0_dbhz: npt.ArrayLike, sample_length: float) -> FloatArray:
+def noise_s4(cn0_dbhz: npt.ArrayLike, sample_length: npt.ArrayLike) -> FloatArray:
     """Return the S4 that thermal noise makes in samples of a length (s), at a C/N0 in dB-Hz.
 
     References
@@ -178,7 +178,7 @@ def noise_s4(cn0_dbhz: npt.ArrayLike, sample_length: float) -> FloatArray:
     S4_N^2 = 100/(C/N0) (1 + 500/(19 C/N0)). For any sample length T its two terms are 2/(T C/N0)
     and 10/(19 T C/N0).
     """
-    ratio = 1.0 / (sample_length * linear_power(cn0_dbhz))
+    ratio = 1.0 / (np.asarray(sample_length) * linear_power(cn0_dbhz))
     return np.asarray(np.sqrt(2.0 * ratio * (1.0 + 10.0 / 19.0 * ratio)))
 
 

@@ -82,27 +82,39 @@ class BiasSampleWindow:
         return len(self._levels)
 
     def add_epoch(
-        self, rows: SlantTecRows, direction_itrf: FloatArray, position_itrf: FloatArray
+        self,
+        rows: SlantTecRows,
+        first: int,
+        end: int,
+        direction_itrf: FloatArray,
+        position_itrf: FloatArray,
     ) -> None:
-        """Add the last epoch of a block: the levels of its arcs, and samples if it is their time.
+        """Add an epoch: the levels of its arcs, and samples if it is their time.
 
         Parameters
         ----------
         rows : SlantTecRows
-            Contents of the block, at least one.
+            Contents, among them those of the epoch.
+        first, end : int
+            First row of the epoch and the row after its last one.
         direction_itrf, position_itrf : ndarray, shape (n, 3)
             Unit vectors to the satellites, and positions of the antenna (m), of all observations
-            of the block.
+            that the rows refer to.
         """
-        time = int(rows.pairs.time[-1])
-        good = (rows.pairs.time == time) & ((rows.rejected & ~_USABLE) == 0)
-        chosen = np.flatnonzero(good & np.isfinite(rows.stec_tecu))
-        for row in chosen.tolist():
-            self._levels[int(rows.pairs.link[row]), int(rows.arc[row])] = _ArcLevel(
-                float(rows.stec_tecu[row] - rows.stec_phase_tecu[row]),
-                float(rows.stec_sigma_tecu[row]),
-                float(rows.satellite_bias_sigma_tecu[row]),
-            )
+        time = int(rows.pairs.time[first])
+        stec = rows.stec_tecu[first:end]
+        good = (rows.rejected[first:end] & ~_USABLE) == 0
+        chosen = first + np.flatnonzero(good & np.isfinite(stec))
+        levels = zip(
+            rows.pairs.link[chosen].tolist(),
+            rows.arc[chosen].tolist(),
+            (rows.stec_tecu[chosen] - rows.stec_phase_tecu[chosen]).tolist(),
+            rows.stec_sigma_tecu[chosen].tolist(),
+            rows.satellite_bias_sigma_tecu[chosen].tolist(),
+            strict=True,
+        )
+        for link, arc, level, sigma, satellite_sigma in levels:
+            self._levels[link, arc] = _ArcLevel(level, sigma, satellite_sigma)
         if time % BIAS_SAMPLE_INTERVAL == 0:
             if len(chosen):
                 observation = rows.pairs.row_first[chosen]

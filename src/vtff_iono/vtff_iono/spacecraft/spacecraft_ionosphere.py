@@ -46,6 +46,7 @@ __all__ = [
     "SlantTecEpoch",
     "SpacecraftIonosphere",
     "SpacecraftResult",
+    "SpacecraftSeries",
     "SpacecraftSettings",
 ]
 
@@ -105,6 +106,19 @@ class ObservationBlock:
     time: npt.NDArray[np.int64]
     columns: Columns
 
+    @classmethod
+    def join(cls, blocks: Sequence[ObservationBlock]) -> ObservationBlock:
+        """Return the observations of one or more blocks, which follow each other in time."""
+        if len(blocks) == 1:
+            return blocks[0]
+        return cls(
+            np.concatenate([block.time for block in blocks]),
+            {
+                name: np.concatenate([block.columns[name] for block in blocks])
+                for name in blocks[0].columns
+            },
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class SlantTecEpoch:
@@ -161,6 +175,32 @@ class SpacecraftResult:
     direction_itrf: FloatArray
     epoch: SlantTecEpoch | None
     scintillation: tuple[tuple[ScintillationWindow, FloatArray], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class SpacecraftSeries:
+    """Observations and results of k blocks that follow each other.
+
+    Parameters
+    ----------
+    block : ObservationBlock
+        All observations.
+    position_itrf : ndarray, shape (n, 3)
+        Position of the antenna at each observation, m; NaN where unknown.
+    rows : SlantTecRows
+        Contents of all blocks.
+    first_observation, first_row : ndarray of int64, shape (k + 1,)
+        Where the observations and the rows of each block begin; last their numbers.
+    results : list of SpacecraftResult
+        Results of each block.
+    """
+
+    block: ObservationBlock
+    position_itrf: FloatArray
+    rows: SlantTecRows
+    first_observation: npt.NDArray[np.int64]
+    first_row: npt.NDArray[np.int64]
+    results: list[SpacecraftResult]
 
 
 class SpacecraftIonosphere:
@@ -245,16 +285,22 @@ class SpacecraftIonosphere:
                 e: None for e in ephemerides if validity_interval(e)[1].nanoseconds >= oldest
             }
 
-    def process(self, block: ObservationBlock, position_itrf: FloatArray) -> SpacecraftResult:
-        """Process the next block and return its results.
+    def process(
+        self, blocks: Sequence[ObservationBlock], position_itrf: FloatArray
+    ) -> SpacecraftSeries:
+        """Process the next blocks and return their results.
+
+        Several blocks at once have the results that they have one after the other, for less time.
 
         Parameters
         ----------
-        block : ObservationBlock
+        blocks : sequence of ObservationBlock
+            One or more.
         position_itrf : ndarray, shape (n, 3)
-            Position of the antenna at the time of each row, m; NaN where unknown.
+            Position of the antenna at the time of each row of all blocks, m; NaN where unknown.
         """
         self._take_new_ephemerides()
+        block = ObservationBlock.join(blocks)
         columns = block.columns
         if len(block.time):
             self._newest = int(block.time[-1])
@@ -266,12 +312,30 @@ class SpacecraftIonosphere:
         windows = self._scintillation.update(
             block.time, columns, geometry.elevation, geometry.azimuth
         )
-        scintillation = tuple((window, self._roti_of_signals(window, roti)) for window in windows)
-        epoch = None
-        if len(rows):
-            self._update_biases(rows, geometry, position_itrf)
-            epoch = self._last_epoch(rows, geometry, position_itrf)
-        return SpacecraftResult(rows, geometry.direction_itrf, epoch, scintillation)
+        first_observation = np.cumsum([0, *(len(of_block.time) for of_block in blocks)])
+        scintillation: list[list[tuple[ScintillationWindow, FloatArray]]] = [[] for _ in blocks]
+        for window in windows:
+            # The first observation after a window ends it.
+            ending = np.searchsorted(block.time, window.time)
+            number = int(np.searchsorted(first_observation, ending, "right")) - 1
+            scintillation[number].append((window, self._roti_of_signals(window, roti)))
+        # Rows are in the order of their first observations, epoch by epoch.
+        block_of_row = np.searchsorted(first_observation[1:], rows.pairs.row_first, "right")
+        first_row = np.searchsorted(block_of_row, np.arange(len(blocks) + 1))
+        results = []
+        epochs = self._last_epochs(rows, first_row, geometry, position_itrf)
+        for number, epoch in enumerate(epochs):
+            first, last = first_row[number : number + 2].tolist()
+            begin, end = first_observation[number : number + 2].tolist()
+            results.append(
+                SpacecraftResult(
+                    rows if len(blocks) == 1 else rows.part(first, last, begin),
+                    geometry.direction_itrf[begin:end],
+                    epoch,
+                    tuple(scintillation[number]),
+                )
+            )
+        return SpacecraftSeries(block, position_itrf, rows, first_observation, first_row, results)
 
     def _satellite_bias(self, link: Link, time: GpsTime) -> tuple[float, float]:
         return self._code_biases.satellite_bias(
@@ -299,20 +363,49 @@ class SpacecraftIonosphere:
         signals = zip(*(getattr(window, name).tolist() for name in SignalKey._fields), strict=True)
         return np.array([values.get(SignalKey(*signal), math.nan) for signal in signals])
 
-    def _update_biases(
-        self, rows: SlantTecRows, geometry: SatelliteGeometry, position_itrf: FloatArray
-    ) -> None:
-        """Add the last epoch to the samples of the receiver biases; estimate when it is time."""
-        time = int(rows.pairs.time[-1])
+    def _last_epochs(
+        self,
+        rows: SlantTecRows,
+        first_row: npt.NDArray[np.int64],
+        geometry: SatelliteGeometry,
+        position_itrf: FloatArray,
+    ) -> list[SlantTecEpoch | None]:
+        """Return the contents of the last epoch of each block; None for a block without rows.
+
+        The last epochs are added to the samples of the receiver biases on the way, and these are
+        estimated where it is time: from that block on the new ones are removed.
+        """
+        blocks = np.flatnonzero(np.diff(first_row))
+        last = first_row[blocks + 1] - 1
+        time = rows.pairs.time
+        first = np.searchsorted(time, time[last])
+        epochs: list[SlantTecEpoch | None] = [None] * (len(first_row) - 1)
+        begin = 0
+        for index, (start, end) in enumerate(zip(first.tolist(), (last + 1).tolist(), strict=True)):
+            self._bias_samples.add_epoch(rows, start, end, geometry.direction_itrf, position_itrf)
+            if self._is_bias_due(int(time[start])):
+                chosen = slice(begin, index)
+                found = self._epochs(rows, first[chosen], last[chosen], geometry, position_itrf)
+                for number, epoch in zip(blocks[chosen].tolist(), found, strict=True):
+                    epochs[number] = epoch
+                begin = index
+                self._estimate_biases()
+        found = self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf)
+        for number, epoch in zip(blocks[begin:].tolist(), found, strict=True):
+            epochs[number] = epoch
+        return epochs
+
+    def _is_bias_due(self, time: int) -> bool:
+        """Return whether the receiver biases are to be estimated at a time, ns."""
         if self._bias_start is None:
             self._bias_start = time
             self._bias_due = time + round(self._settings.bias_delay * NANOSECONDS_PER_SECOND)
-        self._bias_samples.add_epoch(rows, geometry.direction_itrf, position_itrf)
-        if time >= self._bias_due:
-            interval = round(self._settings.bias_interval * NANOSECONDS_PER_SECOND)
-            growth = round(_BIAS_GROWTH * (time - self._bias_start))
-            self._bias_due = time + min(interval, max(growth, BIAS_SAMPLE_INTERVAL))
-            self._estimate_biases()
+        if time < self._bias_due:
+            return False
+        interval = round(self._settings.bias_interval * NANOSECONDS_PER_SECOND)
+        growth = round(_BIAS_GROWTH * (time - self._bias_start))
+        self._bias_due = time + min(interval, max(growth, BIAS_SAMPLE_INTERVAL))
+        return True
 
     def _estimate_biases(self) -> None:
         """Estimate the receiver biases; an estimate that fails leaves the biases as they are."""
@@ -325,41 +418,67 @@ class SpacecraftIonosphere:
         self.bias_error = None
         self.receiver_biases = dict(zip(groups, biases, strict=True))
 
-    def _last_epoch(
-        self, rows: SlantTecRows, geometry: SatelliteGeometry, position_itrf: FloatArray
-    ) -> SlantTecEpoch:
-        """Return the contents of the last epoch, the receiver biases removed where estimated."""
-        last = rows.pairs.time == rows.pairs.time[-1]
-        chosen = np.flatnonzero(last & (rows.pairs.link >= 0))
+    def _epochs(
+        self,
+        rows: SlantTecRows,
+        first: npt.NDArray[np.int64],
+        last: npt.NDArray[np.int64],
+        geometry: SatelliteGeometry,
+        position_itrf: FloatArray,
+    ) -> list[SlantTecEpoch]:
+        """Return the contents of epochs from their first to their last rows.
+
+        The receiver biases are removed where they are estimated.
+        """
+        if not len(first):
+            return []
+        counts = last + 1 - first
+        starts = np.cumsum(counts) - counts
+        chosen = np.arange(int(counts.sum())) + np.repeat(first - starts, counts)
+        epoch_of_row = np.repeat(np.arange(len(first)), counts)
+        is_link = rows.pairs.link[chosen] >= 0
+        chosen, epoch_of_row = chosen[is_link], epoch_of_row[is_link]
+        edges = np.searchsorted(epoch_of_row, np.arange(len(first) + 1)).tolist()
         observation = rows.pairs.row_first[chosen]
         vertical = vertical_mapping(
             position_itrf[observation],
             geometry.direction_itrf[observation],
             rows.elevation[chosen],
         )
-        links = [self.links[number] for number in rows.pairs.link[chosen].tolist()]
-        biases = [self.receiver_biases.get(bias_group(link)) for link in links]
-        bias_tecu = np.array([0.0 if bias is None else bias.bias_tecu for bias in biases])
+        number = rows.pairs.link[chosen]
+        links = [self.links[index] for index in number.tolist()]
+        biases = [self.receiver_biases.get(bias_group(link)) for link in self.links]
+        bias_tecu = np.array([0.0 if bias is None else bias.bias_tecu for bias in biases])[number]
         sigma = content_sigma(
-            rows.stec_sigma_tecu[chosen],
-            rows.satellite_bias_sigma_tecu[chosen],
-            biases,
-            np.arange(len(biases)),
+            rows.stec_sigma_tecu[chosen], rows.satellite_bias_sigma_tecu[chosen], biases, number
         )
-        has_bias = np.array([bias is not None for bias in biases], dtype=bool)
+        has_bias = np.array([bias is not None for bias in biases], dtype=bool)[number]
         without_reason = rows.rejected[chosen] & ~np.uint16(Rejection.NO_RECEIVER_BIAS)
         stec = rows.stec_tecu[chosen] - bias_tecu
-        return SlantTecEpoch(
-            time=int(rows.pairs.time[-1]),
-            links=links,
-            stec_tecu=stec,
-            stec_sigma_tecu=sigma,
-            stec_code_tecu=rows.stec_code_tecu[chosen] - bias_tecu,
-            vtec_tecu=stec / vertical.factor,
-            elevation=rows.elevation[chosen],
-            azimuth=geometry.azimuth[observation],
-            pierce_latitude=vertical.pierce_latitude,
-            pierce_longitude=vertical.pierce_longitude,
-            arc=rows.arc[chosen],
-            rejected=np.where(has_bias, without_reason, rows.rejected[chosen]),
-        )
+        stec_code = rows.stec_code_tecu[chosen] - bias_tecu
+        vtec = stec / vertical.factor
+        elevation, azimuth = rows.elevation[chosen], geometry.azimuth[observation]
+        arc = rows.arc[chosen]
+        rejected = np.where(has_bias, without_reason, rows.rejected[chosen])
+        epochs = []
+        for time, begin, end in zip(
+            rows.pairs.time[first].tolist(), edges[:-1], edges[1:], strict=True
+        ):
+            part = slice(begin, end)
+            epochs.append(
+                SlantTecEpoch(
+                    time=time,
+                    links=links[part],
+                    stec_tecu=stec[part],
+                    stec_sigma_tecu=sigma[part],
+                    stec_code_tecu=stec_code[part],
+                    vtec_tecu=vtec[part],
+                    elevation=elevation[part],
+                    azimuth=azimuth[part],
+                    pierce_latitude=vertical.pierce_latitude[part],
+                    pierce_longitude=vertical.pierce_longitude[part],
+                    arc=arc[part],
+                    rejected=rejected[part],
+                )
+            )
+        return epochs
