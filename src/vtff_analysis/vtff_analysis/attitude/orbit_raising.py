@@ -4,7 +4,8 @@ Both orbits drift by their difference in semi-major axis; SNAP-1 decays faster, 
 it. Two numbers that the paper does not give are fitted to two that it does: the difference of the
 decays to the separation of 15 August, and what the last firings gave to the date of the closest
 approach. What is compared is not fitted: the day and height of the largest separation, the raise,
-and the smallest separation.
+and the smallest separation. The smallest separation rests on how near "nearly 90 deg" of
+15 August was: a degree less there leaves five degrees more in March.
 """
 
 from __future__ import annotations
@@ -14,16 +15,18 @@ from dataclasses import dataclass
 from datetime import date
 
 import numpy as np
+import numpy.typing as npt
 from scipy.optimize import brentq
 
 from vtff_dynamics.constants import J2_EARTH, RADIUS_EARTH_JGM3
 from vtff_dynamics.orbit.mean_elements import secular_rates
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["RAISING_ASSUMPTIONS", "OrbitRaising", "fly_orbit_raising"]
+__all__ = ["FIRST_FIRING", "LAUNCH", "RAISING_ASSUMPTIONS", "OrbitRaising", "fly_orbit_raising"]
 
 RAISING_ASSUMPTIONS = (
-    "decay of SNAP-1 less that of Tsinghua-1 constant, fitted to 90 deg on 15 August",
+    "decay of SNAP-1 less that of Tsinghua-1 constant, fitted to 90 deg on 15 August (paper: "
+    "nearly 90; a degree less leaves five degrees more at the closest approach)",
     "firings of 3 s, 50 mN, 6.5 kg every 3.5 orbits, along the track, of equal strength in August "
     "and September; none but tests before 30 August",
     "sum of the firings of October fitted to the closest approach on 12 March 2001",
@@ -31,10 +34,15 @@ RAISING_ASSUMPTIONS = (
 )
 """Values that the paper does not give, and those that are fitted."""
 
-_LAUNCH, _SEEN = date(2000, 6, 28), date(2000, 8, 15)
-_FIRINGS, _LAST_FIRINGS = date(2000, 8, 30), (date(2000, 10, 20), date(2000, 10, 28))
+LAUNCH = date(2000, 6, 28)
+"""Day from which the days of the campaign count."""
+
+FIRST_FIRING = date(2000, 8, 30)
+"""Day of the first firing but for tests."""
+
+_SEEN = date(2000, 8, 15)
+_LAST_FIRINGS = (date(2000, 10, 20), date(2000, 10, 28))
 _CLOSEST = date(2001, 3, 12)
-_SEPARATION_SEEN = math.radians(90.0)
 _BELOW_AT_LAUNCH, _ABOVE_AT_LAST = 1500.0, 1000.0  # m
 _ORBITS_BETWEEN = 3.5
 _FIRING = 3.0 * 0.05 / 6.5  # m/s: s, N, kg
@@ -55,10 +63,11 @@ class OrbitRaising:
         Since 28 June 2000.
     axis_difference
         Mean semi-major axis of SNAP-1 less that of Tsinghua-1, m.
+    elements_mean
+        Mean quasi-nonsingular elements of SNAP-1, m and rad, shape (rows, 6); the argument of
+        latitude is 0 throughout.
     separation_deg
         SNAP-1 ahead of Tsinghua-1 along the orbit.
-    eccentricity
-        Mean eccentricity of SNAP-1.
     decay_difference
         Fitted decay of SNAP-1 less that of Tsinghua-1, m a day.
     last_firings
@@ -75,8 +84,8 @@ class OrbitRaising:
 
     days: FloatArray
     axis_difference: FloatArray
+    elements_mean: FloatArray
     separation_deg: FloatArray
-    eccentricity: FloatArray
     decay_difference: float
     last_firings: float
     peak_day: float
@@ -85,25 +94,40 @@ class OrbitRaising:
     closest_deg: float
     perigee_period: float
 
+    @property
+    def eccentricity(self) -> FloatArray:
+        """Mean eccentricity of SNAP-1."""
+        eccentricity: FloatArray = np.hypot(self.elements_mean[:, 2], self.elements_mean[:, 3])
+        return eccentricity
 
-def fly_orbit_raising() -> OrbitRaising:
-    """Fly the campaign from the launch to after the closest approach."""
-    seen = (_SEEN - _LAUNCH).days * _STEPS_PER_DAY
-    decay = float(
-        brentq(lambda rate: _fly(rate, 0.0)[1][seen] - _SEPARATION_SEEN, 0.0, 100.0, xtol=1e-6)
-    )
-    closest = (_CLOSEST - _LAUNCH).days * _STEPS_PER_DAY
+
+def fly_orbit_raising(separation_seen_deg: float = 90.0) -> OrbitRaising:
+    """Fly the campaign from the launch to after the closest approach.
+
+    Parameters
+    ----------
+    separation_seen_deg : float
+        Separation on 15 August, to which the decay is fitted.
+    """
+    aim = math.radians(separation_seen_deg)
+    seen = (_SEEN - LAUNCH).days * _STEPS_PER_DAY
+    decay = float(brentq(lambda rate: _fly(rate, 0.0)[1][seen] - aim, 0.0, 100.0, xtol=1e-6))
+    closest = (_CLOSEST - LAUNCH).days * _STEPS_PER_DAY
     last = float(brentq(lambda total: _fly(decay, total)[0][closest], 0.0, 5000.0, xtol=1e-3))
     axis, separation, eccentricity = _fly(decay, last)
     separation_deg = np.degrees(separation)
     days = np.arange(len(axis)) / _STEPS_PER_DAY
+    elements = np.tile(_elements(_AXIS), (len(axis), 1))
+    elements[:, 0] += axis
+    elements[:, 2], elements[:, 3] = eccentricity.real, eccentricity.imag
+    elements[:, 5] = 86400.0 * days * secular_rates(_elements(_AXIS))[5]
     peak = int(np.argmax(separation_deg))
     raised = int(np.argmax(axis >= _ABOVE_AT_LAST))
     return OrbitRaising(
         days,
         axis,
+        elements,
         separation_deg,
-        eccentricity,
         decay,
         last,
         float(days[peak]),
@@ -123,8 +147,10 @@ def _perigee_rate() -> float:
     return float(secular_rates(_elements(_AXIS))[3]) / _ECCENTRICITY
 
 
-def _fly(decay: float, last_firings: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return difference of the axes, m, separation, rad, and eccentricity in steps.
+def _fly(
+    decay: float, last_firings: float
+) -> tuple[FloatArray, FloatArray, npt.NDArray[np.complex128]]:
+    """Return difference of the axes, m, separation, rad, and eccentricity vector in steps.
 
     Parameters
     ----------
@@ -139,16 +165,18 @@ def _fly(decay: float, last_firings: float) -> tuple[FloatArray, FloatArray, Flo
     speed = rate * _AXIS
     firings_a_day = 86400.0 * rate / (2.0 * math.pi) / _ORBITS_BETWEEN
     raise_a_day = 2.0 * _AXIS * _FIRING / speed * firings_a_day
-    begin = (_FIRINGS - _LAUNCH).days
-    begin_last, end_last = ((day - _LAUNCH).days for day in _LAST_FIRINGS)
+    begin = (FIRST_FIRING - LAUNCH).days
+    begin_last, end_last = ((day - LAUNCH).days for day in _LAST_FIRINGS)
     # J3 moves the eccentricity vector to a point about which J2 turns it.
     frozen = -0.5 * _J3 / J2_EARTH * RADIUS_EARTH_JGM3 / _AXIS * math.sin(_INCLINATION)
     turn = np.exp(1j * _perigee_rate() * _SECONDS)
     vector = _ECCENTRICITY + 0.0j
     axis, separation, raising = -_BELOW_AT_LAUNCH, 0.0, True
-    rows = np.empty((_DAYS * _STEPS_PER_DAY, 3))
+    rows = np.empty((_DAYS * _STEPS_PER_DAY, 2))
+    vectors = np.empty(len(rows), dtype=complex)
     for number in range(len(rows)):
-        rows[number] = axis, separation, abs(vector)
+        rows[number] = axis, separation
+        vectors[number] = vector
         day = number / _STEPS_PER_DAY
         raised = 0.0
         raising = raising and axis < _ABOVE_AT_LAST
@@ -161,5 +189,4 @@ def _fly(decay: float, last_firings: float) -> tuple[FloatArray, FloatArray, Flo
         axis += change
         # Thrust along the track over the ascending node: 2 dv / v towards it, and a is 2 a dv / v.
         vector = 1j * frozen + (vector - 1j * frozen) * turn + raised / _AXIS
-    difference, angle, eccentricity = rows.T
-    return difference, angle, eccentricity
+    return rows[:, 0], rows[:, 1], vectors

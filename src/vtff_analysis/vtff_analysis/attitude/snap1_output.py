@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from datetime import date, timedelta
+from datetime import timedelta
 from pathlib import Path
 
 import numpy as np
 
 from vtff_analysis.attitude.loop import AttitudeHistory
-from vtff_analysis.attitude.orbit_raising import OrbitRaising, fly_orbit_raising
+from vtff_analysis.attitude.orbit_raising import LAUNCH, OrbitRaising, fly_orbit_raising
+from vtff_analysis.attitude.raising_orbits import DeterminedOrbits, determine_raising_orbits
 from vtff_analysis.attitude.snap1 import (
     CompassResult,
     DipoleResult,
@@ -98,7 +99,10 @@ def run_snap1(
     say("orbit raising, figures 10 and 11")
     raising = fly_orbit_raising()
     rows += _raising_rows(raising)
-    _write_raising(raising, folder)
+    say("orbits of the campaign from GPS fixes, one in three days")
+    orbits = determine_raising_orbits(raising, seed=seed)
+    rows += _determined_rows(orbits, raising)
+    _write_raising(raising, orbits, folder)
     write_comparison(rows, folder / "snap1.csv")
     return PaperComparison(_sentence(flights, free, raising, hours), rows)
 
@@ -233,9 +237,8 @@ def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
 
 def _raising_rows(result: OrbitRaising) -> list[ComparisonRow]:
     subject = "orbit raising towards Tsinghua-1 (figures 10, 11)"
-    launch = date(2000, 6, 28)
     peak, raised = (
-        (launch + timedelta(days=day)).strftime("%d %B")
+        (LAUNCH + timedelta(days=day)).strftime("%d %B")
         for day in (result.peak_day, result.raised_day)
     )
     return [
@@ -248,6 +251,12 @@ def _raising_rows(result: OrbitRaising) -> list[ComparisonRow]:
         ComparisonRow(subject, "1 km above", "19 September", raised),
         ComparisonRow(subject, "closest approach", "16.7 deg", f"{result.closest_deg:.1f} deg"),
         ComparisonRow(
+            subject,
+            'closest approach, if "nearly 90 deg" on 15 August was 89, 88 deg',
+            "which it was is not given",
+            _numbers([fly_orbit_raising(seen).closest_deg for seen in (89.0, 88.0)], "deg", 1),
+        ),
+        ComparisonRow(
             subject, "turn of the perigee", "115 days", f"{result.perigee_period:.0f} days"
         ),
         ComparisonRow(
@@ -259,23 +268,65 @@ def _raising_rows(result: OrbitRaising) -> list[ComparisonRow]:
     ]
 
 
-def _write_raising(result: OrbitRaising, folder: Path) -> None:
+def _determined_rows(orbits: DeterminedOrbits, raising: OrbitRaising) -> list[ComparisonRow]:
+    subject = "orbits from GPS fixes of 20 s, 3.5 orbits a day (figures 10, 11)"
+    axis, _, x, y, *_ = np.sqrt((orbits.errors**2).mean(axis=0))
+    ratio = orbits.error_over_sigma
+    mean_axis = float(orbits.elements_mean[:, 0].mean())
+    decay, sigma = orbits.decay()
+    return [
+        ComparisonRow(
+            subject,
+            f"error of the mean semi-major axis, RMS of {len(orbits.days)} arcs; over its sigma",
+            "not given",
+            f"{axis:.2f} m; {ratio[0]:.2f}",
+        ),
+        ComparisonRow(
+            subject,
+            "error of the mean eccentricity vector, RMS of both parts; over their sigmas",
+            "not given",
+            f"{x / mean_axis:.1e}, {y / mean_axis:.1e}; {ratio[2]:.2f}, {ratio[3]:.2f}",
+        ),
+        ComparisonRow(
+            subject,
+            "decay before the firings by these orbits; true",
+            "not given",
+            f"{decay:.3f} +- {sigma:.3f} m a day; {raising.decay_difference:.3f} m a day",
+        ),
+    ]
+
+
+def _write_raising(result: OrbitRaising, orbits: DeterminedOrbits, folder: Path) -> None:
+    zero = result.elements_mean[0, 0] - result.axis_difference[0]  # axis of Tsinghua-1, m
+    nothing = np.full(len(orbits.days), np.nan)
     for number, title, panels in (
         (
             10,
             "SNAP-1 against Tsinghua-1",
             (
-                ("semi-major axis (km)", 1e-3 * result.axis_difference),
-                ("separation (deg)", result.separation_deg),
+                (
+                    "semi-major axis (km)",
+                    1e-3 * result.axis_difference,
+                    1e-3 * (orbits.elements_mean[:, 0] - zero),
+                ),
+                ("separation (deg)", result.separation_deg, nothing),
             ),
         ),
-        (11, "mean eccentricity of SNAP-1", (("eccentricity", result.eccentricity),)),
+        (
+            11,
+            "mean eccentricity of SNAP-1",
+            (("eccentricity", result.eccentricity, orbits.eccentricity),),
+        ),
     ):
         figure = make_figure(1.5 + 3.2 * len(panels))
-        for row, (label, values) in enumerate(panels):
+        for row, (label, values, determined) in enumerate(panels):
             axes = figure.add_subplot(len(panels), 1, row + 1)
-            axes.plot(result.days, values, color=AXIS_COLOURS[0], linewidth=1.2)
+            axes.plot(result.days, values, color=AXIS_COLOURS[0], linewidth=1.2, label="true")
             axes.set_ylabel(label)
+            if determined is nothing:
+                continue
+            axes.plot(orbits.days, determined, ".", color=AXIS_COLOURS[1], label="from GPS fixes")
+            axes.legend(loc="upper right")
         axes.set_xlabel("days since 28 June 2000")
         save_figure(figure, folder / f"figure_{number}.png", f"Figure {number}: {title}")
 

@@ -267,6 +267,7 @@ def snap1(
     each figure. What the paper does not give is assumed, and said.
     """
     from vtff_analysis.attitude.orbit_raising import RAISING_ASSUMPTIONS
+    from vtff_analysis.attitude.raising_orbits import FIX_ASSUMPTIONS
     from vtff_analysis.attitude.snap1 import ASSUMPTIONS
     from vtff_analysis.attitude.snap1_output import run_snap1
 
@@ -276,7 +277,7 @@ def snap1(
         out,
         lambda folder, say: run_snap1(folder, hours, seed, say),
         "assumed",
-        (*ASSUMPTIONS, *RAISING_ASSUMPTIONS),
+        (*ASSUMPTIONS, *RAISING_ASSUMPTIONS, *FIX_ASSUMPTIONS),
     )
 
 
