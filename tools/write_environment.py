@@ -32,7 +32,6 @@ do not mix with the wheels; a PYTHONPATH without another ROS keeps its folders.
 """
 
 import os
-import subprocess
 import sys
 
 SCRIPT = {script!r}
@@ -50,6 +49,8 @@ def set_environment():
     ament = os.environ.get("AMENT_PREFIX_PATH", "")
     if PREFIX in ament.split(os.pathsep) or not os.path.isfile(SCRIPT):
         return
+    import subprocess  # here, because every start of Python would wait for it
+
     command = ["bash", "-c", '. "$0" && exec env -0', SCRIPT]
     try:
         output = subprocess.run(command, stdout=subprocess.PIPE, check=True).stdout

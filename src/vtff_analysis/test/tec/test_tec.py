@@ -152,6 +152,29 @@ def test_biases_of_another_year(tmp_path, sample):
     assert "valid from 2024-01-10" in result.output and "of 2016-03-21" in result.output
 
 
+def test_chosen_systems(tmp_path, hours):
+    """GPS alone has the contents that it has beside Galileo."""
+    navigation = ("--nav", bele("BRDC00IGS_R_20240100000_01D_MN.rnx.gz"))
+    tables = {}
+    for systems in ("GE", "G"):
+        out = tmp_path / systems
+        result = run(hours, *navigation, "--systems", systems, "--no-plots", "--out", out)
+        assert result.exit_code == 0, result.output
+        (path,) = out.glob("*_tec.parquet")
+        tables[systems] = parquet.read_table(path).to_pydict()
+    both, gps = tables["GE"], tables["G"]
+    assert {name[0] for name in gps["satellite"]} == {"G"}
+    assert {name[0] for name in both["satellite"]} == {"G", "E"}
+    rows = [row for row, name in enumerate(both["satellite"]) if name[0] == "G"]
+    for name in ("gps_time", "satellite", "pair", "elevation_deg", "arc"):
+        assert gps[name] == [both[name][row] for row in rows]
+    for wrong in ("X", "g", ""):
+        result = run(hours, *navigation, "--systems", wrong, "--out", tmp_path / "wrong")
+        assert result.exit_code == 2
+        assert f"--systems '{wrong}': letters out of GRSECJI are required" in result.output
+        assert not (tmp_path / "wrong").exists()
+
+
 def test_one_frequency_is_not_enough(tmp_path, sample):
     path = tmp_path / "single.rnx"
     write_rinex_observation(path, open_observations(sample.rover, signals=("1C", "1X")).table)

@@ -66,6 +66,8 @@ class TecOptions:
         Whether biases of another time are used.
     plots : bool
         Whether plots are drawn.
+    systems : str or None
+        RINEX letters of the systems that are used; None for all.
     """
 
     folder: pathlib.Path
@@ -76,6 +78,7 @@ class TecOptions:
     orbit: ReceiverOrbit | None = None
     allow_old_biases: bool = False
     plots: bool = True
+    systems: str | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,9 +128,9 @@ def find_tasks(paths: Sequence[pathlib.Path]) -> list[TecTask | TecOutcome]:
 def _run_task(task: TecTask, options: TecOptions) -> TecOutcome:
     try:
         if task.receiver is None:
-            source = from_file(task.path, options.partial)
+            source = from_file(task.path, options.partial, options.systems)
         else:
-            source = from_bag(task.path, task.receiver)
+            source = from_bag(task.path, task.receiver, options.systems)
         result = process(
             source, options.navigation, options.biases, options.orbit, options.allow_old_biases
         )

@@ -63,8 +63,10 @@ def is_bag(path: pathlib.Path) -> bool:
     return os.path.isdir(path) or path.suffix == ".mcap"
 
 
-def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
+def from_file(path: pathlib.Path, partial: bool = False, systems: str | None = None) -> TecSource:
     """Read an observation file of any kind that `open_observations` knows.
+
+    Only observations of `systems` are read, RINEX letters, of all systems if it is None.
 
     Raises
     ------
@@ -75,7 +77,7 @@ def from_file(path: pathlib.Path, partial: bool = False) -> TecSource:
     TecError
         If no satellite has a second frequency.
     """
-    file = open_observations(path, partial=partial)
+    file = open_observations(path, systems, partial=partial)
     columns = file.table.columns
     bands = np.unique(np.stack((columns["system"], columns["band"])), axis=1)
     if bands.shape[1] == len(np.unique(bands[0])):
@@ -114,8 +116,10 @@ def bag_receivers(path: pathlib.Path) -> list[str]:
     return sorted(receivers)
 
 
-def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
+def from_bag(path: pathlib.Path, receiver: str, systems: str | None = None) -> TecSource:
     """Read a receiver of a bag: ``RECEIVER/gnss/high_rate``, else ``RECEIVER/gnss/epoch``.
+
+    Only observations of `systems` are used, RINEX letters, of all systems if it is None.
 
     Raises
     ------
@@ -140,7 +144,7 @@ def from_bag(path: pathlib.Path, receiver: str) -> TecSource:
     name = find_run(path).name
     return TecSource(
         description=f"{topic} of {name}",
-        table=recorded_observations(reader, topic),
+        table=recorded_observations(reader, topic).select(systems),
         ephemerides=tuple({ephemeris_from_message(decoded.message): None for decoded in messages}),
         position_itrf=None,
         remarks=tuple(reader.notes),

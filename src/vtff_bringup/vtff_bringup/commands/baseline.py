@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Literal, Optional
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Column, Table
 
 from vtff_bringup.commands.command_line import TableForm, command_line, folder_option
@@ -16,6 +15,8 @@ from vtff_bringup.run.errors import describe_os_error, exit_with_error, print_no
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_USAGE
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from vtff_analysis.baseline.processing import BaselineOptions
     from vtff_analysis.baseline.sources import BaselineSources
     from vtff_dynamics.time.timescales import GpsTime
@@ -141,6 +142,8 @@ def baseline(
     vtff baseline bags/mine
     """
     # Imported here, because numpy, brahe and matplotlib take a while.
+    from rich.progress import Progress
+
     from vtff_analysis.baseline.defaults import complete_options
     from vtff_analysis.baseline.sources import BaselineError
     from vtff_bag.file.errors import BagError
@@ -240,6 +243,8 @@ def _compute(
     form: str,
 ) -> int:
     """Run the filter, write the files and print the summary; return the exit code."""
+    from rich.progress import Progress
+
     from vtff_analysis.baseline.output import write_epochs, write_json, write_plot
     from vtff_analysis.baseline.processing import process_baseline
     from vtff_analysis.baseline.summary import summarise

@@ -12,7 +12,6 @@ from rich.markup import escape
 from rich.table import Table
 
 from vtff_bag.file.errors import BagError
-from vtff_bag.file.reader import BagReader
 from vtff_bag.run.folder import RunFolderError, output_folder
 from vtff_bringup.commands.command_line import RecordedRun, command_line, folder_option
 from vtff_bringup.discover.completion import (
@@ -36,6 +35,7 @@ from vtff_bringup.system.parameter_check import check_parameters
 from vtff_bringup.system.system_file import find_system_file, load_system
 
 if TYPE_CHECKING:
+    from vtff_bag.file.reader import BagReader
     from vtff_bringup.run.reprocess import OutputComparison
 
 BAG_ARGUMENT = "bag"  # argument of system files for reprocessing
@@ -86,6 +86,8 @@ def reprocess(
 
     Example: vtff reprocess bags/mine --set relative_ekf.estimator:=paper
     """
+    from vtff_bag.file.reader import BagReader
+
     console = make_console()
     try:
         recorded = BagReader(bag)
@@ -130,6 +132,7 @@ def _print_comparison(
     description: SystemDescription,
 ) -> int:
     """Print the comparison of each recomputed topic with the recorded one; return an exit code."""
+    from vtff_bag.file.reader import BagReader
     from vtff_bringup.run.reprocess import compare_outputs, recomputed_topics
 
     replaying = [

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.progress import Progress
 from rich.table import Table
 
 from vtff_bag.file.errors import BagError
@@ -152,6 +151,8 @@ def radial_offset(
             for record in result.records
             if record["status"] == COMPLETE
         ]
+    from rich.progress import Progress
+
     total = len(offsets) + len(flown)
     with Progress(console=console, transient=True, disable=not console.is_interactive) as bar:
         task = bar.add_task("retrieving", total=total)

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 import typer
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import Progress
 
 from vtff_bringup.commands.command_line import TableForm, command_line, folder_option
 from vtff_bringup.run.console import make_console
@@ -59,6 +58,14 @@ def tec(
             "else from its codes."
         ),
     ] = None,
+    systems: Annotated[
+        Optional[str],  # noqa: UP045
+        typer.Option(
+            metavar="LETTERS",
+            help="Systems that are used, RINEX letters: G GPS, R GLONASS, E Galileo, C BeiDou, J "
+            "QZSS; default: all that have orbits.",
+        ),
+    ] = None,
     form: TableForm = "parquet",
     plots: Annotated[
         bool, typer.Option("--plots/--no-plots", help="Draw a picture of each receiver.")
@@ -99,7 +106,9 @@ def tec(
 
     console = make_console()
     with _exit_on_bad_file(console):
-        navigation = open_navigation(nav or [])
+        if systems is not None:
+            _check_systems(systems)
+        navigation = open_navigation(nav or [], systems=systems)
         satellite_biases = _read_biases(biases or ["broadcast"])
         receiver_orbit = None if orbit is None else open_receiver_orbit(orbit)
         folder = output_folder(out, "tec")
@@ -120,7 +129,10 @@ def tec(
         receiver_orbit,
         allow_old_biases,
         plots,
+        systems,
     )
+    from rich.progress import Progress
+
     with (
         run_tasks(tasks, options) as outcomes,
         Progress(console=console, transient=True, disable=not console.is_interactive) as bar,
@@ -159,6 +171,15 @@ def tec(
     console.print(f"{len(summaries)} receivers, {failed} failed; folder: {folder}", markup=False)
     if failed:
         raise typer.Exit(EXIT_FAILURE)
+
+
+def _check_systems(letters: str) -> None:
+    """Raise TecError unless letters name systems."""
+    from vtff_analysis.tec.errors import TecError
+    from vtff_gnss.constants import SYSTEM_LETTERS
+
+    if not letters or not set(letters) <= set(SYSTEM_LETTERS):
+        raise TecError(f"--systems {letters!r}: letters out of {SYSTEM_LETTERS} are required")
 
 
 @contextlib.contextmanager

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Optional
 
 import typer
 from rich.console import Console
-from rich.progress import Progress, TaskID
 
 from vtff_bag.file.errors import BagError
 from vtff_bag.run.folder import RunFolderError, chosen_file
@@ -22,6 +21,8 @@ from vtff_bringup.run.errors import exit_with_error, print_note
 from vtff_bringup.run.exit_codes import EXIT_FAILURE, EXIT_INTERRUPTED, EXIT_USAGE
 
 if TYPE_CHECKING:
+    from rich.progress import Progress, TaskID
+
     from vtff_analysis.view.foxglove_server import FoxgloveServer
     from vtff_analysis.view.scene import Scene
     from vtff_node.process.stop_signals import StopRequest
@@ -106,6 +107,8 @@ def view(
 
 def _read(console: Console, bag: pathlib.Path, beside: pathlib.Path | None) -> Scene:
     """Read a bag and the run beside it, with progress, and print what is missing."""
+    from rich.progress import Progress
+
     from vtff_analysis.view.bag_scene import read_scene
 
     scenes = []

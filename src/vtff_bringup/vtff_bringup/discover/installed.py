@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import pathlib
 
 __all__ = ["FOLDERS", "KINDS", "config_files", "nodes"]
@@ -31,6 +30,9 @@ def config_files(kind: str) -> list[pathlib.Path]:
 
 def nodes() -> list[tuple[str, str, str]]:
     """Return name, package and module of each installed node of vtff, by name."""
+    # Imported here, because a help text needs no list of nodes.
+    import importlib.metadata
+
     found = [
         (script.name, distribution.name.replace("-", "_"), script.module)
         for distribution in importlib.metadata.distributions()

@@ -11,7 +11,6 @@ from rich.console import Console
 from rich.markup import escape
 
 from vtff_bag.file.errors import BagError
-from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
 from vtff_bag.run.description import COMMAND_KEY, add_measured, write_arguments
 from vtff_bag.run.folder import remove_if_empty
 from vtff_bringup.run.background_import import BackgroundImport
@@ -146,6 +145,9 @@ def conclude_run(
     console: Console, run_directory: pathlib.Path, result: RunResult
 ) -> tuple[int, int]:
     """Print how the run ended; return the exit code and the number of messages in the bag."""
+    # Imported here, because a help text needs no reader of bags.
+    from vtff_bag.file.reader import RUN_SUBDIRECTORY, BagReader
+
     exit_code = result.exit_code
     if result.reason:
         console.print(f"[red]{escape(result.reason)}[/red]", soft_wrap=True)

@@ -19,12 +19,13 @@ from constellation_test_support import (
 from vtff_dynamics.time.timescales import GpsTime, parse_epoch
 from vtff_gnss import constants as c
 from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.files.observation_files import ObservationFileError, open_ephemerides
 from vtff_gnss.orbits.nominal_constellation import (
     nominal_galileo_constellation,
     nominal_gps_constellation,
 )
 from vtff_gnss.rinex.errors import RinexError
-from vtff_gnss.rinex.navigation import read_rinex_navigation
+from vtff_gnss.rinex.navigation import parse_rinex_navigation, read_rinex_navigation
 
 RTKLIB_SYSTEMS = {1: c.SYSTEM_GPS, 8: c.SYSTEM_GALILEO}
 RTKLIB_NAMES = {
@@ -178,6 +179,22 @@ def test_written_ephemerides_are_read_back(version, tmp_path):
     path = tmp_path / "nav.rnx"
     path.write_text(header({2: "2.11", 3: "3.05", 4: "4.01"}[version]) + "\n".join(lines))
     assert read_rinex_navigation(path).ephemerides == tuple(rounded(e) for e in ephemerides)
+
+
+@pytest.mark.parametrize("version", [2, 3, 4])
+@pytest.mark.parametrize("systems", ["G", "E", "GE", "R"])
+def test_only_chosen_systems_are_read(version, systems, tmp_path):
+    ephemerides = GPS if version == 2 else GALILEO[:1] + GPS + GALILEO[1:]
+    lines = [line for e in ephemerides for line in record(e, version)]
+    path = tmp_path / "nav.rnx"
+    path.write_text(header({2: "2.11", 3: "3.05", 4: "4.01"}[version]) + "\n".join(lines))
+    chosen = [rounded(e) for e in ephemerides if c.SYSTEM_LETTERS[e.system] in systems]
+    found = parse_rinex_navigation(path.read_bytes(), path, systems)
+    assert found.ephemerides == tuple(chosen)
+    assert found.skipped_records == read_rinex_navigation(path).skipped_records
+    if not chosen:
+        with pytest.raises(ObservationFileError, match=f"no ephemerides of systems {systems}"):
+            open_ephemerides(path, systems)
 
 
 def test_rinex_2_ionosphere_and_century(tmp_path):

@@ -113,7 +113,9 @@ class NavigationFiles:
 
 
 def open_navigation(
-    paths: Sequence[pathlib.Path], progress: Callable[[str], None] | None = None
+    paths: Sequence[pathlib.Path],
+    progress: Callable[[str], None] | None = None,
+    systems: str | None = None,
 ) -> NavigationFiles:
     """Read RINEX navigation files, receiver logs and SP3 files, told apart by their content.
 
@@ -124,6 +126,8 @@ def open_navigation(
     paths : sequence of path
     progress : callable, optional
         Called with the name of each file before it is read.
+    systems : str, optional
+        RINEX letters of the systems whose broadcast ephemerides are read, by default all.
 
     Raises
     ------
@@ -142,7 +146,7 @@ def open_navigation(
         try:
             sp3 = _open_sp3(path)
             if sp3 is None:
-                ephemerides += open_ephemerides(path)
+                ephemerides += open_ephemerides(path, systems)
             else:
                 precise.append(sp3)
             names.append(path.name)

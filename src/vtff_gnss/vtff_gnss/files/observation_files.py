@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_gnss.constants import SYSTEM_LETTERS
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.fix import STATUS_NONE, Fix
 from vtff_gnss.novatel import ReceiverLogStream, StreamCounters
@@ -122,8 +123,16 @@ def open_observations(
     raise ObservationFileError(_describe_unknown(path, content))
 
 
-def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]:
+def open_ephemerides(
+    path: str | pathlib.Path, systems: str | None = None
+) -> tuple[BroadcastEphemeris, ...]:
     """Read the broadcast ephemerides of a RINEX navigation file or a receiver log.
+
+    Parameters
+    ----------
+    path : path-like
+    systems : str, optional
+        RINEX letters of the systems that are read, by default GPS and Galileo.
 
     Raises
     ------
@@ -136,16 +145,22 @@ def open_ephemerides(path: str | pathlib.Path) -> tuple[BroadcastEphemeris, ...]
     try:
         content = read_decompressed(path)
         if is_rinex(content):
-            ephemerides = parse_rinex_navigation(content, path).ephemerides
+            ephemerides = parse_rinex_navigation(content, path, systems).ephemerides
         elif _NOVATEL_START.search(content):
             events = _novatel_events(content, StreamCounters(), None)
-            ephemerides = tuple(e for e in events if isinstance(e, BroadcastEphemeris))
+            ephemerides = tuple(
+                event
+                for event in events
+                if isinstance(event, BroadcastEphemeris)
+                and (systems is None or SYSTEM_LETTERS[event.system] in systems)
+            )
         else:
             raise ObservationFileError(_describe_unknown(path, content))
     except RinexError as error:
         raise ObservationFileError(str(error)) from None
     if not ephemerides:
-        raise ObservationFileError(f"{path}: no ephemerides of GPS or Galileo in this file")
+        names = "GPS or Galileo" if systems is None else f"systems {systems}"
+        raise ObservationFileError(f"{path}: no ephemerides of {names} in this file")
     return ephemerides
 
 

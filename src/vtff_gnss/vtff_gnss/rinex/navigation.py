@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pathlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -75,6 +75,52 @@ class _Content:
         )
 
 
+class _Body:
+    """Lines after the header.
+
+    Most lines of a file are of no use, so that they become `Line` only where they are read.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    texts : list of str
+        All lines of the file.
+    start : int
+        Index of the first line after the header.
+    """
+
+    def __init__(self, path: pathlib.Path, texts: list[str], start: int) -> None:
+        self.texts = texts
+        self._path = path
+        self._start = start
+
+    def lines(self, indices: Iterable[int]) -> list[Line]:
+        """Return lines by their indices."""
+        return [Line(self._path, index + 1, self.texts[index]) for index in indices]
+
+    def records(self, is_start: Callable[[str], bool]) -> Iterator[list[int]]:
+        """Yield the indices of the lines of each record; it begins where the predicate holds.
+
+        Blank lines belong to no record.
+        """
+        record: list[int] = []
+        for index in range(self._start, len(self.texts)):
+            text = self.texts[index]
+            if not text or text.isspace():
+                continue
+            if is_start(text):
+                if record:
+                    yield record
+                record = [index]
+            elif record:
+                record.append(index)
+            else:
+                (line,) = self.lines([index])
+                raise line.error("record: no satellite in the first line after the header")
+        if record:
+            yield record
+
+
 def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
     """Read a navigation file; gzip, bzip2, zip and Unix compress are found by content.
 
@@ -93,21 +139,35 @@ def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
     return parse_rinex_navigation(read_file(path), path)
 
 
-def parse_rinex_navigation(content: bytes, path: str | pathlib.Path) -> RinexNavigation:
-    """Read the bytes of a navigation file; see `read_rinex_navigation`."""
+def parse_rinex_navigation(
+    content: bytes, path: str | pathlib.Path, systems: str | None = None
+) -> RinexNavigation:
+    """Read the bytes of a navigation file; see `read_rinex_navigation`.
+
+    Only ephemerides of `systems` are read, letters as in RINEX; of all systems if it is None.
+    """
     path = pathlib.Path(path)
     texts = decompress(content, path).decode("ascii", errors="replace").splitlines()
-    lines = iter([Line(path, number, text) for number, text in enumerate(texts, start=1)])
     found = _Content()
-    _read_header(path, lines, found)
-    body = [line for line in lines if line.text.strip()]
+    header = [Line(path, number, text) for number, text in enumerate(_header_texts(texts), start=1)]
+    _read_header(path, iter(header), found)
+    body = _Body(path, texts, len(header))
+    letters = "".join(_EPHEMERIS_MESSAGES) if systems is None else systems
     if found.version < 3.0:
-        _read_records_2(body, found)
+        _read_records_2(body, letters, found)
     elif found.version < 4.0:
-        _read_records_3(body, found)
+        _read_records_3(body, letters, found)
     else:
-        _read_records_4(body, found)
+        _read_records_4(body, letters, found)
     return found.result()
+
+
+def _header_texts(texts: list[str]) -> list[str]:
+    """Return the lines of the header, its last one included; all lines if it has no end."""
+    for number, text in enumerate(texts, start=1):
+        if text[_LABEL_COLUMN:].strip() == "END OF HEADER":
+            return texts[:number]
+    return texts
 
 
 def _read_header(path: pathlib.Path, lines: Iterator[Line], content: _Content) -> None:
@@ -144,23 +204,27 @@ def _read_ionosphere_header(line: Line, content: _Content) -> None:
         content.nequick = (first, second, third)
 
 
-def _read_records_2(lines: list[Line], content: _Content) -> None:
-    for record in _split(lines, lambda text: bool(text[:3].strip())):
+def _read_records_2(body: _Body, systems: str, content: _Content) -> None:
+    for lines in body.records(lambda text: bool(text[:3].strip())) if "G" in systems else ():
+        record = body.lines(lines)
         satellite = f"G{int(read_number(record[0], 'satellite number', 0, 2)):02d}"
         content.ephemerides.append(read_ephemeris(record, satellite, "LNAV", indent=3))
 
 
-def _read_records_3(lines: list[Line], content: _Content) -> None:
-    for record in _split(lines, lambda text: text[0] != " "):
-        satellite = record[0].text[:3]
+def _read_records_3(body: _Body, systems: str, content: _Content) -> None:
+    for lines in body.records(lambda text: text[0] != " "):
+        satellite = body.texts[lines[0]][:3]
         if satellite[0] not in _EPHEMERIS_MESSAGES:
             content.skip(satellite[0])
+        if satellite[0] not in _EPHEMERIS_MESSAGES or satellite[0] not in systems:
             continue
+        record = body.lines(lines)
         content.ephemerides.append(read_ephemeris(record, satellite, None, indent=4))
 
 
-def _read_records_4(lines: list[Line], content: _Content) -> None:
-    for record in _split(lines, lambda text: text[0] == ">"):
+def _read_records_4(body: _Body, systems: str, content: _Content) -> None:
+    for lines in body.records(lambda text: text[0] == ">"):
+        record = body.lines(lines)
         words = record[0].text[1:].split()
         if len(words) < 3:
             raise record[0].error("record: '> type satellite message' is required")
@@ -168,7 +232,8 @@ def _read_records_4(lines: list[Line], content: _Content) -> None:
         if kind == "EPH" and message in _EPHEMERIS_MESSAGES.get(satellite[0], ()):
             if len(record) < 2:
                 raise record[0].error(f"{satellite}: the record ends early")
-            content.ephemerides.append(read_ephemeris(record[1:], satellite, message, indent=4))
+            if satellite[0] in systems:
+                content.ephemerides.append(read_ephemeris(record[1:], satellite, message, indent=4))
         elif kind == "ION" and (satellite[0], message) in (("G", "LNAV"), ("E", "IFNV")):
             _read_ionosphere_record(record, satellite[0], content)
         else:
@@ -188,19 +253,3 @@ def _read_ionosphere_record(record: list[Line], system: str, content: _Content) 
         content.klobuchar = {"alpha": tuple(values[:4]), "beta": tuple(values[4:])}
     else:
         content.nequick = (values[0], values[1], values[2])
-
-
-def _split(lines: list[Line], is_start: Callable[[str], bool]) -> Iterator[list[Line]]:
-    """Group lines into records; a record begins where the predicate holds."""
-    record: list[Line] = []
-    for line in lines:
-        if is_start(line.text):
-            if record:
-                yield record
-            record = [line]
-        elif record:
-            record.append(line)
-        else:
-            raise line.error("record: no satellite in the first line after the header")
-    if record:
-        yield record

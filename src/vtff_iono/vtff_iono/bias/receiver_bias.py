@@ -35,6 +35,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -44,13 +45,15 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.bias.pair_equations import IntArray, PairEquations, satellite_pairs, solve_pairs
-from vtff_iono.bias.profile_bias import ProfileBiases, profile_biases
 from vtff_iono.geometry.mapping import (
     LOWEST_ORBIT,
     foelsche_kirchengast_mapping,
     shell_height,
     thin_shell_mapping,
 )
+
+if TYPE_CHECKING:
+    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = ["ReceiverBias", "content_sigma", "estimate_receiver_biases"]
 
@@ -228,6 +231,9 @@ def _solve_profile(
     altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
     if samples.arc is None or np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
         return None
+    # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
+    from vtff_iono.bias.profile_bias import profile_biases
+
     profile = profile_biases(samples, altitude)
     profile_sigma = _total_sigma(profile.bias_tecu, profile.sigma_tecu)
     if profile_sigma.sum() >= _total_sigma(solutions, sigmas).sum():

@@ -24,7 +24,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy import special
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
@@ -197,6 +196,9 @@ def _may_belong_to(values: FloatArray, sample: FloatArray) -> npt.NDArray[np.boo
     count = len(sample)
     if count < _FEWEST_RATES:
         return np.zeros(len(values), dtype=np.bool_)
+    # Imported here, because doubtful rates are rare.
+    from scipy import special
+
     limit = special.stdtrit(count - 1, 0.5 * (1.0 + _OUTLIER_PROBABILITY))
     spread = sample.std(ddof=1) * math.sqrt(1.0 + 1.0 / count)
     return np.asarray(np.abs(values - sample.mean()) <= limit * spread)
