@@ -116,7 +116,8 @@ class DeterminedOrbit:
     axis_rate
         Rate of the semi-major axis, m/s.
     covariance
-        Covariance of the mean relative elements (m) at the middle and of the rate (m/s), shape (7, 7).
+        Covariance of the mean relative elements (m) at the middle and of the rate (m/s), shape
+        (7, 7).
     residual
         Root mean square of the fixes less the orbit, on each axis, m.
     weighted_residual
