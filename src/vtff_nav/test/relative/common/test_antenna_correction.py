@@ -1,5 +1,7 @@
 """Lever arms, phase centres and attitude of the antennas in relative navigation."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -185,6 +187,30 @@ def test_error_of_an_attitude_moves_the_antenna_across_its_lever_arm() -> None:
         columns = pair.attitude_columns(directions, np.array([rotation, rotation]), (None, None))
         length = np.linalg.norm(antenna.lever_arm_body)
         np.testing.assert_allclose(np.linalg.norm(columns, axis=1), length)
+
+
+def test_a_body_that_turns_about_two_axes_has_not_turned_against_its_estimates() -> None:
+    """Exact attitudes every 5 s of a body that turns once an orbit about z and about an axis."""
+    rate, inertial = 1.06e-3, np.array([0.0, 1.0, 0.0])
+
+    def attitude(second: float) -> BodyAttitude:
+        about_z = Rotation.from_rotvec([0.0, 0.0, rate * second])
+        turned = Rotation.from_rotvec(rate * second * inertial) * about_z
+        rate_body = rate * (about_z.inv().apply(inertial) + np.array([0.0, 0.0, 1.0]))
+        return BodyAttitude(TIME + second, turned.as_quat(), rate_body, 1e-6 * np.eye(3))
+
+    turns = [
+        attitude(second).turn_from(attitude(second - 5.0), TIME + second + 1.0)
+        for second in np.arange(5.0, 605.0, 5.0)
+    ]
+    assert np.abs(np.sum(turns, axis=0)).max() < 1e-5
+    off = Rotation.from_rotvec([0.0, 2e-3, 0.0])
+    later = attitude(5.0)
+    later = dataclasses.replace(
+        later, quaternion_gcrf=(Rotation.from_quat(later.quaternion_gcrf) * off).as_quat()
+    )
+    turn = later.turn_from(attitude(0.0), TIME + 5.0)
+    np.testing.assert_allclose(turn, [0.0, 2e-3, 0.0], atol=1e-7)
 
 
 def test_an_attitude_counts_from_the_next_epoch_on_and_not_for_ever() -> None:

@@ -64,10 +64,17 @@ class BodyAttitude:
         return rotation
 
     def turn_from(self, before: BodyAttitude, time: GpsTime) -> FloatArray:
-        """Return the small rotation from another estimate to this one at a time, rad, body axes."""
+        """Return the small rotation from another estimate to this one at a time, rad, body axes.
+
+        The rate between both estimates is the mean of theirs: with that of the earlier one alone a
+        body that turns about two axes seems to turn by 1e-5 rad more in 5 s, and always to the same
+        side.
+        """
+        mean_rate = 0.5 * (before.rate_body + self.rate_body)
+        expected = turned_at_rate(before.quaternion_gcrf, mean_rate, self.time - before.time)
         first, second = (
-            turned_at_rate(one.quaternion_gcrf, one.rate_body, time - one.time)
-            for one in (before, self)
+            turned_at_rate(quaternion, self.rate_body, time - self.time)
+            for quaternion in (expected, self.quaternion_gcrf)
         )
         turn: FloatArray = rotation_vector(multiply(conjugate(first), second))
         return turn
