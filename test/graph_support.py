@@ -126,8 +126,11 @@ def serialized_topics(run, names, end=None):
     for raw in BagReader(run).raw_messages(names, end=end):
         content = without_wall_time(raw.topic, bytes(raw.serialized))
         by_topic[raw.topic].append((raw.log_time, content))
-    # Several nodes may publish here; only the order of each of them is defined.
-    by_topic.get("/sim/step_done", []).sort()
+    # Several nodes may publish here; only the order of each of them is defined. Their
+    # names are compared, because the bytes that align the fields before are what the memory held.
+    by_topic.get("/sim/step_done", []).sort(
+        key=lambda item: (item[0], deserialize_message(item[1], StepDone).node)
+    )
     return by_topic
 
 
