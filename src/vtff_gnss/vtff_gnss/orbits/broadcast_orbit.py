@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -19,14 +20,17 @@ from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.signals import satellite_name
 
 __all__ = [
+    "KEPLER_ITERATIONS",
+    "KEPLER_TOLERANCE",
     "EphemerisTable",
     "SatelliteStates",
     "ephemeris_with_reference",
 ]
 
-_KEPLER_ITERATIONS = 10
-# Newton's correction is quadratic: after one below this, the next would be below rounding.
-_KEPLER_TOLERANCE = 1e-8
+KEPLER_ITERATIONS = 10
+"""Most iterations of Kepler's equation."""
+KEPLER_TOLERANCE = 1e-8
+"""rad; Newton's correction is quadratic: after one below this, the next is below rounding."""
 
 _COLUMNS = (
     "af0",
@@ -41,6 +45,25 @@ _COLUMNS = (
     "argument_of_perigee",
     "mean_anomaly",
     "mean_motion_difference",
+    "cuc",
+    "cus",
+    "crc",
+    "crs",
+    "cic",
+    "cis",
+)
+
+# Those of `EphemerisTable.elements`, in its order.
+_COMPILED_COLUMNS = (
+    "af0",
+    "af1",
+    "af2",
+    "semi_major_axis",
+    "eccentricity",
+    "inclination",
+    "inclination_rate",
+    "argument_of_perigee",
+    "mean_anomaly",
     "cuc",
     "cus",
     "crc",
@@ -144,6 +167,24 @@ class EphemerisTable:
             - EARTH_ROTATION_RATE_BROADCAST * time_of_week
         )
         self._node_rate = self._columns["right_ascension_rate"] - EARTH_ROTATION_RATE_BROADCAST
+
+    @functools.cached_property
+    def elements(self) -> FloatArray:
+        """What `vtff_gnss.orbits.compiled_sight` takes of each satellite, shape (n, 20)."""
+        derived = (
+            self._mean_motion,
+            self._relativistic_amplitude,
+            self._minor_axis_ratio,
+            self._node_at_toe,
+            self._node_rate,
+        )
+        columns = [self._columns[name] for name in _COMPILED_COLUMNS]
+        return np.ascontiguousarray(np.array([*columns, *derived]).T.reshape(-1, 20))
+
+    @property
+    def reference_times(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+        """Reference times of orbit and clock, ns since 1980-01-06, shapes (n,)."""
+        return self._toe, self._toc
 
     def __len__(self) -> int:
         """Return the number of satellites."""
@@ -304,11 +345,11 @@ def _eccentric_anomaly(
 ) -> tuple[FloatArray, FloatArray]:
     """Return sine and cosine of the solution E of Kepler's equation M = E - e sin E."""
     anomaly = mean_anomaly + eccentricity * np.sin(mean_anomaly)
-    for _ in range(_KEPLER_ITERATIONS):
+    for _ in range(KEPLER_ITERATIONS):
         sine, cosine = np.sin(anomaly), np.cos(anomaly)
         correction = (mean_anomaly - anomaly + eccentricity * sine) / (1.0 - eccentricity * cosine)
         anomaly = anomaly + correction
-        if correction.size == 0 or float(np.max(np.abs(correction))) < _KEPLER_TOLERANCE:
+        if correction.size == 0 or float(np.max(np.abs(correction))) < KEPLER_TOLERANCE:
             break
     # The last correction is so small that its first order is exact.
     return sine + cosine * correction, cosine - sine * correction

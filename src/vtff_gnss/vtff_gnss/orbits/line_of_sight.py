@@ -17,12 +17,19 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
-from vtff_gnss.orbits.broadcast_orbit import SatelliteStates
+from vtff_gnss.orbits.broadcast_orbit import (
+    KEPLER_ITERATIONS,
+    KEPLER_TOLERANCE,
+    EphemerisTable,
+    SatelliteStates,
+)
+from vtff_gnss.orbits.compiled_sight import sights_of_receivers
 from vtff_gnss.orbits.interpolated_orbit import InterpolatedOrbits
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 
 __all__ = [
     "LineOfSight",
+    "compile_kernels",
     "earth_obstructs",
     "elevation_azimuth",
     "ellipsoid_normal",
@@ -108,8 +115,16 @@ def lines_of_sight(
     ----------
     IS-GPS-200, 20.3.3.4.3.4 (geometric range).
     """
-    reception = np.asarray(offset, dtype=float)[..., np.newaxis]
     receiver_itrf = np.asarray(position_receiver_itrf, dtype=float)
+    epochs = np.asarray(offset, dtype=float)
+    if (
+        isinstance(table, EphemerisTable)
+        and zenith_itrf is None
+        and epochs.ndim == 1
+        and receiver_itrf.shape == (len(epochs), 3)
+    ):
+        return _compiled_lines_of_sight(table, time, epochs, receiver_itrf, velocity_receiver_itrf)
+    reception = epochs[..., np.newaxis]
     zenith = (
         ellipsoid_normal(receiver_itrf)
         if zenith_itrf is None
@@ -157,6 +172,47 @@ def lines_of_sight(
         ),
         clock_offset_satellite=states.clock_offset - delay * states.clock_drift,
         clock_drift_satellite=np.broadcast_to(states.clock_drift, delay.shape),
+    )
+
+
+def compile_kernels() -> None:
+    """Compile lines of sight to broadcast orbits, which takes seconds without a cache."""
+    none = EphemerisTable(())
+    lines_of_sight(none, GpsTime(0), np.zeros(1), np.ones((1, 3)), np.zeros((1, 3)))
+
+
+def _compiled_lines_of_sight(
+    table: EphemerisTable,
+    time: GpsTime,
+    offset: FloatArray,
+    position_itrf: FloatArray,
+    velocity_itrf: npt.ArrayLike,
+) -> LineOfSight:
+    """Return the lines of sight of receivers (m, 3), each at its own time, s after `time`."""
+    found = sights_of_receivers(
+        table.elements,
+        *table.reference_times,
+        time.nanoseconds,
+        np.ascontiguousarray(offset),
+        np.ascontiguousarray(position_itrf),
+        np.ascontiguousarray(
+            np.broadcast_to(np.asarray(velocity_itrf, dtype=float), position_itrf.shape)
+        ),
+        _TYPICAL_TRAVEL_TIME,
+        KEPLER_ITERATIONS,
+        KEPLER_TOLERANCE,
+    )
+    return LineOfSight(
+        travel_time=found[0],
+        range=found[1],
+        range_rate=found[2],
+        direction_itrf=_vectors(found[3:6]),
+        elevation=found[6],
+        azimuth=found[7],
+        position_satellite_itrf=_vectors(found[8:11]),
+        velocity_satellite_itrf=_vectors(found[11:14]),
+        clock_offset_satellite=found[14],
+        clock_drift_satellite=found[15],
     )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from vtff_gnss.orbits import line_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
@@ -24,7 +25,9 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
     ValueError
         If a value is not possible; the text names it.
     """
-    compile_kernels()  # takes seconds without a cache, which the first epoch cannot wait
+    # Both take seconds without a cache, which the first epoch cannot wait.
+    compile_kernels()
+    line_of_sight.compile_kernels()
     return CdgpsEstimator(
         CdgpsConfiguration(
             dynamics=setting.dynamics,
@@ -60,6 +63,7 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
     # Imported here: filterpy imports most of scipy, which takes a second.
     from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 
+    line_of_sight.compile_kernels()
     if setting.antennas is not None and not setting.antennas.are_central:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
     return PaperEstimator(PaperConfiguration(**_common(setting)))
