@@ -9,6 +9,7 @@ thrust on where the whole formation is.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -23,7 +24,7 @@ from vtff_control.guidance.interface import (
     SpacecraftTarget,
     describe_field,
 )
-from vtff_control.guidance.keeping import FormationKeeper
+from vtff_control.guidance.keeping import FormationKeeper, drift_is_known
 from vtff_control.guidance.phasing import InfeasiblePhasingError, Phasing, phase
 from vtff_control.guidance.plan_flight import PlanFlight
 from vtff_control.guidance.reconfiguration import ReconfigurationPlanner
@@ -177,6 +178,8 @@ class FormationGuidance:
         self._asked_formations: dict[str, Mapping[str, FloatArray]] = {}
         self._updated = -math.inf
         self._estimators = {name: ElementsEstimator() for name in self._names}
+        # Thrust that was commanded and has not been noted yet, (m, 3) each.
+        self._commanded: deque[FloatArray] = deque()
         self._keepers: dict[str, FormationKeeper] = {}
         self._formation = self._parameters.formation
         self._designs: Mapping[str, FloatArray] | None = None
@@ -284,8 +287,9 @@ class FormationGuidance:
 
     def _centre_keepers(self) -> None:
         centre = self._centre({name: self._estimators[name].elements for name in self._names})
-        for keeper in self._keepers.values():
-            keeper.centre = centre
+        for name, errors in zip(self._names, self._engine_errors(), strict=True):
+            self._keepers[name].centre = centre
+            self._keepers[name].engine_errors = errors
 
     def _running(self) -> Reconfiguration | None:
         running = self.reconfiguration
@@ -302,7 +306,6 @@ class FormationGuidance:
         if running is not None:
             running.end(False, message)
             self._formation, self._designs = "", None
-            self._restart_estimators()
 
     def _begin_reconfiguration(self, request: ReconfigurationRequest) -> Reconfiguration:
         if self._running() is not None and not request.preempt:
@@ -456,6 +459,7 @@ class FormationGuidance:
             self._first = state.stamp
         self._time = 1e-9 * (state.stamp - self._first)
         self._state = state
+        self._note_thrust()
         self._update_estimators(state)
         begins = self._time + self._delay
         relative = [np.zeros(6), *(state.relative_states[n] for n in self._setting.deputies)]
@@ -465,7 +469,7 @@ class FormationGuidance:
         else:
             targets, wanted = self._fly_mode(begins)
         thrust = self._setting.engine.acceleration(wanted, self._setting.mass)
-        self._note_thrust(thrust)
+        self._commanded.append(thrust)
         if running is not None and not running.finished:
             sizes = np.linalg.norm(thrust, axis=1) * self._setting.sample_time
             for name, size in zip(self._names, sizes.tolist(), strict=True):
@@ -484,24 +488,22 @@ class FormationGuidance:
             self._begin_keeping()
         self._centre_keepers()
 
-    def _restart_estimators(self) -> None:
-        """Let the filters begin anew with the state of now, after the thrust of a plan.
-
-        An engine that is some percent too strong is so in every step of a plan. The filters take
-        errors of thrust as independent and would be wrong by ten of their sigmas for an orbit.
-        """
-        assert self._state is not None
-        for estimator in self._estimators.values():
-            estimator.restart()
-        self._updated = -math.inf
-        self._update_estimators(self._state)
-
-    def _note_thrust(self, thrust: FloatArray) -> None:
+    def _note_thrust(self) -> None:
+        """Tell the filters the thrust of the sample interval that ends now."""
+        if len(self._commanded) <= self._setting.delay_steps:
+            return
         duration = self._setting.sample_time
-        elapsed = self._time - self._updated + self._delay + 0.5 * duration
+        thrust = self._commanded.popleft()
+        elapsed = self._time - self._updated - 0.5 * duration
         for name, own in zip(self._names[1:], thrust[1:], strict=True):
-            # The deputies are relative to the chief, which thrusts too.
-            self._estimators[name].add_thrust(own - thrust[0], duration, elapsed)
+            self._estimators[name].add_thrust(own, duration, elapsed, thrust[0])
+
+    def _engine_errors(self) -> FloatArray:
+        """Return the matrices by which true thrust exceeds the commanded one, (m, 3, 3)."""
+        deputies = [self._estimators[name] for name in self._names[1:]]
+        # Every deputy sees the engine of the chief.
+        of_chief = np.mean([estimator.engine_errors_chief for estimator in deputies], axis=0)
+        return np.array([of_chief, *(estimator.engine_errors for estimator in deputies)])
 
     def _fly_plan(
         self, running: Reconfiguration, begins: float, relative: list[FloatArray]
@@ -513,14 +515,15 @@ class FormationGuidance:
         if self._time >= flight.end:
             running.end(True)
             self._mode = "keep"
-            self._restart_estimators()
             self._begin_keeping()
         if begins < flight.start or begins >= flight.end:
             return planned - planned[0], np.zeros((len(self._names), 3))
         wanted = flight.planned_accelerations(begins)
         if self._time >= flight.start:
             wanted = wanted + flight.correction(self._time, relative)
-        return planned - planned[0], wanted
+        engines = np.eye(3) + self._engine_errors()
+        commanded = np.linalg.solve(engines, wanted[:, :, np.newaxis])[:, :, 0]
+        return planned - planned[0], np.asarray(commanded, dtype=float)
 
     def _fly_mode(self, begins: float) -> tuple[FloatArray, FloatArray]:
         wanted = np.zeros((len(self._names), 3))
@@ -530,7 +533,7 @@ class FormationGuidance:
             if begins >= phasing.end:
                 self._mode, self._phasing = "keep" if self._formation else "hold", None
         elif self._mode in ("hold", "keep"):
-            may_begin = all(keeper.knows_drift for keeper in self._keepers.values())
+            may_begin = drift_is_known(self._keepers.values())
             for index, name in enumerate(self._names):
                 wanted[index] = self._keepers[name].command(self._time, may_begin)
         return self._kept_states(), wanted

@@ -1,15 +1,17 @@
 """Keeping of a formation by pulses of an engine that has a smallest thrust and steps.
 
 Every half orbit the mean relative elements are compared with the design; the least impulses of the
-coming half orbit lead to where the drift of J2 then carries the formation evenly about the design.
-The relative semi-major axis gets the offset that stops the drift along-track. The first comparison
-comes as soon as the filter knows where the drift leads: what is left of a reconfiguration drifts by
-decimetres in a quarter of an orbit.
+coming half orbit lead back to it, so that the drift of J2 carries the formation evenly about it,
+and are planned anew several times on the way, with what the filter has learnt. The relative
+semi-major axis gets the offset that stops the drift along-track. The first comparison comes as soon
+as the filter knows where the drift leads: what is left of a reconfiguration drifts by decimetres in
+a quarter of an orbit.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,9 +23,16 @@ from vtff_dynamics.relative.relative_elements import relative_state_of_mean_elem
 from vtff_dynamics.relative.transition import j2_transition_matrix
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["T5_ENGINE", "FormationKeeper", "KeepingEngine"]
+__all__ = ["T5_ENGINE", "FormationKeeper", "KeepingEngine", "drift_is_known"]
 
 _KNOWN_DRIFT = 0.03  # m: sigma of the mean longitude after the coming interval
+_KNOWN_SHARE = 0.3  # the same as a share of where it leads
+_REPLANNING = 0.1
+"""Part of an interval after which the pulses that are left are planned anew."""
+_LAST_PLANNING = 0.3
+"""Part of an interval that has to be left for that: in less, pulses come where they are dear."""
+_DEVIATION_PRICE = 2.0
+"""See `least_impulses`: of all pulses that cost the least, the earliest."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,22 @@ T5_ENGINE = KeepingEngine(largest=25e-3, smallest=1e-3, step=12e-6)
 nominal largest thrust there and the limit of paper 002, table 1."""
 
 
+def drift_is_known(keepers: Iterable[FormationKeeper]) -> bool:
+    """Whether the filters of keepers know where the drift of the coming interval leads.
+
+    Known is what is certain to some centimetres or to a part of the largest drift.
+
+    Parameters
+    ----------
+    keepers
+        Keepers with a common centre, which decide together: it moves with what each corrects.
+    """
+    drifts = [keeper.drift() for keeper in keepers if not math.isnan(keeper.estimator.time)]
+    largest = max((abs(leads) for leads, _ in drifts), default=0.0)
+    sigma = max((sigma for _, sigma in drifts), default=math.inf)
+    return sigma <= max(_KNOWN_DRIFT, _KNOWN_SHARE * largest)
+
+
 class FormationKeeper:
     """Pulses that keep one deputy on its design.
 
@@ -103,6 +128,8 @@ class FormationKeeper:
     centre
         Relative elements of the orbit that the design is relative to, m, shape (6,); zero for that
         of the chief.
+    engine_errors
+        Matrix by which the true thrust of the engine exceeds the commanded one, shape (3, 3).
     """
 
     def __init__(
@@ -118,12 +145,14 @@ class FormationKeeper:
         self.design = np.asarray(design, dtype=float)
         self.estimator = ElementsEstimator() if estimator is None else estimator
         self.centre = np.zeros(6)
+        self.engine_errors: FloatArray = np.zeros((3, 3))
         self._engine = engine
         self._mass = mass
         self._step = step
         self._interval = interval
         self._longest = max(1, int(longest_pulse / step))
-        self._decision = math.nan
+        self._ends = math.nan
+        self._decided = math.nan
         self._has_decided = False
         self._schedule: dict[int, FloatArray] = {}
 
@@ -132,20 +161,18 @@ class FormationKeeper:
         wanted = self.design + self.centre
         return relative_state_of_mean_elements(self.estimator.chief_mean, wanted)
 
-    @property
-    def knows_drift(self) -> bool:
-        """Whether the filter knows to centimetres where the drift of an interval leads."""
-        if math.isnan(self.estimator.time):
-            return False
-        transition = j2_transition_matrix(self.estimator.chief_mean, self._span)
-        variance = float(transition[1] @ self.estimator.covariance @ transition[1])
-        return variance <= _KNOWN_DRIFT**2
+    def drift(self) -> tuple[float, float]:
+        """Return where the drift of an interval leads along the track, and its sigma, m."""
+        estimator = self.estimator
+        transition = j2_transition_matrix(estimator.chief_mean, self._span)[1]
+        leads = float(transition @ (estimator.elements - self.centre - self.design))
+        return leads, math.sqrt(float(transition @ estimator.covariance @ transition))
 
     @property
     def _span(self) -> float:
         return self._interval * 2.0 * math.pi / self.estimator.mean_motion
 
-    def command(self, time: float, may_begin: bool = True) -> FloatArray:
+    def command(self, time: float, may_begin: bool | None = None) -> FloatArray:
         """Return the thrust from a time on for one step, m/s2 in RTN, shape (3,).
 
         Parameters
@@ -153,52 +180,74 @@ class FormationKeeper:
         time
             s, that of the last update of the estimator or later.
         may_begin
-            Whether the first decision may be made before half an interval is over. Keepers with a
-            common centre decide together: it moves with what each of them corrects.
+            Whether the first decision may be made before half an interval is over; default whether
+            the keeper knows its own drift. See `drift_is_known`.
         """
         if math.isnan(self.estimator.time):
             return np.zeros(3)
         span = self._span
-        if math.isnan(self._decision):
-            self._decision = time + 0.5 * span
-        begins = may_begin and not self._has_decided and self.knows_drift
-        if begins or time >= self._decision:
-            self._decide(time, span)
-            self._decision = time + span
+        if math.isnan(self._ends):
+            self._ends = time + 0.5 * span
+        if may_begin is None:
+            may_begin = drift_is_known([self])
+        begins = may_begin and not self._has_decided
+        if begins or time >= self._ends:
             self._has_decided = True
+            self._ends = time + span
+            self._decide(time, span)
+        elif (
+            self._has_decided
+            and time - self._decided >= _REPLANNING * span
+            and self._ends - time >= _LAST_PLANNING * span
+        ):
+            self._decide(time, self._ends - time)
         return self._schedule.pop(round(time / self._step), np.zeros(3))
 
     def _decide(self, time: float, span: float) -> None:
+        """Plan the pulses from a time on for a span, s."""
+        self._decided = time
         estimator = self.estimator
-        transition = j2_transition_matrix(estimator.chief_mean, span)
-        centred = self.design.copy()
         # The offset of the semi-major axis under which the mean longitude stays.
-        drift = transition @ centred - centred
-        centred[0] -= drift[1] / transition[1, 0]
-        drift = transition @ centred - centred
-        wanted = centred - 0.5 * drift
-        change = wanted - transition @ (estimator.elements - self.centre)
+        centred = self.design.copy()
+        interval = j2_transition_matrix(estimator.chief_mean, self._span)
+        drift = interval @ centred - centred
+        centred[0] -= drift[1] / interval[1, 0]
+        drift = (interval @ centred - centred) * (span / self._span)
+        transition = j2_transition_matrix(estimator.chief_mean, span)
+        change = centred - transition @ (estimator.elements - self.centre)
         latitude = float(estimator.chief_mean[1])
-        turn = 2.0 * math.pi * self._interval
+        turn = span * estimator.mean_motion
         impulses = least_impulses(
-            change, estimator.mean_motion, latitude, latitude + turn, samples=61
+            change,
+            estimator.mean_motion,
+            latitude,
+            latitude + turn,
+            samples=61,
+            deviation_price=_DEVIATION_PRICE,
+            drift=drift,
         )
         self._schedule.clear()
+        free_from = [math.ceil(time / self._step)] * 3
         for impulse in impulses:
             moment = time + (impulse.mean_latitude - latitude) / turn * span
-            self._add_pulses(impulse, moment, time)
+            self._add_pulses(impulse, moment, free_from)
 
-    def _add_pulses(self, impulse: Impulse, moment: float, earliest: float) -> None:
-        """Put the pulses of an impulse about a moment into the schedule."""
+    def _add_pulses(self, impulse: Impulse, moment: float, free_from: list[int]) -> None:
+        """Put the pulses of an impulse about a moment into the schedule.
+
+        Those of an axis follow one another; `free_from` is the step after the last on each.
+        """
         smallest, step = self._engine.smallest / self._mass, self._engine.step / self._mass
-        for axis, size in enumerate(impulse.velocity_rtn.tolist()):
+        commanded = np.linalg.solve(np.eye(3) + self.engine_errors, impulse.velocity_rtn)
+        for axis, size in enumerate(commanded.tolist()):
             count = min(self._longest, int(abs(size) / (smallest * self._step)))
             if count == 0:
                 continue  # less than the smallest pulse: the next decision sees it again
             level = step * round(abs(size) / (count * self._step) / step)
             level = min(max(level, smallest), self._engine.largest / self._mass)
             first = round((moment - 0.5 * count * self._step) / self._step)
-            first = max(first, math.ceil(earliest / self._step))
+            first = max(first, free_from[axis])
+            free_from[axis] = first + count
             for index in range(first, first + count):
                 thrust = self._schedule.setdefault(index, np.zeros(3))
                 thrust[axis] = math.copysign(level, size)

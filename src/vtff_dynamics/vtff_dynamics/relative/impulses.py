@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import linprog
 
-from vtff_dynamics.relative.relative_elements import control_matrix
+from vtff_dynamics.relative.relative_elements import control_matrix, linear_map_rtn
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
@@ -109,11 +109,14 @@ def least_impulses(
     latitude_end: float,
     samples: int = 181,
     axes: str = "TN",
+    deviation_price: float = 0.0,
+    drift: npt.ArrayLike | None = None,
 ) -> list[Impulse]:
     """Return impulses of least total size that change all six elements within a span.
 
     The relative motion is linear and Keplerian; the sum of the absolute values on all axes is the
-    least that any impulses on the grid of the span can have (a linear programme).
+    least that any impulses on the grid of the span can have (a linear programme). With a price of
+    deviations the sum of both is least: impulses then come earlier than where they are cheapest.
 
     Parameters
     ----------
@@ -127,6 +130,14 @@ def least_impulses(
         Points of the grid.
     axes
         Axes on which there is thrust: some of R, T, N.
+    deviation_price
+        Velocity change that a deviation is worth, as a multiple of the mean motion times the mean
+        deviation on the way (the sum of its absolute values in R, T and N).
+    drift
+        Steady drift of the elements in the span, m, shape (6,), which `change` makes up for; it is
+        not part of the Keplerian motion. With a price of deviations the end may be off by half of
+        it to both sides: the mean is small where the pulses come in the middle of the drift.
+        Default none.
 
     Raises
     ------
@@ -143,20 +154,23 @@ def least_impulses(
         blocks.append(effect[:, indices])
     matrix = np.hstack(blocks)
     scale = max(float(np.abs(wanted).max()), 1e-300)
-    solution = linprog(
-        np.ones(2 * matrix.shape[1]),
-        A_eq=np.hstack((matrix, -matrix)),
-        b_eq=wanted / scale,
-        bounds=(0.0, None),
-        method="highs",
-    )
+    program: dict[str, FloatArray] = {
+        "c": np.ones(2 * matrix.shape[1]),
+        "A_eq": np.hstack((matrix, -matrix)),
+        "b_eq": wanted / scale,
+        "bounds": np.array([0.0, np.inf]),
+    }
+    if deviation_price > 0.0:
+        steady = np.zeros(6) if drift is None else np.asarray(drift, dtype=float) / scale
+        program = _priced(program, blocks, latitudes, mean_motion, deviation_price, steady)
+    solution = linprog(**program, method="highs")
     if solution.status != 0:
         raise InfeasibleChangeError(
             f"change: not within reach of impulses along {axes} between latitudes "
             f"{latitude_start:g} and {latitude_end:g} rad: {solution.message}"
         )
     half = matrix.shape[1]
-    sizes = (solution.x[:half] - solution.x[half:]).reshape(samples, len(indices))
+    sizes = (solution.x[:half] - solution.x[half : 2 * half]).reshape(samples, len(indices))
     least = _LEAST * float(np.abs(sizes).max(initial=0.0))
     impulses = []
     for latitude, size in zip(latitudes, sizes, strict=True):
@@ -165,3 +179,54 @@ def least_impulses(
             velocity[indices] = mean_motion * scale * size
             impulses.append(Impulse(float(latitude), velocity))
     return impulses
+
+
+def _priced(
+    program: dict[str, FloatArray],
+    blocks: list[FloatArray],
+    latitudes: FloatArray,
+    mean_motion: float,
+    price: float,
+    drift: FloatArray,
+) -> dict[str, FloatArray]:
+    """Return the linear programme with a bound of each deviation on the way as a variable more.
+
+    Parameters
+    ----------
+    program
+        The programme without.
+    blocks
+        Effects at the end of the span of impulses at each latitude, m for 1 / n, shape (6, axes).
+    latitudes
+        rad, shape (k,).
+    mean_motion
+        rad/s.
+    price, drift
+        See `least_impulses`; the drift in the unit of the programme.
+    """
+    effects, missing = np.hstack(blocks), program["b_eq"]
+    count, width = len(latitudes), blocks[0].shape[1]
+    paths, free = [], []
+    for index, latitude in enumerate(latitudes.tolist()):
+        # From elements at the end of the span to positions at this latitude.
+        back = np.eye(6)
+        back[1, 0] = 1.5 * (latitudes[-1] - latitude)
+        seen = linear_map_rtn(mean_motion, latitude)[:3]
+        path = np.zeros((3, effects.shape[1]))
+        given = width * (index + 1)
+        path[:, :given] = seen @ back @ effects[:, :given]
+        paths.append(path)
+        left = (latitudes[-1] - latitude) / (latitudes[-1] - latitudes[0])
+        free.append(seen @ (back @ -missing - left * drift))
+    path, start = np.vstack(paths), np.concatenate(free)
+    pulses, deviations = len(program["c"]), 3 * count
+    bound, end = -np.eye(deviations), np.zeros((deviations, 6))
+    return {
+        "c": np.concatenate((program["c"], np.full(deviations, price / count), np.zeros(6))),
+        # The last six are the shares of the drift that the end is off, from minus half of it on.
+        "A_eq": np.hstack((program["A_eq"], np.zeros((6, deviations)), -np.diag(drift))),
+        "b_eq": missing - 0.5 * drift,
+        "A_ub": np.block([[path, -path, bound, end], [-path, path, bound, end]]),
+        "b_ub": np.concatenate((-start, start)),
+        "bounds": np.array([[0.0, np.inf]] * (pulses + deviations) + [[0.0, 1.0]] * 6),
+    }
