@@ -31,7 +31,7 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import (
 
 __all__ = ["SECONDS_TOGETHER", "FormationIonosphere", "FormationResult", "FormationSettings"]
 
-SECONDS_TOGETHER = 20
+SECONDS_TOGETHER = 60
 """Seconds of a recording that are computed at once: more save little and fill the caches."""
 
 

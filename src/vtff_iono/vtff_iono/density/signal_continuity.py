@@ -55,6 +55,8 @@ class SignalContinuity:
         self._index: dict[int, int] = {}
         self._states = np.zeros((0, _STATE_COLUMNS))
         self._times = np.zeros(0, dtype=np.int64)
+        # Numbers and indices of the observations of the last block.
+        self._numbers = self._signals = np.zeros(0, dtype=np.int64)
 
     def update(self, block: ObservationBlock, rows: SlantTecRows) -> dict[SignalKey, int]:
         """Return the number of the stretch of each signal with a phase at the end of the block.
@@ -72,8 +74,11 @@ class SignalContinuity:
         if not chosen.any():
             return {}
         number = signal_number(*(columns[name] for name in SignalKey._fields))
-        signals, inverse = np.unique(number, return_inverse=True)
-        signal = self._indices(signals.tolist())[inverse]
+        # As a rule a second has the signals of the one before, in the same order.
+        if not np.array_equal(number, self._numbers):
+            signals, inverse = np.unique(number, return_inverse=True)
+            self._numbers, self._signals = number, self._indices(signals.tolist())[inverse]
+        signal = self._signals
         _follow_signals(
             block.time,
             signal,

@@ -140,13 +140,10 @@ def profile_content(
     constant density is the difference of sqrt(r'^2 - p^2) at the two ends; the density of an
     interval is the mean of the densities at its ends.
     """
-    elevation, radius = np.broadcast_arrays(
-        np.asarray(elevation, dtype=float), np.asarray(radius, dtype=float)
-    )
-    content: FloatArray = _profile_contents(
-        (radius * np.cos(elevation)).ravel(), radius.ravel(), altitude, density
-    )
-    return content.reshape(elevation.shape)
+    perigee = np.asarray(radius * np.cos(elevation), dtype=float)
+    start = np.full(perigee.shape, radius, dtype=float)
+    content: FloatArray = _profile_contents(perigee.ravel(), start.ravel(), altitude, density)
+    return content.reshape(perigee.shape)
 
 
 @compiled

@@ -99,10 +99,9 @@ def _interpolate(
     """Return the positions of the cubic through two states, at `begin` and at 0 s, shape (n, 3)."""
     to_last = 1.0 - seconds / begin  # 0 at the first state, 1 at the last one
     to_first = 1.0 - to_last
-    weights = (
-        to_first**2 * (1.0 + 2.0 * to_last),
-        to_last**2 * (1.0 + 2.0 * to_first),
-        -begin * to_last * to_first**2,
-        begin * to_last**2 * to_first,
-    )
-    return np.stack(weights, axis=-1) @ np.stack((first[:3], last[:3], first[3:], last[3:]))
+    weights = np.empty((len(seconds), 4))
+    weights[:, 0] = to_first**2 * (1.0 + 2.0 * to_last)
+    weights[:, 1] = to_last**2 * (1.0 + 2.0 * to_first)
+    weights[:, 2] = -begin * to_last * to_first**2
+    weights[:, 3] = begin * to_last**2 * to_first
+    return weights @ np.array((first[:3], last[:3], first[3:], last[3:]))
