@@ -16,12 +16,28 @@ def messages(run, topic):
     return [decoded.message for decoded in BagReader(run).messages(topic)]
 
 
-def fly(run, duration, *arguments):
+def fly(run, duration, *arguments, system="survey_software"):
     result = run_vtff(
-        "run", "survey_software", "--duration", duration, "--out", run, *arguments, timeout=900.0
+        "run", system, "--duration", duration, "--out", run, *arguments, timeout=900.0
     )
     assert result.returncode == 0, result.stdout + result.stderr
     return run
+
+
+@pytest.mark.parametrize(
+    ("system", "duration", "form", "fewest"),
+    [
+        ("survey_software", 700, "--composed", 1000),  # two walls are crossed
+        # The first minutes: every message of receivers, navigation and ionosphere chain.
+        pytest.param("survey", 120, "--distributed", 10_000, marks=pytest.mark.slow),
+    ],
+)
+def test_the_same_seed_gives_the_same_bytes(tmp_path, system, duration, form, fewest):
+    runs = [
+        fly(tmp_path / f"run{number}", duration, given, "--no-report", system=system)
+        for number, given in enumerate(("--composed", form))
+    ]
+    assert assert_equal_messages(*runs, topics(runs[0])) > fewest
 
 
 @pytest.mark.slow
