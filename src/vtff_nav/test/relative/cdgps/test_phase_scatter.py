@@ -122,7 +122,7 @@ def test_slip_and_scatter():
     measured.phase[1], measured.phase[4] = 0.24 * WAVELENGTH, -0.5 * WAVELENGTH
     search = reject_faults(innovation_of(measured), measured, np.zeros(COUNT, bool), LIMIT)
     assert sorted(search.faulty_phases) == [1, 4]
-    assert search.count_satellites(measured) == 2
+    assert search.count_satellites(measured, np.ones(len(measured), dtype=bool)) == 2
     assert np.flatnonzero(~search.innovation.is_used).tolist() == [COUNT + 4]
     assert search.innovation.noise[COUNT + 1] > (0.2 * WAVELENGTH) ** 2
     measured.phase_variance[4] = (0.2 * WAVELENGTH) ** 2

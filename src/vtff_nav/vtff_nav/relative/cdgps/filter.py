@@ -51,6 +51,9 @@ _UNKNOWN_CODE_BIAS_SIGMA = 20.0
 _PLASMA, _MOTION = "plasma", "motion"
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
+# Satellites without scintillation that must be there before motion in orbit is doubted: two more
+# than the unknowns of a position and a clock.
+_FEWEST_WITNESSES_OF_MOTION = 6
 _DETECTION_PASSES = 6
 # The noise is learnt at so many first epochs, then at two consecutive ones of each cycle: it
 # changes slowly.
@@ -682,22 +685,33 @@ class RelativeFilter:
         Faults at several satellites, or innovations that are too large as a whole, may come from
         plasma that changes faster than its model, as at the edge of a bubble, or from motion that
         was not predicted. A cause is believed if no fault is left with it. Motion is also believed
-        if most satellites are faulty without it, and not most with it.
+        if most satellites are faulty without it, and not most with it; in orbit, if one at most is,
+        which may have slipped.
+
+        Phases in scintillation have outliers by themselves: they are no witnesses. Of few other
+        satellites motion and clock explain whatever they say, so that in orbit, where motion is
+        predicted well, scintillation of all the sky would be taken for motion.
         """
         without_cause = search()
-        state, satellites = self.state, len(set(measured.satellite.tolist()))
-        faulty = without_cause.count_satellites(measured)
+        is_quiet = ~self.scatter.is_scattered(measured)
+        witnesses = len(set(measured.satellite[is_quiet].tolist()))
+        faulty = without_cause.count_satellites(measured, is_quiet)
         if faulty < 2 and not self._is_unlikely(without_cause.innovation):
             return without_cause
+        state, is_orbital = self.state, self.configuration.dynamics == "orbital"
         for cause, variances in self._common_causes():
+            is_motion = cause == _MOTION
+            if is_motion and is_orbital and witnesses < _FEWEST_WITNESSES_OF_MOTION:
+                continue
             covariance = state.covariance.copy()
             for label, variance in variances.items():
                 state.add_noise(label, variance)
             with_cause = search()
             is_likely = not self._is_unlikely(with_cause.innovation)
             explains_all = not with_cause.faulty_phases and is_likely
-            explains_most = 2 * faulty > satellites >= 2 * with_cause.count_satellites(measured)
-            if explains_all or (explains_most and cause == _MOTION):
+            left = with_cause.count_satellites(measured, is_quiet)
+            explains_most = 2 * faulty > witnesses >= 2 * left and not (is_orbital and left > 1)
+            if explains_all or (explains_most and is_motion):
                 degraded.append(f"the {cause} was not as predicted")
                 return with_cause
             state.covariance = covariance

@@ -29,9 +29,12 @@ class FaultSearch:
     innovation: Innovation
     faulty_phases: list[int]
 
-    def count_satellites(self, measured: SingleDifferences) -> int:
-        """Return how many satellites had a faulty phase."""
-        return len(set(measured.satellite[self.faulty_phases].tolist()))
+    def count_satellites(
+        self, measured: SingleDifferences, is_counted: npt.NDArray[np.bool_]
+    ) -> int:
+        """Return how many satellites had a faulty phase among those that count, shape (n,)."""
+        rows = [row for row in self.faulty_phases if is_counted[row]]
+        return len(set(measured.satellite[rows].tolist()))
 
 
 def reject_faults(
