@@ -9,6 +9,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from domain_coordinator import domain_id  # noqa: E402
 from full_run_samples import orbit  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
@@ -17,7 +18,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from vtff_analysis.view.foxglove_server import FoxgloveMissingError, FoxgloveServer  # noqa: E402
 from vtff_analysis.view.live import LiveScene, ViewerNode  # noqa: E402
-from vtff_msgs.msg import GnssObservations, OrbitState  # noqa: E402
+from vtff_msgs.msg import GnssObservations, IrregularityBoundary, OrbitState  # noqa: E402
 from vtff_node.qos import PUBLISH  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 
@@ -88,6 +89,22 @@ def test_what_was_and_is_published_arrives_once(graph):
     assert graph.live.news(sent)[0]["series"] == []
     assert [topic for topic, *_ in graph.forwarded] == [TOPIC] * 6
     assert graph.live.as_json()["series"] == []
+
+
+def test_late_edges_and_health_of_slower_nodes_are_no_step_back():
+    live = LiveScene("test")
+    _, counts = live.news({})
+    for topic, kind in (
+        ("/deputy/iono/irregularity_boundary", IrregularityBoundary),
+        ("/diagnostics", DiagnosticArray),
+    ):
+        for second in (100, 40):
+            stamp = (START + second) * 10**9
+            message = kind()
+            message.header.stamp = to_stamp(stamp)
+            live.take(topic, stamp, lambda message=message: message)
+    assert not live.news(counts)[0]["reset"]
+    assert [event.kind for event in live.scene.events] == ["edge", "edge"]
 
 
 def test_a_replay_that_goes_back_starts_the_scene_anew(graph):

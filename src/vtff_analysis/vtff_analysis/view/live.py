@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -29,6 +30,9 @@ PLAYER = "/bag_player"
 
 #: s; a stamp that goes back by more belongs to another run, or to a replay that was set back.
 LARGEST_STEP_BACK = 5.0
+#: Topics whose stamps go back within a run: an edge is told after others that came later, and each
+#: node reports its health with the step that it has reached.
+_UNORDERED = re.compile(r"(boundar\w*|/diagnostics)$")
 
 _GENERATION = ""  # key among the counts under which the number of the scene stands
 
@@ -76,9 +80,11 @@ class LiveScene:
         with self._lock:
             # Each topic by itself: latched messages of one topic may arrive before older messages
             # of another.
-            if self._newest.get(topic, stamp) - stamp > LARGEST_STEP_BACK * NANOSECONDS_PER_SECOND:
+            step_back = self._newest.get(topic, stamp) - stamp
+            if step_back > LARGEST_STEP_BACK * NANOSECONDS_PER_SECOND:
                 self._begin()
-            self._newest[topic] = stamp
+            if not _UNORDERED.search(topic):
+                self._newest[topic] = stamp
             if self._builder.claim_slot(topic, stamp):
                 self._builder.add(topic, stamp, decode())
 

@@ -12,7 +12,7 @@ const MOST_RIBBON_POINTS = 1500;
 const EARTH_RANGE = 1.5e7;
 const LINKS_RANGE = 9e7;
 const WALL_HEIGHT = 400e3; // m
-const WALL_POINTS = [-1, -0.5, 0, 0.5, 1].map((part) => part * WALL_LATITUDE);
+const WALL_POINTS = Array.from({ length: 11 }, (_, index) => (index / 5 - 1) * WALL_LATITUDE);
 const BORESIGHT = "#ff8fab"; // as the z axis close up
 const FAR_LIGHT = 1e10; // m: day and night are drawn at any distance
 
