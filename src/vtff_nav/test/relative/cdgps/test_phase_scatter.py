@@ -172,7 +172,7 @@ def test_scintillation(seed):
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_scintillation_of_the_whole_sky_is_no_motion(seed):
-    """From 90 s on every ray crosses plasma; taken for motion, the velocity erred by 5 to 8 cm/s."""
+    """From 90 s on every ray crosses plasma; taken for motion, velocities erred by 5 to 8 cm/s."""
     moment = START + 90.0
     state = free_flight(CHIEF[np.newaxis], np.arange(0.0, 91.0, 10.0))[-1, 0]
     _, longitude, _ = geodetic_from_itrf(rotation_gcrf_to_itrf(moment) @ state[:3])
