@@ -26,7 +26,7 @@ from vtff_control.cluster.potential_field import equilibrium_distance
 from vtff_sim_bridge.on_board.range_sensor import RangeSensor
 
 SIDE = equilibrium_distance()
-SLOW = [(1, "ellipse", 6.0), (2, "helix", 9.0), (2, "circle", 11.0)]
+SLOW = [(1, "ellipse"), (2, "helix"), (2, "circle"), (3, "ellipse"), (5, "helix")]
 
 
 def test_published_program_commands_nothing():
@@ -134,7 +134,7 @@ def test_a_chaser_that_decays_drifts_through_a_helix(seed):
     decay = Decay(20000.0, 5e-5)
     flight = fly_cluster(
         draw_starts(seed),
-        7.4,
+        8.4,
         RangeSensor(misalignment_sigma=3e-4),
         seed=seed,
         orbits_from=7000.0,
@@ -142,7 +142,7 @@ def test_a_chaser_that_decays_drifts_through_a_helix(seed):
         decay=decay,
     )
     assert flight.closest >= 500.0
-    # The other one is where it was, and stays there for as little as before.
+    # Four orbits later the other one is where it was, and stays there for as little as before.
     assert flight.sides[flight.last_orbit, 0].max() < 2.4 * SIDE
     assert price_of_last_orbit(flight) <= 0.05
 
@@ -152,27 +152,14 @@ def price_of_last_orbit(flight):
 
 
 @pytest.mark.parametrize(
-    ("chasers", "shape", "orbits"),
-    [
-        (2, "ellipse", 5.0),
-        *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW),
-        pytest.param(
-            *(3, "ellipse", 8.0),
-            marks=[
-                pytest.mark.slow,
-                pytest.mark.xfail(
-                    strict=True,
-                    reason="a tetrahedron at rest comes to 357 m while it turns into an ellipse",
-                ),
-            ],
-        ),
-    ],
+    ("chasers", "shape"),
+    [(2, "ellipse"), *(pytest.param(*case, marks=pytest.mark.slow) for case in SLOW)],
 )
-def test_orbits_hold_a_cluster(chasers, shape, orbits):
+def test_orbits_hold_a_cluster(chasers, shape):
     """At rest the same cluster pays 5 to 19 m/s in every orbit."""
     flight = fly_cluster(
         draw_starts(4, chasers),
-        orbits,
+        5.0,
         RangeSensor(misalignment_sigma=3e-4),
         seed=4,
         orbits_from=7000.0,

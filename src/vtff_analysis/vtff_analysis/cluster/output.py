@@ -25,9 +25,10 @@ _OUTAGES = ((9000.0, 9600.0), (9000.0, 14400.0))  # s: ten minutes, an orbit
 _DECAY = 12000.0  # s
 _DECELERATION = 5e-5  # m/s2
 _ORBITS_FROM = 7000.0  # s: all have gathered
-_ORBITS_OF_ELEMENTS = 10.0
+_ORBITS_OF_ELEMENTS = 6.0
+_SENSOR_IN_ORBIT = RangeSensor(misalignment_sigma=3e-4)
 _DECAY_IN_ORBIT = 20000.0  # s: the cluster goes round in orbits
-_ORBITS_OF_DECAY = 7.4
+_ORBITS_OF_DECAY = 8.4
 
 
 @rc_context(STYLE)
@@ -110,6 +111,8 @@ def run_potential_field(
     say("held by orbits")
     for shape in SHAPES:
         rows += _orbit_rows(shape, seed, max(1, starts // 10))
+    for chasers, dimensions in ((3, 2), (4, 2), (5, 2), (3, 3)):
+        rows += _orbit_rows("helix", seed, max(1, starts // 10), chasers, dimensions)
     rows += [_decay_in_orbit_row(shape, seed) for shape in ("ellipse", "helix")]
     _write_potential(folder / "figure_2.png")
     draw_paths(flights[:4], folder / "paths.png")
@@ -192,13 +195,15 @@ def _start_rows(flights: Sequence[ClusterFlight], wanted: float, where: str) -> 
     ]
 
 
-def _orbit_rows(shape: str, seed: int, starts: int) -> list[ComparisonRow]:
+def _orbit_rows(
+    shape: str, seed: int, starts: int, chasers: int = 2, dimensions: int = 2
+) -> list[ComparisonRow]:
     """Return what a cluster of a shape costs that has gathered at rest and goes over to orbits."""
     flights = [
         fly_cluster(
-            draw_starts(chosen),
+            draw_starts(chosen, chasers, dimensions=dimensions),
             _ORBITS_OF_ELEMENTS,
-            RangeSensor(),
+            _SENSOR_IN_ORBIT,
             seed=chosen,
             orbits_from=_ORBITS_FROM,
             held=ElementsField(shape),
@@ -213,7 +218,8 @@ def _orbit_rows(shape: str, seed: int, starts: int) -> list[ComparisonRow]:
     hold = [
         flight.velocity_change(flight.times[-1] - flight.period, np.inf).max() for flight in flights
     ]
-    subject = f"{starts} drawn starts, two chasers, held by orbits: {shape}"
+    place = " in space" if dimensions == 3 else ""
+    subject = f"{starts} drawn starts{place}, {chasers} chasers, held by orbits: {shape}"
     return [
         _row(subject, "closest", "future work", f"{min(f.closest for f in flights):.0f} m"),
         _row(
@@ -237,7 +243,7 @@ def _decay_in_orbit_row(shape: str, seed: int) -> ComparisonRow:
     flight = fly_cluster(
         draw_starts(seed),
         _ORBITS_OF_DECAY,
-        RangeSensor(),
+        _SENSOR_IN_ORBIT,
         seed=seed,
         decay=Decay(_DECAY_IN_ORBIT, _DECELERATION),
         orbits_from=_ORBITS_FROM,

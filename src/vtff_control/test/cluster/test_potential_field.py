@@ -13,9 +13,20 @@ from vtff_control.cluster.potential_field import (
     potential,
     potential_gradient,
 )
+from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.relative.motion import hcw_transition_matrix
 
 MEAN_MOTION = 1.15e-3
+
+
+def orbit(mean_motion):
+    """Return a state on a circular orbit with a mean motion."""
+    radius = (GM_EARTH / mean_motion**2) ** (1.0 / 3.0)
+    speed = mean_motion * radius
+    return np.array([radius, 0.0, 0.0, 0.0, 0.6 * speed, 0.8 * speed])
+
+
+OWN = orbit(MEAN_MOTION)
 
 
 def test_equilibrium_of_one_neighbour_and_of_the_triangle():
@@ -58,7 +69,7 @@ def test_a_place_is_held_against_the_tide(interval):
     transition = hcw_transition_matrix(MEAN_MOTION, interval)
     state, held = np.array([distance, 0.0, 0.0, 0.0, 0.0, 0.0]), []
     for _ in range(int(5400.0 / interval)):
-        state[3:] += guidance.impulse(-state[np.newaxis], MEAN_MOTION, interval)
+        state[3:] += guidance.impulse(-state[np.newaxis], OWN, interval)
         state = transition @ state
         held.append(math.sqrt(float(state[:3] @ state[:3])))
     assert np.mean(held[len(held) // 2 :]) == pytest.approx(distance, rel=2e-4)
@@ -68,15 +79,15 @@ def test_nothing_to_follow_and_longest_step():
     guidance = PotentialField()
     still = np.zeros((2, 6))
     still[:, 0] = 2e3, 2.5e3
-    assert not guidance.impulse(np.zeros((0, 6)), MEAN_MOTION, 30.0).any()
-    assert not guidance.impulse(still, MEAN_MOTION, 30.0, [False, False]).any()
+    assert not guidance.impulse(np.zeros((0, 6)), OWN, 30.0).any()
+    assert not guidance.impulse(still, OWN, 30.0, [False, False]).any()
     near = np.array([[400.0, 0.0, 0.0, 0.0, 0.0, 0.0]])
     # Pushed away from a neighbour inside the ring, by no more than the longest step in a minute.
-    impulse = guidance.impulse(near, 1e-6, 30.0)
+    impulse = guidance.impulse(near, orbit(1e-6), 30.0)
     assert impulse[0] == pytest.approx(-100.0 / 60.0, rel=1e-3)
     # What is not followed repels, and never attracts.
     both = np.vstack((near, [[-3e3, 0.0, 0.0, 0.0, 0.0, 0.0]]))
-    away = guidance.impulse(both, 1e-6, 30.0, [False, True])
+    away = guidance.impulse(both, orbit(1e-6), 30.0, [False, True])
     assert away[0] < 0.0
 
 
@@ -95,12 +106,12 @@ def test_tracks_from_unlabelled_detections():
         tracks = sorted((track.state for track in tracker.tracks), key=lambda state: -state[0])
         errors.append(np.array(tracks) - states)
         states = states @ transition.T
-        tracker.predict(10.0, MEAN_MOTION, 0.005, 0.0)
+        tracker.predict(10.0, OWN, 0.005, 0.0)
     late = np.array(errors[30:])
     assert np.sqrt((late[..., :3] ** 2).mean()) < 0.3
     assert np.sqrt((late[..., 3:] ** 2).mean()) < 0.05
     for _ in range(80):
-        tracker.predict(10.0, MEAN_MOTION, 0.005, 0.0)
+        tracker.predict(10.0, OWN, 0.005, 0.0)
     assert not tracker.tracks
 
 
@@ -115,7 +126,7 @@ def test_a_neighbour_that_holds_a_place_is_known_to_thrust():
         states = []
         for _ in range(400):
             # Its state is the same at each look; the thrust between them comes in one pulse.
-            tracker.predict(10.0, MEAN_MOTION, 0.005, held_thrust)
+            tracker.predict(10.0, OWN, 0.005, held_thrust)
             tracker.detect([place + 0.2 * generator.standard_normal(3)])
             states.append(tracker.tracks[0].state)
         speeds[held_thrust] = np.linalg.norm(np.mean(states[200:], axis=0)[3:])
@@ -127,7 +138,7 @@ def test_a_neighbour_that_holds_a_place_is_known_to_thrust():
 def test_own_thrust_moves_the_tracks():
     tracker = NeighbourTracker(0.3, 2e-4)
     tracker.detect([[500.0, 0.0, 0.0]])
-    tracker.predict(10.0, 1e-6, 0.005, 0.0, [2.5, -5.0, 0.0], [0.5, -1.0, 0.0])
+    tracker.predict(10.0, orbit(1e-6), 0.005, 0.0, [2.5, -5.0, 0.0], [0.5, -1.0, 0.0])
     expected = [497.5, 5.0, 0.0, -0.5, 1.0, 0.0]
     np.testing.assert_allclose(tracker.tracks[0].state, expected, atol=1e-4)
 

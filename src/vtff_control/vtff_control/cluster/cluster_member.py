@@ -20,11 +20,11 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_control.cluster.elements_field import ElementsField
-from vtff_control.cluster.neighbour_tracker import NeighbourTracker, Track
+from vtff_control.cluster.neighbour_tracker import NeighbourTracker, Track, fly_neighbours
 from vtff_control.cluster.potential_field import PotentialField
-from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.frames.rtn import angular_velocity_rtn, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.mean_elements import elements_from_state, mean_elements, secular_rates
-from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
+from vtff_dynamics.relative.motion import hcw_input_matrix
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
 __all__ = ["ClusterMember", "MemberSetting"]
@@ -124,7 +124,9 @@ class ClusterMember:
         self._watch_from = watch_from
         self._setting = MemberSetting() if setting is None else setting
         self._time = math.nan
+        self._own_gcrf: FloatArray = np.zeros(6)
         self._decided = math.nan
+        self._joins = math.nan
         self._is_coasting = False
         self._thrusts: list[tuple[float, FloatArray]] = []  # start, acceleration; each for a step
         self._last_field: PotentialField | ElementsField | None = None
@@ -160,28 +162,31 @@ class ClusterMember:
             Acceleration in the own RTN frame over the step that begins `MemberSetting.delay` after
             this time, m/s2.
         """
+        field = self._acting_field(time)
         if math.isnan(self._time):
             self._decided = time
         else:
-            if self.field is not None:
-                self._thrust_density = self.field.thrust_density(
+            # Until it decides anew, the others do as they did.
+            before = self._last_field or field
+            if before is not None:
+                self._thrust_density = before.thrust_density(
                     self._last_change, self._setting.decision_interval
                 )
-                self._held_thrust = self.field.held_thrust
+                self._held_thrust = before.held_thrust
             self._tracker.predict(
                 time - self._time,
-                _mean_motion(own_gcrf),
+                self._own_gcrf,
                 self._thrust_density,
                 self._held_thrust,
                 *self._own_change(self._time, time),
             )
-        self._time = time
+        self._time, self._own_gcrf = time, own_gcrf
         self._tracker.detect(positions)
         acceleration = np.zeros(3)
         is_due = time - self._decided >= self._setting.decision_interval - 1e-6
-        if self.field is not None and is_due:
+        if field is not None and is_due:
             self._decided = time
-            wanted = self._decide(own_gcrf, self.field)
+            wanted = self._decide(own_gcrf, field)
             acceleration = self._setting.limited(wanted / self._setting.step)
             self._last_change = self._setting.step * acceleration
             self._thrusts.append((time + self._setting.delay, acceleration))
@@ -189,6 +194,15 @@ class ClusterMember:
             thrust for thrust in self._thrusts if thrust[0] + self._setting.step > time
         ]
         return acceleration
+
+    def _acting_field(self, time: float) -> PotentialField | ElementsField | None:
+        """Return the field that is climbed now: orbits are joined from places for it at rest."""
+        if not isinstance(self.field, ElementsField):
+            self._joins = math.nan
+            return self.field
+        if math.isnan(self._joins):
+            self._joins = time + self.field.spreading_time
+        return self.field if time >= self._joins else self.field.at_rest
 
     def _known_tracks(self) -> list[Track]:
         return [track for track in self._tracker.tracks if track.detections >= _DETECTIONS]
@@ -207,13 +221,14 @@ class ClusterMember:
     def _decide(self, own_gcrf: FloatArray, field: PotentialField | ElementsField) -> FloatArray:
         """Return the velocity change that is wanted now, m/s, shape (3,)."""
         tracks = self._known_tracks()
-        mean_motion = _mean_motion(own_gcrf)
         # Where they are in the middle of the thrust.
         ahead = self._setting.delay + 0.5 * self._setting.step
         own = np.concatenate(self._own_change(self._time, self._time + ahead))
-        transition = hcw_transition_matrix(mean_motion, ahead)
-        effect = hcw_input_matrix(mean_motion, ahead)
-        states = [transition @ track.state + effect @ track.thrust - own for track in tracks]
+        fallen = fly_neighbours(own_gcrf, [track.state for track in tracks], ahead)
+        effect = hcw_input_matrix(float(angular_velocity_rtn(own_gcrf)[2]), ahead)
+        states = [
+            state + effect @ track.thrust - own for state, track in zip(fallen, tracks, strict=True)
+        ]
         if self.is_blind and field.stays_without_thrust:
             return np.zeros(3)
         if self.is_blind:
@@ -232,12 +247,12 @@ class ClusterMember:
         ]
         is_watched = self._time >= self._watch_from
         followed = [not (leaving and is_watched) for leaving in leaves]
+        thrusts = [track.thrust for track in tracks]
         is_new, self._last_field = field is not self._last_field, field
         if is_new and isinstance(field, ElementsField):
-            return field.join(states, mean_motion, followed)
-        thrusts = [track.thrust for track in tracks]
+            return field.join(states, own_gcrf, followed, thrusts)
         interval = self._setting.decision_interval
-        return field.impulse(states, mean_motion, interval, followed, thrusts)
+        return field.impulse(states, own_gcrf, interval, followed, thrusts)
 
     def _coast(self, own_gcrf: FloatArray, neighbours: list[FloatArray]) -> FloatArray:
         """Return the change that leads to an ellipse with the period of the station, m/s, (3,)."""
@@ -288,11 +303,6 @@ def _clear_radial_speed(height: float, mean_motion: float, neighbours: list[Floa
         if clearances[-1] >= _CLEAR_DISTANCE:
             break
     return float(_RADIAL_SPEEDS[int(np.argmax(clearances))])
-
-
-def _mean_motion(own_gcrf: FloatArray) -> float:
-    """Return the rate at which the own RTN frame turns, rad/s."""
-    return norm(cross(own_gcrf[:3], own_gcrf[3:])) / float(own_gcrf[:3] @ own_gcrf[:3])
 
 
 def _latitude(position: FloatArray, own: FloatArray) -> float:

@@ -9,14 +9,17 @@ percent too wide. So that acceleration is estimated with each track.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.frames.rtn import angular_velocity_rtn, deputy_state_gcrf, relative_state_rtn
+from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
 from vtff_dynamics.vectors import FloatArray, norm
 
-__all__ = ["NeighbourTracker", "Track"]
+__all__ = ["NeighbourTracker", "Track", "fly_neighbours"]
 
 _HELD_TIME = 3e4  # s: a place is held for orbits; the pulses that hold it are averaged over minutes
 _STATE, _THRUST = slice(0, 6), slice(6, 9)
@@ -122,7 +125,7 @@ class NeighbourTracker:
     def predict(
         self,
         duration: float,
-        mean_motion: float,
+        own_gcrf: FloatArray,
         acceleration_density: float,
         held_thrust: float,
         own_displacement: npt.ArrayLike = (0.0, 0.0, 0.0),
@@ -134,8 +137,8 @@ class NeighbourTracker:
         ----------
         duration
             s.
-        mean_motion
-            rad/s.
+        own_gcrf
+            The chaser's own fix at the start, m and m/s, shape (6,).
         acceleration_density
             Root of the spectral density of a neighbour's thrust about its mean, m/s^1.5.
         held_thrust
@@ -147,6 +150,7 @@ class NeighbourTracker:
         """
         own = np.concatenate((own_displacement, own_velocity_change, np.zeros(3)))
         decay = math.exp(-duration / _HELD_TIME) if held_thrust else 0.0
+        mean_motion = float(angular_velocity_rtn(own_gcrf)[2])
         transition = np.zeros((9, 9))
         transition[_STATE, _STATE] = hcw_transition_matrix(mean_motion, duration)
         if held_thrust:
@@ -159,8 +163,11 @@ class NeighbourTracker:
         noise[3:6, 3:6] = density * duration * np.eye(3)
         noise[_THRUST, _THRUST] = held_thrust**2 * (1.0 - decay**2) * np.eye(3)
         self._held_thrust = held_thrust
-        for track in self.tracks:
-            track.estimate = transition @ track.estimate - own
+        fallen = fly_neighbours(own_gcrf, [track.state for track in self.tracks], duration)
+        for track, state in zip(self.tracks, fallen, strict=True):
+            moved = transition[:, _THRUST] @ track.thrust
+            moved[_STATE] += state
+            track.estimate = moved - own
             track.covariance = transition @ track.covariance @ transition.T + noise
             track.age += duration
         self.tracks = [track for track in self.tracks if track.age <= self._longest_age]
@@ -196,6 +203,28 @@ class NeighbourTracker:
         across = (distance * self._sigmas[1]) ** 2 * (np.eye(3) - along)
         noise: FloatArray = self._sigmas[0] ** 2 * along + across
         return noise
+
+
+def fly_neighbours(
+    own_gcrf: FloatArray, states: Sequence[FloatArray], duration: float
+) -> list[FloatArray]:
+    """Return the relative states of neighbours after a free flight of all, m and m/s, each (6,).
+
+    J2 and the curvature of the orbit change relative velocities by millimetres per second within
+    the memory of the tracks: more than the thrust that holds a cluster by its orbits.
+
+    Parameters
+    ----------
+    own_gcrf
+        Own state at the start, m and m/s, shape (6,).
+    states
+        Relative states in the own RTN frame, m and m/s, each of shape (6,).
+    duration
+        s.
+    """
+    craft = [own_gcrf, *(deputy_state_gcrf(own_gcrf, state) for state in states)]
+    flown = free_flight(craft, [0.0, duration])[-1]
+    return [relative_state_rtn(flown[0], state) for state in flown[1:]]
 
 
 def _correct(track: Track, position: FloatArray, noise: FloatArray) -> None:

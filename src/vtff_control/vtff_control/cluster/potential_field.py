@@ -22,15 +22,19 @@ import numpy as np
 import numpy.typing as npt
 from scipy.optimize import brentq
 
+from vtff_dynamics.frames.rtn import angular_velocity_rtn
 from vtff_dynamics.relative.motion import hcw_input_matrix, hcw_transition_matrix
-from vtff_dynamics.vectors import FloatArray, norm
+from vtff_dynamics.vectors import FloatArray
 
 __all__ = [
     "PotentialField",
+    "climb",
     "equilibrium_distance",
     "first_impulse",
     "potential",
     "potential_gradient",
+    "shortened",
+    "stiffness",
 ]
 
 _AVOIDED_RADIUS = 0.5  # km, r of potential_field in the appendix
@@ -140,7 +144,7 @@ class PotentialField:
     def impulse(
         self,
         neighbours: npt.ArrayLike,
-        mean_motion: float,
+        own_gcrf: FloatArray,
         interval: float,
         followed: npt.ArrayLike | None = None,
         thrusts: npt.ArrayLike | None = None,
@@ -154,8 +158,8 @@ class PotentialField:
         ----------
         neighbours
             Their states relative to the chaser in its RTN frame, m and m/s, shape (k, 6).
-        mean_motion
-            Mean motion of the chaser, rad/s.
+        own_gcrf
+            State of the chaser, m and m/s, shape (6,).
         interval
             To the next such change, s.
         followed
@@ -169,17 +173,59 @@ class PotentialField:
         chosen = np.ones(len(states), bool) if followed is None else np.asarray(followed, bool)
         if not chosen.any():
             return np.zeros(3)
-        gradient = potential_gradient(states[chosen, :3], np.zeros(3))
-        for other in states[~chosen, :3]:
-            # A neighbour that is not followed only repels.
-            slope = potential_gradient(other[np.newaxis], np.zeros(3))
-            if slope @ other < 0.0:
-                gradient = gradient + slope
-        step = _KILOMETRE * self.gain * gradient
-        length = norm(step)
-        if length > self.longest_step:
-            step *= self.longest_step / length
         own = -states[chosen].mean(axis=0)
-        place = own[:3] + min(interval / self.transfer_time, 1.0) * step
+        share = min(interval / self.transfer_time, 1.0)
+        place = own[:3] + share * self._step(states[:, :3], chosen)
         acceleration = -acting.reshape(-1, 3)[chosen].mean(axis=0)
+        mean_motion = float(angular_velocity_rtn(own_gcrf)[2])
         return first_impulse(own, place, mean_motion, interval, acceleration)
+
+    def _step(self, positions: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+        """Return the next step, m, shape (3,).
+
+        Parameters
+        ----------
+        positions
+            Positions of the neighbours relative to the chaser, m, shape (k, 3).
+        chosen
+            Which of them are followed, shape (k,).
+        """
+        step = _KILOMETRE * self.gain * climb(positions, chosen)
+        return shortened(step, self.longest_step)
+
+
+def climb(positions: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
+    """Return the gradient of the potential where the chaser is, 1/km, shape (d,).
+
+    Parameters
+    ----------
+    positions
+        Positions of the neighbours relative to the chaser, m, shape (k, d).
+    chosen
+        Which of them are followed, shape (k,); one that is not followed only repels.
+    """
+    gradient = potential_gradient(positions[chosen], np.zeros(positions.shape[1]))
+    for other in positions[~chosen]:
+        slope = potential_gradient(other[np.newaxis], np.zeros(len(other)))
+        if slope @ other < 0.0:
+            gradient = gradient + slope
+    return gradient
+
+
+def stiffness(positions: FloatArray) -> float:
+    """Return by how much the gradient changes with the distances to neighbours, 1/km^2.
+
+    Parameters
+    ----------
+    positions
+        Positions of the neighbours relative to the chaser, m, shape (k, d).
+    """
+    r = np.linalg.norm(positions, axis=1) / _KILOMETRE
+    slope = 42.0 * _AVOIDANCE / r**8 - _ATTRACTION / _LENGTH**2 * np.exp(-r / _LENGTH)
+    return max(float(np.abs(slope).sum()), 1e-9)
+
+
+def shortened(step: FloatArray, longest: float) -> FloatArray:
+    """Return a step with its direction that is no longer than `longest`, m."""
+    length = math.sqrt(float(step @ step))
+    return step if length <= longest else step * (longest / length)
