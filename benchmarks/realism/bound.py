@@ -10,10 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vtff_analysis.studies.navigation_bound import PhaseNoise, PhaseSky, motion_covariances
-from vtff_analysis.studies.omitted_gravity import omitted_gravity
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
+from vtff_dynamics.orbit.omitted_forces import omitted_gravity, other_forces
 from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
@@ -35,6 +35,7 @@ __all__ = ["bound_rms"]
 
 # Forces are known, and so is the reported thrust; what is left is far below that of real orbits.
 _FORCES_SIGMA = 1e-8  # m/s2
+_OTHER_FORCES_TIME = 900.0  # s
 _DISTANCE = 2.2e7  # m, of satellites
 _CONSTANT = 1e12  # s: correlation time of what does not change in a flight
 
@@ -62,12 +63,13 @@ def bound_rms(
 ) -> float:
     """Return the RMS of the smallest 3-D sigma of position from `FIRST_SECOND` on, m.
 
-    The integers of the differences, the forces (but for gravity beyond `omitted_degree`) and all
-    sigmas are known; the density of the layers of plasma is not, with the sigmas that
-    `relative_ekf` takes. Errors of the chief's orbit turn its RTN frame. They come from its
-    ionosphere-free codes and phases, which have the mean noise of both receivers (the integers make
-    the deputy's ranges as good as further ones of the chief).
-    Broadcast errors also act in the difference of ranges.
+    The integers of the differences, the forces (but for gravity beyond `omitted_degree` and, with
+    it, Moon, Sun, radiation and drag) and all sigmas are known; the density of the layers of plasma
+    is not, with the sigmas that `relative_ekf` takes. Errors of the chief's orbit turn its RTN
+    frame. They come from its ionosphere-free codes and phases, which have the mean noise of both
+    receivers (the integers make the deputy's ranges as good as further ones of the chief).
+    Broadcast errors also act in the difference of ranges. Both motions are taken for themselves:
+    that an error of the chief turns the rays changes the sum by 1 % at 225 km.
 
     Parameters
     ----------
@@ -81,7 +83,7 @@ def bound_rms(
     gradient_tecu_per_deg : float
         Sigma of unknown horizontal gradients of the plasma.
     omitted_degree : int, optional
-        Degree up to which gravity is known, where it goes on beyond.
+        Degree up to which gravity is known, in a world with all forces.
     """
     ranges = ranges or RangeErrors()
     plasma = CdgpsConfiguration()
@@ -140,8 +142,10 @@ def _unknown_motions(
     of_difference = MotionNoise(
         _FORCES_SIGMA, gradient_sigma=gravity.gradient_sigma, gradient_time=gravity.gradient_time
     ).at_distance(distance)
-    # Far above the other unknown forces.
-    return of_difference, MotionNoise(gravity.acceleration_sigma, gravity.acceleration_time)
+    sigma, others = gravity.acceleration_sigma, other_forces(radius)
+    rate = sigma**2 / gravity.acceleration_time + others**2 / _OTHER_FORCES_TIME
+    variance = sigma**2 + others**2
+    return of_difference, MotionNoise(math.sqrt(variance), variance / rate)
 
 
 def _by_satellite(sky: PhaseSky) -> PhaseSky:

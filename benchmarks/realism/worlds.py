@@ -375,7 +375,9 @@ def drawn_lever_arm(sigma: float) -> Change:
     def change(gnss: GnssConfiguration) -> GnssConfiguration:
         random = np.random.default_rng(np.random.SeedSequence((gnss.seed, 14)))
         lever_arm = tuple((sigma * random.standard_normal(3)).tolist())
-        return antennas(0.0, lever_arm)(gnss)
+        chief, deputy = gnss.receivers
+        deputy = dataclasses.replace(deputy, lever_arm_body=lever_arm)
+        return dataclasses.replace(gnss, receivers=(chief, deputy))
 
     return change
 
@@ -404,12 +406,22 @@ def calibrated(number: int, lever_arm: tuple[float, float, float], error: float)
 
 def calibrated_in_file(setting: EstimatorSetting) -> EstimatorSetting:
     """Return the setting of the filter in config/system/realistic.yaml."""
+    return given_antennas(*_antennas_in_file())(setting)
+
+
+def calibrated_without_lever_arm(sigma: float) -> Callable[[EstimatorSetting], EstimatorSetting]:
+    """Return a change to that setting, where the deputy's lever arm has a sigma on each axis, m."""
+    chief, deputy = _antennas_in_file()
+    return given_antennas(chief, dataclasses.replace(deputy, lever_arm_sigma=sigma))
+
+
+def _antennas_in_file() -> tuple[Antenna, Antenna]:
     path = CONFIG / "gnss/realistic_calibration.atx"
     chief, deputy = (
         Antenna(phase_centre=read_antex(path, f"VTFF PATCH {number} NONE"), phase_map_sigma=0.0003)
         for number in (1, 2)
     )
-    return given_antennas(chief, deputy)(setting)
+    return chief, deputy
 
 
 SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
@@ -514,6 +526,16 @@ WORLDS: dict[str, World] = {
     "lever_arm_sigma": World(
         change_gnss=drawn_lever_arm(0.115),
         change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=0.115)),
+        must=Must(fixed_percent=100.0),
+    ),
+    # The same with the forces and thrust errors that the filter allows for.
+    "realistic_lever_arm": World(
+        "realistic",
+        "realistic",
+        distance=None,
+        motion="scenario",
+        change_gnss=drawn_lever_arm(0.115),
+        change_setting=calibrated_without_lever_arm(0.115),
         must=Must(fixed_percent=100.0),
     ),
     # What antennas without calibration may have, stated: 1.8 mm in the mean.

@@ -106,7 +106,7 @@ class RelativeEkfParameters:
     )
     gravity_degree: int = parameter(
         0,
-        "degree of the harmonics; 0: that of the estimator, 30 (cdgps) or 8 (paper)",
+        "degree of the harmonics; 0: that of the estimator, 50 (cdgps) or 8 (paper)",
         minimum=0,
         maximum=70,
     )

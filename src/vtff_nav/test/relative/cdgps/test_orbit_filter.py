@@ -9,7 +9,7 @@ from cdgps_test_support import START, configuration, simulate
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_gnss.constants import FLAG_HALF_CYCLE_ADDED
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter, mean_codes
+from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter, mean_of_receivers
 from vtff_nav.relative.common.measurements import (
     SignalReader,
     compute_geometry,
@@ -66,7 +66,7 @@ def ambiguities_by_second(scenario, absent=None):
 
     change = None if absent is None else leave_out
     return [
-        {label for label in orbit.state.labels if label[0] == "ambiguity"}
+        {label for label in orbit.state.labels if label[0] == "chief_ambiguity"}
         for orbit in filter_by_second(scenario, change)
     ]
 
@@ -163,7 +163,8 @@ def test_range_errors_do_not_average_out(scenario):
     assert sigma > 0.5 * orbit.broadcast_sigma
 
 
-def test_codes_of_the_deputy_are_further_codes_of_the_chief():
+@pytest.mark.parametrize("kind", ["code", "phase"])
+def test_measurements_of_the_deputy_are_further_ones_of_the_chief(kind):
     """The mean of both has half the variance, and neither the deputy's clock nor its place."""
     generator = np.random.default_rng(2)
     satellites, count = np.arange(40, 50), 10
@@ -171,19 +172,37 @@ def test_codes_of_the_deputy_are_further_codes_of_the_chief():
     noise = generator.normal(0.0, 0.9, (2, count))
 
     def combinations(receiver, clock):
-        code = ranges[receiver] + clock + noise[receiver]
         columns = {name: np.zeros(count) for name in Combinations.__dataclass_fields__}
-        columns |= {"satellite": satellites, "code": code, "code_sigma": np.full(count, 0.9)}
-        return Combinations(**columns | {"second_band": np.full(count, 2)})
+        columns |= {"phase": np.full(count, np.nan), "is_lock_lost": np.zeros(count, dtype=bool)}
+        columns[kind] = ranges[receiver] + clock + noise[receiver]
+        columns |= {"code_sigma": np.full(count, 0.9), "phase_sigma": np.full(count, 0.9)}
+        return Combinations(**columns | {"satellite": satellites, "second_band": np.full(count, 2)})
 
     seen = Sky(ranges, np.zeros((2, count)))
-    chief = combinations(0, 100.0)
-    mean = mean_codes(chief, combinations(1, -3e5), seen)
-    np.testing.assert_allclose(mean.code_sigma, 0.9 / np.sqrt(2.0))
-    error = mean.code - ranges[0]
+    chief, deputy = combinations(0, 100.0), combinations(1, -3e5)
+    mean, shares = mean_of_receivers(chief, deputy, seen)
+    np.testing.assert_allclose(getattr(mean, f"{kind}_sigma"), 0.9 / np.sqrt(2.0))
+    np.testing.assert_array_equal(shares[("code", "phase").index(kind)], 0.5)
+    error = getattr(mean, kind) - ranges[0]
     expected = noise.mean(axis=0)
     # But for a clock that all satellites share.
     np.testing.assert_allclose(error - error.mean(), expected - expected.mean(), atol=1e-6)
+
+
+def test_phases_of_the_deputy_that_do_not_fit_are_not_used():
+    """One of unknown ambiguity, one that has slipped, and one whose chief has lost lock."""
+    count = 8
+    columns = {name: np.zeros(count) for name in Combinations.__dataclass_fields__}
+    columns |= {"satellite": np.arange(40, 48), "second_band": np.full(count, 2)}
+    columns |= {"code_sigma": np.full(count, 0.9), "phase_sigma": np.full(count, 0.003)}
+    columns["is_lock_lost"] = np.zeros(count, dtype=bool)
+    chief = Combinations(**columns)
+    deputy = Combinations(**columns | {"phase": np.array([np.nan, 0.2, *np.zeros(6)])})
+    chief.is_lock_lost[2] = True
+    mean, shares = mean_of_receivers(chief, deputy, Sky(np.zeros((2, 8)), np.zeros((2, 8))))
+    np.testing.assert_array_equal(shares[1], [0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.5, 0.5])
+    np.testing.assert_array_equal(mean.phase, 0.0)
+    np.testing.assert_allclose(mean.phase_sigma[:4] / 0.003, [1.0, 1.0, 1.0, np.sqrt(0.5)])
 
 
 class Sky:

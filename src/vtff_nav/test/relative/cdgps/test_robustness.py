@@ -14,6 +14,7 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
 from vtff_nav.relative.cdgps.model import north_and_east, shell_paths
 from vtff_nav.relative.cdgps.state import GaussianState
+from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
 from vtff_nav.relative.common.dynamics import (
     MotionNoise,
     OrbitalMotion,
@@ -212,11 +213,16 @@ def test_coupling_and_reweighing_against_a_batch():
     np.testing.assert_allclose(state.covariance, expected, rtol=1e-9)
 
 
-def test_doubt_about_phases_is_no_doubt_about_the_attitude():
-    """An antenna that is known to 1 mm, with an attitude that moves it by 8 mm, and doubt of 5."""
-    filter_ = RelativeFilter(CdgpsConfiguration(), nine(DEPUTY_250M - CHIEF), 1e-6 * np.eye(9), 0.0)
-    label = ("attitude_error", 1, 0)
-    filter_.expect_attitude_errors({label: 4e-4}, {})
+@pytest.mark.parametrize("kind", ["attitude_error", "antenna_offset"])
+def test_doubt_about_phases_is_no_doubt_about_what_moves_the_antenna(kind):
+    """An antenna that is known to 1 mm, which something moves by 8 mm, and doubt of 5."""
+    antennas = AntennaPair(Antenna(), Antenna(lever_arm_sigma=0.02))
+    filter_ = RelativeFilter(
+        CdgpsConfiguration(antennas=antennas), nine(DEPUTY_250M - CHIEF), 1e-6 * np.eye(9), 0.0
+    )
+    label = (kind, 1, 0)
+    if kind == "attitude_error":
+        filter_.expect_attitude_errors({label: 4e-4}, {})
     index, state = filter_.state.index(label), filter_.state
     state.covariance[0, 0] += 0.4**2 * 4e-4
     state.covariance[0, index] = state.covariance[index, 0] = -0.4 * 4e-4

@@ -160,3 +160,27 @@ def test_bad_covariance_is_told():
     state = GaussianState(["a"], [0.0], [[-1.0]])
     with pytest.raises(ValueError, match="not positive definite"):
         state.innovation(np.ones((1, 1)), np.zeros(1), np.zeros(1), np.zeros((1, 0)))
+
+
+def test_states_that_are_joined_are_predicted_as_one():
+    """Blocks of members, one after the other, as by the transition matrix of all of them."""
+    random = np.random.default_rng(4)
+    state, other = random_state(random, 3), random_state(random, 4)
+    other = GaussianState([("other", i) for i in range(4)], other.mean, other.covariance)
+    before = other.covariance.copy()
+    state.join(other)
+    np.testing.assert_array_equal(state.part("other").covariance, before)
+    np.testing.assert_array_equal(state.covariance[:3, 3:], 0.0)
+    design, values, variances = measurements(random, 7, 5)
+    state.update(state.innovation(design, values, variances, np.zeros((5, 0))))
+    transitions, noise = (random.standard_normal((3, 3)), random.standard_normal((2, 2))), np.eye(3)
+    whole = np.eye(7)
+    whole[:3, :3], whole[3:5, 3:5] = transitions
+    expected = whole @ state.covariance @ whole.T
+    expected[:3, :3] += noise
+    mean = state.mean.copy()
+    state.predict_block(3, np.ones(2), transitions[1], np.zeros((2, 2)))
+    state.predict_block(0, np.zeros(3), transitions[0], noise)
+    np.testing.assert_allclose(state.covariance, expected, atol=1e-12)
+    np.testing.assert_array_equal(state.mean, [0.0, 0.0, 0.0, 1.0, 1.0, *mean[5:]])
+    assert state.part("other").labels == other.labels

@@ -44,10 +44,11 @@ class CdgpsConfiguration:
         Longest step of integration, s; with ``euler`` the step of the simulation.
     noise_chief, noise_relative : MotionNoise
         Process noise of the chief's motion and of the relative motion, which is then adapted to
-        the estimates. The noise of the chief must cover the forces that the model leaves out or has
-        in excess: harmonics of the degrees 9 to 30 are some 2e-5 m/s2 in low orbit and change in
-        100 to 600 s (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at
-        1 km).
+        the estimates. That of the chief must cover the forces that the model leaves out or has in
+        excess: harmonics of the degrees 9 to 30 are some 2e-5 m/s2 in low orbit and change in 100
+        to 600 s (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at 1 km).
+        Where both orbits are estimated together, it is at first only what the model leaves out of
+        a real orbit (`vtff_dynamics.orbit.omitted_forces`): 0.03 mm/s are 1 mm at 225 km.
     thrust_relative_sigma : float
         White error of the thrust on each axis, relative to its magnitude.
     thrust_scale_sigma, thrust_misalignment_sigma_deg : float
@@ -68,8 +69,8 @@ class CdgpsConfiguration:
     ephemeris_time : float
         Correlation time of that error, s.
     ephemeris_phase_sigma : float
-        White error of the phases of the chief's orbit, m. With it the chief's orbit does not follow
-        its phases to the millimetre.
+        White error of the phases of the chief's orbit, m, for slow errors that they may have; where
+        both orbits are estimated together, not more than the slow errors that were found.
     code_bias_sigma : float
         Ionosphere-free biases of the codes of satellites that no message tells, m: the part of the
         range errors that does not change.
@@ -130,7 +131,7 @@ class CdgpsConfiguration:
     dynamics: Dynamics = "orbital"
     dynamics_chief: Dynamics | None = None
     position_chief_itrf: tuple[float, float, float] | None = None
-    force_model: ForceModel = field(default_factory=lambda: ForceModel(degree=30, order=30))
+    force_model: ForceModel = field(default_factory=lambda: ForceModel(degree=50, order=50))
     force_model_deputy: ForceModel | None = None
     integrator: str = EstimatorSetting.integrator
     longest_step: float = EstimatorSetting.longest_step

@@ -67,6 +67,10 @@ _START_VELOCITY_SIGMA = 30.0
 # The codes of the deputy help the chief from this sigma of the difference on, m.
 _LOCATED_SIGMA = 0.1
 
+# At larger distances both orbits are estimated together: an error of the chief's turns the rays to
+# the satellites, 0.1 mm for 10 cm. They are so until the distance is half of it, m.
+_JOINT_DISTANCE = 2e4
+
 # The clocks with which the times of reception are computed are replaced if they are off by more, s.
 # Smaller errors are corrected well enough by the derivative of the range.
 _CLOCK_TOLERANCE = 3e-7
@@ -96,18 +100,21 @@ class CdgpsEstimator(EstimatorInputs):
         self._mask_of_table: tuple[SatelliteTable, npt.NDArray[np.bool_]] | None = None
         self._table_in_view: tuple[SatelliteTable, npt.NDArray[np.bool_], SatelliteTable] | None
         self._table_in_view = None
+        self._relative: RelativeFilter | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
+        self._forget_relative()
         self._absolute.reset()
         self._time: GpsTime | None = None
-        self._forget_relative()
         self._last_update: GpsTime | None = None
 
     def _forget_relative(self) -> None:
         """Forget the relative state."""
-        self._relative: RelativeFilter | None = None
+        if self._are_joint:
+            self._absolute.part_from_relative()
+        self._relative = None
         self._attitudes_used: Attitudes = (None, None)
 
     def process(
@@ -138,7 +145,28 @@ class CdgpsEstimator(EstimatorInputs):
         reasons = self._start(time, (chief, deputy), signals, table)
         if self._absolute.state is None or self._relative is None:
             return RelativeSolution.none(time, tuple(reasons), self._age(time))
+        self._join_or_part()
         return self._update(time, interval, (chief, deputy), signals, table, laser)
+
+    @property
+    def _are_joint(self) -> bool:
+        """Whether the orbits of chief and deputy are members of one state."""
+        return self._relative is not None and self._relative.state is self._absolute.state
+
+    def _join_or_part(self) -> None:
+        """Estimate both orbits in one state where the spacecraft are far apart."""
+        absolute, relative = self._absolute, self._relative
+        assert absolute.state is not None and relative is not None
+        if self.configuration.dynamics != "orbital":
+            return
+        distance = norm(relative.state.mean[:3])
+        if not self._are_joint and distance > _JOINT_DISTANCE:
+            absolute.trust_forces()
+            relative.state.join(absolute.state)
+            absolute.state = relative.state
+        elif self._are_joint and distance < 0.5 * _JOINT_DISTANCE:
+            absolute.part_from_relative()
+            relative.state.remove(absolute.state.labels)
 
     def _is_outdated(self, time: GpsTime) -> bool:
         """Return whether the last measurement is too old to go on from."""
@@ -292,15 +320,14 @@ class CdgpsEstimator(EstimatorInputs):
             seen = self._synchronise(time, epochs, signals, table, states)
             signals = self._refer_to_antennas(signals, seen, rotations)
         if seen is not None and signals[0] is not None:
-            before = self._absolute.mean[:3].copy()
-            helping = signals[1] if self._is_deputy_located() else None
-            self._absolute.update(time, signals[0], table, seen, helping)
+            before = self._positions()
+            self._absolute.update(time, signals[0], table, seen, *self._help_of_deputy(signals[1]))
             if self._absolute.state is None:
                 self._forget_relative()
                 return RelativeSolution.none(
                     time, ("the orbit of the chief has been given up",), self._age(time)
                 )
-            shift = seen.direction @ (self._absolute.mean[:3] - before)
+            shift = np.einsum("rni,ri->rn", seen.direction, self._positions() - before)
             seen = dataclasses.replace(seen, range=seen.range - shift)
         if seen is None or signals[0] is None or signals[1] is None:
             return self._solution(time, None, degraded, None)
@@ -317,8 +344,7 @@ class CdgpsEstimator(EstimatorInputs):
             growth = self.configuration.measurement_noise.growth(elevation[is_above])
             measured = measured.grown(growth)
         assert self._relative is not None
-        chief = self._absolute.mean[:3]
-        positions = np.array([chief, chief + self._relative.state.mean[:3]])
+        positions = self._positions()
         attitudes = self._attitudes_at(time)
         sky = make_sky(
             measured, seen, states[:, :3], positions, self.configuration, rotations, attitudes
@@ -335,6 +361,28 @@ class CdgpsEstimator(EstimatorInputs):
             reason = "innovations too large: starting anew"
             return RelativeSolution.none(time, (reason,), self._age(time))
         return self._solution(time, update, degraded, laser)
+
+    def _positions(self) -> FloatArray:
+        """Return the positions of chief and deputy, navigation axes, m, shape (2, 3)."""
+        assert self._relative is not None
+        chief = self._absolute.mean[:3]
+        return np.array([chief, chief + self._relative.state.mean[:3]])
+
+    def _help_of_deputy(self, signals: SignalTable | None) -> tuple[SignalTable | None, float]:
+        """Return what the deputy's signals tell of the chief, and the sigma of slow phase errors.
+
+        Its phases tell something only where both orbits are members of one state.
+        """
+        assert self._relative is not None
+        slow_sigma = math.inf
+        if self._are_joint:
+            slow_sigma = self._relative.noise.phase.slow.sigma / math.sqrt(2.0)
+        if signals is None or not self._is_deputy_located():
+            return None, slow_sigma
+        if self._are_joint:
+            return self._relative.without_ambiguities(signals), slow_sigma
+        unknown = np.full(len(signals), np.nan)
+        return dataclasses.replace(signals, carrier_range=unknown), slow_sigma
 
     def _is_deputy_located(self) -> bool:
         """Return whether the deputy's orbit is known, but for that of the chief."""
@@ -424,11 +472,16 @@ class CdgpsEstimator(EstimatorInputs):
         state = filter_.state
         chief, relative = self._gcrf(time)
         covariance_chief, covariance = absolute.covariance, state.covariance[:6, :6]
+        covariance_cross = None
+        if self._are_joint:
+            covariance_cross = state.covariance[:6, absolute.motion][:, :6]
         if self.configuration.dynamics != "orbital":
             to_gcrf = np.kron(np.eye(2), OrbitalMotion.to_itrf(time).T)
             covariance_chief = to_gcrf @ covariance_chief @ to_gcrf.T
             covariance = to_gcrf @ covariance @ to_gcrf.T
-        state_rtn, covariance_rtn = relative_rtn(chief, relative, covariance_chief, covariance)
+        state_rtn, covariance_rtn = relative_rtn(
+            chief, relative, covariance_chief, covariance, covariance_cross
+        )
         to_itrf = self._motion.to_itrf(time)
         density, density_sigma = filter_.local_density()
         latency, latency_sigma, residual = filter_.laser(laser)

@@ -14,7 +14,8 @@ from scipy.special import gammaincc
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm
-from vtff_gnss.signals import SignalKey
+from vtff_gnss.constants import FLAG_HALF_CYCLE_ADDED, FLAG_LOCK_LOST
+from vtff_gnss.signals import SignalKey, signal_from_number
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
@@ -27,11 +28,12 @@ from vtff_nav.relative.cdgps.model import (
     measurement_innovation,
     phase_plasma,
 )
+from vtff_nav.relative.cdgps.orbit_filter import RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
-from vtff_nav.relative.common.measurements import SingleDifferences, upper_median
+from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
     SOLUTION_CODE,
     SOLUTION_FIXED,
@@ -158,8 +160,7 @@ class RelativeFilter:
         clock: float,
     ) -> None:
         self.configuration = configuration
-        labels = [("motion", index) for index in range(DYNAMIC_STATES)]
-        self.state = GaussianState(labels, mean, covariance)
+        self.state = GaussianState(RELATIVE_MOTION, mean, covariance)
         self.arcs = ArcBook()
         self.scatter = PhaseScatter()
         self.jumps = PhaseJumpDetector(
@@ -249,8 +250,8 @@ class RelativeFilter:
             attitude turns the thrust.
         """
         state, configuration = self.state, self.configuration
-        state.predict_leading(
-            predicted.relative, predicted.transition_relative, predicted.noise_relative
+        state.predict_block(
+            0, predicted.relative, predicted.transition_relative, predicted.noise_relative
         )
         # The first error is the scale: what it changes is the velocity gained by the thrust.
         self._velocity_change = norm(predicted.thrust_coupling[3:6, 0])
@@ -414,6 +415,24 @@ class RelativeFilter:
         for satellite in satellites:
             if ("satellite_offset", satellite) not in state:
                 state.add(("satellite_offset", satellite), 0.0, sigma**2)
+
+    def without_ambiguities(self, signals: SignalTable) -> SignalTable:
+        """Return signals of the deputy with the ambiguities of the chief's carrier ranges.
+
+        Carrier ranges are NaN where the integer of the difference is not known, or not any more.
+        """
+        carrier_range = np.full(len(signals), np.nan)
+        for row, number in enumerate(signals.signal.tolist()):
+            key = signal_from_number(number)
+            if key not in self.arcs or (signals.flags[row] & FLAG_LOCK_LOST):
+                continue
+            arc = self.arcs[key]
+            half_cycles = 2 * bool(signals.flags[row] & FLAG_HALF_CYCLE_ADDED)
+            is_same = signals.lock_time[row] >= arc.lock_time[1]
+            if arc.integer is not None and is_same and half_cycles == (arc.half_cycles & 2):
+                cycles = arc.integer + arc.offset_cycles
+                carrier_range[row] = signals.carrier_range[row] - cycles * signals.wavelength[row]
+        return replace(signals, carrier_range=carrier_range)
 
     def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
         excess = self.scatter.variances(measured)
@@ -611,9 +630,9 @@ class RelativeFilter:
     def _doubt(self, last: SlowError, slow: SlowError) -> None:
         """Raise the covariance of what was estimated from phases with larger slow errors.
 
-        Not that of empirical accelerations: their process bounds them, not the phases. Nor what an
-        error of an attitude moves: raised with the rest, an antenna that is known would say that
-        the attitude has no error.
+        Not that of empirical accelerations: their process bounds them, not the phases. Nor what
+        errors of attitudes, antennas and the chief's orbit move: if the position were raised with
+        them, but not they, phases that see the sum would say that these errors are zero.
         """
 
         def power(error: SlowError) -> float:
@@ -626,13 +645,14 @@ class RelativeFilter:
         )
         scale[6:DYNAMIC_STATES] = 1.0
         covariance = self.state.covariance
-        attitude = [self.state.index(label) for label in self.state.labels_of("attitude_error")]
-        by_attitude = np.zeros_like(covariance)
-        if attitude:
-            columns = covariance[:, attitude]
-            inverse = np.linalg.inv(covariance[np.ix_(attitude, attitude)])
-            by_attitude = columns @ inverse @ columns.T
-        self.state.covariance = by_attitude + (covariance - by_attitude) * scale[:, None] * scale
+        kinds_of_causes = ("attitude_error", "antenna_offset", "chief")
+        causes = [c for c in self.state.columns(*kinds_of_causes) if covariance[c, c] > 0.0]
+        by_causes = np.zeros_like(covariance)
+        if causes:
+            columns = covariance[:, causes] / np.sqrt(np.diagonal(covariance)[causes])
+            correlation = columns[causes] / np.sqrt(np.diagonal(covariance)[causes])[:, None]
+            by_causes = columns @ np.linalg.solve(correlation, columns.T)
+        self.state.covariance = by_causes + (covariance - by_causes) * scale[:, None] * scale
 
     def _reject_faults(
         self,

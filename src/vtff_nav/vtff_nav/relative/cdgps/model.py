@@ -15,6 +15,7 @@ from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
@@ -50,8 +51,8 @@ class Sky:
     predicted : ndarray
         Range, satellite clock and troposphere of the deputy less those of the chief, for the
         predicted states and without receiver clocks, m.
-    direction : ndarray, shape (n, 3)
-        Unit vectors from the deputy to the satellites, navigation axes.
+    direction, direction_chief : ndarray, shape (n, 3)
+        Unit vectors from the deputy and from the chief to the satellites, navigation axes.
     clock_rate : ndarray
         Derivative of the single difference by the receiver clock of the deputy (m by m). It is not
         1 because the time of reception, and so the range, depends on the clock.
@@ -72,6 +73,7 @@ class Sky:
 
     predicted: FloatArray
     direction: FloatArray
+    direction_chief: FloatArray
     clock_rate: FloatArray
     plasma: FloatArray
     elevation: FloatArray
@@ -135,6 +137,7 @@ def make_sky(
     return Sky(
         predicted=predicted,
         direction=direction,
+        direction_chief=geometry.direction[0, columns],
         clock_rate=1.0 - geometry.range_rate[1, columns] / SPEED_OF_LIGHT,
         plasma=np.hstack(
             (
@@ -282,6 +285,11 @@ def measurement_innovation(
     design = np.zeros((size, len(state)))
     code, phase = slice(0, count), slice(count, 2 * count)
     design[code, :3] = design[phase, :3] = -sky.direction
+    if CHIEF_MOTION[0] in state:
+        # Both antennas are off by the error of the chief's position, along different rays.
+        first = state.index(CHIEF_MOTION[0])
+        position = slice(first, first + 3)
+        design[code, position] = design[phase, position] = sky.direction_chief - sky.direction
     predicted = np.empty(size)
     predicted[code] = predicted[phase] = sky.predicted + clock
     _add_plasma(design, predicted, state, measured, sky)

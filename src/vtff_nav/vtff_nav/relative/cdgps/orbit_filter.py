@@ -20,8 +20,9 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
+from vtff_dynamics.orbit.omitted_forces import omitted_gravity, other_forces
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray
+from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
@@ -38,7 +39,22 @@ from vtff_nav.relative.common.orbit_single_point import (
 )
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
-__all__ = ["AbsoluteFilter", "mean_codes"]
+__all__ = [
+    "CHIEF_KINDS",
+    "CHIEF_MOTION",
+    "RELATIVE_MOTION",
+    "AbsoluteFilter",
+    "mean_of_receivers",
+]
+
+RELATIVE_MOTION: list[Label] = [("motion", index) for index in range(DYNAMIC_STATES)]
+"""Labels of position, velocity and empirical acceleration of the deputy less those of the chief."""
+
+CHIEF_MOTION: list[Label] = [("chief", index) for index in range(DYNAMIC_STATES)]
+"""Labels of position, velocity (navigation axes) and empirical acceleration of the chief."""
+
+CHIEF_KINDS = ("chief", "chief_ambiguity", "range_error")
+"""Kinds of all members of the state of the chief."""
 
 _LONGEST_ARC_GAP = 5.0
 _UNKNOWN_AMBIGUITY_SIGMA = 30.0
@@ -53,6 +69,12 @@ _SIGMA_ITERATIONS = 3
 # that the stated sigma stands for; and the share of it below which they are no broadcast errors.
 _FEWEST_RANGE_ERRORS, _FEWEST_RANGE_FREEDOM = 6, 2.0
 _STATED_FREEDOM, _QUIET_SHARE = 10.0, 0.4
+# Sigmas by which range errors are larger than biases of codes where there are broadcast errors.
+_SIGNIFICANT_SIGMAS = 2.0
+# What the ionosphere-free combination of L1 and L2 makes of an error of both phases.
+_COMBINATION_FACTOR = 3.0
+# Sigmas by which a phase of the deputy may differ from that of the chief.
+_LARGEST_DIFFERENCE = 5.0
 # Sigmas added to position and velocity when the motion was not as predicted, m and m/s.
 _UNPREDICTED_MOTION_SIGMAS = (10.0, 1.0)
 
@@ -102,28 +124,45 @@ class AbsoluteFilter:
         self._last_seen: dict[tuple[str, int, int], _Lock] = {}
         self._failures = 0
         self._range_sigma = self._configuration.ephemeris_sigma
+        # Degrees of freedom of that sigma, squared.
+        self._freedom = _STATED_FREEDOM
         self.acceleration = AccelerationMonitor(self._configuration.noise_chief)
 
     @property
     def broadcast_sigma(self) -> float:
         """Sigma of the errors of broadcast orbits and clocks in a range, m, as estimated.
 
-        It is what range errors exceed the biases of codes by, which no message tells either.
+        It is what range errors exceed the biases of codes by, which no message tells either, if
+        they do so by more than the sigma of biases is uncertain.
         """
         bias = self._configuration.code_bias_sigma
-        return math.sqrt(max(self._range_sigma**2 - bias**2, 0.0))
+        excess = self._range_sigma**2 - bias**2
+        is_significant = excess > _SIGNIFICANT_SIGMAS * math.sqrt(2.0 / self._freedom) * bias**2
+        return math.sqrt(excess) if is_significant else 0.0
 
     @property
     def mean(self) -> FloatArray:
         """Position, velocity (navigation axes) and empirical acceleration, shape (9,)."""
         assert self.state is not None
-        return self.state.mean[:DYNAMIC_STATES]
+        return self.state.mean[self.motion]
 
     @property
     def covariance(self) -> FloatArray:
         """Covariance of position and velocity (navigation axes), shape (6, 6)."""
         assert self.state is not None
-        return self.state.covariance[:6, :6]
+        return self.state.covariance[self.motion, self.motion][:6, :6]
+
+    @property
+    def motion(self) -> slice:
+        """Columns of position, velocity and empirical acceleration."""
+        assert self.state is not None
+        first = self.state.index(CHIEF_MOTION[0])
+        return slice(first, first + DYNAMIC_STATES)
+
+    def part_from_relative(self) -> None:
+        """Have a state of its own again, that of the chief out of one that holds others too."""
+        assert self.state is not None
+        self.state = self.state.part(*CHIEF_KINDS)
 
     def start(
         self, time: GpsTime, tag: GpsTime, signals: SignalTable, table: SatelliteTable
@@ -149,6 +188,7 @@ class AbsoluteFilter:
         bias = configuration.ephemeris_sigma if is_dual else 2.0 * _SINGLE_FREQUENCY_DELAY_SIGMA
         covariance = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         covariance[:3, :3] = 4.0 * point.covariance + bias**2 * np.eye(3)
+        self.acceleration = AccelerationMonitor(configuration.noise_chief)
         covariance[6:, 6:] = configuration.noise_chief.empirical_sigma**2 * np.eye(3)
         mean = np.zeros(DYNAMIC_STATES)
         received = tag - point.clock / SPEED_OF_LIGHT
@@ -166,7 +206,7 @@ class AbsoluteFilter:
                 mean[:3] = configuration.position_chief_itrf
                 covariance[:3, :3] = 1e-8 * np.eye(3)
         self.clock = point.clock / SPEED_OF_LIGHT
-        self.state = GaussianState([("motion", i) for i in range(DYNAMIC_STATES)], mean, covariance)
+        self.state = GaussianState(CHIEF_MOTION, mean, covariance)
         self._last_seen = {}
         self._failures = 0
         return True
@@ -197,6 +237,21 @@ class AbsoluteFilter:
         covariance[3:6, 3:6] = 2.0 * covariance[:3, :3] / duration**2
         return np.concatenate((now, velocity))
 
+    def trust_forces(self) -> None:
+        """Have no larger unmodelled acceleration than the force model leaves out in this orbit.
+
+        Without this the sigma of `CdgpsConfiguration.noise_chief` holds until measurements show
+        less, as for motion that is simulated with less gravity than the filter knows.
+        """
+        state, noise = self.state, self._configuration.noise_chief
+        assert state is not None
+        factor = _omitted_share(self._configuration, norm(self.mean[:3]))
+        last = self.acceleration.factor
+        if factor < last:
+            sigma, last_sigma = (noise.scaled(f).empirical_sigma for f in (factor, last))
+            state.reweigh(CHIEF_MOTION[6:], last_sigma**2, sigma**2)
+            self.acceleration = AccelerationMonitor(noise, factor)
+
     def code_error(self, epoch: ObservationEpoch | None, state_itrf: FloatArray) -> FloatArray:
         """Return the error of the position from codes of a surveyed chief, m, shape (3,).
 
@@ -215,8 +270,11 @@ class AbsoluteFilter:
         state = self.state
         assert state is not None
         if self._is_orbital:
-            self.acceleration.learn(state.mean, state.covariance, 0.0, interval)
-        state.predict_leading(mean, transition, noise)
+            motion = self.motion
+            self.acceleration.learn(
+                state.mean[motion], state.covariance[motion, motion], 0.0, interval
+            )
+        state.predict_block(self.motion.start, mean, transition, noise)
         # Only broadcast errors change: Gauss-Markov processes, far shorter than their time.
         drift = 2.0 * self.broadcast_sigma**2 / self._configuration.ephemeris_time * interval
         if drift > 0.0:
@@ -230,6 +288,7 @@ class AbsoluteFilter:
         table: SatelliteTable,
         seen: Geometry,
         signals_deputy: SignalTable | None = None,
+        slow_phase_sigma: float = math.inf,
     ) -> None:
         """Update the state with the observations of an epoch.
 
@@ -242,27 +301,39 @@ class AbsoluteFilter:
             Geometry for the present states and clocks.
         signals_deputy : SignalTable, optional
             Given where the position of the deputy relative to the chief is known far better than
-            codes tell: its codes are then further ones of the chief.
+            codes tell: its codes are then further ones of the chief. So are its carrier ranges, if
+            the ambiguities of the differences have been taken off them; the others are NaN.
+        slow_phase_sigma : float
+            Sigma of slow errors of the phases of a receiver, m. No more than
+            `CdgpsConfiguration.ephemeris_phase_sigma` is taken for them in the combination.
         """
         state = self.state
         assert state is not None
         measured = form_combinations(signals, table)
+        shares = np.zeros((2, len(measured)))
         if signals_deputy is not None:
-            measured = mean_codes(measured, form_combinations(signals_deputy, table), seen)
+            deputy = form_combinations(signals_deputy, table)
+            measured, shares = mean_of_receivers(measured, deputy, seen)
+        slow_phase_sigma = min(
+            self._configuration.ephemeris_phase_sigma, _COMBINATION_FACTOR * slow_phase_sigma
+        )
+        measured = replace(measured, phase_sigma=np.hypot(measured.phase_sigma, slow_phase_sigma))
         rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
-        measured, rows = measured.select(is_high), rows[is_high]
+        measured, rows, shares = measured.select(is_high), rows[is_high], shares[:, is_high]
         if not len(measured):
             return
         clock = SPEED_OF_LIGHT * self.clock
         predicted = seen.range[0, rows] - seen.clock[0, rows] + clock
         if self._configuration.has_troposphere:
-            delay = troposphere_delay(state.mean[:3], seen.elevation[0, rows])
+            delay = troposphere_delay(self.mean[:3], seen.elevation[0, rows])
             predicted = predicted + delay
         labels = self._ambiguities(time, measured, predicted)
         may_doubt_motion = self._configuration.chief_motion != "static"
         for _ in range(_DETECTION_PASSES):
-            innovation, design_rows = self._innovation(measured, rows, seen, predicted, labels)
+            innovation, design_rows = self._innovation(
+                measured, rows, shares, seen, predicted, labels
+            )
             normalised = np.abs(innovation.normalised)
             while normalised.size and normalised.max() > self._configuration.fault_sigmas:
                 worst = int(normalised.argmax())
@@ -282,7 +353,7 @@ class AbsoluteFilter:
                 may_doubt_motion = False
                 for axis in range(6):
                     sigma = _UNPREDICTED_MOTION_SIGMAS[axis // 3]
-                    state.add_noise(("motion", axis), sigma**2)
+                    state.add_noise(CHIEF_MOTION[axis], sigma**2)
                 continue
             for row in slipped:
                 state.remove([labels[row]])
@@ -327,6 +398,7 @@ class AbsoluteFilter:
             expected = stated if is_broadcast else self._configuration.code_bias_sigma
             square += _STATED_FREEDOM * expected**2
             freedom += _STATED_FREEDOM
+            self._freedom = freedom
             sigma = max(math.sqrt(square / freedom), _SMALLEST_RANGE_SIGMA)
             if 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
                 return
@@ -351,7 +423,7 @@ class AbsoluteFilter:
                 strict=True,
             )
         ):
-            label = ("ambiguity", satellite, band)
+            label = ("chief_ambiguity", satellite, band)
             labels.append(label)
             if band and ("range_error", satellite) not in state:
                 state.add(("range_error", satellite), 0.0, self._range_sigma**2)
@@ -382,6 +454,7 @@ class AbsoluteFilter:
         self,
         measured: Combinations,
         rows: npt.NDArray[np.intp],
+        shares: FloatArray,
         seen: Geometry,
         predicted: FloatArray,
         labels: list[tuple[str, int, int]],
@@ -389,6 +462,7 @@ class AbsoluteFilter:
         """Return the innovation of codes and phases, and the row of `measured` of each.
 
         Codes are used of satellites with two frequencies only; they come before the phases.
+        `shares` are those of the deputy in codes and phases, see `mean_of_receivers`.
         """
         state = self.state
         assert state is not None
@@ -398,8 +472,14 @@ class AbsoluteFilter:
         order = np.concatenate((code_rows, np.arange(count)))
         size = len(order)
         design = np.zeros((size, len(state)))
-        direction = -seen.direction[0, rows]
-        design[:, :3] = direction[order]
+        direction, direction_deputy = seen.direction[:, rows[order]]
+        if RELATIVE_MOTION[0] in state:
+            share = np.concatenate((shares[0, code_rows], shares[1]))[:, None]
+            direction = direction + share * (direction_deputy - direction)
+            position = state.index(RELATIVE_MOTION[0])
+            design[:, position : position + 3] = -share * direction_deputy
+        position = self.motion.start
+        design[:, position : position + 3] = -direction
         columns = [state.index(label) for label in labels]
         phase = np.arange(len(code_rows), size)
         design[phase, columns] = 1.0
@@ -413,25 +493,37 @@ class AbsoluteFilter:
         for rows_of_kind in (np.arange(len(code_rows)), len(code_rows) + code_rows):
             design[rows_of_kind, errors] = 1.0
             values[rows_of_kind] -= state.mean[errors]
-        configuration = self._configuration
-        variances = np.concatenate(
-            (
-                measured.code_sigma[code_rows] ** 2,
-                measured.phase_sigma**2 + configuration.ephemeris_phase_sigma**2,
-            )
-        )
+        variances = np.concatenate((measured.code_sigma[code_rows] ** 2, measured.phase_sigma**2))
         systems = np.array(sorted(set(measured.system.tolist())))
         nuisance = (measured.system[order, None] == systems[None, :]).astype(float)
         nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
         return state.innovation(design, values, variances, nuisance), order.tolist()
 
 
-def mean_codes(chief: Combinations, deputy: Combinations, seen: Geometry) -> Combinations:
-    """Return the measurements of the chief with the mean codes of both receivers.
+def mean_of_receivers(
+    chief: Combinations, deputy: Combinations, seen: Geometry
+) -> tuple[Combinations, FloatArray]:
+    """Return the measurements of the chief with the means of both receivers, and their shares.
 
-    What the codes of the deputy are off by, less the mean over all satellites (its clock), is that
-    of further codes of the chief. Satellites that have not two carriers at both stay as they are.
+    What the measurements of the deputy are off by, less the mean over all satellites (its clock),
+    is that of further measurements of the chief. Satellites that have not two carriers at both stay
+    as they are.
+
+    Parameters
+    ----------
+    chief, deputy : Combinations
+        Phases of the deputy have the ambiguities of the chief's; they are NaN where these are not
+        known.
+    seen : Geometry
+
+    Returns
+    -------
+    Combinations
+        The satellites are those of `chief`.
+    ndarray, shape (2, n)
+        Shares of the deputy in the codes and phases of n satellites.
     """
+    shares = np.zeros((2, len(chief)))
     _, of_chief, of_deputy = np.intersect1d(
         chief.satellite, deputy.satellite, assume_unique=True, return_indices=True
     )
@@ -440,7 +532,7 @@ def mean_codes(chief: Combinations, deputy: Combinations, seen: Geometry) -> Com
     )
     of_chief, of_deputy = of_chief[is_dual], of_deputy[is_dual]
     if not len(of_chief):
-        return chief
+        return chief, shares
     columns = seen.columns(chief.satellite[of_chief])
     predicted = (seen.range - seen.clock)[:, columns]
     difference = deputy.code[of_deputy] - predicted[1] - chief.code[of_chief] + predicted[0]
@@ -450,4 +542,33 @@ def mean_codes(chief: Combinations, deputy: Combinations, seen: Geometry) -> Com
     code, code_sigma = chief.code.copy(), chief.code_sigma.copy()
     code[of_chief] += weight * difference
     code_sigma[of_chief] *= np.sqrt(1.0 - weight)
-    return replace(chief, code=code, code_sigma=code_sigma)
+    shares[0, of_chief] = weight
+    mean = replace(chief, code=code, code_sigma=code_sigma)
+    difference = deputy.phase[of_deputy] - predicted[1] - chief.phase[of_chief] + predicted[0]
+    is_known = np.isfinite(difference) & ~chief.is_lock_lost[of_chief]
+    if not is_known.any():
+        return mean, shares
+    difference, of_chief, of_deputy = difference[is_known], of_chief[is_known], of_deputy[is_known]
+    difference -= median(difference)
+    variance, variance_deputy = chief.phase_sigma[of_chief] ** 2, deputy.phase_sigma[of_deputy] ** 2
+    is_alike = difference**2 < _LARGEST_DIFFERENCE**2 * (variance + variance_deputy)
+    weight = np.where(is_alike, variance / (variance + variance_deputy), 0.0)
+    phase, phase_sigma = chief.phase.copy(), chief.phase_sigma.copy()
+    phase[of_chief] += weight * difference
+    phase_sigma[of_chief] *= np.sqrt(1.0 - weight)
+    shares[1, of_chief] = weight
+    return replace(mean, phase=phase, phase_sigma=phase_sigma), shares
+
+
+def _omitted_share(configuration: CdgpsConfiguration, radius: float) -> float:
+    """Return what the force model leaves out in an orbit of a radius (m), over the stated sigma.
+
+    It is 1 at most. What motion that is simulated in Euler steps leaves out cannot be foreseen.
+    """
+    forces, largest = configuration.force_model, configuration.noise_chief.empirical_sigma
+    if forces.gravity != "spherical_harmonics" or configuration.integrator == "euler":
+        return 1.0
+    if not largest > 0.0:
+        return 1.0
+    gravity = omitted_gravity(forces.degree, radius).acceleration_sigma
+    return min(math.hypot(gravity, other_forces(radius)) / largest, 1.0)

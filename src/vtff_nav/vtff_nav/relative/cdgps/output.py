@@ -31,6 +31,7 @@ def relative_rtn(
     relative_gcrf: FloatArray,
     covariance_chief: FloatArray,
     covariance_relative: FloatArray,
+    covariance_cross: FloatArray | None = None,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the relative state in the chief's RTN frame, shape (6,), and its covariance (6, 6).
 
@@ -39,8 +40,10 @@ def relative_rtn(
     chief_gcrf, relative_gcrf : ndarray, shape (6,)
         State of the chief, and deputy less chief, m and m/s.
     covariance_chief, covariance_relative : ndarray, shape (6, 6)
-        Covariances of these states, taken as independent. Errors of the chief turn the frame and
-        are part of the result.
+        Covariances of these states. Errors of the chief turn the frame and are part of the result.
+    covariance_cross : ndarray, shape (6, 6), optional
+        Covariance of the relative state (rows) with that of the chief; without it they are
+        independent.
     """
     state = relative_state_rtn(chief_gcrf, chief_gcrf + relative_gcrf)
     rotation = rotation_gcrf_to_rtn(chief_gcrf)
@@ -65,6 +68,9 @@ def relative_rtn(
         from_difference @ covariance_relative @ from_difference.T
         + from_chief @ covariance_chief @ from_chief.T
     )
+    if covariance_cross is not None:
+        cross_rtn = from_difference @ covariance_cross @ from_chief.T
+        covariance += cross_rtn + cross_rtn.T
     return state, covariance
 
 

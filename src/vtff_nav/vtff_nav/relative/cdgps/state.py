@@ -196,22 +196,43 @@ class GaussianState:
         self.labels[self._index_of[old]] = new
         self._number_labels()
 
-    def predict_leading(self, mean: FloatArray, transition: FloatArray, noise: FloatArray) -> None:
-        """Propagate the first members.
+    def join(self, other: GaussianState) -> None:
+        """Add the members of another state, which is independent, after those of this one."""
+        size, total = len(self), len(self) + len(other)
+        covariance = np.zeros((total, total))
+        covariance[:size, :size] = self.covariance
+        covariance[size:, size:] = other.covariance
+        self.covariance = covariance
+        self.mean = np.concatenate((self.mean, other.mean))
+        self.labels += other.labels
+        self._number_labels()
+
+    def part(self, *kinds: str) -> GaussianState:
+        """Return the members of some kinds as a state of their own (their marginal)."""
+        columns = self.columns(*kinds)
+        covariance = self.covariance[np.ix_(columns, columns)]
+        return GaussianState(self.labels_of(*kinds), self.mean[columns], covariance)
+
+    def predict_block(
+        self, first: int, mean: FloatArray, transition: FloatArray, noise: FloatArray
+    ) -> None:
+        """Propagate members that stand one after another.
 
         Parameters
         ----------
+        first : int
+            Index of the first of them.
         mean : ndarray, shape (k,)
-            Propagated mean of the first k members.
+            Their propagated mean.
         transition, noise : ndarray, shape (k, k)
             Transition matrix and process noise.
         """
-        count = len(mean)
-        self.mean[:count] = mean
+        block = slice(first, first + len(mean))
+        self.mean[block] = mean
         covariance = self.covariance
-        covariance[:count, :] = transition @ covariance[:count, :]
-        covariance[:, :count] = covariance[:, :count] @ transition.T
-        covariance[:count, :count] += noise
+        covariance[block, :] = transition @ covariance[block, :]
+        covariance[:, block] = covariance[:, block] @ transition.T
+        covariance[block, block] += noise
 
     def couple(
         self, targets: Sequence[Label], coupling: FloatArray, sources: Sequence[Label]

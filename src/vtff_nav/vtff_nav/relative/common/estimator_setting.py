@@ -66,7 +66,7 @@ class EstimatorSetting:
     integrator: str = "rk4"
     longest_step: float = 5.0
     empirical_acceleration_sigma: float = 5e-8
-    empirical_gradient_sigma: float = 3e-11
+    empirical_gradient_sigma: float = 2e-11
     thrust_sigma: float = 0.01
     thrust_scale_sigma: float = 0.05
     thrust_misalignment_sigma_deg: float = 2.0

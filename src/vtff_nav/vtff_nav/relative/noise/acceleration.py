@@ -31,12 +31,14 @@ class AccelerationMonitor:
     ----------
     noise : MotionNoise
         A priori noise.
+    factor : float
+        Factor of its sigma at the start.
     """
 
-    def __init__(self, noise: MotionNoise) -> None:
+    def __init__(self, noise: MotionNoise, factor: float = 1.0) -> None:
         self._noise = noise
         self._variance = math.nan
-        self.factor = 1.0
+        self.factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
 
     def learn(
         self, mean: FloatArray, covariance: FloatArray, distance: float, interval: float

@@ -1,6 +1,7 @@
-"""Accelerations of the harmonics of gravity beyond the degree of a model, by Kaula's rule.
+"""Accelerations that a model of gravity leaves out: harmonics by Kaula's rule, other forces.
 
-The covariance bounds of worlds with real gravity count it as unknown (`navigation_bound`).
+Navigation filters have it in the prior of unmodelled accelerations, and covariance bounds of
+worlds with real gravity count it as unknown.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
 
-__all__ = ["OmittedGravity", "omitted_gravity"]
+__all__ = ["OmittedGravity", "omitted_gravity", "other_forces"]
 
 # Kaula 1966, Theory of Satellite Geodesy, section 5.2: RMS of a normalised coefficient of degree n,
 # as a multiple of 1 / n^2. He gives 1e-5; those of JGM-3 above degree 8 are 0.7 of it.
@@ -21,6 +22,14 @@ _KAULA = 7e-6
 _HIGHEST_DEGREE = 300  # above it nothing is left in orbit
 # Harmonics of degree n stay alike over an angle of this / n, where the Bessel function J0 is 1/e.
 _ALIKE_ANGLE = 1.75
+
+# Accelerations of a spacecraft with 0.01 m2/kg besides the gravity of the Earth, m/s2: Moon, Sun
+# and radiation together in low orbit, and drag under an active Sun at a height (m), with the scale
+# height (m) there (Montenbruck and Gill 2000, figure 3.1 and section 3.5). The exponent of the
+# drag is limited where orbits end.
+_MOON_SUN_AND_RADIATION = 1.5e-6
+_DRAG, _DRAG_HEIGHT, _DRAG_SCALE_HEIGHT = 1e-6, 550e3, 65e3
+_LARGEST_DRAG_EXPONENT = 7.0
 
 
 @dataclass(frozen=True)
@@ -87,3 +96,18 @@ def omitted_gravity(degree: int, radius: float) -> OmittedGravity:
         gradient_sigma=math.sqrt(float(gradient.sum()) / 9.0),
         gradient_time=time(gradient),
     )
+
+
+def other_forces(radius: float) -> float:
+    """Return the size of the accelerations of a satellite besides the gravity of the Earth, m/s2.
+
+    They change as the satellite goes round its orbit.
+
+    Parameters
+    ----------
+    radius : float
+        Distance from the centre of the Earth, m.
+    """
+    exponent = (_DRAG_HEIGHT - (radius - RADIUS_EARTH_JGM3)) / _DRAG_SCALE_HEIGHT
+    drag = _DRAG * math.exp(min(exponent, _LARGEST_DRAG_EXPONENT))
+    return math.hypot(_MOON_SUN_AND_RADIATION, drag)

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from vtff_analysis.studies.omitted_gravity import omitted_gravity
+from vtff_dynamics.constants import RADIUS_EARTH_JGM3
 from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_dynamics.orbit.omitted_forces import omitted_gravity, other_forces
 from vtff_dynamics.time.timescales import GpsTime
 
 START = GpsTime(1_400_000_000_000_000_000)
@@ -41,3 +42,11 @@ def test_less_is_omitted_further_out_and_changes_more_slowly():
 def test_a_degree_without_a_rule_is_refused():
     with pytest.raises(ValueError, match="degree 1: 2 or more expected"):
         omitted_gravity(1, RADIUS)
+
+
+def test_other_forces_are_those_of_the_moon_until_drag_is_larger():
+    """Drag of NRLMSISE-00 under an active Sun, some 1e-12 kg/m3 at 550 km, 1e-11 at 400 km."""
+    high, low, lowest = (other_forces(RADIUS_EARTH_JGM3 + 1e3 * height) for height in (800, 400, 1))
+    assert 1.4e-6 < high < 1.6e-6
+    assert 0.5 < low / (0.5 * 1e-11 * 7.67e3**2 * 2.2 * 0.01) < 2.0
+    assert low < lowest < 2e-3
