@@ -227,12 +227,19 @@ def test_can_link(how, tmp_path, fault_table):
     check_interrupted(outcome)
 
 
+_SILENT_MODULE = "nothing from the ADCS module: rods off, wheel held"
+
 #: Nodes of other systems, with what is said of each when it stands still.
 FURTHER_NODES = {
-    ("snap1", "snap1__adcs_emulator"): "nothing from the ADCS module: rods off, wheel held",
+    ("snap1", "snap1__adcs_emulator"): _SILENT_MODULE,
     ("snap1", "snap1__adcs_can"): "adcs_can",
     ("snap1", "snap1__attitude_estimator"): "/snap1/adcs_can",
     ("snap1", "snap1__attitude_controller"): "/snap1/adcs_can",
+    ("reference_attitude", "deputy__adcs_emulator"): _SILENT_MODULE,
+    ("reference_attitude", "deputy__adcs_can"): "adcs_can",
+    ("reference_attitude", "deputy__attitude_estimator"): "/deputy/adcs_can",
+    ("reference_attitude", "deputy__attitude_controller"): "/deputy/adcs_can",
+    ("reference_attitude", "deputy__thrust_allocation"): "thrust_allocation",
     ("fflas_software", "formation_guidance"): "formation_guidance",
 }
 
@@ -272,7 +279,7 @@ def test_the_link_to_an_adcs_module(how, tmp_path, fault_table):
         with flight.fault():
             getattr(link, how)()
         if how != "delay":
-            flight.wait_for_output("nothing from the ADCS module: rods off, wheel held")
+            flight.wait_for_output(_SILENT_MODULE)
         flight.wait_for_steps(size=10_000)
         outcome = flight.end(interrupts=True)
     fault_table("snap1: link can", how, outcome)

@@ -9,7 +9,12 @@ from numpy.polynomial import Legendre
 from vtff_dynamics.attitude.magnetic_field import DrawnFieldError
 from vtff_dynamics.constants import EARTH_ROTATION_RATE
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
-from vtff_nav.attitude.field_error import FIELD_STATES, FieldErrorModel, track_rate
+from vtff_nav.attitude.field_error import (
+    FIELD_STATES,
+    REPEATED_ORBIT,
+    FieldErrorModel,
+    track_rate,
+)
 
 RADIUS = 7.08e6
 POSITION, VELOCITY = RADIUS * np.eye(3)[0], 7500.0 * np.eye(3)[2]
@@ -27,14 +32,14 @@ def modelled(model: FieldErrorModel) -> np.ndarray:
 
 
 def exact() -> np.ndarray:
-    """Return the same of an isotropic potential field with equal mean squares of degrees 1 to 13.
+    """Return the same of an isotropic potential field with equal mean squares of degrees 1 to 8.
 
     The covariance of V is a sum of Legendre polynomials; the others are its derivatives.
     """
     cosine, sine = np.cos(TURNS), np.sin(TURNS)
     total = np.zeros((len(TURNS), 3, 3))
-    for degree in range(1, 14):
-        potential = 3.0 / 13.0 / ((degree + 1) * (2 * degree + 1))
+    for degree in range(1, 9):
+        potential = 3.0 / 8.0 / ((degree + 1) * (2 * degree + 1))
         polynomial = Legendre.basis(degree)
         first, second = polynomial.deriv()(cosine), polynomial.deriv(2)(cosine)
         total[:, 0, 0] += potential * (degree + 1) ** 2 * polynomial(cosine)
@@ -47,9 +52,23 @@ def exact() -> np.ndarray:
 
 def test_the_model_has_the_correlations_of_a_potential_field():
     """Sizes, the tie of radial and along, and no tie across; within a fifth of the variance."""
-    model = modelled(FieldErrorModel(1.0))
+    model = modelled(FieldErrorModel(1.0)) / REPEATED_ORBIT
     np.testing.assert_allclose(model, exact(), atol=0.2 * model[0, 0, 0])
     assert np.trace(model[0]) == pytest.approx(3.0)
+
+
+def test_the_variance_is_that_of_an_error_that_comes_again_after_an_orbit():
+    """Radial component at a place and where the next orbit passes, 24.8 deg of longitude away."""
+    inclination, shift = np.radians([98.1, 24.8])
+    latitude = np.arcsin(np.sin(inclination) * np.sin(np.linspace(0.0, 2.0 * np.pi, 721)[1:]))
+    apart = 2.0 * np.arcsin(np.cos(latitude) * np.sin(0.5 * shift))
+    degrees = np.arange(1, 9)
+    power = (degrees + 1.0) / (2.0 * degrees + 1.0)
+    correlation = sum(
+        weight * Legendre.basis(degree)(np.cos(apart)).mean()
+        for degree, weight in zip(degrees, power / power.sum(), strict=True)
+    )
+    assert pytest.approx(1.0 + correlation, abs=0.01) == REPEATED_ORBIT
 
 
 def test_a_drawn_error_of_the_truth_has_the_sign_of_the_model():

@@ -7,6 +7,12 @@ over long arcs, and an error of the pitch, which lasts, is not taken for an erro
 Along a track through an isotropic field V has the mean square frequency n (n + 1) / 2, in turns an
 orbit; the component across the track, which is independent of both others, has n (n + 1) / 4.
 
+The error is fixed to the Earth, and an orbit later the track is 25 deg further west or nearer: what
+the model erred by there comes again, with a correlation of 0.54 on average over the orbit, 0.25
+after two and 0.14 after three (degrees 1 to 8). The processes forget within an orbit, so the filter
+would take the orbits for independent and be too sure by their number. Their variance is larger by
+what that makes of the mean of two orbits.
+
 Each process has a correlation close to a Gaussian function: a field has no higher frequency than
 its degree, and processes of low order, with their tails of high frequencies, forget too fast.
 
@@ -29,7 +35,7 @@ from vtff_dynamics.constants import EARTH_ROTATION_RATE
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
-__all__ = ["FIELD_STATES", "FieldErrorModel", "track_rate"]
+__all__ = ["FIELD_STATES", "REPEATED_ORBIT", "FieldErrorModel", "track_rate"]
 
 _ORDER = 4
 _GROUPS = 2
@@ -40,13 +46,18 @@ FIELD_STATES = _PROCESSES * _ORDER
 degrees, that of the high ones, what of the component along the track does not follow from them
 (degrees of one group differ), and the component across the track."""
 
+REPEATED_ORBIT = 1.54
+"""Variance of the mean of the error over two orbits, over that of two independent orbits."""
+
 
 class FieldErrorModel:
     """The processes of an error of given size and degrees.
 
-    IGRF has the degrees 1 to 13. Its coefficients have about equal errors at all of them (Lowes
-    2000), which makes mean squares in a low orbit that differ little from degree 4 on: here all are
-    equal.
+    The default takes equal mean squares of the degrees 1 to 8. IGRF has more degrees, but what it
+    errs by in orbit are the long waves: it predicts the secular variation of these degrees for five
+    years ahead, the ring current is of the first, and a harmonic of degree n fades with height by
+    (n + 2) times its share of the radius. A spectrum with more of the high degrees is the less safe
+    choice: short waves average out along an orbit, so it states too small an error of the attitude.
 
     Parameters
     ----------
@@ -59,8 +70,8 @@ class FieldErrorModel:
     def __init__(
         self,
         sigma: float,
-        low_degrees: tuple[int, int] = (1, 4),
-        high_degrees: tuple[int, int] = (5, 13),
+        low_degrees: tuple[int, int] = (1, 2),
+        high_degrees: tuple[int, int] = (3, 8),
     ) -> None:
         groups = [np.arange(first, last + 1.0) for first, last in (low_degrees, high_degrees)]
         degrees = np.concatenate(groups)
@@ -87,7 +98,7 @@ class FieldErrorModel:
         for place, (size, squared) in ((_ALONG, rest), (_ACROSS, across)):
             self._sigmas[place] = math.sqrt(size)
             self._numbers[place] = math.sqrt(squared / size) / form.frequency
-        self._sigmas *= sigma
+        self._sigmas *= sigma * math.sqrt(REPEATED_ORBIT)
 
     @property
     def covariance(self) -> FloatArray:
