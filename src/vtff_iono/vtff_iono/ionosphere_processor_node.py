@@ -13,6 +13,7 @@ from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
+from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias.bias_files import read_code_biases
 from vtff_iono.bias.code_biases import BiasFileError
 from vtff_iono.content.slant_tec import SlantTecSettings
@@ -224,7 +225,9 @@ class IonosphereProcessorNode(VtffNode):
             self.publisher(IrregularityBoundary, f"{deputy}/iono/irregularity_boundary")
             for deputy in parameters.deputies
         ]
-        compile_kernels()  # the first wall, minutes later, would wait for it
+        # The first second, and the first wall minutes later, would wait for it.
+        line_of_sight.compile_kernels()
+        compile_kernels()
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 
