@@ -13,8 +13,9 @@ NOISE_ONE_SECOND = 0.0043
 """TECU; 1 mm on each of four carrier phases, mean of 20 samples."""
 
 
-def chapman(altitude, peak_density=1.3e12, peak=375e3, scale=60e3):
-    argument = (altitude - peak) / scale
+def chapman(altitude, peak_density=1.3e12, peak=375e3, scale=60e3, scale_below=None):
+    below = scale if scale_below is None else scale_below
+    argument = (altitude - peak) / np.where(altitude < peak, below, scale)
     return peak_density * np.exp(0.5 * (1.0 - argument - np.exp(-argument)))
 
 
@@ -63,11 +64,20 @@ class Flight:
     vtec_chief: np.ndarray
 
 
-def fly(profile, offset=1000.0, in_track=-15e3, satellites=24, seed=1, start=1050.0, step=1.0):
+def fly(
+    profile,
+    offset=1000.0,
+    in_track=-15e3,
+    satellites=24,
+    seed=1,
+    start=1050.0,
+    step=1.0,
+    end=2750.0,
+):
     """Fly from 600 km down to 236 km, at most 304 m/s of vertical speed, as in the paper."""
     altitude, density = profile
     generator = np.random.default_rng(seed)
-    time = np.arange(start, 2750.0, step)
+    time = np.arange(start, end, step)
     rate = 2.0 * np.pi / 5500.0
     chief = 502e3 + 266e3 * np.cos(rate * time)
     deputy = chief + offset

@@ -105,3 +105,37 @@ def test_above_the_table_nothing_is_scaled():
     before = profile.density.copy()
     profile.scale_model(2000e3, 5.0)
     assert np.array_equal(profile.density, before)
+
+
+@pytest.mark.parametrize("place", range(3))
+def test_shape_densities_are_derivatives(place):
+    profile, other = RunningProfile(), RunningProfile()
+    change = np.zeros(3)
+    change[place] = 1e-4
+    derivative = profile.shape_densities()[place]
+    other.reshape(change)
+    assert (other.density - profile.density) / 1e-4 == pytest.approx(
+        derivative, abs=2e-3 * np.abs(derivative).max()
+    )
+    slant = profile.slant_shape_contents(np.array([0.3, 1.2]), 300e3)[place]
+    expected = other.slant_content(np.array([0.3, 1.2]), 300e3)
+    expected = (expected - profile.slant_content(np.array([0.3, 1.2]), 300e3)) / 1e-4
+    assert slant == pytest.approx(expected, abs=2e-3 * np.abs(expected).max() + 1e-6)
+    between = (other.mean_density(300e3, 310e3) - profile.mean_density(300e3, 310e3)) / 1e-4
+    mean = profile.mean_shape_densities(310e3, 300e3)[place]
+    assert mean == pytest.approx(between, rel=5e-3, abs=1e6)
+
+
+def test_what_was_measured_keeps_its_shape_and_the_model_its_limits():
+    profile = RunningProfile()
+    profile.absorb(411e3, 409e3, 7e11, 1e10)
+    is_measured = profile.density == 7e11
+    assert is_measured.sum() == 3
+    assert (profile.shape_densities()[:, is_measured] == 0.0).all()
+    before = profile.density.copy()
+    profile.reshape(np.array([0.3, -0.2, 0.1]))
+    assert (profile.density[is_measured] == 7e11).all()
+    profile.reshape(np.array([-0.3, 0.2, -0.1]))
+    assert profile.density == pytest.approx(before)
+    profile.reshape(np.array([-50.0, 50.0, 50.0]))
+    assert np.isfinite(profile.density).all() and (profile.density >= 0.0).all()

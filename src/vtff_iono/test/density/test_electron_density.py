@@ -74,6 +74,41 @@ def test_plumex_like_profile_at_1_km(offset):
     assert epochs[-1].bias_tecu == pytest.approx(BIAS, abs=0.002)
 
 
+@pytest.mark.parametrize(
+    ("peak", "scale_below", "scale"), [(378e3, 35e3, 55e3), (345e3, 60e3, 85e3)]
+)
+def test_what_is_above_may_have_another_shape_than_the_model(peak, scale_below, scale):
+    """Rising from the perigee, nothing above was measured before."""
+    altitude = np.arange(100e3, 2000e3, 400.0)
+    profile = altitude, chapman(altitude, 1e12, peak, scale, scale_below)
+    ratios, errors = [], []
+    for shape_sigma in (DensitySettings().shape_sigma, 1e-6):
+        estimator = ElectronDensityEstimator(DensitySettings(shape_sigma=shape_sigma))
+        flown = fly(profile, -1000.0, start=2750.0, end=3750.0, step=5.0)
+        noise = np.random.default_rng(1).standard_normal(flown.stec_chief.shape)
+        observed = flown.stec_deputy - flown.stec_chief + BIAS + NOISE_ONE_SECOND * noise
+        epochs = [
+            estimator.update(
+                flown.time[k],
+                flown.altitude_chief[k],
+                flown.altitude_deputy[k],
+                flown.elevation_chief[k],
+                flown.elevation_deputy[k],
+                observed[k],
+                np.full(observed.shape[1], NOISE_ONE_SECOND),
+                flown.vtec_chief[k],
+            )
+            for k in range(len(flown.time))
+        ]
+        truth = mean_density(*profile, flown.altitude_deputy, flown.altitude_chief)
+        error = np.array([epoch.density for epoch in epochs]) - truth
+        sigma = np.array([epoch.sigma for epoch in epochs])
+        ratios.append(math.sqrt(np.mean((error / sigma)[20:] ** 2)))
+        errors.append(math.sqrt(np.mean(error[20:] ** 2)))
+    assert ratios[0] < 1.3
+    assert errors[0] < 0.7 * errors[1]
+
+
 def test_single_satellites_agree_with_all():
     epochs, truth = retrieved(1000.0)
     single = np.array([epoch.density_satellite for epoch in epochs])
@@ -322,6 +357,26 @@ def test_a_density_that_nothing_checks_is_withheld():
             )
         assert math.isfinite(epoch.density) == is_told
         assert epoch.bias_sigma_tecu < 1.0
+
+
+def test_nothing_is_learned_from_contents_that_nothing_checks():
+    """Two satellites that agree on a wrong density, as two wrong integers may."""
+    elevation = np.radians(np.linspace(15.0, 80.0, 8))
+    estimator, epochs = ElectronDensityEstimator(), []
+    for second in range(200):
+        observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
+        if 100 <= second < 130:
+            observed = np.where(np.arange(8) < 2, observed - 0.3 / np.sin(elevation), math.nan)
+        epochs.append(
+            estimator.update(
+                second, 600e3, 601e3, elevation, elevation, observed, np.full(8, 0.004), 1e-6
+            )
+        )
+    densities = np.array([epoch.density for epoch in epochs])
+    assert np.isnan(densities[100:130]).all()
+    assert densities[130:] == pytest.approx(5e11, abs=1e10)
+    assert epochs[129].bias_tecu == epochs[99].bias_tecu
+    assert estimator.is_bias_known
 
 
 def test_what_the_data_do_not_tell_is_withheld():

@@ -11,7 +11,11 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, SYSTEM_GPS
 from vtff_gnss.signals import SignalKey
 from vtff_iono.density.integer_datum import IntegerDatum
-from vtff_iono.density.integer_resolution import IntegerResolver, WeightedMean
+from vtff_iono.density.integer_resolution import (
+    FloatingContent,
+    IntegerResolver,
+    WeightedMean,
+)
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 
@@ -71,6 +75,20 @@ def test_another_datum_needs_more_integers_than_are_held():
     assert datum.number == 2
 
 
+def test_a_constant_that_is_known_is_not_given_up():
+    """Integers of the filter wait; one that is found in the datum connects the others with it."""
+    datum = IntegerDatum()
+    datum.update(relative_to(1, {1: 0.0, 2: 1.0}), unbroken([1, 2]))
+    other = relative_to(3, {3: 0.0, 4: 1.0})
+    assert datum.update(other, unbroken([3, 4]), may_begin_anew=False) == {}
+    datum.resolve(signal(4), 7.0, 1)
+    assert datum.update(other, unbroken([3, 4]), may_begin_anew=False) == {
+        signal(3): 6.0,
+        signal(4): 7.0,
+    }
+    assert datum.number == 1
+
+
 def test_the_majority_overrules_a_wrong_integer():
     datum = IntegerDatum()
     integers = {1: 0.0, 2: 1.0, 3: 2.0, 4: 3.0}
@@ -113,6 +131,14 @@ def test_a_refused_integer_does_not_come_back_from_another_reference_satellite()
         assert held == {signal(1): 0.0, signal(2): 2.0}
 
 
+def resolve(
+    resolver, wide_lane, samples, excess, sigma, prediction_sigma, known=(None, None), arc="arc"
+):
+    """Add a second of a single link; return its integers or None."""
+    content = FloatingContent(arc, wide_lane, samples, excess, sigma, known)
+    return resolver.resolve([content], np.array([[prediction_sigma**2]])).get(arc)
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("pair", [(3, -2), (-40, -41), (1000, 1290)])
 def test_integers_of_a_broken_arc_are_found_again(seed, pair):
@@ -126,7 +152,7 @@ def test_integers_of_a_broken_arc_are_found_again(seed, pair):
         resolver.add_resolved(bias + generator.normal(0.0, 0.35 / np.sqrt(20)), 20)
     for second in range(60):
         wide = pair[0] - pair[1] + bias + generator.normal(0.0, 0.35 / np.sqrt(20))
-        found = resolver.resolve("arc", wide, 20, shift + generator.normal(0.0, 0.08), 0.08, 0.02)
+        found = resolve(resolver, wide, 20, shift + generator.normal(0.0, 0.08), 0.08, 0.02)
         if found is not None:
             assert found == pair
             assert second >= 3
@@ -143,7 +169,7 @@ def test_nothing_is_decided_between_two_integers():
         resolver.add_resolved(generator.normal(0.0, 0.08), 20)
         noise = generator.normal(0.0, 0.01, size=2)
         excess = half + noise[1]
-        assert resolver.resolve("arc", noise[0], 20, excess, 0.01, 0.02) is None
+        assert resolve(resolver, noise[0], 20, excess, 0.01, 0.02) is None
 
 
 @pytest.mark.parametrize("wide_lane_error", [0.0, 0.45])
@@ -155,7 +181,7 @@ def test_the_content_decides_where_the_wide_lane_is_off(wide_lane_error):
         resolver.add_resolved(generator.normal(0.0, 0.25), 20)
     for _ in range(30):
         excess = generator.normal(0.0, 0.01)
-        integers = resolver.resolve("arc", wide_lane_error, 20, excess, 0.01, 0.02)
+        integers = resolve(resolver, wide_lane_error, 20, excess, 0.01, 0.02)
         if integers is not None:
             break
     assert integers == (0.0, 0.0)
@@ -166,7 +192,7 @@ def test_a_content_off_its_level_is_not_explained_by_other_integers():
     resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
     for _ in range(100):
         resolver.add_resolved(0.0, 20)
-        assert resolver.resolve("arc", 0.0, 20, 0.2, 0.01, 0.02) is None
+        assert resolve(resolver, 0.0, 20, 0.2, 0.01, 0.02) is None
 
 
 @pytest.mark.parametrize("known", [(7.0, None), (None, -4.0)])
@@ -174,12 +200,64 @@ def test_beside_a_signal_that_went_on_the_other_integer_is_found_in_a_second(kno
     """One cycle of a single signal is 1.8 or 2.3 TECU: codes are not needed."""
     scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT
     excess = scale * (7.0 / FREQUENCY_L1 + 4.0 / FREQUENCY_L2)
-    arguments = ("arc", 0.0, 20, excess + 0.3)
+    arguments = (0.0, 20, excess + 0.3)
     resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
-    assert resolver.resolve(*arguments, 0.2, 0.1, known) == (7.0, -4.0)
+    assert resolve(resolver, *arguments, 0.2, 0.1, known) == (7.0, -4.0)
     # Nor is it guessed where a second does not tell it.
-    assert resolver.resolve(*arguments, 0.6, 0.1, known) is None
-    assert resolver.resolve(*arguments, 0.2, 0.1) is None
+    assert resolve(resolver, *arguments, 0.6, 0.1, known) is None
+    assert resolve(resolver, *arguments, 0.2, 0.1) is None
+
+
+def links_without_density(generator, paths, known, sigma=0.01):
+    """Contents of links whose predictions err by a density in common, and their true integers.
+
+    The density is unknown by 1 TECU of vertical content; `paths` are of the rays through a layer
+    over its height.
+    """
+    scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT
+    error = generator.normal(0.0, 1.0)
+    contents, true = [], {}
+    for arc, path in enumerate(paths):
+        first, second = (float(n) for n in generator.integers(-50, 50, size=2))
+        shift = scale * (first / FREQUENCY_L1 - second / FREQUENCY_L2)
+        excess = shift + error * path + generator.normal(0.0, sigma)
+        wide_lane = first - second + generator.normal(0.0, 0.1)
+        told = (first, None) if known else (None, None)
+        contents.append(FloatingContent(arc, wide_lane, 20, excess, sigma, told))
+        true[arc] = (first, second)
+    paths = np.asarray(paths)
+    return contents, np.outer(paths, paths), true
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("known", [False, True])
+def test_integers_of_all_links_are_found_together_where_none_has_kept_them(seed, known):
+    """What a density may make of a single link is many cycles; that of all is one density."""
+    generator = np.random.default_rng(seed)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(100):
+        resolver.add_resolved(generator.normal(0.0, 0.1), 20)
+    paths = [1.13, 1.41, 1.87, 2.36, 3.08, 4.23]
+    contents, covariance, true = links_without_density(generator, paths, known)
+    for _ in range(4):
+        found = resolver.resolve(contents, covariance, is_density_known=False)
+        assert found in ({}, true)
+        if found:
+            return
+        # A single link tells nothing.
+        assert resolver.resolve([contents[0]._replace(arc="one")], covariance[:1, :1], False) == {}
+    pytest.fail("not found")
+
+
+def test_a_link_whose_content_fits_no_integers_does_not_hinder_the_others():
+    generator = np.random.default_rng(5)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    contents, covariance, true = links_without_density(
+        generator, [1.13, 1.41, 1.87, 2.36, 3.08, 4.23], True
+    )
+    contents[2] = contents[2]._replace(excess_tecu=contents[2].excess_tecu + 0.7)
+    found = resolver.resolve(contents, covariance, is_density_known=False)
+    assert found == {arc: integers for arc, integers in true.items() if arc != 2}
 
 
 def test_the_sigma_of_a_mean_is_that_of_its_samples_from_two_on():

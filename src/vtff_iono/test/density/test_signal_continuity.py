@@ -81,3 +81,13 @@ def test_the_signal_that_has_faded_is_blamed_alone():
     slipped = numbers(5, phase={(3, 2): 1.0}, cn0={(3, 2): faded})
     assert len({first for first, _ in slipped}) == 1
     assert [second - slipped[0][1] > 0 for _, second in slipped] == [False] * 3 + [True] * 2
+
+
+def test_a_fade_counts_as_a_slip_while_no_test_can_see_one():
+    """The phase of L1 may be wound up in a fade while L2 is lost."""
+    faded = np.full(RATE, 40.0)
+    faded[5] = 30.0
+    without_l2 = {(second, 2): np.full(RATE, c.FLAG_CODE_VALID) for second in (2, 3)}
+    for flags, at, breaks in (({}, 3, 0), (without_l2, 3, 1), (without_l2, 5, 0)):
+        found = [first for first, _ in numbers(7, flags=flags, cn0={(at, 1): faded})]
+        assert found[-1] - found[0] == breaks

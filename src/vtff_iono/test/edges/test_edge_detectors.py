@@ -97,7 +97,16 @@ def test_the_compiled_fit_is_generalised_least_squares():
             altitude = direction * np.sort(generator.uniform(-reach, reach, count)) + 300e3
             time = np.cumsum(generator.uniform(0.5, 2.0, count))
             density = 1e12 + 1e11 * generator.standard_normal(count)
-            samples = np.stack((time, altitude, density, generator.uniform(1e9, 1e10, count)), 1)
+            samples = np.stack(
+                (
+                    time,
+                    altitude,
+                    density,
+                    generator.uniform(1e9, 1e10, count),
+                    np.random.default_rng(count).uniform(1e9, 5e9, count),
+                ),
+                axis=1,
+            )
             slow = 3e10 * generator.standard_normal((count, 4))
             found = fit_wall(
                 samples, slow, direction, direction * 300e3, reach, width, length, slow_time
@@ -118,6 +127,8 @@ def test_the_compiled_fit_is_generalised_least_squares():
             lag = np.abs(np.subtract.outer(mean[:, 0], mean[:, 0]))
             covariance = (parts @ parts.T) * np.exp(-lag / slow_time)
             covariance += np.diag([np.mean(samples[g, 3] ** 2) / len(g) for g in groups])
+            common = np.array([np.mean(samples[g, 4] ** 2) for g in groups])
+            covariance += np.minimum.outer(common, common)
             wall = smeared_step(distance, width, length, 0) - 0.5
             design = np.stack((np.ones(len(mean)), distance / reach, wall), axis=-1)
             weight = np.linalg.inv(covariance)
@@ -125,8 +136,8 @@ def test_the_compiled_fit_is_generalised_least_squares():
             expected = normal @ design.T @ weight @ mean[:, 2]
             residual = mean[:, 2] - design @ expected
             scale = max(1.0, residual @ weight @ residual / max(1, len(mean) - 3))
-            assert found[1:4] == pytest.approx(expected, rel=1e-9)
-            assert found[4] == pytest.approx(math.sqrt(normal[2, 2] * scale), rel=1e-9)
+            assert found[1:4] == pytest.approx(expected, rel=1e-8)
+            assert found[4] == pytest.approx(math.sqrt(normal[2, 2] * scale), rel=1e-8)
     assert fitted >= 12
 
 
@@ -225,6 +236,23 @@ def test_a_step_where_another_satellite_joins_is_no_edge():
             )
         joined.append(len([*edges, *detector.flush()]))
     assert joined == [1, 0]
+
+
+@pytest.mark.parametrize(("common_sigma", "is_told"), [(1e9, True), (8e10, False)])
+def test_what_the_estimator_has_learned_is_no_edge(common_sigma, is_told):
+    """A step of 1.6e11 where more is known than before; with as much known it is a wall."""
+    generator, detector, edges = np.random.default_rng(3), DensityEdgeDetector(), []
+    for second in range(120):
+        is_late = second >= 60
+        edges += detector.update(
+            float(second),
+            300e3 + 290.0 * second,
+            985.0,
+            5e11 + (1.6e11 if is_late else 0.0) + 5e9 * generator.standard_normal(),
+            5e9,
+            common_sigma=1e9 if is_late else common_sigma,
+        )
+    assert bool(edges + detector.flush()) == is_told
 
 
 def test_the_foot_of_a_wide_wall_is_no_wall_of_the_other_sense():

@@ -10,7 +10,7 @@ from formation_drawing import START, DrawnFormation, layer
 
 from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2, SYSTEM_GPS
 from vtff_gnss.signals import SignalKey
-from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretches
 from vtff_iono.formation_ionosphere import FormationIonosphere, FormationSettings
 from vtff_iono.links.geometry_free import tecu_per_metre
@@ -79,7 +79,8 @@ def test_arcs_that_break_every_minute_of_a_day_are_forgotten():
         current = stretches.continue_or_begin(arcs, integers, {})
         for link in links[4:]:
             # No common bias is known, so that nothing is ever resolved.
-            assert resolver.resolve(current[link].number, 0.0, 20, 0.0, 0.01, 0.02) is None
+            content = FloatingContent(current[link].number, 0.0, 20, 0.0, 0.01)
+            assert resolver.resolve([content], np.array([[0.02**2]])) == {}
         stretches.forget_ended(stretch.number for stretch in current.values())
         resolver.keep_only(stretches.numbers())
         most = max(most, len(stretches))

@@ -16,9 +16,10 @@ differs between them for three reasons:
 - m is a slow error of each satellite, such as multipath.
 
 G is computed through the running profile: measured densities where the orbit has been, a layer
-model elsewhere. The error of G is modelled as a common factor 1 + a, which is estimated, and as a
-noise in proportion to G. A Kalman filter estimates b, which drifts with the temperature of the
-receivers, a and m, which change slowly, and N, which is new each second. Low satellites separate b
+model elsewhere. The error of G is modelled as a common factor 1 + a, as another shape of the model
+layer (its scale heights and the altitude of its peak), which are estimated, and as a noise in
+proportion to G. A Kalman filter estimates b, which drifts with the temperature of the receivers, a,
+the shape and m, which change slowly, and N, which is new each second. Low satellites separate b
 from N; satellites ahead and behind show a. How large m is and how fast it changes is measured
 (`vtff_iono.density.slow_errors`), so that the sigma of N is that of the data.
 
@@ -43,10 +44,17 @@ from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator"]
 
-# Number of the states that all satellites share.
-_COMMON = 3
+# States that all satellites share: b, a, the density, and the shape of the layer; how many of them
+# have no past at first.
+_COMMON, _SHAPE = 6, slice(3, 6)
+_WITHOUT_PAST = 3
 # s; a satellite that was not observed for longer has no slow error that is remembered.
 _KEPT = 600.0
+# TECU; a constant that is known to less is told apart from the next pair of integers, see
+# `DensitySettings.outlier_tecu`.
+_KNOWN_BIAS = 0.2
+# Electrons per cubic metre; a density may differ from a profile without any by this much.
+_LEAST_SPREAD = 1e11
 
 
 @dataclass(frozen=True)
@@ -64,6 +72,10 @@ class DensitySettings:
         Sigma of a, and its random walk per square root of s.
     mapping_sigma_unscaled : float
         Sigma of a while no absolute content has scaled the model layer.
+    shape_sigma, shape_walk : float
+        Sigma of the logarithms of the scale heights of the model layer below and above its peak,
+        and of the altitude of the peak in units of `PEAK_UNIT`; their random walk per square root
+        of s. Contents are linear in the shape for changes of this size only.
     mapping_noise : float
         Sigma of the error of G that is not common to all satellites, as a fraction of G.
     separation_minimum : float
@@ -81,10 +93,10 @@ class DensitySettings:
     largest_sigma : float
         A density with a larger sigma is withheld, electrons per cubic metre.
     spare_satellites : int
-        A density is withheld unless there are so many satellites more than states in common that
-        are not known: a single wrong integer could not be told from the right ones. What the past
-        has told to better than `outlier_tecu` is known, as a rule b and a, once as many satellites
-        as are needed without a past have agreed.
+        A density is withheld, and nothing is learned from its contents, unless there are so many
+        satellites more than states in common that are not known: a single wrong integer could not
+        be told from the right ones. What the past has told to better than `outlier_tecu` is known,
+        as a rule b and a, once as many satellites as are needed without a past have agreed.
     """
 
     elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
@@ -93,6 +105,8 @@ class DensitySettings:
     mapping_sigma: float = 0.1
     mapping_walk: float = 0.002
     mapping_sigma_unscaled: float = 2.0
+    shape_sigma: float = 0.15
+    shape_walk: float = 0.003
     mapping_noise: float = 0.01
     separation_minimum: float = 20.0
     negative_sigmas: float = 2.0
@@ -120,10 +134,12 @@ class DensityEpoch:
     fast_sigma, slow_time : float
         Sigma of the errors of the density that are independent from epoch to epoch, electrons per
         cubic metre, and correlation time of the slow ones, s. An error of b, which hardly changes,
-        is in `sigma` alone.
+        is in `common_sigma`.
     slow_parts : ndarray
         By how much one sigma of the slow error of each satellite moves the density, electrons per
         cubic metre: where other satellites are used, the slow error is another one at once.
+    common_sigma : float
+        Sigma of the rest, which all epochs share: errors of b, a and of the shape of the layer.
     density_satellite, sigma_satellite : ndarray
         Density from each satellite alone, with the common b and a, and its sigma; NaN for a
         satellite that is not used.
@@ -140,6 +156,7 @@ class DensityEpoch:
     fast_sigma: float
     slow_time: float
     slow_parts: FloatArray
+    common_sigma: float
     density_satellite: FloatArray
     sigma_satellite: FloatArray
     is_outlier: npt.NDArray[np.bool_]
@@ -180,6 +197,7 @@ class ElectronDensityEstimator:
         self._index: dict[int, int] = {}
         self._seen: dict[int, float] = {}
         self._covariance[1, 1] = settings.mapping_sigma_unscaled**2
+        self._covariance[_SHAPE, _SHAPE] = settings.shape_sigma**2 * np.eye(3)
         self._is_scaled = False
         self.reset_bias()
 
@@ -262,11 +280,23 @@ class ElectronDensityEstimator:
             self._state[0] = float(np.median(residual))
         self._predict(time, numbers[used].tolist())
         design = self._with_slow_errors(common, numbers[used].tolist())
-        unknown = self._count_unknown(common) if self._is_checked else _COMMON
-        is_outlier = self._find_outliers(design, residual, fast_variance)
+        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
+        is_outlier = self._contradictions(
+            residual - design @ self._state,
+            design @ self._covariance @ design.T + np.diag(fast_variance),
+            unknown,
+        )
         kept = ~is_outlier
+        count = int(np.count_nonzero(kept))
+        has_check = count >= unknown + settings.spare_satellites
+        if self._is_checked and not has_check:
+            return self._without_density(middle, separation, len(observed))
         self.slow_errors.add(
-            time, numbers[used][kept], residual[kept], common[kept], fast_variance[kept]
+            time,
+            numbers[used][kept],
+            residual[kept],
+            common[kept, :_WITHOUT_PAST],
+            fast_variance[kept],
         )
         gain = self._correct(design[kept], residual[kept], fast_variance[kept])
         self._keep_positive()
@@ -284,12 +314,13 @@ class ElectronDensityEstimator:
         left = max(variance - fast, 0.0) / max(float(parts @ parts), 1e-30)
         slow_parts = np.zeros(len(observed))
         slow_parts[rows] = parts * math.sqrt(min(left, 1.0)) * ELECTRONS_PER_TECU
+        common_variance = max(variance - fast - min(left, 1.0) * float(parts @ parts), 0.0)
         total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[2]) * ELECTRONS_PER_TECU
+        self.profile.reshape(self._state[_SHAPE])
+        self._state[_SHAPE] = 0.0
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
-        count = int(np.count_nonzero(kept))
-        has_check = count >= unknown + settings.spare_satellites
-        self._is_checked |= count >= _COMMON + settings.spare_satellites
+        self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
         is_told = has_check and density_sigma <= settings.largest_sigma
         if is_told:
             self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
@@ -301,6 +332,7 @@ class ElectronDensityEstimator:
             fast_sigma=math.sqrt(fast) * ELECTRONS_PER_TECU,
             slow_time=self.slow_errors.correlation_time,
             slow_parts=slow_parts,
+            common_sigma=math.sqrt(common_variance) * ELECTRONS_PER_TECU,
             density_satellite=single,
             sigma_satellite=single_sigma,
             is_outlier=outliers,
@@ -308,29 +340,54 @@ class ElectronDensityEstimator:
             bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
         )
 
+    @property
+    def has_bias(self) -> bool:
+        """Whether contents have told anything of b."""
+        return not self._is_bias_new
+
+    @property
+    def is_bias_known(self) -> bool:
+        """Whether satellites enough have agreed on b, and it is known to less than an integer."""
+        return self._is_checked and bool(self._covariance[0, 0] < _KNOWN_BIAS**2)
+
     def predicted_stec(
         self,
+        time: float,
         altitude_chief: float,
         altitude_deputy: float,
         elevation_chief: npt.ArrayLike,
         elevation_deputy: npt.ArrayLike,
         satellite: npt.ArrayLike | None = None,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the differential contents that the last estimate predicts, and sigmas, TECU, (n,).
+        """Return the differential contents that are predicted, TECU, (n,), and their covariance.
 
-        Arguments as in `update`. A satellite that was observed before keeps its slow error: what
-        it has now is compared with the level that it had.
+        Arguments as in `update`. At the time of the last update its density is used; later, and
+        where that was hardly told, the density is that of the profile to as much again. A satellite
+        that was observed before keeps its slow error: what it has now is compared with the level
+        that it had.
         """
+        if self._last_time is None or time > self._last_time:
+            self._predict(time, [])
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         numbers = np.arange(elevations.shape[1]) if satellite is None else np.asarray(satellite)
         common = self._common_design(elevations, altitude_chief, altitude_deputy)
         design = self._with_slow_errors(common, numbers.tolist())
         is_new = np.array([number not in self._index for number in numbers.tolist()], dtype=bool)
-        variance = np.einsum("ni,ij,nj->n", design, self._covariance, design)
-        variance += np.where(is_new, self.slow_errors.sigma**2, 0.0)
-        variance += (self._settings.mapping_noise * common[:, 1]) ** 2
-        predicted: FloatArray = common[:, 1] + design @ self._state
-        return predicted, np.asarray(np.sqrt(variance))
+        state, covariance = self._with_likely_density(altitude_chief, altitude_deputy)
+        own = np.where(is_new, self.slow_errors.sigma**2, 0.0)
+        own += (self._settings.mapping_noise * common[:, 1]) ** 2
+        predicted: FloatArray = common[:, 1] + design @ state
+        return predicted, np.asarray(design @ covariance @ design.T + np.diag(own))
+
+    def _with_likely_density(
+        self, altitude_chief: float, altitude_deputy: float
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return state and covariance, the density of the profile and its own size added."""
+        modelled = self.profile.mean_density(altitude_chief, altitude_deputy) / ELECTRONS_PER_TECU
+        variance = (modelled + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2
+        gain = self._covariance[:, 2] / (self._covariance[2, 2] + variance)
+        state = self._state + gain * (modelled - self._state[2])
+        return state, self._covariance - np.outer(gain, self._covariance[2, :])
 
     def _common_design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
@@ -345,11 +402,17 @@ class ElectronDensityEstimator:
         path = separation / np.sin(elevations.mean(axis=0))
         geometric = self._geometric(elevations, altitude_chief, altitude_deputy)
         geometric += modelled / ELECTRONS_PER_TECU * path
-        return np.stack((np.ones(len(path)), geometric, -path), axis=-1)
+        slant = self.profile.slant_shape_contents
+        shape = slant(elevations[1], altitude_deputy) - slant(elevations[0], altitude_chief)
+        between = self.profile.mean_shape_densities(altitude_chief, altitude_deputy)
+        shape += between[:, np.newaxis] / ELECTRONS_PER_TECU * path
+        # What is above is the model, its shape changed, times 1 + a.
+        shape *= 1.0 + self._state[1]
+        return np.stack((np.ones(len(path)), geometric, -path, *shape), axis=-1)
 
     def _count_unknown(self, common: FloatArray) -> int:
         """Return how many of b, a and density the past does not tell to the size of an outlier."""
-        sigma = np.sqrt(np.diag(self._covariance)[:_COMMON])
+        sigma = np.sqrt(np.diag(self._covariance)[:_WITHOUT_PAST])
         # What all contents share of a is as b is.
         effect = sigma * np.array([1.0, np.ptp(common[:, 1]), math.inf])
         return int(np.count_nonzero(effect > self._settings.outlier_tecu))
@@ -391,6 +454,9 @@ class ElectronDensityEstimator:
         self._covariance[slow, slow] += variance * (1.0 - decay * decay)
         self._covariance[0, 0] += settings.bias_walk_tecu**2 * elapsed
         self._covariance[1, 1] += settings.mapping_walk**2 * elapsed
+        for place in range(_SHAPE.start, _SHAPE.stop):
+            variance = self._covariance[place, place] + settings.shape_walk**2 * elapsed
+            self._covariance[place, place] = min(variance, settings.shape_sigma**2)
         largest = settings.mapping_sigma if self._is_scaled else settings.mapping_sigma_unscaled
         self._covariance[1, 1] = min(self._covariance[1, 1], largest**2)
         # The density is new at each epoch.
@@ -416,18 +482,32 @@ class ElectronDensityEstimator:
                 covariance[place, place] = self.slow_errors.sigma**2
         self._state, self._covariance = state, covariance
 
-    def _find_outliers(
-        self, design: FloatArray, residual: FloatArray, variance: FloatArray
+    def find_outliers(
+        self, innovation: FloatArray, covariance: FloatArray
+    ) -> npt.NDArray[np.bool_]:
+        """Return which contents contradict the others and their prediction, shape (n,).
+
+        Parameters
+        ----------
+        innovation : ndarray, shape (n,)
+            Contents less those of `predicted_stec`, TECU.
+        covariance : ndarray, shape (n, n)
+            Their covariance, TECU^2.
+        """
+        unknown = 1 if self.is_bias_known else _WITHOUT_PAST
+        return self._contradictions(innovation, covariance, unknown)
+
+    def _contradictions(
+        self, innovation: FloatArray, covariance: FloatArray, unknown: int
     ) -> npt.NDArray[np.bool_]:
         """Return which contents contradict the others and the past, one by one (Baarda 1968).
 
-        Each content is compared with what all others that are kept, and the state, predict of it.
+        Each content is compared with what all others that are kept, and the state, predict of it;
+        `unknown` states have no past.
         """
         settings = self._settings
-        innovation = residual - design @ self._state
-        covariance = design @ self._covariance @ design.T + np.diag(variance)
-        kept = np.arange(len(residual))
-        while len(kept) > _COMMON:
+        kept = np.arange(len(innovation))
+        while len(kept) > unknown:
             inverse = np.linalg.inv(covariance[np.ix_(kept, kept)])
             diagonal = np.diag(inverse)
             # Content less prediction of the others, and in its sigmas.
@@ -438,7 +518,7 @@ class ElectronDensityEstimator:
             if not (is_wrong and abs(error[worst]) > settings.outlier_tecu):
                 break
             kept = np.delete(kept, worst)
-        result = np.ones(len(residual), dtype=bool)
+        result = np.ones(len(innovation), dtype=bool)
         result[kept] = False
         return result
 
@@ -466,9 +546,11 @@ class ElectronDensityEstimator:
         self, common: FloatArray, residual: FloatArray, variance: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the density from each satellite alone and its sigma, electrons per cubic metre."""
-        shared = common[:, :2]
-        density = (residual - shared @ self._state[:2]) / common[:, 2]
-        spread = np.einsum("ni,ij,nj->n", shared, self._covariance[:2, :2], shared)
+        others = [place for place in range(_COMMON) if place != 2]
+        shared = common[:, others]
+        density = (residual - shared @ self._state[others]) / common[:, 2]
+        covariance = self._covariance[np.ix_(others, others)]
+        spread = np.einsum("ni,ij,nj->n", shared, covariance, shared)
         spread += self.slow_errors.sigma**2
         sigma = np.sqrt(variance + spread) / np.abs(common[:, 2])
         return density * ELECTRONS_PER_TECU, sigma * ELECTRONS_PER_TECU
@@ -483,6 +565,7 @@ class ElectronDensityEstimator:
             fast_sigma=math.nan,
             slow_time=math.nan,
             slow_parts=np.zeros(count),
+            common_sigma=math.nan,
             density_satellite=nothing,
             sigma_satellite=nothing.copy(),
             is_outlier=np.zeros(count, dtype=bool),

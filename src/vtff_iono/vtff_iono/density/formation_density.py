@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -29,7 +29,7 @@ from vtff_iono.density.electron_density import (
     ElectronDensityEstimator,
 )
 from vtff_iono.density.integer_datum import IntegerDatum
-from vtff_iono.density.integer_resolution import IntegerResolver
+from vtff_iono.density.integer_resolution import FloatingContent, IntegerResolver
 from vtff_iono.density.phase_stretches import LinkSignals, PhaseStretch, PhaseStretches
 from vtff_iono.density.signal_continuity import SignalContinuity
 from vtff_iono.links.geometry_free import tecu_per_metre
@@ -73,6 +73,12 @@ _MOST_DOUBTS = 3
 # integers only as soon as this many satellites have them.
 _SECONDS_OF_PROOF = 3
 _ENOUGH_PROVED = 4
+# s; for which integers of relative navigation are left aside that nothing connects with the
+# constant.
+_PATIENCE = 10
+# Fewest links with integers whose density is believed where integers of others are looked for: one
+# may have slipped unseen.
+_FEWEST_WITNESSES = 2
 # Number of a link that has other signals than those of the density.
 _NO_LINK = -1
 
@@ -108,8 +114,11 @@ class _LinkMeans:
     stretches : list of PhaseStretch
     samples : ndarray of int, shape (n,)
         Number of samples of each mean.
-    stec, stec_squared : ndarray, shape (n,)
-        Differential TEC, TECU, and its square.
+    stec : ndarray, shape (n,)
+        Differential TEC, TECU.
+    deviation, deviation_squared : ndarray, shape (n,)
+        Differential TEC less that of the first sample of its stretch, TECU, and its square: without
+        integers contents are so large that their own squares have lost what they scatter by.
     step_squared : ndarray, shape (n,)
         Square of its change from one sample to the next, TECU^2.
     wide_lane : ndarray, shape (n,)
@@ -121,7 +130,8 @@ class _LinkMeans:
     stretches: list[PhaseStretch]
     samples: IntArray
     stec: FloatArray
-    stec_squared: FloatArray
+    deviation: FloatArray
+    deviation_squared: FloatArray
     step_squared: FloatArray
     wide_lane: FloatArray
     elevation_chief: FloatArray
@@ -133,11 +143,32 @@ class _LinkMeans:
             stretches=[self.stretches[row] for row in np.flatnonzero(chosen).tolist()],
             samples=self.samples[chosen],
             stec=self.stec[chosen],
-            stec_squared=self.stec_squared[chosen],
+            deviation=self.deviation[chosen],
+            deviation_squared=self.deviation_squared[chosen],
             step_squared=self.step_squared[chosen],
             wide_lane=self.wide_lane[chosen],
             elevation_chief=self.elevation_chief[chosen],
             elevation_deputy=self.elevation_deputy[chosen],
+        )
+
+    def scatter(self) -> FloatArray:
+        """Return the variance of the contents within the second, TECU^2, shape (n,)."""
+        return np.asarray(self.deviation_squared - self.deviation**2)
+
+    def has_integers(self) -> npt.NDArray[np.bool_]:
+        """Return which links have integers of both signals."""
+        return np.array([stretch.has_integers for stretch in self.stretches], dtype=bool)
+
+    def with_integers(self, row: int, integers: tuple[float, float], content: float) -> _LinkMeans:
+        """Return the means with the integers of one link, whose content (TECU) is removed."""
+        stretches = list(self.stretches)
+        stretches[row] = replace(stretches[row], integers=integers)
+        removed = np.where(np.arange(len(stretches)) == row, content, 0.0)
+        return replace(
+            self,
+            stretches=stretches,
+            stec=self.stec - removed,
+            wide_lane=self.wide_lane - np.where(removed != 0.0, integers[0] - integers[1], 0.0),
         )
 
 
@@ -179,13 +210,15 @@ class FormationDensity:
         # Variances of means, and scatters, whose ratio says how long fades last: sums of late.
         self._of_means = _FIRST_MEAN_OVER_SCATTER * _FIRST_WEIGHT
         self._of_scatter = _FIRST_WEIGHT
-        # Content of each satellite less the predicted one a second ago, TECU, by stretch.
-        self._last_errors: dict[int, float] = {}
+        # Content of each satellite less the predicted one a second ago, TECU, by the number and the
+        # integers of its stretch.
+        self._last_errors: dict[tuple[int, tuple[float | None, float | None]], float] = {}
         # The same of satellites with integers, by PRN.
         self._last_fixed: dict[int, float] = {}
         # Seconds in a row for which the integers of a satellite were wrong, by PRN.
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
+        self._seconds_unconnected = 0
 
     def update(
         self,
@@ -275,10 +308,31 @@ class FormationDensity:
             signal: (chief[signal], deputy[signal])
             for signal in sorted(chief.keys() & deputy.keys())
         }
-        integers = self._datum.update(second.integers, self._continuity)
-        return self._stretches.continue_or_begin(
-            self._arcs_at_end(results), integers, self._continuity
-        )
+        integers = self._datum.update(second.integers, self._continuity, self._may_begin_anew())
+        arcs = self._arcs_at_end(results)
+        self._count_unconnected(arcs, integers, second.integers)
+        return self._stretches.continue_or_begin(arcs, integers, self._continuity)
+
+    def _may_begin_anew(self) -> bool:
+        """Return whether the constant of all satellites may be given up for a new one.
+
+        While it is known, integers are found in its datum again, unless that fails for long though
+        relative navigation has integers enough.
+        """
+        return not self._estimator.is_bias_known or self._seconds_unconnected >= _PATIENCE
+
+    def _count_unconnected(
+        self,
+        links: Iterable[LinkSignals],
+        held: Mapping[SignalKey, float],
+        fixed: Mapping[SignalKey, float],
+    ) -> None:
+        """Count the seconds in which only relative navigation has integers, and of many links."""
+        links = list(links)
+        is_lost = not any(signal in held and other in held for signal, other in links)
+        offered = sum(signal in fixed and other in fixed for signal, other in links)
+        is_unconnected = is_lost and offered >= _ENOUGH_PROVED
+        self._seconds_unconnected = self._seconds_unconnected + 1 if is_unconnected else 0
 
     def _differences(
         self,
@@ -305,18 +359,31 @@ class FormationDensity:
         stec = differential_stec(
             first, second_phase, integers[:, 0], integers[:, 1], *self._frequencies
         )
+        deviation = stec - self._origins(stretch_of_link[link], stec)
         wide_lane = (
             deputy.pairs.wide_lane_cycles[deputy_row] - chief.pairs.wide_lane_cycles[chief_row]
         )
         columns = {
             "stec": stec,
-            "stec_squared": stec * stec,
+            "deviation": deviation,
+            "deviation_squared": deviation * deviation,
             "step_squared": _squared_steps(stretch_of_link[link], stec),
             "wide_lane": wide_lane - (integers[:, 0] - integers[:, 1]),
             "elevation_chief": chief.elevation[chief_row],
             "elevation_deputy": deputy.elevation[deputy_row],
         }
         return chief.pairs.time[chief_row], stretch_of_link[link], columns
+
+    def _origins(self, stretches: IntArray, stec: FloatArray) -> FloatArray:
+        """Return the first content of the stretch of each row, TECU, shape (n,)."""
+        numbers, first, inverse = np.unique(stretches, return_index=True, return_inverse=True)
+        origins = []
+        for number, content in zip(numbers.tolist(), stec[first].tolist(), strict=True):
+            stretch = self._stretches[number]
+            if not math.isfinite(stretch.origin):
+                stretch.origin = content
+            origins.append(stretch.origin)
+        return np.asarray(np.array(origins)[inverse]) if origins else np.zeros(0)
 
     def _common_rows(
         self, end: int, results: tuple[SpacecraftResult, SpacecraftResult]
@@ -355,12 +422,15 @@ class FormationDensity:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
             self._resolver.reset()
+        seconds = time / NANOSECONDS_PER_SECOND
         stretches = [self._stretches[number] for number in averages.number.tolist()]
         means = _LinkMeans(stretches, averages.samples, **averages.columns)
-        has_integers = np.array([stretch.has_integers for stretch in stretches], dtype=bool)
+        sigma_of_all = self._sigma(means)
+        altitudes = (altitude_chief, altitude_deputy)
+        means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
+        has_integers = means.has_integers()
         fixed = means.select(has_integers)
         satellites = [stretch.signals.prn for stretch in fixed.stretches]
-        sigma_of_all = self._sigma(means)
         sigma = sigma_of_all[has_integers]
         # The Earth-centred angle between both spacecraft; a gradient across it is no density.
         radii = np.linalg.norm(positions, axis=1)
@@ -370,7 +440,7 @@ class FormationDensity:
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
         epoch = self._estimator.update(
-            time / NANOSECONDS_PER_SECOND,
+            seconds,
             altitude_chief,
             altitude_deputy,
             fixed.elevation_chief,
@@ -382,23 +452,11 @@ class FormationDensity:
             self._settings.gradient_sigma_tecu_per_deg * angle_deg,
         )
         if math.isfinite(epoch.slow_time):
-            predicted, predicted_sigma = self._estimator.predicted_stec(
-                altitude_chief,
-                altitude_deputy,
-                means.elevation_chief,
-                means.elevation_deputy,
-                [stretch.signals.prn for stretch in stretches],
-            )
+            predicted, covariance = self._predict(seconds, altitudes, means)
             error = means.stec - predicted
-            spread = predicted_sigma[has_integers]
+            spread = np.sqrt(np.diag(covariance)[has_integers])
             self._examine_integers(
                 fixed, error[has_integers], np.hypot(spread, sigma), epoch.is_outlier
-            )
-            self._resolve_integers(
-                means.select(~has_integers),
-                error[~has_integers],
-                sigma_of_all[~has_integers],
-                predicted_sigma[~has_integers],
             )
             self._measure_fades(fixed, error[has_integers], sigma)
             self._add_changes(means, error)
@@ -412,6 +470,18 @@ class FormationDensity:
             epoch=epoch,
         )
 
+    def _predict(
+        self, seconds: float, altitudes: tuple[float, float], means: _LinkMeans
+    ) -> tuple[FloatArray, FloatArray]:
+        """Return the contents that are predicted of links, TECU, and their covariance."""
+        return self._estimator.predicted_stec(
+            seconds,
+            *altitudes,
+            means.elevation_chief,
+            means.elevation_deputy,
+            [stretch.signals.prn for stretch in means.stretches],
+        )
+
     def _is_proved(self, stretch: PhaseStretch) -> bool:
         return all(self._datum.is_proved(signal) for signal in stretch.signals)
 
@@ -422,7 +492,7 @@ class FormationDensity:
         1941), the rest of the scatter is a slow fluctuation.
         """
         white = np.maximum(0.5 * means.step_squared, _LEAST_NOISE * self._sample_sigma**2)
-        scatter = means.stec_squared - means.stec**2
+        scatter = means.scatter()
         # One second alone may be quiet by chance, so that the seconds before it count too.
         excess = np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
         for row, (stretch, value) in enumerate(zip(means.stretches, excess.tolist(), strict=True)):
@@ -444,7 +514,7 @@ class FormationDensity:
         sigmas, TECU.
         """
         noise = 0.5 * means.step_squared
-        scatter = means.stec_squared - means.stec**2
+        scatter = means.scatter()
         now = {
             stretch.signals.prn: error
             for stretch, error in zip(means.stretches, errors.tolist(), strict=True)
@@ -456,6 +526,9 @@ class FormationDensity:
             if prn not in self._last_fixed or scatter[row] <= _LARGE_SCATTER * noise[row]:
                 continue
             change = 0.5 * (error - self._last_fixed[prn]) ** 2 / share
+            # Neither a satellite without an orbit nor one that is not used tells anything.
+            if not math.isfinite(change + sigma[row]):
+                continue
             change = min(change, _LARGEST_CHANGE * float(sigma[row]) ** 2)
             weight = float(sigma[row]) ** -2
             of_means += weight * (change - float(noise[row]) / float(means.samples[row]))
@@ -473,15 +546,14 @@ class FormationDensity:
         Fades that last for seconds hardly show in the scatter of one.
         """
         noise = 0.5 * means.step_squared / means.samples
-        errors_now = dict(
-            zip((stretch.number for stretch in means.stretches), errors.tolist(), strict=True)
-        )
-        for stretch, variance in zip(means.stretches, noise.tolist(), strict=True):
-            last = self._last_errors.get(stretch.number)
+        keys = [(stretch.number, stretch.integers) for stretch in means.stretches]
+        errors_now = dict(zip(keys, errors.tolist(), strict=True))
+        for key, stretch, variance in zip(keys, means.stretches, noise.tolist(), strict=True):
+            last = self._last_errors.get(key)
             prn = stretch.signals.prn
             if last is None or prn not in self._excess:
                 continue
-            change = 0.5 * (errors_now[stretch.number] - last) ** 2
+            change = 0.5 * (errors_now[key] - last) ** 2
             if change > _LARGE_CHANGE * max(variance, _LEAST_NOISE * self._sample_sigma**2):
                 mean = self._excess[prn]
                 self._excess[prn] = max(mean, mean + (change - mean) / _SCATTER_MEMORY)
@@ -516,35 +588,69 @@ class FormationDensity:
 
     def _resolve_integers(
         self,
-        floating: _LinkMeans,
-        errors: FloatArray,
+        seconds: float,
+        altitudes: tuple[float, float],
+        means: _LinkMeans,
         sigma: FloatArray,
-        predicted_sigma: FloatArray,
-    ) -> None:
-        """Find the integers of links without, from the contents that are predicted of them.
+    ) -> _LinkMeans:
+        """Return the means of links, those whose integers are found beside others with them.
 
-        `errors` are differential contents without integers less the predicted ones, with the sigmas
-        of either, TECU; those of the predictions contain the level that a satellite had before.
+        Contents are predicted from the constant, from the level that each satellite had before, and
+        from the links that have integers. `sigma` are those of the means, TECU.
         """
-        wide_lanes, samples = floating.wide_lane.tolist(), floating.samples.tolist()
-        for row, stretch in enumerate(floating.stretches):
-            integers = self._resolver.resolve(
-                stretch.number,
-                wide_lanes[row],
-                samples[row],
-                float(errors[row]),
+        has_integers = means.has_integers()
+        is_predicted = self._estimator.is_bias_known or (
+            self._estimator.has_bias and has_integers.any()
+        )
+        if has_integers.all() or not is_predicted:
+            return means
+        predicted, covariance = self._predict(seconds, altitudes, means)
+        errors = means.stec - predicted
+        known = has_integers & np.isfinite(sigma)
+        of_known = covariance[np.ix_(known, known)] + np.diag(sigma[known] ** 2)
+        agree = ~self._estimator.find_outliers(errors[known], of_known)
+        if np.count_nonzero(agree) < _FEWEST_WITNESSES:
+            agree[:] = False
+        rows, of_known = np.flatnonzero(known)[agree], of_known[np.ix_(agree, agree)]
+        # What the links with integers tell of the others.
+        floating = np.flatnonzero(~has_integers)
+        gain = np.linalg.solve(of_known, covariance[np.ix_(rows, floating)]).T
+        contents = [
+            FloatingContent(
+                means.stretches[row].number,
+                float(means.wide_lane[row]),
+                int(means.samples[row]),
+                float(error),
                 float(sigma[row]),
-                float(predicted_sigma[row]),
-                stretch.integers,
+                means.stretches[row].integers,
             )
-            if integers is None:
+            for row, error in zip(
+                floating.tolist(), errors[floating] - gain @ errors[rows], strict=True
+            )
+        ]
+        spread = covariance[np.ix_(floating, floating)] - gain @ covariance[np.ix_(rows, floating)]
+        found = self._resolver.resolve(contents, spread, len(rows) > 0)
+        result = means
+        for row in floating.tolist():
+            stretch = means.stretches[row]
+            if stretch.number not in found:
                 continue
+            integers = found[stretch.number]
+            # Without a witness the contents of this second have chosen the integers: they do not
+            # check them. Those of the next second do.
+            if len(rows):
+                result = result.with_integers(row, integers, self._content_of(*integers))
             for signal, cycles, continuity in zip(
                 stretch.signals, integers, stretch.continuity, strict=True
             ):
                 # A stretch may have ended while its last second was averaged.
                 if continuity is not None and self._continuity.get(signal) == continuity:
                     self._datum.resolve(signal, cycles, continuity)
+        return result
+
+    def _content_of(self, first: float, second: float) -> float:
+        """Return the content that two integers make, TECU."""
+        return -float(differential_stec(0.0, 0.0, first, second, *self._frequencies))
 
     def _judge(self, stretch: PhaseStretch, is_wrong: bool) -> None:
         """Count the seconds that speak against or for the integers of a stretch."""

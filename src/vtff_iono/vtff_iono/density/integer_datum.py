@@ -54,6 +54,7 @@ class IntegerDatum:
         self,
         fixed: Mapping[SignalKey, float],
         continuity: Mapping[SignalKey, Hashable],
+        may_begin_anew: bool = True,
     ) -> dict[SignalKey, float]:
         """Return the integers that hold now, cycles in the datum.
 
@@ -65,6 +66,9 @@ class IntegerDatum:
         continuity : mapping of SignalKey to hashable
             For each signal with continuous phases in both receivers a value that changes when the
             continuity is broken. A signal without an entry has no integer.
+        may_begin_anew : bool
+            Whether integers that nothing connects with those held may begin another datum. If not,
+            those of the filter wait until an integer has been found in the old one: see `resolve`.
         """
         result: dict[SignalKey, float] = {}
         for group in sorted({signal.group for signal in fixed} | set(self._held)):
@@ -73,7 +77,7 @@ class IntegerDatum:
                 for signal, cycles in fixed.items()
                 if signal.group == group and signal in continuity
             }
-            result |= self._update_group(group, usable, continuity)
+            result |= self._update_group(group, usable, continuity, may_begin_anew)
         return result
 
     def _update_group(
@@ -81,6 +85,7 @@ class IntegerDatum:
         group: SignalGroup,
         fixed: dict[SignalKey, float],
         continuity: Mapping[SignalKey, Hashable],
+        may_begin_anew: bool,
     ) -> dict[SignalKey, float]:
         """Return the integers of one group that hold now; arguments as in `update`."""
         held = {
@@ -102,7 +107,7 @@ class IntegerDatum:
                 if signal not in proved
                 and self._refused.get(signal) != (cycles + shift, continuity[signal])
             }
-        elif len(fixed) > len(held):
+        elif len(fixed) > len(held) and may_begin_anew:
             self.number += 1
             held, proved = fixed, set()
         self._proved[group] = proved

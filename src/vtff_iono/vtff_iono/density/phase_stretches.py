@@ -8,6 +8,7 @@ mixed in one mean.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Hashable, Iterable, KeysView, Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -52,6 +53,8 @@ class PhaseStretch:
         Integers of both signals, deputy less chief, cycles; None while one is not fixed.
     seconds_of_agreement : int
         For how many seconds in a row its content has agreed with that of the other satellites.
+    origin : float
+        Differential content of its first sample, TECU; NaN before.
     """
 
     number: int
@@ -60,6 +63,7 @@ class PhaseStretch:
     continuity: tuple[Hashable, Hashable]
     integers: tuple[float | None, float | None]
     seconds_of_agreement: int = 0
+    origin: float = math.nan
 
     @property
     def has_integers(self) -> bool:

@@ -6,7 +6,8 @@ minutes. The integer of a signal that goes on is still right, and with it the ot
 once: a cycle of L2 alone changes the content by 2.3 TECU.
 
 What jumps without a report of the receiver has slipped, or was wound up by the plasma, in a fade:
-the blame is on the signals that faded in that second, and on both where none did.
+the blame is on the signals that faded in that second, and on both where none did. While the other
+signal of a link is lost no test sees a jump: a fade then counts as one.
 """
 
 from __future__ import annotations
@@ -24,9 +25,10 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
 
 __all__ = ["SignalContinuity"]
 
-# A signal has faded where its C/N0 falls by so much below its mean of so many seconds, dB: to a
-# third of its amplitude.
-_FADE, _FADE_MEMORY = 10.0, 10.0
+# dB; a signal fades where its C/N0 falls by so much below its mean, to a third of the amplitude, or
+# to two fifths where no test sees whether it has slipped. The mean is of so many seconds, more than
+# fades last.
+_FADE, _UNSEEN_FADE, _FADE_MEMORY = 10.0, 8.0, 30.0
 # What ends an arc though no receiver reports an interruption: either signal may have slipped.
 _GEOMETRY_FREE, _WIDE_LANE = int(ArcBreak.GEOMETRY_FREE), int(ArcBreak.WIDE_LANE)
 _OTHER_LINK, _CLOSURE = int(ArcBreak.OTHER_LINK), int(ArcBreak.CLOSURE)
@@ -88,6 +90,7 @@ class SignalContinuity:
             columns["lock_time"],
             rows.pairs.row_first,
             rows.pairs.row_second,
+            rows.arc,
             rows.break_reason,
             self._states,
             self._times,
@@ -120,6 +123,7 @@ def _follow_signals(  # type: ignore[no-untyped-def]
     lock_time,
     row_first,
     row_second,
+    arc,
     break_reason,
     states,
     times,
@@ -137,6 +141,7 @@ def _follow_signals(  # type: ignore[no-untyped-def]
         total[s] += cn0_dbhz[row]
         count[s] += 1.0
     has_faded = np.zeros(len(states), dtype=np.bool_)
+    level = np.zeros(len(states))
     for s in range(len(states)):
         if count[s] == 0.0:
             continue
@@ -144,10 +149,16 @@ def _follow_signals(  # type: ignore[no-untyped-def]
         if np.isnan(states[s, _MEAN_CN0]):
             states[s, _MEAN_CN0] = mean
         before = states[s, _MEAN_CN0]
+        level[s] = before
         has_faded[s] = lowest[s] < before - _FADE
         states[s, _MEAN_CN0] = before + (mean - before) / _FADE_MEMORY
     # What may have slipped though no receiver reports it.
     is_blamed = np.zeros(len(time), dtype=np.bool_)
+    for row in range(len(time)):
+        is_blamed[row] = cn0_dbhz[row] < level[signal[row]] - _UNSEEN_FADE
+    for row in range(len(arc)):
+        if arc[row] > 0:
+            is_blamed[row_first[row]] = is_blamed[row_second[row]] = False
     for row in range(len(break_reason)):
         reason = break_reason[row]
         if (

@@ -98,8 +98,10 @@ class SlowErrors:
         kept = math.exp(-elapsed / _MEMORY)
         self._forget(kept)
         self._first_weight *= math.exp(-elapsed / _FORGOTTEN)
-        # Satellites that fluctuate fast tell little about slow errors.
+        # Satellites that fluctuate fast tell little about slow errors, and where they fluctuate by
+        # more than these, only how well the sigma of the fluctuations is known.
         trust = (self.sigma**2 * weight**2) ** 2 + 1e-3
+        trust[fast_variance > max(self.sigma, _FIRST_SIGMA) ** 2] = 0.0
         self._square += float(trust @ (residual**2 - freedom * fast_variance))
         self._weight += float(trust @ freedom)
         self._add_products(time, satellites, residual, freedom * fast_variance, trust)

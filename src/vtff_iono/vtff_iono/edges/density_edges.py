@@ -4,7 +4,8 @@ Around each altitude the densities are fitted with a straight line and a wall, f
 widths; the separation of the spacecraft smears each of them. A wall is told if its change is
 
 - many times its sigma, which contains errors that are correlated from second to second while the
-  same satellites are used,
+  same satellites are used, and errors that all seconds share until more is known of them: of these
+  the difference between two seconds is what the estimator has learned between them,
 - a part of the density beside it, and
 - no part of a smooth rise: against a straight line the wall stands out.
 """
@@ -25,8 +26,8 @@ __all__ = ["DensityEdgeDetector", "compile_kernels", "fit_wall", "smeared_step"]
 
 # Smallest length over which a wall is smeared, m.
 _NARROWEST = 100.0
-# Rows of the table of a profile at first.
-_FIRST_ROWS = 256
+# Rows of the table of a profile at first, and its columns.
+_FIRST_ROWS, _COLUMNS = 256, 5
 # Largest number of means that a fit uses.
 _MEANS = 24
 # Fewest means on either side of a wall.
@@ -80,7 +81,7 @@ class _Profile:
     """
 
     def __init__(self) -> None:
-        self._rows = np.empty((_FIRST_ROWS, 4))
+        self._rows = np.empty((_FIRST_ROWS, _COLUMNS))
         self._slow = np.zeros((_FIRST_ROWS, 0))
         self._column: dict[int, int] = {}
         self._begin = self._end = 0
@@ -91,7 +92,7 @@ class _Profile:
 
     @property
     def samples(self) -> FloatArray:
-        """Time (s), altitude (m), density and sigma of its fast error (1/m3), shape (n, 4)."""
+        """Time (s), altitude (m), density and sigmas of its fast and its common error (1/m3)."""
         return self._rows[self._begin : self._end]
 
     @property
@@ -99,7 +100,9 @@ class _Profile:
         """What one sigma of the slow error of each satellite adds, 1/m3, shape (n, satellites)."""
         return self._slow[self._begin : self._end]
 
-    def add(self, sample: tuple[float, float, float, float], slow: Mapping[int, float]) -> None:
+    def add(
+        self, sample: tuple[float, float, float, float, float], slow: Mapping[int, float]
+    ) -> None:
         """Add a sample and its slow parts by number of the satellite."""
         if self._end == len(self._rows):
             self._make_room()
@@ -123,7 +126,7 @@ class _Profile:
     def _make_room(self) -> None:
         """Move the samples to the beginning of tables that are twice as long as they are."""
         count = len(self)
-        rows = np.empty((2 * max(count, _FIRST_ROWS), 4))
+        rows = np.empty((2 * max(count, _FIRST_ROWS), _COLUMNS))
         slow = np.zeros((len(rows), self._slow.shape[1]))
         rows[:count], slow[:count] = self.samples, self.slow_parts
         self._rows, self._slow, self._begin, self._end = rows, slow, 0, count
@@ -189,6 +192,7 @@ class DensityEdgeDetector:
         fast_sigma: float,
         slow_parts: Mapping[int, float] | None = None,
         slow_time: float = 100.0,
+        common_sigma: float = 0.0,
     ) -> list[Edge]:
         """Add a sample and return the edges that it confirms.
 
@@ -207,6 +211,9 @@ class DensityEdgeDetector:
             electrons per cubic metre.
         slow_time : float
             Correlation time of the slow errors, s.
+        common_sigma : float
+            Sigma of the error that is left of what is estimated over all seconds, electrons per
+            cubic metre.
         """
         if not math.isfinite(altitude + separation + density + fast_sigma):
             return []
@@ -218,7 +225,7 @@ class DensityEdgeDetector:
             if direction != self._direction or time - last_time > _LONGEST_GAP:
                 edges += self.flush()
                 self._direction = direction
-        self._profile.add((time, altitude, density, fast_sigma), slow_parts or {})
+        self._profile.add((time, altitude, density, fast_sigma, common_sigma), slow_parts or {})
         length = max(abs(separation), _NARROWEST)
         self._profile.forget_beyond(2.5 * max(_reach(*window, length) for window in self._windows))
         # Increasing, because a turn begins a new profile.
@@ -325,8 +332,8 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
 
     Parameters
     ----------
-    samples : ndarray, shape (n, 4)
-        Time, s, altitude, m, density and sigma of its fast error, 1/m3.
+    samples : ndarray, shape (n, 5)
+        Time, s, altitude, m, density and sigmas of its fast and of its common error, 1/m3.
     slow : ndarray, shape (n, m)
         What one sigma of each slow error adds to the densities, 1/m3.
     direction : float
@@ -353,7 +360,7 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
     # Means of at most _MEANS groups of samples.
     most = min(count, _MEANS)
     number = np.zeros(most)
-    means = np.zeros((most, 4))  # time, distance, density, variance
+    means = np.zeros((most, 5))  # time, distance, density, variances
     parts = np.zeros((most, slow.shape[1]))
     group, last = -1, -1
     for row in range(count):
@@ -366,6 +373,7 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
         means[group, 1] += direction * samples[row, 1] - middle
         means[group, 2] += samples[row, 2]
         means[group, 3] += samples[row, 3] ** 2
+        means[group, 4] += samples[row, 4] ** 2
         for column in range(slow.shape[1]):
             parts[group, column] += slow[row, column]
     groups = group + 1
@@ -374,7 +382,7 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
     rounded, smeared = max(width, 1e-3), max(length, 1e-3)
     table = np.empty((groups, 4))  # columns of the design, and the density
     for row in range(groups):
-        for column in range(4):
+        for column in range(5):
             means[row, column] /= number[row]
         for column in range(slow.shape[1]):
             parts[row, column] /= number[row]
@@ -402,6 +410,8 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
             for column in range(slow.shape[1]):
                 total += parts[row, column] * parts[other, column]
             total *= math.exp(-abs(means[row, 0] - means[other, 0]) / slow_time)
+            # Errors of an estimate and of a better one differ by what was learned between them.
+            total += min(means[row, 4], means[other, 4])
             if row == other:
                 total += means[row, 3] / number[row]
             for column in range(other):
@@ -452,7 +462,7 @@ def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):
 
 def compile_kernels() -> None:
     """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
-    fit_wall(np.zeros((0, 4)), np.zeros((0, 0)), 1.0, 0.0, 1.0, 0.0, 1.0, 1.0)
+    fit_wall(np.zeros((0, _COLUMNS)), np.zeros((0, 0)), 1.0, 0.0, 1.0, 0.0, 1.0, 1.0)
 
 
 def _reach(width: float, margin: float, length: float) -> float:

@@ -84,6 +84,7 @@ class VerticalEdgeFinder:
                 density.epoch.fast_sigma,
                 dict(zip(density.prn.tolist(), density.epoch.slow_parts.tolist(), strict=True)),
                 density.epoch.slow_time,
+                density.epoch.common_sigma,
             )
             self._waiting += edges
             self._edge_times.extend(edge.time for edge in edges)
