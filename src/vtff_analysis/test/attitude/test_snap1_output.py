@@ -25,7 +25,10 @@ def test_study_writes_every_figure_and_the_table(tmp_path):
     rows = found.rows
     assert "paper 55" in found.sentence
     names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"snap1.csv"} | {f"figure_{number}.png" for number in range(2, 12)}
+    # Beside each figure stand its lines, for the page of the study.
+    endings = ("png", "lines.json")
+    figures = {f"figure_{number}.{ending}" for number in range(2, 12) for ending in endings}
+    assert names == {"snap1.csv"} | figures
     with (tmp_path / "snap1.csv").open() as stream:
         table = list(csv.DictReader(stream))
     assert len(table) == len(rows)
