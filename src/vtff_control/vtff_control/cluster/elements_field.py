@@ -55,6 +55,7 @@ _INCLINATION_RATIO: dict[str, float] = {"circle": _CIRCLE, "helix": 1.0}
 _KILOMETRE = 1e3  # m
 _HALF_AXES = np.array([1.0, 0.5])
 _STEEP = 600.0  # m
+_NARROW, _WIDE = 500.0, 650.0  # m
 _NEAR = 1e3  # m: about the ring of the potential
 
 
@@ -73,16 +74,18 @@ class JoiningField(PotentialField):
     shape
         One of `SHAPES`.
     normal_share
-        Part of what is missing out of the orbital plane that one step takes off: small, so that
-        members that are apart across the track alone are apart in it before they meet.
+        Part of what is missing out of the orbital plane that one step takes off, once no vector is
+        near: members that are apart across the track alone go apart in the plane first.
     """
 
     shape: str = "helix"
-    normal_share: float = 0.1
+    normal_share: float = 0.2
 
     def _step(self, positions: FloatArray, chosen: npt.NDArray[np.bool_]) -> FloatArray:
         ratio = 2.0 if self.shape == "circle" else 1.0
-        vectors = _no_nearer(ratio * _HALF_AXES * positions[:, :2])
+        vectors = ratio * _HALF_AXES * positions[:, :2]
+        nearest = float(np.linalg.norm(vectors, axis=1).min())
+        vectors = _no_nearer(vectors)
         # In a plane many neighbours are near, and all of them move at the same time.
         gain = min(self.gain, 0.5 / stiffness(vectors))
         along = _KILOMETRE * gain / ratio * climb(vectors, chosen)
@@ -91,7 +94,8 @@ class JoiningField(PotentialField):
         own = step - positions[chosen].mean(axis=0)
         wanted = {"helix": 0.5 * own[_IN_TRACK], "circle": _CIRCLE * own[_RADIAL]}
         missing = wanted.get(self.shape, 0.0) - own[_NORMAL]
-        step[_NORMAL] = self.normal_share * missing
+        clear = min(max((nearest - _NARROW) / (_WIDE - _NARROW), 0.0), 1.0)
+        step[_NORMAL] = clear * self.normal_share * missing
         return shortened(step, self.longest_step)
 
 
@@ -142,7 +146,7 @@ class ElementsField:
     least_distance: float = 650.0
     acceleration_density: float = 1e-4
     free_thrust: float = 2e-4
-    spreading_time: float = 1800.0
+    spreading_time: float = 2400.0
 
     def __post_init__(self) -> None:
         """Check the shape."""
