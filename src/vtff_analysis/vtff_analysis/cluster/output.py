@@ -28,7 +28,7 @@ _ORBITS_FROM = 7000.0  # s: all have gathered
 _ORBITS_OF_ELEMENTS = 6.0
 _SENSOR_IN_ORBIT = RangeSensor(misalignment_sigma=3e-4)
 _DECAY_IN_ORBIT = 20000.0  # s: the cluster goes round in orbits
-_ORBITS_OF_DECAY = 8.4
+_ORBITS_OF_DECAY = 9.4
 
 
 @rc_context(STYLE)
