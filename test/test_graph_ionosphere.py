@@ -23,7 +23,7 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_gnss.files.navigation_files import NavigationFiles
 from vtff_iono.conversions import boundary_to_message, density_to_message, slant_tec_to_message
 from vtff_iono.density.density_profile import binned_profile
-from vtff_iono.edges.minute_scores import score_minutes
+from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.formation_ionosphere import FormationIonosphere
 from vtff_iono.ionosphere_processor_node import (
     IonosphereProcessorParameters,
@@ -230,7 +230,7 @@ def test_scintillating_minutes_are_those_whose_rays_cross(esf, craft):
             if band == 1 and math.isfinite(s4):
                 found.append(s4 > 0.2)
                 crossing.append(minutes.get((f"G{prn:02d}", minute), 0.0))
-    score = score_minutes(found, crossing)
+    score = score_windows(found, crossing)
     assert score.detection_rate >= 0.95
     assert score.false_alarm_rate < 0.01
 

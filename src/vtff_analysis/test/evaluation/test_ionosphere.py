@@ -198,11 +198,30 @@ def test_scintillating_minutes_and_their_place():
 
 
 def test_minutes_are_counted_from_windows_of_any_length():
-    run = made_up_run()
-    for columns in run.scintillation.values():
-        columns.time[:] = columns.time.min() + (columns.time - columns.time.min()) // 6
-    found = summarise_ionosphere(run, None)
-    assert found["ionosphere_chief_scintillating_minutes"] == pytest.approx(2 / 6)
+    """The truth, too: a window of ten seconds is no false one because no minute ends there."""
+    ends = np.arange(10, 1200, 10)
+    is_strong = (ends > 960) & (ends <= 1080)
+    windows = SatelliteColumns(
+        time=START + ends * SECOND,
+        system=np.zeros(len(ends), np.uint8),
+        prn=np.full(len(ends), 5, np.uint8),
+        # The first strong window is missed, and one before is false.
+        values={
+            "band": np.ones(len(ends)),
+            "s4_corrected": np.where(is_strong ^ np.isin(ends, (500, 970)), 0.4, 0.01),
+        },
+    )
+    run = dataclasses.replace(made_up_run(), scintillation={"/chief/iono/scintillation": windows})
+    found = summarise_ionosphere(run, made_up_truth())
+    assert found["ionosphere_chief_scintillating_minutes"] == pytest.approx(2.0)
+    assert found["ionosphere_true_chief_scintillating_minutes"] == pytest.approx(2.0)
+    percent = found["ionosphere_chief_scintillation_detected_percent"]
+    assert percent == pytest.approx(100.0 * 11 / 12)
+    others = np.count_nonzero(~is_strong) - 1  # the last strong second ends the window before it
+    percent = found["ionosphere_chief_scintillation_false_percent"]
+    assert percent == pytest.approx(100.0 / others, rel=0.02)
+    # The middle of the false window, which is the first.
+    assert found["ionosphere_first_event_longitude_deg"] == pytest.approx(0.066 * 494)
 
 
 def test_edges_of_other_structures_do_not_make_a_separation():

@@ -14,7 +14,7 @@ from vtff_analysis.evaluation.ionosphere_density import add_density, add_single_
 from vtff_analysis.evaluation.ionosphere_edges import add_edges
 from vtff_analysis.evaluation.scintillation import (
     add_scintillation,
-    scintillating_minutes,
+    scintillating_windows,
     true_lag,
 )
 from vtff_analysis.recordings.history import RunHistory
@@ -58,7 +58,7 @@ def summarise_ionosphere(
     if lag is not None:
         measured["lag_s"] = lag
         if truth is not None:
-            true["lag_s"] = true_lag(truth, history, scintillating_minutes(history))
+            true["lag_s"] = true_lag(truth, history, scintillating_windows(history)[0])
     return {
         **{f"ionosphere_{name}": value for name, value in measured.items()},
         **{f"ionosphere_true_{name}": value for name, value in true.items() if name in measured},

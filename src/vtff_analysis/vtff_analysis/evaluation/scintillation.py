@@ -1,4 +1,4 @@
-"""Minutes of scintillation of a run: how many, where, and how many of them are true."""
+"""Scintillation of a run: how many minutes of it, where, and how much of it is true."""
 
 from __future__ import annotations
 
@@ -12,33 +12,43 @@ from vtff_analysis.recordings.ionosphere_truth import IonosphereTruth, Satellite
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import satellite_number
-from vtff_iono.edges.minute_scores import score_minutes
+from vtff_iono.edges.window_scores import score_windows
 
 __all__ = [
-    "MINUTE",
     "WEAK_SCINTILLATION",
     "add_scintillation",
-    "scintillating_minutes",
+    "scintillating_windows",
     "true_lag",
 ]
 
 WEAK_SCINTILLATION = 0.2
 """S4 from which on there is scintillation (paper 000, section 4.2)."""
 
-MINUTE = 60 * NANOSECONDS_PER_SECOND
-"""ns; window of the scintillation indices."""
+_MINUTE = 60 * NANOSECONDS_PER_SECOND
+
+# Length of the windows of the indices where a recording has one window only, ns.
+_USUAL_WINDOW = _MINUTE
 
 _LAG_STEP = 5 * NANOSECONDS_PER_SECOND  # before and after, over which the ground speed is taken
 
 Summary = dict[str, Any]
 
 
-def scintillating_minutes(history: RunHistory) -> TimeArray:
-    """Return the ends of the minutes in which the chief saw scintillation, ns since 1970."""
+def scintillating_windows(history: RunHistory) -> tuple[TimeArray, int]:
+    """Return the windows of the indices in which the chief saw scintillation.
+
+    Returns
+    -------
+    ndarray of int64, shape (n,)
+        Ends of the windows, ns since 1970.
+    int
+        Their length, ns.
+    """
     columns = _indices_of_l1(history, history.chief)
     if columns is None:
-        return np.empty(0, dtype=np.int64)
-    return np.unique(columns.time[columns.values["s4_corrected"] > WEAK_SCINTILLATION])
+        return np.empty(0, dtype=np.int64), _USUAL_WINDOW
+    ends = np.unique(columns.time[columns.values["s4_corrected"] > WEAK_SCINTILLATION])
+    return ends, _window_length(columns)
 
 
 def add_scintillation(
@@ -60,12 +70,14 @@ def add_scintillation(
         if columns is None:
             continue
         detected = columns.values["s4_corrected"] > WEAK_SCINTILLATION
-        minutes = _window_length(columns) / MINUTE
+        window = _window_length(columns)
+        minutes = window / _MINUTE
         measured[f"{role}_scintillating_minutes"] = minutes * int(np.count_nonzero(detected))
         rays = None if truth is None else truth.satellites.get(craft)
         if rays is None or not len(columns.time):
             continue
-        score = score_minutes(detected, _crossing_seconds(columns, rays))
+        crossing_minimum = 0.5 * window / NANOSECONDS_PER_SECOND
+        score = score_windows(detected, _crossing_seconds(columns, rays, window), crossing_minimum)
         true[f"{role}_scintillating_minutes"] = minutes * score.crossing_count
         if score.crossing_count:
             measured[f"{role}_scintillation_detected_percent"] = 100.0 * score.detection_rate
@@ -80,7 +92,7 @@ def _window_length(columns: SatelliteColumns) -> int:
     order = np.lexsort((columns.time, satellite))
     between = np.diff(columns.time[order])[np.diff(satellite[order]) == 0]
     between = between[between > 0]
-    return int(between.min()) if between.size else MINUTE
+    return int(between.min()) if between.size else _USUAL_WINDOW
 
 
 def true_lag(truth: IonosphereTruth, history: RunHistory, ends: TimeArray) -> float | None:
@@ -93,12 +105,12 @@ def true_lag(truth: IonosphereTruth, history: RunHistory, ends: TimeArray) -> fl
     history
         The run, for the names of chief and deputy.
     ends
-        Ends of the minutes of scintillation; the lag is that of the middle minute.
+        Ends of the windows of scintillation; the lag is that of the middle window.
 
     Returns
     -------
     float or None
-        None without minutes.
+        None without windows.
     """
     if not len(ends):
         return None
@@ -122,16 +134,16 @@ def _indices_of_l1(history: RunHistory, craft: str) -> SatelliteColumns | None:
     return SatelliteColumns(columns.time[kept], columns.system[kept], columns.prn[kept], values)
 
 
-def _crossing_seconds(columns: SatelliteColumns, rays: SatelliteTruth) -> FloatArray:
-    """Return for how many seconds the ray of each row crossed a region in the row's minute."""
+def _crossing_seconds(columns: SatelliteColumns, rays: SatelliteTruth, window: int) -> FloatArray:
+    """Return for how many seconds the ray of each row crossed a region in the row's window, ns."""
     strong = rays.s4 > WEAK_SCINTILLATION
-    # The time of a row is the end of its minute.
-    offset = int(columns.time[0] % MINUTE)
-    ends = -(-(rays.time[strong] - offset) // MINUTE) * MINUTE + offset
-    minutes, counts = np.unique(
+    # The time of a row is the end of its window.
+    offset = int(columns.time[0] % window)
+    ends = -(-(rays.time[strong] - offset) // window) * window + offset
+    windows, counts = np.unique(
         np.stack((ends, rays.satellite[strong])), axis=1, return_counts=True
     )
-    seconds = {(int(t), int(s)): int(n) for t, s, n in zip(*minutes, counts, strict=True)}
+    seconds = {(int(t), int(s)): int(n) for t, s, n in zip(*windows, counts, strict=True)}
     satellites = satellite_number(columns.system, columns.prn)
     rows = zip(columns.time.tolist(), satellites.tolist(), strict=True)
     return np.array([float(seconds.get(row, 0)) for row in rows])
@@ -140,13 +152,13 @@ def _crossing_seconds(columns: SatelliteColumns, rays: SatelliteTruth) -> FloatA
 def _add_events(
     measured: Summary, true: Summary, history: RunHistory, truth: IonosphereTruth | None
 ) -> None:
-    """Add where the chief was in the first and in the last minute of scintillation."""
-    ends, density = scintillating_minutes(history), history.density
+    """Add where the chief was in the first and in the last window of scintillation."""
+    (ends, window), density = scintillating_windows(history), history.density
     if not len(ends) or density is None:
         return
     east = np.degrees(np.unwrap(np.radians(density.longitude_deg)))
     for name, end in (("first", ends[0]), ("last", ends[-1])):
-        middle = end - MINUTE // 2
+        middle = end - window // 2
         longitude = float(interpolate(middle, density.time, east))
         measured[f"{name}_event_latitude_deg"] = float(
             interpolate(middle, density.time, density.latitude_deg)

@@ -69,7 +69,7 @@ _REMARK = (
     "Edges: those of the rising pass. true: from the simulator; the paper's own separation was "
     "984.90 m. Density errors: 236 to 567 km, rising, against the truth averaged over the "
     "separation; of all satellites in 1 km bins, of one satellite (as the paper's) each second by "
-    "itself. Crossing minutes: rays at least 30 s in a region."
+    "itself. Crossing minutes: rays in a region for at least half of a window of the index."
 )
 """Explanation of the numbers, for the line under the table."""
 

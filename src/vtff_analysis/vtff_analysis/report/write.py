@@ -18,7 +18,7 @@ from vtff_analysis.evaluation.formation_flight import SETTLED_AFTER, formation_f
 from vtff_analysis.evaluation.ionosphere import summarise_ionosphere
 from vtff_analysis.evaluation.receiver_comparison import compare_with_receiver
 from vtff_analysis.evaluation.safety import passing_sentences, safety_sentences
-from vtff_analysis.evaluation.scintillation import MINUTE, scintillating_minutes
+from vtff_analysis.evaluation.scintillation import scintillating_windows
 from vtff_analysis.evaluation.summary import plain_value, summarise_run
 from vtff_analysis.recordings.errors import RecordingError
 from vtff_analysis.recordings.history import RunHistory
@@ -153,12 +153,12 @@ def _summarise_ionosphere(
 ) -> dict[str, Any]:
     """Return the numbers of the ionosphere by their keys; several deputies each have their own."""
     summary: dict[str, Any] = {}
-    minutes = scintillating_minutes(history)
+    windows, length = scintillating_windows(history)
     pairs = history.pair_histories()
     for pair in pairs:
         lag = None
-        if len(minutes):
-            start, end = int(minutes[0]) - MINUTE, int(minutes[-1])
+        if len(windows):
+            start, end = int(windows[0]) - length, int(windows[-1])
             fluctuation_lag = read_fluctuation_lag(reader, (pair.chief, pair.deputy), start, end)
             lag = None if fluctuation_lag is None else fluctuation_lag.lag
         prefix = f"{key_part(pair.deputy)}_" if len(pairs) > 1 else ""

@@ -14,7 +14,7 @@ from vtff_iono.edges.edge_detectors import (
     edge_position,
     intensity_variance,
 )
-from vtff_iono.edges.minute_scores import score_minutes
+from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
 BOTTOM, TOP = 290e3, 350e3
@@ -318,7 +318,7 @@ def test_an_event_ends_with_a_gap():
 
 
 def test_scores_of_minutes():
-    minutes = score_minutes([True, False, True, False], [60.0, 40.0, 10.0, 0.0])
+    minutes = score_windows([True, False, True, False], [60.0, 40.0, 10.0, 0.0])
     assert (minutes.detection_rate, minutes.false_alarm_rate) == (0.5, 0.0)
     assert (minutes.crossing_count, minutes.other_count) == (2, 1)
 
