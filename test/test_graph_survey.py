@@ -29,7 +29,7 @@ def fly(run, duration, *arguments, system="survey_software"):
     [
         ("survey_software", 700, "--composed", 1000),  # two walls are crossed
         # The first minutes: every message of receivers, navigation and ionosphere chain.
-        pytest.param("survey", 120, "--distributed", 10_000, marks=pytest.mark.slow),
+        pytest.param("survey", 120, "--distributed", 8000, marks=pytest.mark.slow),
     ],
 )
 def test_the_same_seed_gives_the_same_bytes(tmp_path, system, duration, form, fewest):
