@@ -1,4 +1,4 @@
-"""What a survey told against the truth: crossings found, false and missed ones, predictions."""
+"""Figures of a survey against the truth: crossings found, false and missed ones, predictions."""
 
 from __future__ import annotations
 

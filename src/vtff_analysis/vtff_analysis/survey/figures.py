@@ -49,7 +49,7 @@ def summarise_survey(history: SurveyHistory | None) -> dict[str, Any]:
     Parameters
     ----------
     history
-        What the survey learnt and decided.
+        Beliefs and decisions of the survey.
     """
     if history is None or not history.decisions:
         return {}

@@ -1,4 +1,4 @@
-"""What a survey told against the true walls of the emulated plasma; times in s after the start."""
+"""Crossings told by a survey against the true walls of the emulated plasma; times: s from start."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from vtff_analysis.survey.recording import (
     SurveyPrediction,
     SurveyWall,
 )
+from vtff_dynamics.angles import wrap_angle
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.atmosphere.walls import (
@@ -38,7 +39,7 @@ def summarise_survey_truth(history: SurveyHistory, truth: WallTruth) -> dict[str
     Parameters
     ----------
     history
-        What the survey learnt and decided.
+        Beliefs and decisions of the survey.
     truth
         Emulated plasma and true crossings.
     """
@@ -54,7 +55,7 @@ def summarise_survey_truth(history: SurveyHistory, truth: WallTruth) -> dict[str
     errors = np.array([crossing.time - true.time for crossing, true in told])
     sigmas = np.array([crossing.sigma for crossing, _ in told])
     places = np.array(
-        [WALL_RADIUS * _wrap(crossing.longitude - true.longitude) for crossing, true in told]
+        [WALL_RADIUS * wrap_angle(crossing.longitude - true.longitude) for crossing, true in told]
     )
     drift = _drift_errors(history, truth)
     coming = _prediction_errors(history, truth)
@@ -166,7 +167,3 @@ def _largest(values: Iterable[float]) -> float | None:
 
 def _rms(values: FloatArray) -> float | None:
     return float(np.sqrt(np.mean(values**2))) if len(values) else None
-
-
-def _wrap(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)

@@ -59,7 +59,7 @@ class GraphWaiter:
         patience
             Longest wait, s of wall time.
         lacking
-            What there is not of the awaited node when the patience is over, for the error.
+            Words of the error for what the awaited node did not do in time.
 
         Raises
         ------

@@ -95,7 +95,7 @@ class ElementsEstimator:
 
     @property
     def engine_errors_chief(self) -> FloatArray:
-        """The same of the chief, shape (3, 3)."""
+        """Matrix by which true thrust exceeds the reported one, of the chief, shape (3, 3)."""
         return self._estimate[_CHIEF].reshape(3, 3)
 
     def update(

@@ -235,7 +235,8 @@ class FormationKeeper:
     def _add_pulses(self, impulse: Impulse, moment: float, free_from: list[int]) -> None:
         """Put the pulses of an impulse about a moment into the schedule.
 
-        Those of an axis follow one another; `free_from` is the step after the last on each.
+        The pulses of an axis follow one another; `free_from` is the step after the last pulse of
+        each axis.
         """
         smallest, step = self._engine.smallest / self._mass, self._engine.step / self._mass
         commanded = np.linalg.solve(np.eye(3) + self.engine_errors, impulse.velocity_rtn)

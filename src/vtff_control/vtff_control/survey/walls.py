@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from vtff_dynamics.angles import wrap_angle
 from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["LocatedCrossing", "Wall", "WallEstimate", "WallSettings", "estimate_walls"]
@@ -222,7 +223,7 @@ def _group(number: int, crossings: list[LocatedCrossing]) -> _Group:
     weights = np.array([crossing.sigma**-2 for crossing in crossings])
     share = weights / weights.sum()
     first = crossings[0]
-    offsets = [_wrap(crossing.longitude - first.longitude) for crossing in crossings]
+    offsets = [wrap_angle(crossing.longitude - first.longitude) for crossing in crossings]
     return _Group(
         number,
         float(share @ [crossing.time for crossing in crossings]),
@@ -319,10 +320,6 @@ def _least_squares(
     )
 
 
-def _wrap(angle: float) -> float:
-    return (angle + math.pi) % (2.0 * math.pi) - math.pi
-
-
 def _east(longitude: float, origin: float, given: WallSettings) -> float:
     """Return how far east a longitude is of another, m."""
-    return given.radius * _wrap(longitude - origin)
+    return given.radius * wrap_angle(longitude - origin)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.angles import wrap_angle
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.vectors import FloatArray, cross, norm
 
@@ -30,11 +31,6 @@ _TWO_PI = 2.0 * math.pi
 _MAXIMUM_KEPLER_ITERATIONS = 50
 # Below this the direction of perigee or of the node is only rounding.
 _SINGULAR = 1e-11
-
-
-def _wrap(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
-    return (angle + math.pi) % _TWO_PI - math.pi
 
 
 def mean_anomaly_from_true(true_anomaly: float, eccentricity: float) -> float:
@@ -319,8 +315,8 @@ def relative_orbital_elements(
     """Return the relative orbital elements of a deputy; angles wrapped to [-pi, pi)."""
     c = QuasiNonsingularElements.from_classical(chief)
     d = QuasiNonsingularElements.from_classical(deputy)
-    node = _wrap(d.right_ascension - c.right_ascension)
-    latitude = _wrap(d.mean_argument_of_latitude - c.mean_argument_of_latitude)
+    node = wrap_angle(d.right_ascension - c.right_ascension)
+    latitude = wrap_angle(d.mean_argument_of_latitude - c.mean_argument_of_latitude)
     return RelativeOrbitalElements(
         (d.semi_major_axis - c.semi_major_axis) / c.semi_major_axis,
         latitude + node * math.cos(c.inclination),

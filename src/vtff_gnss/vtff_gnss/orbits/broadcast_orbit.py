@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.angles import wrap_angle
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -53,23 +54,11 @@ _COLUMNS = (
     "cis",
 )
 
-# Those of `EphemerisTable.elements`, in its order.
-_COMPILED_COLUMNS = (
-    "af0",
-    "af1",
-    "af2",
-    "semi_major_axis",
-    "eccentricity",
-    "inclination",
-    "inclination_rate",
-    "argument_of_perigee",
-    "mean_anomaly",
-    "cuc",
-    "cus",
-    "crc",
-    "crs",
-    "cic",
-    "cis",
+# Columns of `EphemerisTable.elements`, in its order.
+_COMPILED_COLUMNS = tuple(
+    name
+    for name in _COLUMNS
+    if name not in ("longitude_of_ascending_node", "right_ascension_rate", "mean_motion_difference")
 )
 
 
@@ -170,7 +159,7 @@ class EphemerisTable:
 
     @functools.cached_property
     def elements(self) -> FloatArray:
-        """What `vtff_gnss.orbits.compiled_sight` takes of each satellite, shape (n, 20)."""
+        """Elements of each satellite for `vtff_gnss.orbits.compiled_sight`, shape (n, 20)."""
         derived = (
             self._mean_motion,
             self._relativistic_amplitude,
@@ -320,14 +309,9 @@ def ephemeris_with_reference(
         af0=ephemeris.af0 + clock_step * (ephemeris.af1 + clock_step * ephemeris.af2),
         af1=ephemeris.af1 + 2.0 * ephemeris.af2 * clock_step,
         inclination=ephemeris.inclination + ephemeris.inclination_rate * step,
-        longitude_of_ascending_node=_wrap(node),
-        mean_anomaly=_wrap(ephemeris.mean_anomaly + mean_motion * step),
+        longitude_of_ascending_node=wrap_angle(node),
+        mean_anomaly=wrap_angle(ephemeris.mean_anomaly + mean_motion * step),
     )
-
-
-def _wrap(angle: float) -> float:
-    """Return an angle in [-pi, pi]."""
-    return float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
 
 
 def _require_ellipse(ephemeris: BroadcastEphemeris) -> None:

@@ -232,7 +232,7 @@ def links_without_density(generator, paths, known, sigma=0.01):
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("known", [False, True])
 def test_integers_of_all_links_are_found_together_where_none_has_kept_them(seed, known):
-    """What a density may make of a single link is many cycles; that of all is one density."""
+    """An unknown density may be many cycles on a single link, but it is one for all links."""
     generator = np.random.default_rng(seed)
     resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
     for _ in range(100):

@@ -392,7 +392,7 @@ class ElectronDensityEstimator:
     def _common_design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
     ) -> FloatArray:
-        """Return the derivatives of the contents with respect to b, a and density, shape (n, 3).
+        """Return the derivatives of the contents with respect to b, a, density and shape, (n, 6).
 
         The derivative with respect to a is the modelled content: G, and the density of the profile
         between the spacecraft.

@@ -192,19 +192,17 @@ class IntegerResolver:
             Whether the density of this second is known from links with integers. If not, the
             errors of the predictions are of this second alone and are not averaged.
         """
-        rows, errors = [], []
+        chosen: list[int] = []
+        errors: list[_FloatingErrors] = []
         for row, content in enumerate(contents):
-            told = content.wide_lane_cycles + content.excess_tecu + content.sigma_tecu
-            if not math.isfinite(told):
+            values = content.wide_lane_cycles, content.excess_tecu, content.sigma_tecu
+            if not all(map(math.isfinite, values)):
                 continue
-            errors.append(self._errors(content, is_density_known))
-            rows.append(row)
-        usable = [index for index, error in enumerate(errors) if error is not None]
-        chosen = [rows[index] for index in usable]
-        found = self._search(
-            [error for error in errors if error is not None],
-            covariance[np.ix_(chosen, chosen)],
-        )
+            error = self._errors(content, is_density_known)
+            if error is not None:
+                chosen.append(row)
+                errors.append(error)
+        found = self._search(errors, covariance[np.ix_(chosen, chosen)])
         result: dict[Hashable, tuple[float, float]] = {}
         for index, pair in found.items():
             arc = contents[chosen[index]].arc

@@ -97,7 +97,7 @@ class _Profile:
 
     @property
     def slow_parts(self) -> FloatArray:
-        """What one sigma of the slow error of each satellite adds, 1/m3, shape (n, satellites)."""
+        """Density by one sigma of the slow error of each satellite, 1/m3, shape (n, satellites)."""
         return self._slow[self._begin : self._end]
 
     def add(

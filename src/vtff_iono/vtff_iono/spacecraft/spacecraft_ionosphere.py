@@ -379,19 +379,18 @@ class SpacecraftIonosphere:
         last = first_row[blocks + 1] - 1
         time = rows.pairs.time
         first = np.searchsorted(time, time[last])
-        epochs: list[SlantTecEpoch | None] = [None] * (len(first_row) - 1)
+        found: list[SlantTecEpoch] = []
         begin = 0
         for index, (start, end) in enumerate(zip(first.tolist(), (last + 1).tolist(), strict=True)):
             self._bias_samples.add_epoch(rows, start, end, geometry.direction_itrf, position_itrf)
             if self._is_bias_due(int(time[start])):
                 chosen = slice(begin, index)
-                found = self._epochs(rows, first[chosen], last[chosen], geometry, position_itrf)
-                for number, epoch in zip(blocks[chosen].tolist(), found, strict=True):
-                    epochs[number] = epoch
+                found += self._epochs(rows, first[chosen], last[chosen], geometry, position_itrf)
                 begin = index
                 self._estimate_biases()
-        found = self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf)
-        for number, epoch in zip(blocks[begin:].tolist(), found, strict=True):
+        found += self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf)
+        epochs: list[SlantTecEpoch | None] = [None] * (len(first_row) - 1)
+        for number, epoch in zip(blocks.tolist(), found, strict=True):
             epochs[number] = epoch
         return epochs
 

@@ -64,7 +64,7 @@ _SAMPLE_SPACING = 180.0  # s, of the average over an orbit
 
 @dataclass(frozen=True)
 class OrbitFitModel:
-    """What the fit takes for true of fixes and forces.
+    """Errors of fixes and forces that the fit assumes.
 
     Parameters
     ----------
@@ -121,7 +121,8 @@ class DeterminedOrbit:
     residual
         Root mean square of the fixes less the orbit, on each axis, m.
     weighted_residual
-        The same of the residuals in units of their sigmas; 1 if the model of the errors is right.
+        Root mean square of the residuals in units of their sigmas; 1 if the model of the errors is
+        right.
     """
 
     time: GpsTime

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.angles import wrap_angle
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
@@ -104,7 +105,7 @@ def side_longitudes(
         moved = -elapsed / 3600.0 * math.pi / 12.0
     else:
         moved = region.drift_angle(elapsed)
-    western = _wrap(west) + moved
+    western = wrap_angle(west) + moved
     return western, western + width
 
 
@@ -203,7 +204,7 @@ def nearest_wall(
     for region in truth.regions:
         west, east = side_longitudes(region, truth.start, elapsed)
         side = float(west if is_entry else east)
-        distances.append(WALL_RADIUS * _wrap(longitude - side))
+        distances.append(WALL_RADIUS * wrap_angle(longitude - side))
     nearest = min(range(len(distances)), key=lambda index: abs(distances[index]))
     return (nearest, is_entry), distances[nearest]
 
@@ -236,7 +237,3 @@ def edges_by_difference(crossings: Sequence[TrueCrossing]) -> list[float]:
     for crossing in crossings:
         groups.setdefault((crossing.wall, crossing.number), []).append(crossing.altitude)
     return [max(values) - min(values) for values in groups.values() if len(values) > 1]
-
-
-def _wrap(angle: float) -> float:
-    return math.remainder(angle, 2.0 * math.pi)

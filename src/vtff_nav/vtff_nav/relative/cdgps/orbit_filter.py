@@ -266,7 +266,7 @@ class AbsoluteFilter:
     def predict(
         self, mean: FloatArray, transition: FloatArray, noise: FloatArray, interval: float
     ) -> None:
-        """Propagate the state by an interval, s; see `GaussianState.predict_leading`."""
+        """Propagate the state by an interval, s; see `GaussianState.predict_block`."""
         state = self.state
         assert state is not None
         if self._is_orbital:
