@@ -25,8 +25,9 @@ from vtff_iono.conversions import (
     second_from_messages,
     slant_tec_to_message,
 )
+from vtff_iono.density import electron_density
 from vtff_iono.density.electron_density import DensitySettings
-from vtff_iono.edges.density_edges import compile_kernels
+from vtff_iono.edges import density_edges
 from vtff_iono.edges.ray_edges import RayEdgeSettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
@@ -227,7 +228,8 @@ class IonosphereProcessorNode(VtffNode):
         ]
         # The first second, and the first wall minutes later, would wait for it.
         line_of_sight.compile_kernels()
-        compile_kernels()
+        electron_density.compile_kernels()
+        density_edges.compile_kernels()
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 

@@ -39,14 +39,15 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.density import kernels
+from vtff_iono.density.kernels import COMMON, DENSITY
 from vtff_iono.density.slow_errors import SlowErrors
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
-__all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator"]
+__all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator", "compile_kernels"]
 
-# States that all satellites share: b, a, the density, and the shape of the layer; how many of them
-# have no past at first.
-_COMMON, _SHAPE = 6, slice(3, 6)
+# Places of the shape of the layer in the state, and how many common states have no past at first.
+_SHAPE = slice(3, 6)
 _WITHOUT_PAST = 3
 # s; a satellite that was not observed for longer has no slow error that is remembered.
 _KEPT = 600.0
@@ -191,8 +192,8 @@ class ElectronDensityEstimator:
         self.slow_errors = SlowErrors()
         self._slow_variance = self.slow_errors.sigma**2
         # State: b in TECU, a, density in TECU per metre, m of each satellite in TECU.
-        self._state = np.zeros(_COMMON)
-        self._covariance = np.zeros((_COMMON, _COMMON))
+        self._state = np.zeros(COMMON)
+        self._covariance = np.zeros((COMMON, COMMON))
         # Index in the state of each satellite, and when it was last observed.
         self._index: dict[int, int] = {}
         self._seen: dict[int, float] = {}
@@ -279,13 +280,15 @@ class ElectronDensityEstimator:
             self._is_bias_new = False
             self._state[0] = float(np.median(residual))
         self._predict(time, numbers[used].tolist())
-        design = self._with_slow_errors(common, numbers[used].tolist())
-        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
-        is_outlier = self._contradictions(
-            residual - design @ self._state,
-            design @ self._covariance @ design.T + np.diag(fast_variance),
-            unknown,
+        design, contents, spread = kernels.compare(
+            common,
+            self._places(numbers[used].tolist()),
+            self._state,
+            self._covariance,
+            fast_variance,
         )
+        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
+        is_outlier = self._contradictions(residual - contents, spread, unknown)
         kept = ~is_outlier
         count = int(np.count_nonzero(kept))
         has_check = count >= unknown + settings.spare_satellites
@@ -298,25 +301,31 @@ class ElectronDensityEstimator:
             common[kept, :_WITHOUT_PAST],
             fast_variance[kept],
         )
-        gain = self._correct(design[kept], residual[kept], fast_variance[kept])
+        gain = kernels.correct(
+            self._state, self._covariance, design[kept], residual[kept], fast_variance[kept]
+        )
         self._keep_positive()
         outliers = np.zeros(len(observed), dtype=bool)
         outliers[np.flatnonzero(used)[is_outlier]] = True
         single, single_sigma = np.full((2, len(observed)), np.nan)
         rows = np.flatnonzero(used)[kept]
-        single[rows], single_sigma[rows] = self._satellite_densities(
-            common[kept], residual[kept], fast_variance[kept]
+        single[rows], single_sigma[rows] = ELECTRONS_PER_TECU * kernels.satellite_densities(
+            common[kept],
+            residual[kept],
+            fast_variance[kept] + self.slow_errors.sigma**2,
+            self._state,
+            self._covariance,
         )
-        variance = float(self._covariance[2, 2])
-        fast = float(gain[2] ** 2 @ fast_variance[kept])
+        variance = float(self._covariance[DENSITY, DENSITY])
+        fast = float(gain[DENSITY] ** 2 @ fast_variance[kept])
         # What the past tells of slow errors is no error any more.
-        parts = self.slow_errors.sigma * gain[2]
+        parts = self.slow_errors.sigma * gain[DENSITY]
         left = max(variance - fast, 0.0) / max(float(parts @ parts), 1e-30)
         slow_parts = np.zeros(len(observed))
         slow_parts[rows] = parts * math.sqrt(min(left, 1.0)) * ELECTRONS_PER_TECU
         common_variance = max(variance - fast - min(left, 1.0) * float(parts @ parts), 0.0)
         total = variance + (horizontal_sigma_tecu / separation) ** 2
-        density = float(self._state[2]) * ELECTRONS_PER_TECU
+        density = float(self._state[DENSITY]) * ELECTRONS_PER_TECU
         self.profile.reshape(self._state[_SHAPE])
         self._state[_SHAPE] = 0.0
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
@@ -371,13 +380,12 @@ class ElectronDensityEstimator:
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         numbers = np.arange(elevations.shape[1]) if satellite is None else np.asarray(satellite)
         common = self._common_design(elevations, altitude_chief, altitude_deputy)
-        design = self._with_slow_errors(common, numbers.tolist())
-        is_new = np.array([number not in self._index for number in numbers.tolist()], dtype=bool)
-        state, covariance = self._with_likely_density(altitude_chief, altitude_deputy)
-        own = np.where(is_new, self.slow_errors.sigma**2, 0.0)
+        places = self._places(numbers.tolist())
+        own = np.where(places < 0, self.slow_errors.sigma**2, 0.0)
         own += (self._settings.mapping_noise * common[:, 1]) ** 2
-        predicted: FloatArray = common[:, 1] + design @ state
-        return predicted, np.asarray(design @ covariance @ design.T + np.diag(own))
+        state, covariance = self._with_likely_density(altitude_chief, altitude_deputy)
+        _, contents, spread = kernels.compare(common, places, state, covariance, own)
+        return common[:, 1] + contents, spread
 
     def _with_likely_density(
         self, altitude_chief: float, altitude_deputy: float
@@ -385,9 +393,9 @@ class ElectronDensityEstimator:
         """Return state and covariance, the density of the profile and its own size added."""
         modelled = self.profile.mean_density(altitude_chief, altitude_deputy) / ELECTRONS_PER_TECU
         variance = (modelled + _LEAST_SPREAD / ELECTRONS_PER_TECU) ** 2
-        gain = self._covariance[:, 2] / (self._covariance[2, 2] + variance)
-        state = self._state + gain * (modelled - self._state[2])
-        return state, self._covariance - np.outer(gain, self._covariance[2, :])
+        gain = self._covariance[:, DENSITY] / (self._covariance[DENSITY, DENSITY] + variance)
+        state = self._state + gain * (modelled - self._state[DENSITY])
+        return state, self._covariance - np.outer(gain, self._covariance[DENSITY, :])
 
     def _common_design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
@@ -424,14 +432,9 @@ class ElectronDensityEstimator:
         deputy = self.profile.slant_content(elevations[1], altitude_deputy)
         return deputy - self.profile.slant_content(elevations[0], altitude_chief)
 
-    def _with_slow_errors(self, common: FloatArray, satellites: list[int]) -> FloatArray:
-        """Return the derivatives with respect to the whole state; not all satellites have m."""
-        design = np.zeros((len(common), len(self._state)))
-        design[:, :_COMMON] = common
-        for row, satellite in enumerate(satellites):
-            if satellite in self._index:
-                design[row, self._index[satellite]] = 1.0
-        return design
+    def _places(self, satellites: list[int]) -> npt.NDArray[np.int64]:
+        """Return the places of the slow errors of satellites in the state; -1 for none."""
+        return np.array([self._index.get(number, -1) for number in satellites], dtype=np.int64)
 
     def _predict(self, time: float, satellites: list[int]) -> None:
         settings = self._settings
@@ -442,39 +445,36 @@ class ElectronDensityEstimator:
         variance = self.slow_errors.sigma**2
         # Where errors prove larger or smaller than was believed, so does what they have done to b
         # and m so far.
-        scale = np.full(len(self._state), math.sqrt(variance / self._slow_variance))
-        scale[1:_COMMON] = 1.0
-        self._covariance *= np.outer(scale, scale)
+        scale = math.sqrt(variance / self._slow_variance)
         self._slow_variance = variance
         decay = math.exp(-elapsed / self.slow_errors.correlation_time)
-        self._state[_COMMON:] *= decay
-        self._covariance[_COMMON:, :] *= decay
-        self._covariance[:, _COMMON:] *= decay
-        slow = np.arange(_COMMON, len(self._state))
-        self._covariance[slow, slow] += variance * (1.0 - decay * decay)
-        self._covariance[0, 0] += settings.bias_walk_tecu**2 * elapsed
-        self._covariance[1, 1] += settings.mapping_walk**2 * elapsed
+        gained = np.zeros(COMMON + 1)
+        gained[0] = settings.bias_walk_tecu**2 * elapsed
+        gained[1] = settings.mapping_walk**2 * elapsed
+        gained[_SHAPE] = settings.shape_walk**2 * elapsed
+        gained[COMMON] = variance * (1.0 - decay * decay)
+        kernels.pass_time(self._state, self._covariance, scale, decay, gained)
         for place in range(_SHAPE.start, _SHAPE.stop):
-            variance = self._covariance[place, place] + settings.shape_walk**2 * elapsed
-            self._covariance[place, place] = min(variance, settings.shape_sigma**2)
+            known = min(self._covariance[place, place], settings.shape_sigma**2)
+            self._covariance[place, place] = known
         largest = settings.mapping_sigma if self._is_scaled else settings.mapping_sigma_unscaled
         self._covariance[1, 1] = min(self._covariance[1, 1], largest**2)
         # The density is new at each epoch.
-        self._state[2] = 0.0
-        self._covariance[2, :] = self._covariance[:, 2] = 0.0
-        self._covariance[2, 2] = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
+        self._state[DENSITY] = 0.0
+        self._covariance[DENSITY, :] = self._covariance[:, DENSITY] = 0.0
+        self._covariance[DENSITY, DENSITY] = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
 
     def _arrange(self, time: float) -> None:
         """Give each satellite that is observed a place in the state, forget those long gone."""
         self._seen = {number: last for number, last in self._seen.items() if time - last < _KEPT}
         if self._seen.keys() == self._index.keys():
             return
-        old, size = self._index, _COMMON + len(self._seen)
-        self._index = {number: _COMMON + row for row, number in enumerate(self._seen)}
+        old, size = self._index, COMMON + len(self._seen)
+        self._index = {number: COMMON + row for row, number in enumerate(self._seen)}
         state, covariance = np.zeros(size), np.zeros((size, size))
         shared = [number for number in self._index if number in old]
-        to = [*range(_COMMON), *(self._index[number] for number in shared)]
-        source = [*range(_COMMON), *(old[number] for number in shared)]
+        to = [*range(COMMON), *(self._index[number] for number in shared)]
+        source = [*range(COMMON), *(old[number] for number in shared)]
         state[to] = self._state[source]
         covariance[np.ix_(to, to)] = self._covariance[np.ix_(source, source)]
         for number, place in self._index.items():
@@ -505,55 +505,24 @@ class ElectronDensityEstimator:
         Each content is compared with what all others that are kept, and the state, predict of it;
         `unknown` states have no past.
         """
-        settings = self._settings
-        kept = np.arange(len(innovation))
-        while len(kept) > unknown:
-            inverse = np.linalg.inv(covariance[np.ix_(kept, kept)])
-            diagonal = np.diag(inverse)
-            # Content less prediction of the others, and in its sigmas.
-            error = (inverse @ innovation[kept]) / diagonal
-            ratio = np.abs(error) * np.sqrt(diagonal)
-            worst = int(np.argmax(ratio))
-            is_wrong = ratio[worst] > settings.outlier_sigmas
-            if not (is_wrong and abs(error[worst]) > settings.outlier_tecu):
-                break
-            kept = np.delete(kept, worst)
-        result = np.ones(len(innovation), dtype=bool)
-        result[kept] = False
-        return result
-
-    def _correct(
-        self, design: FloatArray, residual: FloatArray, variance: FloatArray
-    ) -> FloatArray:
-        """Update the state with uncorrelated observations and return the gain."""
-        predicted = self._covariance @ design.T
-        innovation = design @ predicted + np.diag(variance)
-        gain: FloatArray = np.linalg.solve(innovation, predicted.T).T
-        self._state = self._state + gain @ (residual - design @ self._state)
-        left = np.eye(len(self._state)) - gain @ design
-        self._covariance = left @ self._covariance @ left.T + (gain * variance) @ gain.T
-        return gain
+        found: npt.NDArray[np.bool_] = kernels.find_contradictions(
+            innovation,
+            covariance,
+            unknown,
+            self._settings.outlier_sigmas,
+            self._settings.outlier_tecu,
+        )
+        return found
 
     def _keep_positive(self) -> None:
         """Pull an impossible density to zero."""
-        sigma = math.sqrt(self._covariance[2, 2])
-        if self._state[2] < -self._settings.negative_sigmas * sigma:
+        sigma = math.sqrt(self._covariance[DENSITY, DENSITY])
+        if self._state[DENSITY] < -self._settings.negative_sigmas * sigma:
             design = np.zeros((1, len(self._state)))
-            design[0, 2] = 1.0
-            self._correct(design, np.zeros(1), np.array([sigma**2]))
-
-    def _satellite_densities(
-        self, common: FloatArray, residual: FloatArray, variance: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the density from each satellite alone and its sigma, electrons per cubic metre."""
-        others = [place for place in range(_COMMON) if place != 2]
-        shared = common[:, others]
-        density = (residual - shared @ self._state[others]) / common[:, 2]
-        covariance = self._covariance[np.ix_(others, others)]
-        spread = np.einsum("ni,ij,nj->n", shared, covariance, shared)
-        spread += self.slow_errors.sigma**2
-        sigma = np.sqrt(variance + spread) / np.abs(common[:, 2])
-        return density * ELECTRONS_PER_TECU, sigma * ELECTRONS_PER_TECU
+            design[0, DENSITY] = 1.0
+            kernels.correct(
+                self._state, self._covariance, design, np.zeros(1), np.array([sigma**2])
+            )
 
     def _without_density(self, altitude: float, separation: float, count: int) -> DensityEpoch:
         nothing = np.full(count, np.nan)
@@ -571,4 +540,14 @@ class ElectronDensityEstimator:
             is_outlier=np.zeros(count, dtype=bool),
             bias_tecu=float(self._state[0]),
             bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
+        )
+
+
+def compile_kernels() -> None:
+    """Compile the steps of the filter, which takes seconds without a cache."""
+    estimator = ElectronDensityEstimator()
+    elevation = np.linspace(0.5, 1.5, 6)
+    for second in range(2):
+        estimator.update(
+            second, 400e3, 401e3, elevation, elevation, np.zeros(6), np.full(6, 0.01), 10.0
         )

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_iono.density import kernels
 
 __all__ = ["SlowErrors"]
 
@@ -84,15 +85,10 @@ class SlowErrors:
         """
         elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
         self._last_time = time
-        weight = 1.0 / np.sqrt(fast_variance + self.sigma**2)
-        scaled = common * weight[:, np.newaxis]
-        basis, triangle = np.linalg.qr(scaled)
-        if np.abs(np.diag(triangle)).min() <= 1e-9 * np.abs(np.diag(triangle)).max():
-            return
-        residual = observed * weight
-        residual = residual - basis @ (basis.T @ residual)
-        freedom = 1.0 - np.einsum("np,np->n", basis, basis)
-        if freedom.sum() < _FEWEST_DEGREES:
+        is_determined, weight, residual, freedom = kernels.slow_residuals(
+            observed, common, fast_variance, self.sigma**2
+        )
+        if not is_determined or freedom.sum() < _FEWEST_DEGREES:
             return
         residual = np.clip(residual, -_LARGEST_SIGMAS, _LARGEST_SIGMAS) / weight
         kept = math.exp(-elapsed / _MEMORY)

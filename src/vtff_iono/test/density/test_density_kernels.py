@@ -1,0 +1,176 @@
+"""Compiled steps of the density filter against the same formulas on arrays."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vtff_iono.density import electron_density, kernels
+from vtff_iono.density.kernels import COMMON, DENSITY
+
+
+def draw_filter(seed, satellites=9, known=7):
+    """State, covariance, design of the common states and places of slow errors, two without."""
+    generator = np.random.default_rng(seed)
+    size = COMMON + known
+    root = generator.standard_normal((size, size))
+    scale = np.array([2.0, 0.3, 0.01, 0.1, 0.1, 0.1, *[0.03] * known])
+    covariance = root @ root.T / size * np.outer(scale, scale)
+    state = scale * generator.standard_normal(size)
+    common = generator.standard_normal((satellites, COMMON)) * [0.0, 1.0, -1e3, 0.3, 0.3, 0.3]
+    common[:, 0] = 1.0
+    places = np.append(generator.permutation(known) + COMMON, np.full(satellites - known, -1))
+    return generator, state, covariance, common, places
+
+
+def with_slow_errors(common, places, size):
+    design = np.zeros((len(common), size))
+    design[:, :COMMON] = common
+    for row, place in enumerate(places):
+        if place >= 0:
+            design[row, place] = 1.0
+    return design
+
+
+def close(actual, expected):
+    """Agree to 1e-9 of the largest number."""
+    np.testing.assert_allclose(actual, expected, rtol=1e-9, atol=1e-9 * np.abs(expected).max())
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_time_passes(seed):
+    generator, state, covariance, _, _ = draw_filter(seed)
+    gained = generator.random(COMMON + 1)
+    factor = np.full(len(state), 1.3 * 0.7)
+    factor[:COMMON] = 1.0
+    factor[0] = 1.3
+    gains = np.append(gained[:COMMON], np.full(len(state) - COMMON, gained[COMMON]))
+    expected = np.outer(factor, factor) * covariance + np.diag(gains)
+    moved = np.where(np.arange(len(state)) < COMMON, state, 0.7 * state)
+    kernels.pass_time(state, covariance, 1.3, 0.7, gained)
+    close(covariance, expected)
+    close(state, moved)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contents_are_compared(seed):
+    generator, state, covariance, common, places = draw_filter(seed)
+    own = 1e-4 * (1.0 + generator.random(len(common)))
+    design, contents, spread = kernels.compare(common, places, state, covariance, own)
+    expected = with_slow_errors(common, places, len(state))
+    np.testing.assert_array_equal(design, expected)
+    close(contents, expected @ state)
+    close(spread, expected @ covariance @ expected.T + np.diag(own))
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_contents_correct_the_state(seed):
+    """Least squares of the contents and of the prediction, each over its sigma."""
+    generator, state, covariance, common, places = draw_filter(seed)
+    design = with_slow_errors(common, places, len(state))
+    variance = 1e-4 * (1.0 + generator.random(len(common)))
+    residual = design @ state + 0.05 * generator.standard_normal(len(common))
+    prior = np.linalg.inv(np.linalg.cholesky(covariance))
+    weight = 1.0 / np.sqrt(variance)
+    rows = np.vstack((prior, design * weight[:, np.newaxis]))
+    basis, triangle = np.linalg.qr(rows)
+    inverse = np.linalg.inv(triangle)
+    expected = inverse @ (basis.T @ np.concatenate((prior @ state, residual * weight)))
+    gain = kernels.correct(state, covariance, design, residual, variance)
+    sigma = np.sqrt(np.diag(inverse @ inverse.T))
+    np.testing.assert_array_less(np.abs(state - expected), 1e-6 * sigma)
+    scale = np.outer(sigma, sigma)
+    np.testing.assert_allclose(covariance / scale, inverse @ inverse.T / scale, atol=1e-6)
+    normal = inverse @ inverse.T @ design.T / variance
+    np.testing.assert_allclose(gain, normal, atol=1e-6 * np.abs(normal).max())
+
+
+def contradictions(innovation, covariance, unknown):
+    """Contents that all others do not predict, by conditional expectation of each."""
+    kept = list(range(len(innovation)))
+    while len(kept) > unknown:
+        errors, ratios = [], []
+        for row in kept:
+            others = [other for other in kept if other != row]
+            gain = np.linalg.solve(covariance[np.ix_(others, others)], covariance[others, row])
+            errors.append(innovation[row] - gain @ innovation[others])
+            variance = covariance[row, row] - gain @ covariance[others, row]
+            ratios.append(abs(errors[-1]) / math.sqrt(variance))
+        worst = int(np.argmax(ratios))
+        if ratios[worst] <= 5.0 or abs(errors[worst]) <= 0.1:
+            break
+        del kept[worst]
+    return np.isin(np.arange(len(innovation)), kept, invert=True)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_wrong_contents_are_found_one_by_one(seed):
+    generator = np.random.default_rng(seed)
+    root = generator.standard_normal((8, 8))
+    covariance = 1e-4 * root @ root.T + 1e-2 * np.ones((8, 8)) + 1e-3 * np.eye(8)
+    innovation = np.linalg.cholesky(covariance) @ generator.standard_normal(8)
+    innovation[generator.choice(8, seed % 3, replace=False)] += 3.0
+    found = kernels.find_contradictions(innovation, covariance, 3, 5.0, 0.1)
+    np.testing.assert_array_equal(found, contradictions(innovation, covariance, 3))
+    assert np.count_nonzero(found) == seed % 3
+
+
+def test_an_unknown_content_contradicts_nothing():
+    """A satellite without an orbit has neither a prediction nor an error."""
+    innovation, covariance = np.zeros(5), np.eye(5)
+    innovation[2] = covariance[2, :] = covariance[:, 2] = math.nan
+    assert not kernels.find_contradictions(innovation, covariance, 3, 5.0, 0.1).any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_density_of_each_satellite(seed):
+    generator, state, covariance, common, _ = draw_filter(seed)
+    residual, variance = generator.standard_normal(9), 1e-3 + generator.random(9)
+    density, sigma = kernels.satellite_densities(common, residual, variance, state, covariance)
+    others = np.delete(np.arange(COMMON), DENSITY)
+    rest = residual - common[:, others] @ state[others]
+    spread = common[:, others] @ covariance[np.ix_(others, others)] @ common[:, others].T
+    close(density, rest / common[:, DENSITY])
+    close(sigma, np.sqrt(variance + np.diag(spread)) / np.abs(common[:, DENSITY]))
+
+
+@pytest.mark.parametrize("satellites", [4, 9, 14])
+def test_residuals_of_what_satellites_do_not_share(satellites):
+    generator = np.random.default_rng(satellites)
+    # The columns differ by many powers of ten, as those of b and of the density do.
+    common = generator.standard_normal((satellites, 3)) * [1.0, 1e-3, -1e3]
+    observed = 100.0 + generator.standard_normal(satellites)
+    fast = 0.01 + generator.random(satellites)
+    is_determined, weight, residual, freedom = kernels.slow_residuals(observed, common, fast, 0.04)
+    scaled = common * weight[:, np.newaxis]
+    projection = np.eye(satellites) - scaled @ np.linalg.pinv(scaled, rcond=1e-14)
+    assert is_determined
+    close(weight, 1.0 / np.sqrt(fast + 0.04))
+    np.testing.assert_allclose(residual, projection @ (observed * weight), atol=1e-9)
+    np.testing.assert_allclose(freedom, np.diag(projection), atol=1e-9)
+
+
+@pytest.mark.parametrize("satellites", [0, 2, 5])
+def test_what_is_shared_may_be_undetermined(satellites):
+    common = np.ones((satellites, 3))
+    values = np.ones(satellites)
+    assert not kernels.slow_residuals(values, common, values, 1.0)[0]
+
+
+def test_nothing_is_compiled_after_the_start():
+    """Compiling takes seconds, for which a node in real time would be late."""
+    electron_density.compile_kernels()
+    functions = [getattr(kernels, name) for name in kernels.__all__ if name.islower()]
+    assert all(len(function.signatures) == 1 for function in functions)
+    estimator = electron_density.ElectronDensityEstimator()
+    elevation = np.radians([15.0, 30.0, 45.0, 60.0, 70.0, 80.0])
+    for second in range(5):
+        observed = np.where(np.arange(6) == second, np.nan, 1.0)
+        estimator.update(
+            second, 400e3, 401e3, elevation, elevation, observed, np.full(6, 0.004), 10.0
+        )
+        innovation, covariance = estimator.predicted_stec(
+            second + 0.5, 400e3, 401e3, elevation[1:], elevation[1:]
+        )
+        estimator.find_outliers(innovation, covariance)
+    assert all(len(function.signatures) == 1 for function in functions)

@@ -1,0 +1,250 @@
+"""Compiled steps of the density filter: prediction in time, comparison, update.
+
+A second has a dozen satellites, and the state some twenty numbers: array operations on so few cost
+ten times what the arithmetic does. A content that is not a number makes its results so, too.
+
+The state is that of `vtff_iono.density.electron_density`: `COMMON` numbers that all satellites
+share, then the slow error of each satellite.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vtff_dynamics.compiled import compiled
+
+__all__ = [
+    "COMMON",
+    "DENSITY",
+    "compare",
+    "correct",
+    "find_contradictions",
+    "pass_time",
+    "satellite_densities",
+    "slow_residuals",
+]
+
+COMMON = 6
+"""States that all satellites share: b, a, the density, and the shape of the layer."""
+
+DENSITY = 2
+"""Place of the density in the state."""
+
+# The columns of a design are not independent where a pivot is smaller than this part of the
+# largest one.
+_SMALLEST_PIVOT = 1e-9
+
+
+@compiled
+def _factorise(matrix):  # type: ignore[no-untyped-def]
+    """Return the lower Cholesky factor of a positive definite matrix."""
+    lower = np.zeros(matrix.shape)
+    for row in range(len(matrix)):
+        for column in range(row + 1):
+            total = matrix[row, column]
+            for place in range(column):
+                total -= lower[row, place] * lower[column, place]
+            if row == column:
+                lower[row, row] = math.sqrt(total)
+            else:
+                lower[row, column] = total / lower[column, column]
+    return lower
+
+
+@compiled
+def _solve(lower, right):  # type: ignore[no-untyped-def]
+    """Solve equations with the factor of their matrix for right-hand sides (n, k), in place."""
+    size = len(lower)
+    for row in range(size):
+        for place in range(row):
+            right[row] -= lower[row, place] * right[place]
+        right[row] /= lower[row, row]
+    for row in range(size - 1, -1, -1):
+        for place in range(row + 1, size):
+            right[row] -= lower[place, row] * right[place]
+        right[row] /= lower[row, row]
+
+
+@compiled
+def pass_time(state, covariance, scale, decay, gained):  # type: ignore[no-untyped-def]
+    """Predict state and covariance, both in place.
+
+    Parameters
+    ----------
+    state, covariance : ndarray, shapes (m,), (m, m)
+    scale : float
+        Factor of the sigmas of b and of the slow errors, which prove larger or smaller.
+    decay : float
+        What is left of a slow error.
+    gained : ndarray, shape (COMMON + 1,)
+        Variance that each common state gains, and that a slow error gains.
+    """
+    size = len(state)
+    factor = np.ones(size)
+    factor[0] = scale
+    for place in range(COMMON, size):
+        state[place] *= decay
+        factor[place] = scale * decay
+    for row in range(size):
+        for column in range(size):
+            covariance[row, column] *= factor[row] * factor[column]
+        covariance[row, row] += gained[min(row, COMMON)]
+
+
+@compiled
+def compare(common, places, state, covariance, own_variance):  # type: ignore[no-untyped-def]
+    """Return the design of contents, the contents of the state, and their covariance.
+
+    Parameters
+    ----------
+    common : ndarray, shape (n, COMMON)
+        Derivatives of the contents with respect to the common states.
+    places : ndarray of int64, shape (n,)
+        Place of the slow error of each satellite in the state; -1 for none.
+    state, covariance : ndarray, shapes (m,), (m, m)
+    own_variance : ndarray, shape (n,)
+        Variance of each content that is not of the state.
+
+    Returns
+    -------
+    design, contents, spread : ndarray, shapes (n, m), (n,), (n, n)
+    """
+    design = np.zeros((len(common), len(state)))
+    for row in range(len(common)):
+        design[row, :COMMON] = common[row]
+        if places[row] >= 0:
+            design[row, places[row]] = 1.0
+    spread = design @ covariance @ np.ascontiguousarray(design.T)
+    for row in range(len(common)):
+        spread[row, row] += own_variance[row]
+    return design, design @ state, spread
+
+
+@compiled
+def find_contradictions(  # type: ignore[no-untyped-def]
+    innovation, covariance, unknown, largest_sigmas, largest_error
+):
+    """Return which contents contradict the others and the past, one by one (Baarda 1968), (n,).
+
+    Each content is compared with what all others that are kept, and the state, predict of it.
+
+    Parameters
+    ----------
+    innovation, covariance : ndarray, shapes (n,), (n, n)
+        Contents less those that the state predicts, and their covariance.
+    unknown : int
+        States without a past: so many contents are kept in any case.
+    largest_sigmas, largest_error : float
+        A content contradicts if it is off by more than both.
+    """
+    is_wrong = np.zeros(len(innovation), dtype=np.bool_)
+    while True:
+        kept = np.flatnonzero(~is_wrong)
+        if len(kept) <= unknown:
+            return is_wrong
+        inverse = np.eye(len(kept))
+        _solve(_factorise(covariance[kept][:, kept]), inverse)
+        # Content less prediction of the others, and in its sigmas.
+        worst, largest_ratio, error_of_worst = -1, -1.0, 0.0
+        for row in range(len(kept)):
+            error = 0.0
+            for column in range(len(kept)):
+                error += inverse[row, column] * innovation[kept[column]]
+            error /= inverse[row, row]
+            ratio = abs(error) * math.sqrt(inverse[row, row])
+            if ratio > largest_ratio:
+                worst, largest_ratio, error_of_worst = row, ratio, error
+        if not (largest_ratio > largest_sigmas and abs(error_of_worst) > largest_error):
+            return is_wrong
+        is_wrong[kept[worst]] = True
+
+
+@compiled
+def correct(state, covariance, design, residual, variance):  # type: ignore[no-untyped-def]
+    """Update state and covariance, both in place, with n uncorrelated observations.
+
+    `design` (n, m) holds their derivatives, `residual` and `variance` (n,) the observations and
+    their variances. The gain is returned, shape (m, n); the covariance is that of Joseph.
+    """
+    size = len(state)
+    transposed = np.ascontiguousarray(design.T)
+    predicted = covariance @ transposed
+    innovation = design @ predicted
+    for row in range(len(residual)):
+        innovation[row, row] += variance[row]
+    solution = np.ascontiguousarray(predicted.T)
+    _solve(_factorise(innovation), solution)
+    gain = np.ascontiguousarray(solution.T)
+    state += gain @ (residual - design @ state)
+    left = np.eye(size) - gain @ design
+    covariance[:] = left @ covariance @ np.ascontiguousarray(left.T)
+    covariance += (gain * variance) @ np.ascontiguousarray(gain.T)
+    return gain
+
+
+@compiled
+def satellite_densities(  # type: ignore[no-untyped-def]
+    common, residual, variance, state, covariance
+):
+    """Return the density from each satellite alone and its sigma, shape (2, n).
+
+    The other common states are those of all satellites. `residual` and `variance` (n,) are the
+    contents and the variances of their errors; the units are those of the state.
+    """
+    result = np.empty((2, len(residual)))
+    for row in range(len(residual)):
+        rest, spread = residual[row], variance[row]
+        for place in range(COMMON):
+            if place == DENSITY:
+                continue
+            rest -= common[row, place] * state[place]
+            for other in range(COMMON):
+                if other != DENSITY:
+                    spread += common[row, place] * common[row, other] * covariance[place, other]
+        result[0, row] = rest / common[row, DENSITY]
+        result[1, row] = math.sqrt(spread) / abs(common[row, DENSITY])
+    return result
+
+
+@compiled
+def slow_residuals(observed, common, fast_variance, variance):  # type: ignore[no-untyped-def]
+    """Remove from contents what all satellites share.
+
+    Parameters
+    ----------
+    observed, fast_variance : ndarray, shape (n,)
+        Contents, and the variances of their fast errors.
+    common : ndarray, shape (n, p)
+        Derivatives with respect to what is shared.
+    variance : float
+        Variance of the slow errors.
+
+    Returns
+    -------
+    is_determined : bool
+        Whether the contents determine what is shared; if not, the rest means nothing.
+    weight, residual, freedom : ndarray, shape (n,)
+        One over the sigma of each content, its residual in sigmas, and the part of its error that
+        the residual shows.
+    """
+    weight = 1.0 / np.sqrt(fast_variance + variance)
+    residual, freedom = observed * weight, np.ones(len(observed))
+    if len(observed) < common.shape[1]:
+        return False, weight, residual, freedom
+    # Columns at right angles, each twice made so (modified Gram-Schmidt, Bjorck 1967).
+    basis = common.T * weight
+    smallest, largest = np.inf, 0.0
+    for column in range(len(basis)):
+        for _ in range(2):
+            for before in range(column):
+                basis[column] -= (basis[before] @ basis[column]) * basis[before]
+        pivot = math.sqrt(basis[column] @ basis[column])
+        smallest, largest = min(smallest, pivot), max(largest, pivot)
+        if not pivot > 0.0:
+            return False, weight, residual, freedom
+        basis[column] /= pivot
+        residual -= (basis[column] @ residual) * basis[column]
+        freedom -= basis[column] ** 2
+    return smallest > _SMALLEST_PIVOT * largest, weight, residual, freedom
