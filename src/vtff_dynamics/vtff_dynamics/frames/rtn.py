@@ -6,6 +6,8 @@ T = N x R along-track. Relative velocities are those seen in the rotating frame.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import numpy.typing as npt
 
@@ -27,14 +29,17 @@ def rotation_gcrf_to_rtn(state_gcrf: npt.ArrayLike) -> FloatArray:
     ValueError
         If position and velocity are parallel or zero, so that there is no orbital plane.
     """
-    state = np.asarray(state_gcrf, dtype=float)
-    angular_momentum = cross(state[:3], state[3:])
-    magnitude = norm(angular_momentum)
+    # Numbers one by one: operations on arrays of three take three times as long.
+    x, y, z, vx, vy, vz = np.asarray(state_gcrf, dtype=float).tolist()
+    nx, ny, nz = y * vz - z * vy, z * vx - x * vz, x * vy - y * vx
+    magnitude = math.sqrt(nx * nx + ny * ny + nz * nz)
     if not magnitude > 0.0:
         raise ValueError("state_gcrf: position and velocity do not span an orbital plane")
-    radial = state[:3] / norm(state[:3])
-    normal = angular_momentum / magnitude
-    return np.array([radial, cross(normal, radial), normal])
+    radius = math.sqrt(x * x + y * y + z * z)
+    x, y, z = x / radius, y / radius, z / radius
+    nx, ny, nz = nx / magnitude, ny / magnitude, nz / magnitude
+    along = (ny * z - nz * y, nz * x - nx * z, nx * y - ny * x)
+    return np.array([(x, y, z), along, (nx, ny, nz)])
 
 
 def angular_velocity_rtn(

@@ -102,6 +102,16 @@ class ForceModel:
             if not 0.0 <= value < float("inf"):
                 raise ValueError(f"{name} {value}: must be finite and not negative")
 
+    @property
+    def is_gravity_alone(self) -> bool:
+        """Whether no force but the gravity of the Earth acts."""
+        return self.drag is None and not self.solar_radiation_pressure and not self.third_bodies
+
+    @property
+    def degree_and_order(self) -> tuple[int, int]:
+        """Truncation of the harmonics; zeros for the point mass."""
+        return (0, 0) if self.gravity == "two_body" else (self.degree, self.order)
+
     def prepare_environment(self) -> None:
         """Load the offline tables that these forces need, once per process."""
         ensure_earth_orientation()
@@ -168,7 +178,7 @@ class ForceModel:
                     self.order,
                 )
             )
-        if self.drag is None and not self.solar_radiation_pressure and not self.third_bodies:
+        if self.is_gravity_alone:
             return total
         return total + self._perturbation(time, state_gcrf)
 

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from vtff_gnss.orbits import line_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
-from vtff_nav.relative.integers.least_squares import compile_kernels
 
 if TYPE_CHECKING:
     from vtff_nav.relative.paper.estimator import PaperEstimator
@@ -25,10 +23,7 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
     ValueError
         If a value is not possible; the text names it.
     """
-    # Both take seconds without a cache, which the first epoch cannot wait.
-    compile_kernels()
-    line_of_sight.compile_kernels()
-    return CdgpsEstimator(
+    estimator = CdgpsEstimator(
         CdgpsConfiguration(
             dynamics=setting.dynamics,
             integrator=setting.integrator,
@@ -50,6 +45,8 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
             **_common(setting),
         )
     )
+    estimator.compile_kernels()
+    return estimator
 
 
 def make_paper(setting: EstimatorSetting) -> PaperEstimator:
@@ -63,10 +60,11 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
     # Imported here: filterpy imports most of scipy, which takes a second.
     from vtff_nav.relative.paper.estimator import PaperConfiguration, PaperEstimator
 
-    line_of_sight.compile_kernels()
     if setting.antennas is not None and not setting.antennas.are_central:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
-    return PaperEstimator(PaperConfiguration(**_common(setting)))
+    estimator = PaperEstimator(PaperConfiguration(**_common(setting)))
+    estimator.compile_kernels()
+    return estimator
 
 
 def _common(setting: EstimatorSetting) -> dict[str, Any]:

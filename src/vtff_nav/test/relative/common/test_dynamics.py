@@ -15,11 +15,11 @@ from vtff_nav.relative.common.dynamics import (
     OrbitalMotion,
     TerrestrialMotion,
     ThrustInterval,
-    empirical_noise,
-    white_acceleration_noise,
 )
+from vtff_nav.relative.common.motion_kernels import empirical_noise, white_acceleration_noise
 
 NOISE = MotionNoise(empirical_sigma=1e-6)
+PROCESS = (NOISE.empirical_sigma, NOISE.empirical_time)
 
 
 def motion(model: ForceModel = J2) -> OrbitalMotion:
@@ -132,7 +132,7 @@ def test_noise_of_two_steps_is_that_of_one():
     phi[:3, 3:6] = np.eye(3)
     phi[:3, 6:] = 0.5 * axes
     phi[3:6, 6:] = axes
-    one, two = empirical_noise(NOISE, axes, 1.0), empirical_noise(NOISE, axes, 2.0)
+    one, two = empirical_noise(*PROCESS, axes, 1.0), empirical_noise(*PROCESS, axes, 2.0)
     np.testing.assert_allclose(phi @ one @ phi.T + one, two, rtol=1e-9, atol=1e-30)
     assert np.linalg.eigvalsh(one / one.max()).min() > -1e-12
 
@@ -170,7 +170,7 @@ def test_empirical_acceleration_is_integrated_three_times(step):
     drift[3:6, 6:] = axes
     density[6:, 6:] = 2.0 * NOISE.empirical_sigma**2 / NOISE.empirical_time * np.eye(3)
     expected = integrated_noise(drift, density, step)
-    noise = empirical_noise(NOISE, axes, step)
+    noise = empirical_noise(*PROCESS, axes, step)
     np.testing.assert_allclose(noise, expected, rtol=1e-9, atol=1e-9 * density.max())
     np.testing.assert_array_equal(noise, noise.T)
 

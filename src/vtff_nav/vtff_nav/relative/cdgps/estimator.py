@@ -24,6 +24,7 @@ from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
+from vtff_gnss.orbits import line_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
@@ -58,6 +59,7 @@ from vtff_nav.relative.common.solution import (
     LaserMeasurement,
     RelativeSolution,
 )
+from vtff_nav.relative.integers import least_squares
 
 __all__ = ["CdgpsEstimator"]
 
@@ -102,6 +104,13 @@ class CdgpsEstimator(EstimatorInputs):
         self._table_in_view = None
         self._relative: RelativeFilter | None = None
         self.reset()
+
+    def compile_kernels(self) -> None:
+        """Compile what takes seconds without a cache, which no epoch can wait."""
+        least_squares.compile_kernels()
+        line_of_sight.compile_kernels()
+        if isinstance(self._motion, OrbitalMotion):
+            self._motion.compile_kernels()
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""

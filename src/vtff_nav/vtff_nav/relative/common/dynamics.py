@@ -15,15 +15,19 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.force_model import ForceModel
+from vtff_dynamics.orbit.harmonics import gravity_terms
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
+from vtff_nav.relative.common.motion_kernels import (
+    advance_errors,
+    advance_pair,
+    white_acceleration_noise,
+)
 
 __all__ = [
     "DYNAMIC_STATES",
@@ -42,9 +46,6 @@ DYNAMICS: tuple[Dynamics, ...] = ("orbital", "kinematic", "static")
 
 DYNAMIC_STATES = 9
 """Number of states of the motion: position, velocity, empirical acceleration."""
-
-_IDENTITY: FloatArray = np.eye(3)
-_UNCHANGED: FloatArray = np.eye(DYNAMIC_STATES)
 
 CHIEF_THRUST_SIGMA = 0.05
 """White error of the chief's thrust on each axis, relative to its magnitude (assumed)."""
@@ -196,8 +197,14 @@ class OrbitalMotion:
         self._longest_step = longest_step
         self._model = force_model
         self._model_deputy = force_model_deputy or force_model
+        self._gravity = _gravity_terms(self._model, self._model_deputy, integrator)
         self._noise_chief = noise_chief
         self._noise_relative = noise_relative
+
+    def compile_kernels(self) -> None:
+        """Compile a prediction, which takes seconds without a cache, before the first is due."""
+        chief = np.array([7e6, 0.0, 0.0, 0.0, 7.5e3, 0.0, 0.0, 0.0, 0.0])
+        self.predict(GpsTime(0), 1.0, chief, np.full(DYNAMIC_STATES, 1e-3))
 
     def predict(
         self,
@@ -229,7 +236,7 @@ class OrbitalMotion:
             Factors of the sigmas of empirical accelerations, of the chief and of the difference.
         """
         chief, relative = np.array(chief, dtype=float), np.array(relative, dtype=float)
-        phi_chief = phi_relative = np.eye(DYNAMIC_STATES)
+        phi_chief, phi_relative = np.eye(DYNAMIC_STATES), np.eye(DYNAMIC_STATES)
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
         coupling = np.zeros((DYNAMIC_STATES, THRUST_ERRORS))
@@ -251,24 +258,31 @@ class OrbitalMotion:
                     thrust_gcrf = thrust_gcrf + axes @ interval.acceleration_rtn
                     by_error[:, 0] = thrust_gcrf
                     by_error[:, 1:] -= axes @ skew(interval.acceleration_rtn)
-            phi = transition_matrix(chief[:3], to_gcrf, step, model_chief.empirical_time)
-            noise = empirical_noise(model_chief, to_gcrf, step)
             chief_error = CHIEF_THRUST_SIGMA * norm(thrust_chief_gcrf)
-            if chief_error > 0.0:
-                noise = noise + white_acceleration_noise(chief_error, step)
-            phi_chief, noise_chief = phi @ phi_chief, phi @ noise_chief @ phi.T + noise
-            middle = chief[:3] + 0.5 * relative[:3]
-            phi = transition_matrix(middle, to_gcrf, step, model_relative.empirical_time)
-            noise = empirical_noise(model_relative, to_gcrf, step)
-            thrust_error = thrust_sigma * float(np.linalg.norm(thrust_gcrf))
-            thrust_error = math.hypot(thrust_error, chief_error)
-            if thrust_error > 0.0:
-                noise = noise + white_acceleration_noise(thrust_error, step)
-            coupling = phi @ coupling
-            coupling[:3] += 0.5 * step**2 * by_error
-            coupling[3:6] += step * by_error
-            phi_relative = phi @ phi_relative
-            noise_relative = phi @ noise_relative @ phi.T + noise
+            advance_errors(
+                chief[:3],
+                to_gcrf,
+                step,
+                model_chief.empirical_sigma,
+                model_chief.empirical_time,
+                chief_error,
+                phi_chief,
+                noise_chief,
+            )
+            phi = advance_errors(
+                chief[:3] + 0.5 * relative[:3],
+                to_gcrf,
+                step,
+                model_relative.empirical_sigma,
+                model_relative.empirical_time,
+                math.hypot(thrust_sigma * norm(thrust_gcrf), chief_error),
+                phi_relative,
+                noise_relative,
+            )
+            if thrust:
+                coupling = phi @ coupling
+                coupling[:3] += 0.5 * step**2 * by_error
+                coupling[3:6] += step * by_error
             self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf, thrust_chief_gcrf)
             chief[6:9] *= math.exp(-step / model_chief.empirical_time)
             relative[6:9] *= math.exp(-step / model_relative.empirical_time)
@@ -287,6 +301,19 @@ class OrbitalMotion:
         thrust_chief_gcrf: FloatArray,
     ) -> None:
         """Advance positions and velocities of both in place by one step."""
+        if self._gravity is not None:
+            to_itrf = rotation_gcrf_to_itrf(time)
+            advance_pair(
+                chief,
+                relative,
+                to_gcrf,
+                thrust_chief_gcrf,
+                thrust_gcrf,
+                to_itrf,
+                step,
+                *self._gravity,
+            )
+            return
         empirical_chief = to_gcrf @ chief[6:9]
         empirical_deputy = empirical_chief + to_gcrf @ relative[6:9]
         deputy = chief[:6] + relative[:6]
@@ -385,85 +412,16 @@ class TerrestrialMotion:
         return state
 
 
-def transition_matrix(
-    position_gcrf: npt.ArrayLike, to_gcrf: FloatArray, step: float, empirical_time: float
-) -> FloatArray:
-    """Return the transition matrix (9, 9) of a short step in the field of a point mass.
-
-    Parameters
-    ----------
-    position_gcrf : array_like, shape (3,)
-        Position at which the gravity gradient is taken, m.
-    to_gcrf : ndarray, shape (3, 3)
-        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
-    step : float
-        Length of the step, s.
-    empirical_time : float
-        Correlation time of the empirical acceleration, s.
-
-    Notes
-    -----
-    The matrix is of third order in the step. J2 changes the gradient by 0.3 %, which no covariance
-    needs; the states themselves are propagated with all forces.
-    """
-    position = np.asarray(position_gcrf, dtype=float)
-    squared = float(position @ position)
-    tidal = 3.0 * (position[:, None] * position) / squared - _IDENTITY
-    gradient = GM_EARTH / squared**1.5 * tidal
-    second_order = 0.5 * step**2 * gradient
-    phi: FloatArray = _UNCHANGED.copy()
-    phi[:3, :3] += second_order
-    phi[:3, 3:6] = step * (_IDENTITY + step**2 / 6.0 * gradient)
-    phi[3:6, :3] = step * gradient
-    phi[3:6, 3:6] += second_order
-    phi[:3, 6:9] = 0.5 * step**2 * to_gcrf
-    phi[3:6, 6:9] = step * to_gcrf
-    phi[6:9, 6:9] *= math.exp(-step / empirical_time)
-    return phi
-
-
-def empirical_noise(noise: MotionNoise, to_gcrf: FloatArray, step: float) -> FloatArray:
-    """Return the process noise (9, 9) of a Gauss-Markov empirical acceleration over a step.
-
-    Parameters
-    ----------
-    noise : MotionNoise
-    to_gcrf : ndarray, shape (3, 3)
-        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
-    step : float
-        Length of the step, s; short against the correlation time.
-    """
-    spectral_density = 2.0 * noise.empirical_sigma**2 / noise.empirical_time
-    process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
-    # The white noise that drives the acceleration is integrated once, twice and three times. It is
-    # isotropic, so that only the blocks that mix the acceleration with others depend on its axes.
-    process[:3, :3] = spectral_density * step**5 / 20.0 * _IDENTITY
-    process[:3, 3:6] = process[3:6, :3] = spectral_density * step**4 / 8.0 * _IDENTITY
-    process[3:6, 3:6] = spectral_density * step**3 / 3.0 * _IDENTITY
-    process[:3, 6:9] = spectral_density * step**3 / 6.0 * to_gcrf
-    process[3:6, 6:9] = spectral_density * step**2 / 2.0 * to_gcrf
-    process[6:9, :3] = process[:3, 6:9].T
-    process[6:9, 3:6] = process[3:6, 6:9].T
-    process[6:9, 6:9] = spectral_density * step * _IDENTITY
-    return process
-
-
-def white_acceleration_noise(root_density: float, step: float) -> FloatArray:
-    """Return the process noise (9, 9) of white acceleration over a step.
-
-    Parameters
-    ----------
-    root_density : float
-        Root of the spectral density on each axis, m/s2/sqrt(Hz).
-    step : float
-        Length of the step, s.
-    """
-    density = root_density**2
-    process = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
-    process[:3, :3] = density * step**3 / 3.0 * np.eye(3)
-    process[:3, 3:6] = process[3:6, :3] = density * step**2 / 2.0 * np.eye(3)
-    process[3:6, 3:6] = density * step * np.eye(3)
-    return process
+def _gravity_terms(
+    model: ForceModel, model_deputy: ForceModel, integrator: str
+) -> tuple[FloatArray, ...] | None:
+    """Return the terms of the gravity on chief and deputy; None where other forces act too."""
+    if integrator != "rk4" or not (model.is_gravity_alone and model_deputy.is_gravity_alone):
+        return None
+    return (
+        *gravity_terms(*model.degree_and_order),
+        *gravity_terms(*model_deputy.degree_and_order),
+    )
 
 
 def _steps(

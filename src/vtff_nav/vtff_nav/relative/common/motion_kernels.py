@@ -1,0 +1,189 @@
+"""Steps of the orbits of chief and deputy and of their errors, compiled.
+
+An array operation on nine numbers costs a hundred times what its arithmetic does.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.constants import GM_EARTH
+from vtff_dynamics.orbit.harmonics import advance_under_gravity
+
+__all__ = [
+    "advance_errors",
+    "advance_pair",
+    "empirical_noise",
+    "transition_matrix",
+    "white_acceleration_noise",
+]
+
+
+@compiled
+def transition_matrix(position_gcrf, to_gcrf, step, empirical_time):  # type: ignore[no-untyped-def]
+    """Return the transition matrix (9, 9) of a short step in the field of a point mass.
+
+    Parameters
+    ----------
+    position_gcrf : ndarray, shape (3,)
+        Position at which the gravity gradient is taken, m.
+    to_gcrf : ndarray, shape (3, 3)
+        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
+    step : float
+        Length of the step, s.
+    empirical_time : float
+        Correlation time of the empirical acceleration, s.
+
+    Notes
+    -----
+    The matrix is of third order in the step. J2 changes the gradient by 0.3 %, which no covariance
+    needs; the states themselves are propagated with all forces.
+    """
+    squared = 0.0
+    for i in range(3):
+        squared += position_gcrf[i] ** 2
+    factor = GM_EARTH / (squared * math.sqrt(squared))
+    decay = math.exp(-step / empirical_time)
+    phi = np.zeros((9, 9))
+    for i in range(3):
+        for j in range(3):
+            unit = 1.0 if i == j else 0.0
+            gradient = factor * (3.0 * position_gcrf[i] * position_gcrf[j] / squared - unit)
+            phi[i, j] = phi[3 + i, 3 + j] = unit + 0.5 * step**2 * gradient
+            phi[i, 3 + j] = step * (unit + step**2 / 6.0 * gradient)
+            phi[3 + i, j] = step * gradient
+            phi[i, 6 + j] = 0.5 * step**2 * to_gcrf[i, j]
+            phi[3 + i, 6 + j] = step * to_gcrf[i, j]
+            phi[6 + i, 6 + j] = unit * decay
+    return phi
+
+
+@compiled
+def empirical_noise(empirical_sigma, empirical_time, to_gcrf, step):  # type: ignore[no-untyped-def]
+    """Return the process noise (9, 9) of a Gauss-Markov empirical acceleration over a step.
+
+    Parameters
+    ----------
+    empirical_sigma : float
+        Steady-state sigma on each axis, m/s2.
+    empirical_time : float
+        Correlation time, s.
+    to_gcrf : ndarray, shape (3, 3)
+        Rotation from the axes of the empirical acceleration (RTN) to GCRF.
+    step : float
+        Length of the step, s; short against the correlation time.
+    """
+    density = 2.0 * empirical_sigma**2 / empirical_time
+    process = np.zeros((9, 9))
+    # The white noise that drives the acceleration is integrated once, twice and three times. It is
+    # isotropic, so that only the blocks that mix the acceleration with others depend on its axes.
+    for i in range(3):
+        process[i, i] = density * step**5 / 20.0
+        process[i, 3 + i] = process[3 + i, i] = density * step**4 / 8.0
+        process[3 + i, 3 + i] = density * step**3 / 3.0
+        process[6 + i, 6 + i] = density * step
+        for j in range(3):
+            process[i, 6 + j] = process[6 + j, i] = density * step**3 / 6.0 * to_gcrf[i, j]
+            process[3 + i, 6 + j] = process[6 + j, 3 + i] = density * step**2 / 2.0 * to_gcrf[i, j]
+    return process
+
+
+@compiled
+def white_acceleration_noise(root_density, step):  # type: ignore[no-untyped-def]
+    """Return the process noise (9, 9) of white acceleration over a step.
+
+    Parameters
+    ----------
+    root_density : float
+        Root of the spectral density on each axis, m/s2/sqrt(Hz).
+    step : float
+        Length of the step, s.
+    """
+    density = root_density**2
+    process = np.zeros((9, 9))
+    for i in range(3):
+        process[i, i] = density * step**3 / 3.0
+        process[i, 3 + i] = process[3 + i, i] = density * step**2 / 2.0
+        process[3 + i, 3 + i] = density * step
+    return process
+
+
+@compiled
+def advance_errors(  # type: ignore[no-untyped-def]
+    position_gcrf, to_gcrf, step, empirical_sigma, empirical_time, white_density, transition, noise
+):
+    """Carry transition matrix and process noise (9, 9) of a motion over a step, in place.
+
+    Parameters
+    ----------
+    position_gcrf, to_gcrf, step, empirical_time
+        See `transition_matrix`.
+    empirical_sigma : float
+        See `empirical_noise`.
+    white_density : float
+        See `white_acceleration_noise`.
+    transition, noise : ndarray, shape (9, 9)
+        From the begin of the epoch to that of the step; afterwards, to its end.
+
+    Returns
+    -------
+    ndarray, shape (9, 9)
+        Transition matrix of the step.
+    """
+    phi = transition_matrix(position_gcrf, to_gcrf, step, empirical_time)
+    process = empirical_noise(empirical_sigma, empirical_time, to_gcrf, step)
+    if white_density > 0.0:
+        process += white_acceleration_noise(white_density, step)
+    transition[:] = phi @ transition
+    noise[:] = phi @ noise @ phi.T + process
+    return phi
+
+
+@compiled
+def advance_pair(  # type: ignore[no-untyped-def]
+    chief,
+    relative,
+    to_gcrf,
+    thrust_chief,
+    thrust,
+    to_itrf,
+    step,
+    recursion,
+    weights,
+    recursion_deputy,
+    weights_deputy,
+):
+    """Carry positions and velocities of chief and difference over a step under gravity, in place.
+
+    Parameters
+    ----------
+    chief, relative : ndarray, shape (9,)
+        Position, velocity (GCRF) and empirical acceleration (RTN), deputy less chief.
+    to_gcrf : ndarray, shape (3, 3)
+        Rotation from RTN to GCRF.
+    thrust_chief, thrust : ndarray, shape (3,)
+        Accelerations of chief and deputy by their thrusters, GCRF, m/s2.
+    to_itrf, step, recursion, weights
+        See `advance_under_gravity`; each spacecraft has its own gravity.
+    """
+    deputy = np.empty(6)
+    for k in range(6):
+        deputy[k] = chief[k] + relative[k]
+    acceleration, acceleration_deputy = np.empty(3), np.empty(3)
+    for i in range(3):
+        empirical, difference = 0.0, 0.0
+        for j in range(3):
+            empirical += to_gcrf[i, j] * chief[6 + j]
+            difference += to_gcrf[i, j] * relative[6 + j]
+        acceleration[i] = empirical + thrust_chief[i]
+        acceleration_deputy[i] = empirical + difference + thrust[i]
+    after = advance_under_gravity(chief, acceleration, to_itrf, step, recursion, weights)
+    deputy = advance_under_gravity(
+        deputy, acceleration_deputy, to_itrf, step, recursion_deputy, weights_deputy
+    )
+    for k in range(6):
+        chief[k] = after[k]
+        relative[k] = deputy[k] - after[k]
