@@ -28,8 +28,8 @@ def test_contents_are_integrals_of_the_table():
     profile = RunningProfile()
     elevation = np.array([0.3, 1.0, 0.5 * np.pi])
     expected = profile_content(elevation, RADIUS + 400e3, profile.altitude, profile.density)
-    assert np.array_equal(profile.slant_content(elevation, 400e3), expected)
-    assert profile.slant_content(elevation, 400e3)[-1] == profile.content_above(400e3)
+    assert np.array_equal(profile.slant_contents(elevation, 400e3)[0], expected)
+    assert profile.slant_contents(elevation, 400e3)[0, -1] == profile.content_above(400e3)
 
 
 def test_mean_density_is_that_between_altitudes():
@@ -112,17 +112,17 @@ def test_shape_densities_are_derivatives(place):
     profile, other = RunningProfile(), RunningProfile()
     change = np.zeros(3)
     change[place] = 1e-4
-    derivative = profile.shape_densities()[place]
+    derivative = profile.densities()[1 + place]
     other.reshape(change)
     assert (other.density - profile.density) / 1e-4 == pytest.approx(
         derivative, abs=2e-3 * np.abs(derivative).max()
     )
-    slant = profile.slant_shape_contents(np.array([0.3, 1.2]), 300e3)[place]
-    expected = other.slant_content(np.array([0.3, 1.2]), 300e3)
-    expected = (expected - profile.slant_content(np.array([0.3, 1.2]), 300e3)) / 1e-4
+    slant = profile.slant_contents(np.array([0.3, 1.2]), 300e3)[1 + place]
+    expected = other.slant_contents(np.array([0.3, 1.2]), 300e3)[0]
+    expected = (expected - profile.slant_contents(np.array([0.3, 1.2]), 300e3)[0]) / 1e-4
     assert slant == pytest.approx(expected, abs=2e-3 * np.abs(expected).max() + 1e-6)
     between = (other.mean_density(300e3, 310e3) - profile.mean_density(300e3, 310e3)) / 1e-4
-    mean = profile.mean_shape_densities(310e3, 300e3)[place]
+    mean = profile.mean_derivatives(310e3, 300e3)[place]
     assert mean == pytest.approx(between, rel=5e-3, abs=1e6)
 
 
@@ -131,7 +131,7 @@ def test_what_was_measured_keeps_its_shape_and_the_model_its_limits():
     profile.absorb(411e3, 409e3, 7e11, 1e10)
     is_measured = profile.density == 7e11
     assert is_measured.sum() == 3
-    assert (profile.shape_densities()[:, is_measured] == 0.0).all()
+    assert (profile.densities()[1:, is_measured] == 0.0).all()
     before = profile.density.copy()
     profile.reshape(np.array([0.3, -0.2, 0.1]))
     assert (profile.density[is_measured] == 7e11).all()
@@ -139,3 +139,29 @@ def test_what_was_measured_keeps_its_shape_and_the_model_its_limits():
     assert profile.density == pytest.approx(before)
     profile.reshape(np.array([-50.0, 50.0, 50.0]))
     assert np.isfinite(profile.density).all() and (profile.density >= 0.0).all()
+
+
+def test_compiled_layer_means_and_derivatives_are_those_of_arrays():
+    profile = RunningProfile(380e3, 50e3, 70e3)
+    profile.scale_model(300e3, 30.0)
+    profile.absorb(421e3, 419e3, 3e11, 1e10)
+    altitude, density = profile.altitude, profile.density
+    height = np.where(altitude < 380e3, 50e3, 70e3)
+    argument = (altitude - 380e3) / height
+    slope = np.where(density == 3e11, 0.0, 0.5 * density * (1.0 - np.exp(-argument)))
+    of_height = argument * slope
+    expected = [
+        density,
+        np.where(argument < 0.0, of_height, 0.0),
+        np.where(argument < 0.0, 0.0, of_height),
+        slope * 100e3 / height,
+    ]
+    np.testing.assert_allclose(profile.densities(), expected, rtol=1e-12)
+    for low, high in ((400.2e3, 400.7e3), (417.5e3, 423.1e3), (399e3, 401e3)):
+        inside = altitude[(altitude > low) & (altitude < high)]
+        points = np.array([low, *inside, high])
+        tables = [np.interp(points, altitude, row) for row in expected]
+        mean = np.trapezoid(tables[0], points) / (high - low)
+        assert profile.mean_density(high, low) == pytest.approx(mean, rel=1e-12)
+        means = np.mean(tables[1:], axis=1)
+        np.testing.assert_allclose(profile.mean_derivatives(high, low), means, rtol=1e-12)

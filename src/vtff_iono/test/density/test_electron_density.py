@@ -279,7 +279,7 @@ def test_the_sigma_contains_the_noise_of_the_mapping():
     profile = RunningProfile()
     profile.scale_model(400e3, 20.0)
     contents = [
-        profile.slant_content(elevation, altitude)
+        profile.slant_contents(elevation, altitude)[0]
         for elevation, altitude in ((chief, 400e3), (deputy, 401e3))
     ]
     geometric = contents[1] - contents[0]

@@ -119,3 +119,13 @@ def test_no_pierce_point_above_the_shell():
     receiver = itrf_from_geodetic([0.0, 0.0, 500e3])
     assert np.isnan(pierce_point(receiver, ellipsoid_normal(receiver), 320e3)).all()
     assert profile_content(1.0, RADIUS + 2100e3, ALTITUDE, CHAPMAN) == 0.0
+
+
+def test_contents_of_several_densities_are_those_of_each():
+    elevation = np.radians([[5.0, 30.0], [60.0, 90.0]])
+    densities = np.array([CHAPMAN, 0.3 * CHAPMAN, np.gradient(CHAPMAN)])
+    together = profile_content(elevation, RADIUS + 350e3, ALTITUDE, densities)
+    assert together.shape == (3, 2, 2)
+    for content, density in zip(together, densities, strict=True):
+        alone = profile_content(elevation, RADIUS + 350e3, ALTITUDE, density)
+        np.testing.assert_array_equal(content, alone)

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.geometry.mapping import profile_content
 
 __all__ = ["PEAK_UNIT", "RunningProfile"]
@@ -71,35 +73,20 @@ class RunningProfile:
         self.density = self._layer()
         self._weight = np.zeros(len(self.altitude))
 
-    def _argument(self) -> tuple[FloatArray, FloatArray]:
-        """Return heights above the peak in scale heights, and these scale heights, m."""
-        bottom, top, peak = self._shape.tolist()
-        height = np.where(self.altitude < peak, bottom, top)
-        return (self.altitude - peak) / height, height
-
     def _layer(self) -> FloatArray:
         """Return the density of the model."""
-        argument, _ = self._argument()
-        # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
-        layer = np.exp(0.5 * (1.0 - argument - np.exp(-argument)))
-        return np.asarray(self._scale * layer)
+        layer: FloatArray = _chapman_layer(self.altitude, self._shape)
+        return self._scale * layer
 
-    def shape_densities(self) -> FloatArray:
-        """Return by how much a change of shape, of one unit, changes the density, shape (3, n).
+    def densities(self) -> FloatArray:
+        """Return the density, and by how much a change of shape, of one unit, changes it, (4, n).
 
         The units are those of `reshape`; where the density was measured it does not change.
         """
-        argument, height = self._argument()
-        slope = np.where(self._weight > 0.0, 0.0, 0.5 * self.density * (1.0 - np.exp(-argument)))
-        is_bottom = argument < 0.0
-        of_height = argument * slope
-        return np.stack(
-            (
-                np.where(is_bottom, of_height, 0.0),
-                np.where(is_bottom, 0.0, of_height),
-                slope * PEAK_UNIT / height,
-            )
+        densities: FloatArray = _with_derivatives(
+            self.altitude, self.density, self._weight, self._shape
         )
+        return densities
 
     def reshape(self, change: FloatArray) -> None:
         """Change the shape of the model.
@@ -116,45 +103,29 @@ class RunningProfile:
         self._shape = np.asarray(limited)
         self.density = np.where(self._weight > 0.0, self.density, self._layer())
 
-    def slant_shape_contents(self, elevation: FloatArray, altitude: float) -> FloatArray:
-        """Return contents as `slant_content`, of each of `shape_densities`, shape (3, ...)."""
-        radius = WGS84_SEMI_MAJOR_AXIS + altitude
-        return np.stack(
-            [
-                profile_content(elevation, radius, self.altitude, density)
-                for density in self.shape_densities()
-            ]
-        )
-
     def content_above(self, altitude: float) -> float:
         """Return the vertical content above an altitude (m), TECU."""
         radius = WGS84_SEMI_MAJOR_AXIS + altitude
         return float(profile_content(0.5 * np.pi, radius, self.altitude, self.density))
 
-    def slant_content(self, elevation: FloatArray, altitude: float) -> FloatArray:
-        """Return the contents of rays from an altitude (m) at elevations (rad), TECU."""
+    def slant_contents(self, elevation: FloatArray, altitude: float) -> FloatArray:
+        """Return the contents of rays from an altitude (m) at elevations (rad), TECU, (4, ...).
+
+        They are those of each of `densities`.
+        """
         radius = WGS84_SEMI_MAJOR_AXIS + altitude
-        return profile_content(elevation, radius, self.altitude, self.density)
+        return profile_content(elevation, radius, self.altitude, self.densities())
 
     def mean_density(self, altitude_first: float, altitude_second: float) -> float:
         """Return the mean density between two altitudes (m), electrons per cubic metre."""
         low, high = sorted((altitude_first, altitude_second))
-        if high - low < _SMALLEST_SEPARATION:
-            return float(np.interp(low, self.altitude, self.density))
-        content = self.content_above(low) - self.content_above(high)
-        return content * ELECTRONS_PER_TECU / (high - low)
+        return float(_mean_between(low, high, self.altitude, self.density))
 
-    def mean_shape_densities(self, altitude_first: float, altitude_second: float) -> FloatArray:
-        """Return the means of `shape_densities` between two altitudes (m), shape (3,)."""
+    def mean_derivatives(self, altitude_first: float, altitude_second: float) -> FloatArray:
+        """Return the means of the derivatives of `densities` between two altitudes (m), (3,)."""
         low, high = sorted((altitude_first, altitude_second))
-        inside = self.altitude[(self.altitude > low) & (self.altitude < high)]
-        altitude = np.concatenate(([low], inside, [high]))
-        return np.array(
-            [
-                np.interp(altitude, self.altitude, density).mean()
-                for density in self.shape_densities()
-            ]
-        )
+        means: FloatArray = _means_of_samples(low, high, self.altitude, self.densities()[1:])
+        return means
 
     def scale_model(self, altitude: float, vtec_tecu: float) -> None:
         """Scale the modelled densities towards a vertical content above an altitude (m)."""
@@ -180,11 +151,75 @@ class RunningProfile:
         """Add a measured mean density between two altitudes (m), with its sigma, 1/m3."""
         low, high = sorted((altitude_first, altitude_second))
         middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
-        is_between = np.abs(self.altitude - middle) <= half_width
+        between = slice(
+            np.searchsorted(self.altitude, middle - half_width),
+            np.searchsorted(self.altitude, middle + half_width, "right"),
+        )
         sample_weight = 1.0 / sigma**2
-        weight = np.minimum(self._weight[is_between], _MEMORY_SAMPLES * sample_weight)
+        weight = np.minimum(self._weight[between], _MEMORY_SAMPLES * sample_weight)
         weight = weight + sample_weight
-        change = max(density, 0.0) - self.density[is_between]
+        change = max(density, 0.0) - self.density[between]
         self.density = self.density.copy()
-        self.density[is_between] += sample_weight / weight * change
-        self._weight[is_between] = weight
+        self.density[between] += sample_weight / weight * change
+        self._weight[between] = weight
+
+
+@compiled
+def _chapman_layer(altitude, shape):  # type: ignore[no-untyped-def]
+    """Return a layer of density 1 at its peak at altitudes (n,), m.
+
+    `shape` holds the scale heights below and above the peak, and its altitude, m.
+    """
+    layer = np.empty(len(altitude))
+    for row in range(len(altitude)):
+        height = shape[0] if altitude[row] < shape[2] else shape[1]
+        argument = (altitude[row] - shape[2]) / height
+        # Chapman (1931), alpha layer: exp((1 - z - exp(-z)) / 2).
+        layer[row] = math.exp(0.5 * (1.0 - argument - math.exp(-argument)))
+    return layer
+
+
+@compiled
+def _with_derivatives(altitude, density, weight, shape):  # type: ignore[no-untyped-def]
+    """Return densities (n,) and their derivatives with respect to the shape, (4, n).
+
+    `weight` is positive where the density was measured; `shape` is as in `_chapman_layer`.
+    """
+    result = np.zeros((1 + len(shape), len(altitude)))
+    for row in range(len(altitude)):
+        result[0, row] = density[row]
+        if weight[row] > 0.0:
+            continue
+        is_bottom = altitude[row] < shape[2]
+        height = shape[0] if is_bottom else shape[1]
+        argument = (altitude[row] - shape[2]) / height
+        slope = 0.5 * density[row] * (1.0 - math.exp(-argument))
+        result[1 if is_bottom else 2, row] = argument * slope
+        result[3, row] = slope * PEAK_UNIT / height
+    return result
+
+
+@compiled
+def _mean_between(low, high, altitude, density):  # type: ignore[no-untyped-def]
+    """Return the mean of a density (n,), linear between its altitudes (n,), between two of them."""
+    before, after = np.interp(np.array([low, high]), altitude, density)
+    if high - low < _SMALLEST_SEPARATION:
+        return before
+    start, total = low, 0.0
+    first, end = np.searchsorted(altitude, low, "right"), np.searchsorted(altitude, high)
+    for row in range(first, end):
+        total += 0.5 * (before + density[row]) * (altitude[row] - start)
+        before, start = density[row], altitude[row]
+    return (total + 0.5 * (before + after) * (high - start)) / (high - low)
+
+
+@compiled
+def _means_of_samples(low, high, altitude, densities):  # type: ignore[no-untyped-def]
+    """Return the means of the rows of densities (k, n) at two altitudes and those between, (k,)."""
+    first, end = np.searchsorted(altitude, low, "right"), np.searchsorted(altitude, high)
+    ends = np.array([low, high])
+    means = np.empty(len(densities))
+    for k in range(len(densities)):
+        total = np.interp(ends, altitude, densities[k]).sum() + densities[k, first:end].sum()
+        means[k] = total / (2 + end - first)
+    return means

@@ -405,18 +405,19 @@ class ElectronDensityEstimator:
         The derivative with respect to a is the modelled content: G, and the density of the profile
         between the spacecraft.
         """
-        separation = altitude_deputy - altitude_chief
-        modelled = self.profile.mean_density(altitude_chief, altitude_deputy)
-        path = separation / np.sin(elevations.mean(axis=0))
-        geometric = self._geometric(elevations, altitude_chief, altitude_deputy)
-        geometric += modelled / ELECTRONS_PER_TECU * path
-        slant = self.profile.slant_shape_contents
-        shape = slant(elevations[1], altitude_deputy) - slant(elevations[0], altitude_chief)
-        between = self.profile.mean_shape_densities(altitude_chief, altitude_deputy)
-        shape += between[:, np.newaxis] / ELECTRONS_PER_TECU * path
+        altitudes = (altitude_chief, altitude_deputy)
+        path = (altitude_deputy - altitude_chief) / np.sin(elevations.mean(axis=0))
+        of_chief = self.profile.slant_contents(elevations[0], altitude_chief)
+        contents = self.profile.slant_contents(elevations[1], altitude_deputy) - of_chief
+        between = np.empty(len(contents))
+        between[0] = self.profile.mean_density(*altitudes)
+        between[1:] = self.profile.mean_derivatives(*altitudes)
+        contents += between[:, np.newaxis] / ELECTRONS_PER_TECU * path
+        common = np.empty((len(path), COMMON))
+        common[:, 0], common[:, 1], common[:, DENSITY] = 1.0, contents[0], -path
         # What is above is the model, its shape changed, times 1 + a.
-        shape *= 1.0 + self._state[1]
-        return np.stack((np.ones(len(path)), geometric, -path, *shape), axis=-1)
+        common[:, _SHAPE] = (1.0 + self._state[1]) * contents[1:].T
+        return common
 
     def _count_unknown(self, common: FloatArray) -> int:
         """Return how many of b, a and density the past does not tell to the size of an outlier."""
@@ -424,13 +425,6 @@ class ElectronDensityEstimator:
         # What all contents share of a is as b is.
         effect = sigma * np.array([1.0, np.ptp(common[:, 1]), math.inf])
         return int(np.count_nonzero(effect > self._settings.outlier_tecu))
-
-    def _geometric(
-        self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
-    ) -> FloatArray:
-        """Return the difference of the contents above both spacecraft in the profile, TECU."""
-        deputy = self.profile.slant_content(elevations[1], altitude_deputy)
-        return deputy - self.profile.slant_content(elevations[0], altitude_chief)
 
     def _places(self, satellites: list[int]) -> npt.NDArray[np.int64]:
         """Return the places of the slow errors of satellites in the state; -1 for none."""

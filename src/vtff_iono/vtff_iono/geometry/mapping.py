@@ -122,7 +122,7 @@ def mapping_factor(
 def profile_content(
     elevation: npt.ArrayLike, radius: npt.ArrayLike, altitude: FloatArray, density: FloatArray
 ) -> FloatArray:
-    """Return the slant content, TECU, of rays through a density that depends on altitude only.
+    """Return the slant contents, TECU, of rays through densities that depend on altitude only.
 
     Parameters
     ----------
@@ -131,8 +131,12 @@ def profile_content(
         symmetry, m.
     altitude : ndarray, shape (n,)
         Altitudes of the table above the sphere of radius `WGS84_SEMI_MAJOR_AXIS`, m, increasing.
-    density : ndarray, shape (n,)
+    density : ndarray, shape (n,) or (k, n)
         Electrons per cubic metre; linear between the altitudes of the table, zero outside it.
+
+    Returns
+    -------
+    ndarray, shape (...) or (k, ...)
 
     Notes
     -----
@@ -142,38 +146,46 @@ def profile_content(
     """
     perigee = np.asarray(radius * np.cos(elevation), dtype=float)
     start = np.full(perigee.shape, radius, dtype=float)
-    content: FloatArray = _profile_contents(perigee.ravel(), start.ravel(), altitude, density)
-    return content.reshape(perigee.shape)
+    densities = np.atleast_2d(density)
+    content: FloatArray = _profile_contents(perigee.ravel(), start.ravel(), altitude, densities)
+    return content.reshape(density.shape[:-1] + perigee.shape)
 
 
 @compiled
 def _profile_contents(
     perigee: FloatArray, radius: FloatArray, altitude: FloatArray, density: FloatArray
 ) -> FloatArray:
-    """Return the contents of rays, TECU, shape (n,).
+    """Return the contents of rays through each of k densities (k, n), TECU, shape (k, rays).
 
     `perigee` and `radius` are the smallest distance of each ray, extended backwards, from the
     centre, and the distance of its receiver, m.
     """
-    contents = np.zeros(len(perigee))
+    count = len(density)
+    contents = np.zeros((count, len(perigee)))
+    density_before, content = np.zeros(count), np.zeros(count)
     for ray in range(len(perigee)):
         start, square = radius[ray], perigee[ray] ** 2
         first = np.searchsorted(altitude, start - WGS84_SEMI_MAJOR_AXIS)
         if first == len(altitude):
             continue
         # The interval in which the receiver lies begins at the receiver, with the density there.
-        before, density_before = math.sqrt(max(start**2 - square, 0.0)), 0.0
+        before = math.sqrt(max(start**2 - square, 0.0))
+        content[:] = 0.0
         if first > 0:
             fraction = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
             fraction /= altitude[first] - altitude[first - 1]
-            density_before = density[first - 1] + fraction * (density[first] - density[first - 1])
-        content = 0.0
+            for k in range(count):
+                change = density[k, first] - density[k, first - 1]
+                density_before[k] = density[k, first - 1] + fraction * change
         for edge in range(first, len(altitude)):
             distance = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
-            if edge > 0:
-                content += 0.5 * (density_before + density[edge]) * (distance - before)
-            before, density_before = distance, density[edge]
-        contents[ray] = content / ELECTRONS_PER_TECU
+            for k in range(count):
+                if edge > 0:
+                    content[k] += 0.5 * (density_before[k] + density[k, edge]) * (distance - before)
+                density_before[k] = density[k, edge]
+            before = distance
+        for k in range(count):
+            contents[k, ray] = content[k] / ELECTRONS_PER_TECU
     return contents
 
 
