@@ -11,6 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
@@ -168,9 +169,9 @@ def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatAr
         if with_gradients:
             # Gradients are relative to the content, as the structure function is.
             design = np.hstack((design, equations.gradients * content[:, np.newaxis]))
-        weighted = design * (huber / variance)[:, np.newaxis]
-        matrices = np.add.reduceat(weighted[:, :, np.newaxis] * design[:, np.newaxis, :], starts)
-        vectors = np.add.reduceat(weighted * equations.difference[:, np.newaxis], starts)
+        matrices, vectors = _normal_equations(
+            design, equations.difference, huber / variance, starts
+        )
         matrix, vector, solve_gradients = _eliminate_gradients(matrices, vectors, groups)
         previous, biases = biases, _solve(matrix.sum(axis=0), vector.sum(axis=0))
         residual = equations.difference - equations.design @ biases
@@ -187,6 +188,36 @@ def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatAr
     matrix, vector, _ = _eliminate_gradients(matrices, vectors, groups)
     level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
     return biases, np.hypot(_jackknife(matrix, vector), level)
+
+
+@compiled
+def _normal_equations(design, observed, weight, starts):  # type: ignore[no-untyped-def]
+    """Return the normal equations of blocks of weighted observations.
+
+    Parameters
+    ----------
+    design, observed, weight : ndarray, shapes (n, m), (n,), (n,)
+    starts : ndarray of int64, shape (k,)
+        First observation of each block.
+
+    Returns
+    -------
+    matrices, vectors : ndarray, shapes (k, m, m), (k, m)
+    """
+    blocks, size = len(starts), design.shape[1]
+    matrices, vectors = np.zeros((blocks, size, size)), np.zeros((blocks, size))
+    for block in range(blocks):
+        end = starts[block + 1] if block + 1 < blocks else len(observed)
+        for row in range(starts[block], end):
+            for i in range(size):
+                weighted = design[row, i] * weight[row]
+                vectors[block, i] += weighted * observed[row]
+                for j in range(i + 1):
+                    matrices[block, i, j] += weighted * design[row, j]
+        for i in range(size):
+            for j in range(i):
+                matrices[block, j, i] = matrices[block, i, j]
+    return matrices, vectors
 
 
 def _eliminate_gradients(

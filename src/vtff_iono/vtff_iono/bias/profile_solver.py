@@ -123,7 +123,9 @@ def _find_maximum(
             break
         while damping < _DAMPING_MOST:
             damped = curvature + damping * np.diag(np.diag(curvature))
-            step = linalg.solve(damped, slope, assume_a="pos", check_finite=False)
+            step = linalg.cho_solve(
+                linalg.cho_factor(damped, check_finite=False), slope, check_finite=False
+            )
             trial = log_density + np.clip(step, -_LARGEST_STEP, _LARGEST_STEP)
             trial_cost = compute_cost(trial)
             if trial_cost < cost:

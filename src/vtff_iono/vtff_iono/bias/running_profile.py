@@ -72,6 +72,9 @@ class RunningProfile:
         self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
         self.density = self._layer()
         self._weight = np.zeros(len(self.altitude))
+        # `densities`, and the density that they are of.
+        self._densities = np.zeros((0, len(self.altitude)))
+        self._described: FloatArray | None = None
 
     def _layer(self) -> FloatArray:
         """Return the density of the model."""
@@ -83,10 +86,13 @@ class RunningProfile:
 
         The units are those of `reshape`; where the density was measured it does not change.
         """
-        densities: FloatArray = _with_derivatives(
-            self.altitude, self.density, self._weight, self._shape
-        )
-        return densities
+        # Each change makes another array of the density.
+        if self._described is not self.density:
+            self._densities = _with_derivatives(
+                self.altitude, self.density, self._weight, self._shape
+            )
+            self._described = self.density
+        return self._densities
 
     def reshape(self, change: FloatArray) -> None:
         """Change the shape of the model.

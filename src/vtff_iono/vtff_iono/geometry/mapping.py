@@ -146,7 +146,7 @@ def profile_content(
     """
     perigee = np.asarray(radius * np.cos(elevation), dtype=float)
     start = np.full(perigee.shape, radius, dtype=float)
-    densities = np.atleast_2d(density)
+    densities = np.ascontiguousarray(np.atleast_2d(density))
     content: FloatArray = _profile_contents(perigee.ravel(), start.ravel(), altitude, densities)
     return content.reshape(density.shape[:-1] + perigee.shape)
 
@@ -160,32 +160,32 @@ def _profile_contents(
     `perigee` and `radius` are the smallest distance of each ray, extended backwards, from the
     centre, and the distance of its receiver, m.
     """
-    count = len(density)
-    contents = np.zeros((count, len(perigee)))
-    density_before, content = np.zeros(count), np.zeros(count)
+    contents = np.zeros((len(density), len(perigee)))
+    size = len(altitude)
+    # Distances of the altitudes along a ray, and what each density of the table adds to a content.
+    distance, weight = np.empty(size), np.empty(size)
     for ray in range(len(perigee)):
         start, square = radius[ray], perigee[ray] ** 2
         first = np.searchsorted(altitude, start - WGS84_SEMI_MAJOR_AXIS)
-        if first == len(altitude):
+        if first == size:
             continue
+        for edge in range(first, size):
+            distance[edge] = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
+        weight[:] = 0.0
+        for edge in range(first + 1, size - 1):
+            weight[edge] = 0.5 * (distance[edge + 1] - distance[edge - 1])
+        if first + 1 < size:
+            weight[first] = 0.5 * (distance[first + 1] - distance[first])
+            weight[size - 1] = 0.5 * (distance[size - 1] - distance[size - 2])
         # The interval in which the receiver lies begins at the receiver, with the density there.
-        before = math.sqrt(max(start**2 - square, 0.0))
-        content[:] = 0.0
         if first > 0:
             fraction = start - WGS84_SEMI_MAJOR_AXIS - altitude[first - 1]
             fraction /= altitude[first] - altitude[first - 1]
-            for k in range(count):
-                change = density[k, first] - density[k, first - 1]
-                density_before[k] = density[k, first - 1] + fraction * change
-        for edge in range(first, len(altitude)):
-            distance = math.sqrt((altitude[edge] + WGS84_SEMI_MAJOR_AXIS) ** 2 - square)
-            for k in range(count):
-                if edge > 0:
-                    content[k] += 0.5 * (density_before[k] + density[k, edge]) * (distance - before)
-                density_before[k] = density[k, edge]
-            before = distance
-        for k in range(count):
-            contents[k, ray] = content[k] / ELECTRONS_PER_TECU
+            step = distance[first] - math.sqrt(max(start**2 - square, 0.0))
+            weight[first - 1] += 0.5 * (1.0 - fraction) * step
+            weight[first] += 0.5 * (1.0 + fraction) * step
+        for k in range(len(density)):
+            contents[k, ray] = density[k] @ weight / ELECTRONS_PER_TECU
     return contents
 
 
@@ -213,12 +213,15 @@ def distance_to_altitude(
     polar = WGS84_SEMI_MAJOR_AXIS * (1.0 - WGS84_FLATTENING) + altitude
     # In coordinates in which the ellipsoid is the unit sphere, the distance solves a quadratic
     # equation: square d^2 + 2 mixed d + excess = 0.
-    scale = np.stack((1.0 / equatorial, 1.0 / equatorial, 1.0 / polar), axis=-1)
-    start = np.asarray(position_receiver_itrf, dtype=float) * scale
-    along = np.asarray(direction_itrf, dtype=float) * scale
-    square = (along * along).sum(axis=-1)
-    mixed = (start * along).sum(axis=-1)
-    excess = (start * start).sum(axis=-1) - 1.0
+    position = np.asarray(position_receiver_itrf, dtype=float)
+    direction = np.asarray(direction_itrf, dtype=float)
+    square, mixed, excess = 0.0, 0.0, -1.0
+    # Component by component: arithmetic on a last axis of three is several times slower.
+    for axis, half_axis in enumerate((equatorial, equatorial, polar)):
+        start, along = position[..., axis] / half_axis, direction[..., axis] / half_axis
+        square = square + along * along
+        mixed = mixed + start * along
+        excess = excess + start * start
     with np.errstate(invalid="ignore"):
         distance = (-mixed + np.sqrt(mixed**2 - square * excess)) / square
     return np.where(excess <= 0.0, distance, np.nan)
