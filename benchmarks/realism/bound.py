@@ -21,11 +21,8 @@ from vtff_gnss.signals import SignalKey, carrier_frequency_hz, satellite_number
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.cdgps.output import relative_rtn
-from vtff_nav.relative.common.dynamics import (
-    MotionNoise,
-    empirical_noise,
-    transition_matrix,
-)
+from vtff_nav.relative.common.dynamics import MotionNoise
+from vtff_nav.relative.common.motion_kernels import empirical_noise, transition_matrix
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
 
 from .recording import Recording
@@ -238,7 +235,7 @@ def _epochs(
         of_difference, of_chief = (
             (
                 transition_matrix(chief_gcrf[:3], to_gcrf, step, forces.empirical_time),
-                empirical_noise(forces, to_gcrf, step),
+                empirical_noise(forces.empirical_sigma, forces.empirical_time, to_gcrf, step),
             )
             for forces in motions
         )
