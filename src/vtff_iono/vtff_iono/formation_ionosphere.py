@@ -14,22 +14,36 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import FLAG_CODE_VALID, FLAG_PHASE_VALID, SYSTEM_GPS
 from vtff_gnss.ephemeris import BroadcastEphemeris
+from vtff_gnss.observations import OBSERVATION_COLUMNS
+from vtff_gnss.orbits import line_of_sight
+from vtff_iono.bias import pair_equations
 from vtff_iono.bias.code_biases import CodeBiasTable
+from vtff_iono.density import electron_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
+from vtff_iono.edges import density_edges
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.spacecraft.formation_second import FormationSecond, Track
 from vtff_iono.spacecraft.spacecraft_ionosphere import (
+    ObservationBlock,
     SpacecraftIonosphere,
     SpacecraftResult,
     SpacecraftSettings,
 )
 
-__all__ = ["SECONDS_TOGETHER", "FormationIonosphere", "FormationResult", "FormationSettings"]
+__all__ = [
+    "SECONDS_TOGETHER",
+    "FormationIonosphere",
+    "FormationResult",
+    "FormationSettings",
+    "compile_kernels",
+]
 
 SECONDS_TOGETHER = 60
 """Seconds of a recording that are computed at once: more save little and fill the caches."""
@@ -208,3 +222,28 @@ class FormationIonosphere:
             densities.append(tuple(pair_densities))
             boundaries.append((*ray_edges[0], *ray_edges[craft], *edges))
         return FormationResult(results, tuple(densities), tuple(boundaries))
+
+
+def compile_kernels() -> None:
+    """Compile all that a formation needs, which takes half a minute without a cache.
+
+    A node that did so with its first second, its first wall or its first receiver bias would be
+    late by that.
+    """
+    line_of_sight.compile_kernels()
+    pair_equations.compile_kernels()
+    electron_density.compile_kernels()
+    density_edges.compile_kernels()
+    # Two signals of a satellite, at no known place.
+    columns = {name: np.zeros(2, dtype=kind) for name, kind in OBSERVATION_COLUMNS.items()}
+    columns |= {
+        "system": np.full(2, SYSTEM_GPS, dtype=np.uint8),
+        "band": np.array([1, 2], dtype=np.uint8),
+        "attribute": np.array([ord("C"), ord("W")], dtype=np.uint8),
+        "flags": np.full(2, FLAG_CODE_VALID | FLAG_PHASE_VALID, dtype=np.uint16),
+    }
+    formation = FormationIonosphere()
+    for number in range(1, 3):
+        time = number * NANOSECONDS_PER_SECOND
+        block = ObservationBlock(np.full(2, time, dtype=np.int64), columns)
+        formation.process(FormationSecond(time, (block, block), (None, None), ({},)))

@@ -13,7 +13,6 @@ from rosgraph_msgs.msg import Clock
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias.bias_files import read_code_biases
 from vtff_iono.bias.code_biases import BiasFileError
 from vtff_iono.content.slant_tec import SlantTecSettings
@@ -25,14 +24,13 @@ from vtff_iono.conversions import (
     second_from_messages,
     slant_tec_to_message,
 )
-from vtff_iono.density import electron_density
 from vtff_iono.density.electron_density import DensitySettings
-from vtff_iono.edges import density_edges
 from vtff_iono.edges.ray_edges import RayEdgeSettings
 from vtff_iono.formation_ionosphere import (
     FormationIonosphere,
     FormationResult,
     FormationSettings,
+    compile_kernels,
 )
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.indices import ScintillationSettings
@@ -226,10 +224,7 @@ class IonosphereProcessorNode(VtffNode):
             self.publisher(IrregularityBoundary, f"{deputy}/iono/irregularity_boundary")
             for deputy in parameters.deputies
         ]
-        # The first second, and the first wall minutes later, would wait for it.
-        line_of_sight.compile_kernels()
-        electron_density.compile_kernels()
-        density_edges.compile_kernels()
+        compile_kernels()
         self._subscribe()
         self.create_timer(LOOK_INTERVAL, self._process_complete, clock=self.steady_clock)
 

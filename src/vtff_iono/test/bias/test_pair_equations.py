@@ -8,7 +8,12 @@ import pytest
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
-from vtff_iono.bias.pair_equations import PairEquations, satellite_pairs, solve_pairs
+from vtff_iono.bias.pair_equations import (
+    PairEquations,
+    _normal_equations,
+    satellite_pairs,
+    solve_pairs,
+)
 from vtff_iono.geometry.mapping import thin_shell_mapping
 
 SHELL = 450e3
@@ -204,3 +209,17 @@ def test_what_cannot_be_solved_is_named():
     # A single block leaves nothing to a jackknife.
     equations, _ = equations_of(samples, mapping, block=1e6)
     assert np.isinf(solve_pairs(equations, False)[1]).all()
+
+
+@pytest.mark.parametrize("columns", [1, 2, 5])
+def test_normal_equations_are_those_of_each_block(columns):
+    generator = np.random.default_rng(columns)
+    design, observed = generator.standard_normal((40, columns)), generator.standard_normal(40)
+    weight, starts = generator.random(40), np.array([0, 3, 20, 39])
+    matrices, vectors = _normal_equations(design, observed, weight, starts)
+    for block, rows in enumerate(np.split(np.arange(40), starts[1:])):
+        weighted = design[rows].T * weight[rows]
+        np.testing.assert_allclose(matrices[block], weighted @ design[rows], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(
+            vectors[block], weighted @ observed[rows], rtol=1e-12, atol=1e-14
+        )

@@ -55,6 +55,18 @@ def test_integers_hold_while_the_filter_floats_and_end_with_their_arcs():
     assert datum.update({}, continuity)[signal(2)] == 99.0
 
 
+def test_a_second_like_the_one_before_sees_what_was_resolved_and_refused_meanwhile():
+    datum = IntegerDatum()
+    fixed, continuity = {signal(5): 1.0, signal(7): 2.0}, {signal(5): 0, signal(7): 0, signal(9): 0}
+    assert datum.update(fixed, continuity) == fixed
+    assert datum.update(dict(fixed), dict(continuity)) == fixed
+    datum.resolve(signal(9), 4.0, 0)
+    assert datum.update(fixed, continuity) == {**fixed, signal(9): 4.0}
+    datum.refuse(signal(7))
+    assert datum.update(fixed, continuity) == {signal(5): 1.0, signal(9): 4.0}
+    assert datum.number == 1
+
+
 def test_without_a_connection_the_datum_is_another():
     datum = IntegerDatum()
     datum.update(relative_to(1, {1: 0.0, 2: 1.0}), unbroken([1, 2]))

@@ -17,7 +17,13 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
 from vtff_iono.geometry.mapping import pierce_point
 
-__all__ = ["IntArray", "PairEquations", "satellite_pairs", "solve_pairs"]
+__all__ = [
+    "IntArray",
+    "PairEquations",
+    "compile_kernels",
+    "satellite_pairs",
+    "solve_pairs",
+]
 
 IntArray = npt.NDArray[np.intp]
 
@@ -270,3 +276,8 @@ def _jackknife(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     )
     deviation = solutions - solutions.mean(axis=0)
     return np.asarray(np.sqrt((count - 1) / count * (deviation**2).sum(axis=0)))
+
+
+def compile_kernels() -> None:
+    """Compile the normal equations, which takes a second without a cache."""
+    _normal_equations(np.zeros((0, 1)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp))

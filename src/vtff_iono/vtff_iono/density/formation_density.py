@@ -21,7 +21,7 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
-from vtff_iono.content.slant_tec import Rejection, SlantTecRows
+from vtff_iono.density.common_samples import NO_LINK, common_samples, squared_steps
 from vtff_iono.density.differential_tec import SecondAverage, SecondMeans, differential_stec
 from vtff_iono.density.electron_density import (
     DensityEpoch,
@@ -41,10 +41,6 @@ __all__ = ["DensityResult", "FormationDensity"]
 
 IntArray = npt.NDArray[np.int64]
 
-# A phase that was rejected for one of these reasons does not belong to its integer.
-_NO_PHASE = np.uint16(
-    Rejection.NO_SECOND_SIGNAL | Rejection.PHASE_INVALID | Rejection.PARITY_UNKNOWN
-)
 _FEWEST_SAMPLES = 2
 # Smallest elevation of the satellites that show the vertical content above the chief, rad.
 _VTEC_ELEVATION = math.radians(40.0)
@@ -79,8 +75,6 @@ _PATIENCE = 10
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
-# Number of a link that has other signals than those of the density.
-_NO_LINK = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -258,10 +252,10 @@ class FormationDensity:
     # ---- links and stretches -----------------------------------------------------------------
 
     def _number_of_link(self, link: Link) -> int:
-        """Return the number of a link of the density bands, `_NO_LINK` for another link."""
+        """Return the number of a link of the density bands, `NO_LINK` for another link."""
         bands = (link.band_first, link.band_second)
         if link.system != SYSTEM_GPS or bands != self._bands:
-            return _NO_LINK
+            return NO_LINK
         signals = LinkSignals(
             SignalKey(SYSTEM_GPS, link.prn, link.band_first, ord(link.attribute_first)),
             SignalKey(SYSTEM_GPS, link.prn, link.band_second, ord(link.attribute_second)),
@@ -285,7 +279,7 @@ class FormationDensity:
                 {
                     links[number]: arc
                     for number, arc in last_arcs.items()
-                    if number != _NO_LINK and arc > 0
+                    if number != NO_LINK and arc > 0
                 }
             )
         chief, deputy = latest
@@ -305,8 +299,7 @@ class FormationDensity:
             )
         )
         self._continuity = {
-            signal: (chief[signal], deputy[signal])
-            for signal in sorted(chief.keys() & deputy.keys())
+            signal: (chief[signal], deputy[signal]) for signal in chief if signal in deputy
         }
         integers = self._datum.update(second.integers, self._continuity, self._may_begin_anew())
         arcs = self._arcs_at_end(results)
@@ -341,9 +334,11 @@ class FormationDensity:
         stretches: dict[LinkSignals, PhaseStretch],
     ) -> tuple[IntArray, IntArray, dict[str, FloatArray]]:
         """Return times, stretches and single differences of what both spacecraft have observed."""
-        chief_row, deputy_row, link = self._common_rows(second.time, results)
+        chief, deputy = (result.rows for result in results)
+        chief_row, deputy_row, link = common_samples((chief, deputy), self._link_numbers)
         stretch_of_link = np.full(len(self._links), -1, dtype=np.int64)
         integers_of_link = np.zeros((len(self._links), 2))
+        origin_of_link = np.zeros(len(self._links))
         for signals, stretch in stretches.items():
             number = self._links[signals]
             stretch_of_link[number] = stretch.number
@@ -355,11 +350,16 @@ class FormationDensity:
             _single_difference(second, results, chosen, name)
             for name in ("row_first", "row_second")
         )
-        chief, deputy = (result.rows for result in results)
         stec = differential_stec(
             first, second_phase, integers[:, 0], integers[:, 1], *self._frequencies
         )
-        deviation = stec - self._origins(stretch_of_link[link], stec)
+        first_content, steps = squared_steps(link, stec, len(self._links))
+        for signals, stretch in stretches.items():
+            number = self._links[signals]
+            if not math.isfinite(stretch.origin):
+                stretch.origin = float(first_content[number])
+            origin_of_link[number] = stretch.origin
+        deviation = stec - origin_of_link[link]
         wide_lane = (
             deputy.pairs.wide_lane_cycles[deputy_row] - chief.pairs.wide_lane_cycles[chief_row]
         )
@@ -367,45 +367,12 @@ class FormationDensity:
             "stec": stec,
             "deviation": deviation,
             "deviation_squared": deviation * deviation,
-            "step_squared": _squared_steps(stretch_of_link[link], stec),
+            "step_squared": steps,
             "wide_lane": wide_lane - (integers[:, 0] - integers[:, 1]),
             "elevation_chief": chief.elevation[chief_row],
             "elevation_deputy": deputy.elevation[deputy_row],
         }
         return chief.pairs.time[chief_row], stretch_of_link[link], columns
-
-    def _origins(self, stretches: IntArray, stec: FloatArray) -> FloatArray:
-        """Return the first content of the stretch of each row, TECU, shape (n,)."""
-        numbers, first, inverse = np.unique(stretches, return_index=True, return_inverse=True)
-        origins = []
-        for number, content in zip(numbers.tolist(), stec[first].tolist(), strict=True):
-            stretch = self._stretches[number]
-            if not math.isfinite(stretch.origin):
-                stretch.origin = content
-            origins.append(stretch.origin)
-        return np.asarray(np.array(origins)[inverse]) if origins else np.zeros(0)
-
-    def _common_rows(
-        self, end: int, results: tuple[SpacecraftResult, SpacecraftResult]
-    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp], IntArray]:
-        """Return the rows of chief and deputy of the same epochs and links, and these links.
-
-        Only rows of the arcs at the end of the second (GPS time, ns) are returned, in the order of
-        their epochs.
-        """
-        sample_numbers, usable, links = [], [], []
-        for numbers, result in zip(self._link_numbers, results, strict=True):
-            rows = result.rows
-            table = np.array([*numbers, _NO_LINK], dtype=np.int64)
-            link = table[rows.pairs.link] if len(rows) else np.zeros(0, dtype=np.int64)
-            good = (link != _NO_LINK) & (rows.arc > 0) & ((rows.rejected & _NO_PHASE) == 0)
-            row = np.flatnonzero(good & _is_in_last_arc(rows))
-            usable.append(row)
-            links.append(link[row])
-            # One number for each epoch and link; times count from the end of the second.
-            sample_numbers.append((rows.pairs.time[row] - end) * len(self._links) + link[row])
-        _, chief, deputy = np.intersect1d(sample_numbers[0], sample_numbers[1], return_indices=True)
-        return usable[0][chief], usable[1][deputy], links[0][chief]
 
     # ---- density of a second -----------------------------------------------------------------
 
@@ -680,33 +647,6 @@ def _single_difference(
         for block, result, row in zip(second.observations, results, chosen, strict=True)
     )
     return np.asarray(deputy - chief)
-
-
-def _squared_steps(stretch: IntArray, stec: FloatArray) -> FloatArray:
-    """Return the square of the change of each row from the row of its stretch before it, (n,).
-
-    The first row of a stretch has the mean of the others.
-    """
-    order = np.argsort(stretch, kind="stable")
-    is_first = np.diff(stretch[order], prepend=-2) != 0
-    steps = np.diff(stec[order], prepend=0.0) ** 2
-    steps[is_first] = 0.0
-    numbers = np.cumsum(is_first) - 1
-    count = np.bincount(numbers) - 1.0
-    mean = np.bincount(numbers, steps) / np.maximum(count, 1.0)
-    steps[is_first] = mean
-    result = np.empty(len(stec))
-    result[order] = steps
-    return result
-
-
-def _is_in_last_arc(rows: SlantTecRows) -> npt.NDArray[np.bool_]:
-    """Return for each row whether it is in the arc that its link has in its last row."""
-    if not len(rows):
-        return np.zeros(0, dtype=bool)
-    last_arc = np.full(int(rows.pairs.link.max()) + 2, -1, dtype=np.int64)
-    last_arc[rows.pairs.link] = rows.arc  # of several rows of a link the last one stays
-    return np.asarray(last_arc[rows.pairs.link] == rows.arc)
 
 
 def _vertical_content(result: SpacecraftResult) -> float:

@@ -49,6 +49,10 @@ class IntegerDatum:
         self._held: dict[SignalGroup, dict[SignalKey, _HeldInteger]] = {}
         self._refused: dict[SignalKey, _HeldInteger] = {}
         self._proved: dict[SignalGroup, set[SignalKey]] = {}
+        # What the last update was given, None once integers were changed since, and its result.
+        self._given: tuple[Mapping[SignalKey, float], Mapping[SignalKey, Hashable], bool] | None
+        self._given = None
+        self._holding: dict[SignalKey, float] = {}
 
     def update(
         self,
@@ -70,6 +74,10 @@ class IntegerDatum:
             Whether integers that nothing connects with those held may begin another datum. If not,
             those of the filter wait until an integer has been found in the old one: see `resolve`.
         """
+        # As a rule nothing has changed since the second before: the same integers hold.
+        given = (fixed, continuity, may_begin_anew)
+        if given == self._given:
+            return self._holding
         result: dict[SignalKey, float] = {}
         for group in sorted({signal.group for signal in fixed} | set(self._held)):
             usable = {
@@ -78,6 +86,7 @@ class IntegerDatum:
                 if signal.group == group and signal in continuity
             }
             result |= self._update_group(group, usable, continuity, may_begin_anew)
+        self._given, self._holding = given, result
         return result
 
     def _update_group(
@@ -118,6 +127,7 @@ class IntegerDatum:
 
     def resolve(self, signal: SignalKey, cycles: float, continuity: Hashable) -> None:
         """Hold an integer, cycles in the datum, that was found here; it counts as proved."""
+        self._given = None
         self._held.setdefault(signal.group, {})[signal] = _HeldInteger(cycles, continuity)
         self._refused.pop(signal, None)
         self.prove(signal)
@@ -125,6 +135,7 @@ class IntegerDatum:
     def prove(self, signal: SignalKey) -> None:
         """Trust the integer of a signal for as long as its phases are continuous."""
         if signal in self._held.get(signal.group, {}):
+            self._given = None
             self._proved.setdefault(signal.group, set()).add(signal)
 
     def is_proved(self, signal: SignalKey) -> bool:
@@ -133,6 +144,7 @@ class IntegerDatum:
 
     def refuse(self, signal: SignalKey) -> None:
         """Give up an integer that is wrong, for as long as the phases are continuous."""
+        self._given = None
         self._proved.get(signal.group, set()).discard(signal)
         integer = self._held.get(signal.group, {}).pop(signal, None)
         if integer is not None:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_gnss import constants as c
-from vtff_gnss.signals import SignalKey, signal_number
+from vtff_gnss.signals import SignalKey, signal_from_number, signal_number
 from vtff_iono.content.slant_tec import SlantTecRows
 from vtff_iono.links.arcs import LOCK_INTERVAL_MARGIN, LOCK_TIME_MARGIN, ArcBreak
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock
@@ -59,6 +59,9 @@ class SignalContinuity:
         self._times = np.zeros(0, dtype=np.int64)
         # Numbers and indices of the observations of the last block.
         self._numbers = self._signals = np.zeros(0, dtype=np.int64)
+        # Numbers and keys of the observations of its last epoch.
+        self._last_numbers: list[int] = []
+        self._last_signals: list[SignalKey] = []
 
     def update(self, block: ObservationBlock, rows: SlantTecRows) -> dict[SignalKey, int]:
         """Return the number of the stretch of each signal with a phase at the end of the block.
@@ -96,9 +99,12 @@ class SignalContinuity:
             self._times,
         )
         last = np.flatnonzero(chosen & (block.time == block.time[-1]))
-        keys = zip(*(columns[name][last].tolist() for name in SignalKey._fields), strict=True)
+        last_numbers = number[last].tolist()
+        if last_numbers != self._last_numbers:
+            self._last_numbers = last_numbers
+            self._last_signals = [signal_from_number(value) for value in last_numbers]
         stretches = self._states[signal[last], _STRETCH].astype(np.int64).tolist()
-        return {SignalKey(*key): stretch for key, stretch in zip(keys, stretches, strict=True)}
+        return dict(zip(self._last_signals, stretches, strict=True))
 
     def _indices(self, numbers: list[int]) -> npt.NDArray[np.int64]:
         """Return the indices of signals, with states of zero for those that are new."""
