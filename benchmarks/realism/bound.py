@@ -22,8 +22,8 @@ from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.cdgps.output import relative_rtn
 from vtff_nav.relative.common.dynamics import MotionNoise
-from vtff_nav.relative.common.motion_kernels import empirical_noise, transition_matrix
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
+from vtff_nav.relative.common.motion_kernels import empirical_noise, transition_matrix
 
 from .recording import Recording
 from .worlds import FIRST_SECOND, RangeErrors
