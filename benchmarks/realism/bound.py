@@ -19,8 +19,8 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz, satellite_number
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.cdgps.output import relative_rtn
+from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
 from vtff_nav.relative.common.motion_kernels import empirical_noise, transition_matrix
@@ -215,13 +215,13 @@ def _epochs(
             float(np.linalg.norm(chief_gcrf[:3])),
             float(heights[1] - heights[0]),
             seen.elevation[:, columns],
-            plasma.plasma_layers,
+            np.array(plasma.plasma_layers),
         )
         if gradient > 0.0:
             shells = shell_paths(
                 np.array([chief_gcrf[:3], second.state_deputy_gcrf[:3]]),
                 seen.direction[:, columns],
-                plasma.plasma_shell_heights[:1],
+                np.array(plasma.plasma_shell_heights[:1]),
             )
             sigmas = np.array([plasma.plasma_shell_sigma_tecu, gradient, gradient])
             paths = np.hstack((paths, shells * sigmas))

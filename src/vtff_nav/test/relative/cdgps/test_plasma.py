@@ -11,7 +11,7 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
-from vtff_nav.relative.cdgps.model import DENSITY_UNIT, plasma_paths
+from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT, plasma_paths
 from vtff_nav.relative.common.dynamics import Prediction
 from vtff_sim_bridge.atmosphere.density_models import (
     ChapmanLayer,
@@ -20,7 +20,7 @@ from vtff_sim_bridge.atmosphere.density_models import (
 )
 from vtff_sim_bridge.atmosphere.slant_tec import SlantTecIntegrator
 
-LAYERS = CdgpsConfiguration().plasma_layers
+LAYERS = np.array(CdgpsConfiguration().plasma_layers)
 
 
 def differential(profile, deputy):

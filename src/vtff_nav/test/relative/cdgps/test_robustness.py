@@ -12,7 +12,7 @@ from cdgps_truth_support import longest_run, wrong_integers
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
-from vtff_nav.relative.cdgps.model import north_and_east, shell_paths
+from vtff_nav.relative.cdgps.sky_kernels import north_and_east, shell_paths
 from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
 from vtff_nav.relative.common.dynamics import (
@@ -183,7 +183,9 @@ def test_shells_against_a_ray_through_a_thick_layer():
         return float(np.sum(density * inside) * (distance[1] - distance[0]))
 
     expected = [content(positions[1], ray) - content(positions[0], ray) for ray in direction]
-    columns = shell_paths(positions, np.array([direction, direction]), [height, 1.5 * height])
+    columns = shell_paths(
+        positions, np.array([direction, direction]), np.array([height, 1.5 * height])
+    )
     assert columns.shape == (len(angles), 6)
     np.testing.assert_allclose(columns[:, :3] @ [1.0, *slopes], expected, rtol=0.05, atol=2e-3)
 
@@ -196,7 +198,7 @@ def test_coupling_and_reweighing_against_a_batch():
     rows, values = [], []
     for epoch in range(5):
         if epoch:
-            state.couple([("position",)], np.array([[0.5]]), [("rate",)])
+            state.transform([0], np.array([[1.0, 0.5]]))
         value = np.array([random.standard_normal()])
         design = np.array([[1.0, 0.0]])
         empty = np.zeros((1, 0))

@@ -28,13 +28,14 @@ from vtff_gnss.orbits import line_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
-from vtff_nav.relative.cdgps.model import make_sky, north_and_east
+from vtff_nav.relative.cdgps.model import make_sky
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.cdgps.output import (
     ambiguity_table,
     differential_tec_table,
     relative_rtn,
 )
+from vtff_nav.relative.cdgps.sky_kernels import north_and_east
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,

@@ -21,7 +21,6 @@ from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.measurement_faults import FaultSearch, reject_faults
 from vtff_nav.relative.cdgps.model import (
-    DENSITY_UNIT,
     PLASMA_KINDS,
     Sky,
     code_biases,
@@ -31,6 +30,7 @@ from vtff_nav.relative.cdgps.model import (
 from vtff_nav.relative.cdgps.orbit_filter import RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
+from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
@@ -250,50 +250,68 @@ class RelativeFilter:
             attitude turns the thrust.
         """
         state, configuration = self.state, self.configuration
-        state.predict_block(
-            0, predicted.relative, predicted.transition_relative, predicted.noise_relative
-        )
         # The first error is the scale: what it changes is the velocity gained by the thrust.
         self._velocity_change = norm(predicted.thrust_coupling[3:6, 0])
+        thrust: list[Label] = [("thrust", e) for e in range(len(configuration.thrust_sigmas))]
         if self._velocity_change > 0.0:
-            sigmas = configuration.thrust_sigmas
-            labels: list[Label] = [("thrust", error) for error in range(len(sigmas))]
-            for label, sigma in zip(labels, sigmas, strict=True):
+            for label, sigma in zip(thrust, configuration.thrust_sigmas, strict=True):
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
-            state.couple(state.labels[:DYNAMIC_STATES], predicted.thrust_coupling, labels)
+        contents = self._shell_contents()
+        changed = [*range(DYNAMIC_STATES), *contents]
+        coefficients = np.zeros((len(changed), len(state)))
+        motion = coefficients[:DYNAMIC_STATES]
+        motion[:, :DYNAMIC_STATES] = predicted.transition_relative
+        if self._velocity_change > 0.0:
+            motion[:, [state.index(label) for label in thrust]] = predicted.thrust_coupling
             attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
             if rotation_body_to_rtn is not None and attitude[0] in state:
                 by_attitude = predicted.thrust_coupling[:, 1:] @ rotation_body_to_rtn
-                state.couple(state.labels[:DYNAMIC_STATES], by_attitude, attitude)
-        if configuration.has_plasma:
-            for shell in range(len(configuration.plasma_shell_heights)):
-                # The content above the chief changes as the chief moves along the gradient.
-                content, *gradient = _shell_members(shell)
-                state.couple([content], chief_motion_deg[None, :], gradient)
-        decay, steady = np.ones(len(state)), np.zeros(len(state))
-        for index, label in enumerate(state.labels[DYNAMIC_STATES:], DYNAMIC_STATES):
-            process = self._process_of(label)
-            if process is not None:
-                decay[index] = math.exp(-interval / process.correlation_time)
-                steady[index] = process.sigma**2
-        state.predict_gauss_markov(decay, steady)
-        if configuration.has_plasma:
-            for shell in range(len(configuration.plasma_shell_heights)):
-                content, *_ = _shell_members(shell)
-                power = 2.0 * self._plasma_sigma(content) ** 2
-                state.add_noise(content, power / configuration.electron_density_time * interval)
+                motion[:, [state.index(label) for label in attitude]] = by_attitude
+        for row, content in enumerate(contents, DYNAMIC_STATES):
+            # The content above the chief changes as the chief moves along the gradient.
+            coefficients[row, content] = 1.0
+            coefficients[row, content + 1 : content + 3] = chief_motion_deg
+        # The motion is not linear: its mean is the predicted one, but for errors of the thrust.
+        predicted_change = predicted.relative - (
+            predicted.transition_relative @ state.mean[:DYNAMIC_STATES]
+        )
+        state.transform(changed, coefficients)
+        state.mean[:DYNAMIC_STATES] += predicted_change
+        state.covariance[:DYNAMIC_STATES, :DYNAMIC_STATES] += predicted.noise_relative
+        state.predict_gauss_markov(*self._decay(interval))
         walk = configuration.receiver_bias_walk**2 * interval
-        for label in state.labels_of("code_bias", "phase_bias"):
-            state.add_noise(label, walk)
+        diagonal = np.einsum("ii->i", state.covariance)
+        diagonal[state.columns("code_bias", "phase_bias")] += walk
+        if contents:
+            power = 2.0 * self._plasma_sigma(state.labels[contents[0]]) ** 2
+            diagonal[contents] += power / configuration.electron_density_time * interval
+
+    def _shell_contents(self) -> list[int]:
+        """Return the columns of the contents of shells, each before those of its gradients."""
+        return self.state.columns("plasma_shell")[::3]
+
+    def _decay(self, interval: float) -> tuple[FloatArray, FloatArray]:
+        """Return the decay of all members over an interval, s, and their steady variances."""
+        state = self.state
+        decay, steady = np.ones(len(state)), np.zeros(len(state))
+        for kind, process in (
+            ("phase_error", self._slow_phase),
+            ("satellite_offset", self._satellite_offset),
+        ):
+            columns = state.columns(kind)
+            decay[columns] = math.exp(-interval / process.correlation_time)
+            steady[columns] = process.sigma**2
+        for index in state.columns("attitude_error", "troposphere", *PLASMA_KINDS):
+            single = self._process_of(state.labels[index])
+            if single is not None:
+                decay[index] = math.exp(-interval / single.correlation_time)
+                steady[index] = single.sigma**2
+        return decay, steady
 
     def _process_of(self, label: Label) -> SlowError | None:
-        """Return the Gauss-Markov process of a member of the state; None for other members."""
+        """Return the Gauss-Markov process of a member that has its own; None without one."""
         configuration = self.configuration
-        if label[0] == "phase_error":
-            return self._slow_phase
-        if label[0] == "satellite_offset":
-            return self._satellite_offset
         if label[0] == "attitude_error":
             sigma = math.sqrt(self._attitude_variances[label])
             return SlowError(sigma, configuration.attitude_time)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,11 +10,12 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
-from vtff_dynamics.vectors import FloatArray, cross, norm
+from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
+from vtff_nav.relative.cdgps.sky_kernels import sky_columns
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
@@ -23,23 +23,16 @@ from vtff_nav.relative.common.orbit_single_point import troposphere_delay, tropo
 from vtff_nav.relative.common.solution import LaserMeasurement
 
 __all__ = [
-    "DENSITY_UNIT",
     "PLASMA_KINDS",
     "Sky",
     "code_biases",
     "measurement_innovation",
     "make_sky",
-    "north_and_east",
     "phase_plasma",
-    "plasma_paths",
-    "shell_paths",
 ]
 
 PLASMA_KINDS = ("plasma", "plasma_shell")
 """Kinds of the members of the plasma, in the order of the columns of `Sky.plasma`."""
-
-DENSITY_UNIT = 1e12
-"""Electrons per m3 in the unit of the states ``("plasma", layer)``."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,142 +104,49 @@ def make_sky(
     attitudes : tuple of BodyAttitude or None
         Estimated attitudes that the rotations are those of.
     """
-    columns = geometry.columns(measured.satellite)
     height_chief, height_deputy = geodetic_from_itrf(positions_itrf)[:, 2].tolist()
-    elevation = geometry.elevation[:, columns]
-    ranges = geometry.range[1] - geometry.range[0]
-    predicted = (ranges - geometry.clock[1] + geometry.clock[0])[columns]
+    rise = height_deputy - height_chief
+    columns = geometry.columns(measured.satellite)
+    predicted, direction, direction_chief, range_rate, ray_turn, plasma, elevation = sky_columns(
+        columns,
+        geometry.range,
+        geometry.clock,
+        geometry.range_rate,
+        geometry.direction,
+        geometry.elevation,
+        positions,
+        norm(positions_itrf[0]),
+        rise,
+        np.array(configuration.plasma_layers),
+        np.array(configuration.plasma_shell_heights),
+    )
     troposphere = np.zeros(len(measured))
     if configuration.has_troposphere:
         predicted = predicted + troposphere_delay(positions_itrf[1], elevation[1])
         predicted = predicted - troposphere_delay(positions_itrf[0], elevation[0])
         zenith_sigma = math.hypot(
             configuration.troposphere_distance_sigma * norm(positions[1] - positions[0]),
-            configuration.troposphere_height_sigma * (height_deputy - height_chief),
+            configuration.troposphere_height_sigma * rise,
         )
         troposphere = zenith_sigma * troposphere_mapping(elevation[1])
-    direction = geometry.direction[1, columns]
     antenna_offset, antennas = np.zeros((len(measured), 0)), configuration.antennas
     antenna_turn = antenna_offset
     if antennas is not None and rotations_body is not None:
         antenna_offset = antennas.offset_columns(direction, rotations_body)
         antenna_turn = antennas.attitude_columns(direction, rotations_body, attitudes)
-    baseline = positions[1] - positions[0]
-    along = direction @ baseline
-    across = np.sqrt(np.maximum(baseline @ baseline - along**2, 0.0))
     return Sky(
         predicted=predicted,
         direction=direction,
-        direction_chief=geometry.direction[0, columns],
-        clock_rate=1.0 - geometry.range_rate[1, columns] / SPEED_OF_LIGHT,
-        plasma=np.hstack(
-            (
-                plasma_paths(
-                    float(np.linalg.norm(positions_itrf[0])),
-                    height_deputy - height_chief,
-                    elevation,
-                    configuration.plasma_layers,
-                ),
-                shell_paths(
-                    positions, geometry.direction[:, columns], configuration.plasma_shell_heights
-                ),
-            )
-        ),
+        direction_chief=direction_chief,
+        clock_rate=1.0 - range_rate / SPEED_OF_LIGHT,
+        plasma=plasma,
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
         antenna_turn=antenna_turn,
-        ray_turn=across / geometry.range[1, columns],
+        ray_turn=ray_turn,
         troposphere=troposphere,
     )
-
-
-def plasma_paths(
-    radius: float, rise: float, elevation: FloatArray, layers: Sequence[float]
-) -> FloatArray:
-    """Return the differential slant content of layers of constant density, shape (n, layers).
-
-    Parameters
-    ----------
-    radius : float
-        Distance of the chief from the centre of the Earth, m.
-    rise : float
-        Height of the deputy above the chief, m.
-    elevation : ndarray, shape (2, n)
-        Elevation at chief and deputy, rad.
-    layers : sequence of float
-        Thicknesses of the layers above the chief, m.
-
-    Returns
-    -------
-    ndarray
-        TECU for a density of `DENSITY_UNIT`: ``sqrt((R + L)^2 - (r cos E)^2) - r sin E``, deputy
-        less chief.
-
-    Notes
-    -----
-    This is the whole effect of a spherical layer that reaches below both receivers. One part is the
-    path between the two altitudes, ``-rise / sin E``, which is all at high elevations. The other
-    part comes from the path above, which differs because elevation and altitude do. Four layers
-    reproduce Chapman and constant profiles above 5 deg to 0.1 mTECU at 250 m and 2 mTECU at 5 km;
-    the plane slab alone is wrong by 75 mTECU.
-    """
-    receiver = np.array([[radius], [radius + rise]])
-    perigee_squared = (receiver * np.cos(elevation)) ** 2
-    down = receiver * np.sin(elevation)
-    columns = []
-    for thickness in layers:
-        path = np.sqrt((radius + thickness) ** 2 - perigee_squared) - down
-        columns.append(path[1] - path[0])
-    return np.asarray(np.array(columns).T * (DENSITY_UNIT / ELECTRONS_PER_TECU))
-
-
-def shell_paths(
-    positions: FloatArray, direction: FloatArray, heights: Sequence[float]
-) -> FloatArray:
-    """Return the differential slant content of shells whose content differs from place to place.
-
-    Parameters
-    ----------
-    positions : ndarray, shape (2, 3)
-        Chief and deputy, m; the third axis is that of the Earth.
-    direction : ndarray, shape (2, n, 3)
-        Unit vectors to the satellites, same axes.
-    heights : sequence of float
-        Heights of the shells above the chief, m.
-
-    Returns
-    -------
-    ndarray, shape (n, 3 shells)
-        TECU, deputy less chief, of each shell: for a vertical content of 1 TECU everywhere, and for
-        one that grows by 1 TECU/deg to north or to east from zero above the chief. The vertical
-        content is divided by the sine of the elevation where a ray pierces the shell (single-layer
-        model, Schaer 1999, section 2.3.3).
-    """
-    axes = north_and_east(positions[0])
-    radius = np.sqrt(np.einsum("ri,ri->r", positions, positions))[:, None, None]
-    up = (direction @ positions[:, :, None]) / radius
-    shell = radius[0, 0, 0] + np.array(heights)
-    up_there = np.sqrt(1.0 - (radius / shell) ** 2 * (1.0 - up**2))
-    distance = shell * up_there - radius * up
-    # Receiver and ray along north and east: their sum is where the ray pierces the shell.
-    receiver, ray = positions @ axes.T, direction @ axes.T
-    pierce = receiver[:, None, None] + distance[..., None] * ray[:, :, None]
-    content = np.ones((*distance.shape, 3))
-    content[..., 1:] = np.degrees(np.arcsin(np.clip(pierce / shell[:, None], -1.0, 1.0)))
-    content /= up_there[..., None]
-    return np.asarray((content[1] - content[0]).reshape(direction.shape[1], -1))
-
-
-def north_and_east(position: FloatArray) -> FloatArray:
-    """Return unit vectors to north and east at a position, shape (2, 3), in its axes.
-
-    The third axis is that of the Earth; at the poles, where there is no north, east is zero.
-    """
-    zenith = position / np.linalg.norm(position)
-    east = np.array([-zenith[1], zenith[0], 0.0])
-    east /= max(float(np.linalg.norm(east)), 1e-6)
-    return np.array([cross(zenith, east), east])
 
 
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:

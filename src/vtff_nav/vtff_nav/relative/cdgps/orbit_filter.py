@@ -11,6 +11,7 @@ It is a state of code and phase alike, so that neither averages it out (Montenbr
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import replace
 from typing import NamedTuple
@@ -27,9 +28,11 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.orbit_kernels import orbit_measurements
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
+from vtff_nav.relative.common.combination_kernels import combine_receivers
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
-from vtff_nav.relative.common.measurements import Geometry, SignalTable, median
+from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
     Combinations,
     SinglePoint,
@@ -466,38 +469,31 @@ class AbsoluteFilter:
         """
         state = self.state
         assert state is not None
-        count = len(measured)
         code_rows = np.flatnonzero(measured.second_band > 0)
-        code_satellites = measured.satellite[code_rows].tolist()
-        order = np.concatenate((code_rows, np.arange(count)))
-        size = len(order)
-        design = np.zeros((size, len(state)))
-        direction, direction_deputy = seen.direction[:, rows[order]]
-        if RELATIVE_MOTION[0] in state:
-            share = np.concatenate((shares[0, code_rows], shares[1]))[:, None]
-            direction = direction + share * (direction_deputy - direction)
-            position = state.index(RELATIVE_MOTION[0])
-            design[:, position : position + 3] = -share * direction_deputy
-        position = self.motion.start
-        design[:, position : position + 3] = -direction
-        columns = [state.index(label) for label in labels]
-        phase = np.arange(len(code_rows), size)
-        design[phase, columns] = 1.0
-        values = np.concatenate(
-            (
-                (measured.code - predicted)[code_rows],
-                measured.phase - predicted - state.mean[columns],
-            )
+        design, values, variances, nuisance = orbit_measurements(
+            state.mean,
+            self.motion.start,
+            state.index(RELATIVE_MOTION[0]) if RELATIVE_MOTION[0] in state else -1,
+            np.array([state.index(label) for label in labels]),
+            np.array(
+                [
+                    state.index(("range_error", satellite))
+                    for satellite in measured.satellite[code_rows].tolist()
+                ],
+                dtype=np.int64,
+            ),
+            code_rows,
+            rows,
+            shares,
+            seen.direction,
+            seen.range_rate,
+            np.array((measured.code, measured.phase)) - predicted,
+            np.array((measured.code_sigma, measured.phase_sigma)),
+            measured.system,
+            np.array(sorted(set(measured.system.tolist()))),
         )
-        errors = [state.index(("range_error", satellite)) for satellite in code_satellites]
-        for rows_of_kind in (np.arange(len(code_rows)), len(code_rows) + code_rows):
-            design[rows_of_kind, errors] = 1.0
-            values[rows_of_kind] -= state.mean[errors]
-        variances = np.concatenate((measured.code_sigma[code_rows] ** 2, measured.phase_sigma**2))
-        systems = np.array(sorted(set(measured.system.tolist())))
-        nuisance = (measured.system[order, None] == systems[None, :]).astype(float)
-        nuisance *= (1.0 - seen.range_rate[0, rows][order] / SPEED_OF_LIGHT)[:, None]
-        return state.innovation(design, values, variances, nuisance), order.tolist()
+        order = [*code_rows.tolist(), *range(len(measured))]
+        return state.innovation(design, values, variances, nuisance), order
 
 
 def mean_of_receivers(
@@ -524,9 +520,7 @@ def mean_of_receivers(
         Shares of the deputy in the codes and phases of n satellites.
     """
     shares = np.zeros((2, len(chief)))
-    _, of_chief, of_deputy = np.intersect1d(
-        chief.satellite, deputy.satellite, assume_unique=True, return_indices=True
-    )
+    of_chief, of_deputy = _pair_satellites(chief.satellite.tobytes(), deputy.satellite.tobytes())
     is_dual = (chief.second_band[of_chief] > 0) & (
         chief.second_band[of_chief] == deputy.second_band[of_deputy]
     )
@@ -535,29 +529,40 @@ def mean_of_receivers(
         return chief, shares
     columns = seen.columns(chief.satellite[of_chief])
     predicted = (seen.range - seen.clock)[:, columns]
-    difference = deputy.code[of_deputy] - predicted[1] - chief.code[of_chief] + predicted[0]
-    difference -= median(difference)
-    variance, variance_deputy = chief.code_sigma[of_chief] ** 2, deputy.code_sigma[of_deputy] ** 2
-    weight = variance / (variance + variance_deputy)
     code, code_sigma = chief.code.copy(), chief.code_sigma.copy()
-    code[of_chief] += weight * difference
-    code_sigma[of_chief] *= np.sqrt(1.0 - weight)
-    shares[0, of_chief] = weight
+    code[of_chief], code_sigma[of_chief], shares[0, of_chief] = combine_receivers(
+        chief.code[of_chief],
+        chief.code_sigma[of_chief],
+        deputy.code[of_deputy],
+        deputy.code_sigma[of_deputy],
+        predicted,
+        math.inf,
+    )
     mean = replace(chief, code=code, code_sigma=code_sigma)
-    difference = deputy.phase[of_deputy] - predicted[1] - chief.phase[of_chief] + predicted[0]
-    is_known = np.isfinite(difference) & ~chief.is_lock_lost[of_chief]
-    if not is_known.any():
+    phase_deputy = deputy.phase[of_deputy]
+    phase_deputy[chief.is_lock_lost[of_chief]] = math.nan
+    if not np.isfinite(phase_deputy).any():
         return mean, shares
-    difference, of_chief, of_deputy = difference[is_known], of_chief[is_known], of_deputy[is_known]
-    difference -= median(difference)
-    variance, variance_deputy = chief.phase_sigma[of_chief] ** 2, deputy.phase_sigma[of_deputy] ** 2
-    is_alike = difference**2 < _LARGEST_DIFFERENCE**2 * (variance + variance_deputy)
-    weight = np.where(is_alike, variance / (variance + variance_deputy), 0.0)
     phase, phase_sigma = chief.phase.copy(), chief.phase_sigma.copy()
-    phase[of_chief] += weight * difference
-    phase_sigma[of_chief] *= np.sqrt(1.0 - weight)
-    shares[1, of_chief] = weight
+    phase[of_chief], phase_sigma[of_chief], shares[1, of_chief] = combine_receivers(
+        chief.phase[of_chief],
+        chief.phase_sigma[of_chief],
+        phase_deputy,
+        deputy.phase_sigma[of_deputy],
+        predicted,
+        _LARGEST_DIFFERENCE,
+    )
     return replace(mean, phase=phase, phase_sigma=phase_sigma), shares
+
+
+@functools.lru_cache(maxsize=16)
+def _pair_satellites(
+    chief: bytes, deputy: bytes
+) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+    """Return the rows of the satellites in both of two columns, which stay so for minutes."""
+    columns = (np.frombuffer(column, dtype=np.int64) for column in (chief, deputy))
+    _, of_chief, of_deputy = np.intersect1d(*columns, assume_unique=True, return_indices=True)
+    return of_chief, of_deputy
 
 
 def _omitted_share(configuration: CdgpsConfiguration, radius: float) -> float:

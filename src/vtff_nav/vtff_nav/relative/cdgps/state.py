@@ -234,24 +234,23 @@ class GaussianState:
         covariance[:, block] = covariance[:, block] @ transition.T
         covariance[block, block] += noise
 
-    def couple(
-        self, targets: Sequence[Label], coupling: FloatArray, sources: Sequence[Label]
-    ) -> None:
-        """Add linear functions of some members to others.
+    def transform(self, columns: Sequence[int], coefficients: FloatArray) -> None:
+        """Replace some members by linear functions of all of them.
 
         Parameters
         ----------
-        targets, sources : sequence of Label
-            k and m members, none of them in both.
-        coupling : ndarray, shape (k, m)
-            Derivatives of the targets by the sources.
+        columns : sequence of int
+            Indices of the k members.
+        coefficients : ndarray, shape (k, n)
+            Their derivatives by the n members.
         """
-        rows = [self._index_of[label] for label in targets]
-        columns = [self._index_of[label] for label in sources]
-        self.mean[rows] += coupling @ self.mean[columns]
+        rows = np.asarray(columns)
         covariance = self.covariance
-        covariance[rows, :] += coupling @ covariance[columns, :]
-        covariance[:, rows] += covariance[:, columns] @ coupling.T
+        changed = coefficients @ covariance
+        covariance[rows] = changed
+        covariance[:, rows] = changed.T
+        covariance[rows[:, None], rows] = changed @ coefficients.T
+        self.mean[rows] = coefficients @ self.mean
 
     def predict_gauss_markov(self, decay: FloatArray, steady_variance: FloatArray) -> None:
         """Propagate all members as first-order Gauss-Markov processes of zero mean.

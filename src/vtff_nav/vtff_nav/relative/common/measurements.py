@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray, skew
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
@@ -25,6 +25,8 @@ from vtff_gnss.signals import (
     signal_from_number,
     signal_number,
 )
+from vtff_nav.relative.common.combination_kernels import read_signals
+from vtff_nav.relative.common.motion_kernels import positions_at_reception
 
 __all__ = [
     "DEFAULT_BANDS",
@@ -56,13 +58,7 @@ for _rank, _letter in enumerate(_ATTRIBUTE_ORDER):
 # Scatter of the delays of two codes on one carrier over the satellites of a system, m.
 _MIXED_CODE_SIGMA = 0.5
 _LAYOUTS_KEPT = 16
-_CODE_AND_PHASE_VALID = c.FLAG_CODE_VALID | c.FLAG_PHASE_VALID
 _LARGEST_SATELLITE_NUMBER = int(satellite_number(255, 255))
-
-# Receivers that are slower than this over the ground (m/s) stand on it or move near it.
-_SLOWEST_ORBITAL_SPEED = 1e3
-_EARTH_ROTATION = skew([0.0, 0.0, c.EARTH_ROTATION_RATE_BROADCAST])
-"""``_EARTH_ROTATION @ r`` is the cross product of the rotation vector of the Earth with r, 1/s."""
 
 
 @dataclass(frozen=True)
@@ -94,19 +90,6 @@ class MeasurementNoise:
         """Return the factor of the sigmas at elevations (rad, above the horizon), shape (n,)."""
         ratio = self.elevation_noise_ratio
         return np.asarray(np.hypot(1.0, ratio / np.sin(elevation)) / np.hypot(1.0, ratio))
-
-    def sigmas(
-        self, epoch: ObservationEpoch, rows: npt.NDArray[np.intp], wavelength: FloatArray
-    ) -> tuple[FloatArray, FloatArray]:
-        """Return the sigmas of code and phase of some rows of an epoch, m, shape (n,)."""
-        size = len(wavelength)
-        code, phase = np.full(size, self.code_sigma), np.full(size, self.phase_sigma)
-        if self.use_receiver_sigmas:
-            stated = epoch.pseudorange_sigma[rows].astype(float)
-            code = np.where(stated > 0.0, np.maximum(stated, self.smallest_code_sigma), code)
-            stated = epoch.carrier_phase_sigma_cycles[rows].astype(float) * wavelength
-            phase = np.where(stated > 0.0, np.maximum(stated, self.smallest_phase_sigma), phase)
-        return code, phase
 
 
 @dataclass(frozen=True, eq=False)
@@ -197,6 +180,10 @@ class _Layout:
     frequency_hz: FloatArray
     wavelength: FloatArray
 
+    def select(self, rows: npt.NDArray[np.intp]) -> _Layout:
+        """Return the columns of some of the signals."""
+        return _Layout(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
+
 
 class SignalReader:
     """Reads the usable signals of epochs.
@@ -225,34 +212,42 @@ class SignalReader:
         has_ephemeris : ndarray of bool
             `satellite_mask` of the satellites with an ephemeris; the others are left out.
         """
-        layout = self._layout_of(epoch)
-        order = layout.order
-        flags = epoch.flags[order]
-        is_usable = (flags & _CODE_AND_PHASE_VALID) == _CODE_AND_PHASE_VALID
-        is_usable &= has_ephemeris[layout.satellite]
-        pseudorange = epoch.pseudorange[order]
-        carrier_range = layout.wavelength * epoch.carrier_phase_cycles[order]
-        is_usable &= np.isfinite(pseudorange + carrier_range)
-        rows = np.flatnonzero(is_usable)
-        # The first usable signal of each carrier is the preferred one.
-        carrier = layout.carrier[rows]
-        rows = rows[np.append(True, carrier[1:] != carrier[:-1])] if len(rows) else rows
-        epoch_rows, wavelength = order[rows], layout.wavelength[rows]
-        code_sigma, phase_sigma = self._noise.sigmas(epoch, epoch_rows, wavelength)
+        layout, noise = self._layout_of(epoch), self._noise
+        rows, numbers = read_signals(
+            layout.order,
+            layout.satellite,
+            layout.carrier,
+            layout.wavelength,
+            has_ephemeris,
+            epoch.flags,
+            epoch.pseudorange,
+            epoch.carrier_phase_cycles,
+            epoch.pseudorange_sigma,
+            epoch.carrier_phase_sigma_cycles,
+            epoch.doppler_hz,
+            epoch.lock_time,
+            np.array((noise.code_sigma, noise.phase_sigma)),
+            np.array((noise.smallest_code_sigma, noise.smallest_phase_sigma)),
+            noise.use_receiver_sigmas,
+        )
+        if len(rows) == len(layout.order):
+            names: _Layout = layout
+        else:
+            names = layout.select(rows)
         return SignalTable(
-            signal=layout.signal[rows],
-            satellite=layout.satellite[rows],
-            system=layout.system[rows],
-            band=layout.band[rows],
-            wavelength=wavelength,
-            frequency_hz=layout.frequency_hz[rows],
-            pseudorange=pseudorange[rows],
-            carrier_range=carrier_range[rows],
-            code_sigma=code_sigma,
-            phase_sigma=phase_sigma,
-            range_rate=-wavelength * epoch.doppler_hz[epoch_rows].astype(float),
-            flags=flags[rows],
-            lock_time=epoch.lock_time[epoch_rows].astype(float),
+            signal=names.signal,
+            satellite=names.satellite,
+            system=names.system,
+            band=names.band,
+            wavelength=names.wavelength,
+            frequency_hz=names.frequency_hz,
+            pseudorange=numbers[0],
+            carrier_range=numbers[1],
+            code_sigma=numbers[2],
+            phase_sigma=numbers[3],
+            range_rate=numbers[4],
+            flags=epoch.flags[names.order],
+            lock_time=numbers[5],
         )
 
     def _layout_of(self, epoch: ObservationEpoch) -> _Layout:
@@ -488,11 +483,8 @@ def compute_geometry(
     to_itrf : ndarray, shape (3, 3)
         Rotation from the navigation axes to ITRF.
     """
-    position, velocity = states_itrf[:, :3], states_itrf[:, 3:]
-    delay = offsets[:, None]
-    acceleration = _free_fall_acceleration(position, velocity)
-    position_at_reception = position + delay * velocity + 0.5 * delay**2 * acceleration
-    sight = lines_of_sight(table, time, offsets, position_at_reception, velocity)
+    position = positions_at_reception(states_itrf, offsets)
+    sight = lines_of_sight(table, time, offsets, position, states_itrf[:, 3:])
     return Geometry(
         satellite=satellite_numbers(table),
         range=sight.range,
@@ -503,27 +495,6 @@ def compute_geometry(
         elevation=sight.elevation,
         azimuth=sight.azimuth,
     )
-
-
-def _free_fall_acceleration(position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return the acceleration of free fall in Earth-fixed axes; zero for receivers on the ground.
-
-    Parameters
-    ----------
-    position, velocity : ndarray, shape (2, 3)
-        ITRF, m and m/s.
-
-    Returns
-    -------
-    ndarray, shape (2, 3)
-        Point mass, Coriolis and centrifugal acceleration, m/s2.
-    """
-    radius = np.linalg.norm(position, axis=1, keepdims=True)
-    gravity = -c.GRAVITATIONAL_PARAMETER_BROADCAST[c.SYSTEM_GPS] / radius**3 * position
-    coriolis = -2.0 * velocity @ _EARTH_ROTATION.T
-    centrifugal = -position @ (_EARTH_ROTATION @ _EARTH_ROTATION).T
-    speed = np.linalg.norm(velocity, axis=1, keepdims=True)
-    return np.where(speed > _SLOWEST_ORBITAL_SPEED, gravity + coriolis + centrifugal, 0.0)
 
 
 @functools.lru_cache(maxsize=32)

@@ -12,14 +12,24 @@ import numpy as np
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
 from vtff_dynamics.orbit.harmonics import advance_under_gravity
+from vtff_gnss.constants import (
+    EARTH_ROTATION_RATE_BROADCAST,
+    GRAVITATIONAL_PARAMETER_BROADCAST,
+    SYSTEM_GPS,
+)
 
 __all__ = [
     "advance_errors",
     "advance_pair",
     "empirical_noise",
+    "positions_at_reception",
     "transition_matrix",
     "white_acceleration_noise",
 ]
+
+_GM = GRAVITATIONAL_PARAMETER_BROADCAST[SYSTEM_GPS]
+# Receivers that are slower than this over the ground (m/s) stand on it or move near it.
+_SLOWEST_ORBITAL_SPEED = 1e3
 
 
 @compiled
@@ -187,3 +197,34 @@ def advance_pair(  # type: ignore[no-untyped-def]
     for k in range(6):
         chief[k] = after[k]
         relative[k] = deputy[k] - after[k]
+
+
+@compiled
+def positions_at_reception(states_itrf, delays):  # type: ignore[no-untyped-def]
+    """Return positions some time later, ITRF, m, shape (n, 3).
+
+    They move on by the velocity and, but for receivers on the ground, free fall: point mass,
+    Coriolis and centrifugal acceleration.
+
+    Parameters
+    ----------
+    states_itrf : ndarray, shape (n, 6)
+        Positions and Earth-fixed velocities, m and m/s.
+    delays : ndarray, shape (n,)
+        s, so short that the acceleration is constant.
+    """
+    later = np.empty((len(states_itrf), 3))
+    rate = EARTH_ROTATION_RATE_BROADCAST
+    for n in range(len(states_itrf)):
+        x, y, z, vx, vy, vz = states_itrf[n]
+        delay, ax, ay, az = delays[n], 0.0, 0.0, 0.0
+        if math.sqrt(vx * vx + vy * vy + vz * vz) > _SLOWEST_ORBITAL_SPEED:
+            radius = math.sqrt(x * x + y * y + z * z)
+            pull = -_GM / radius**3
+            ax = (pull + rate**2) * x + 2.0 * rate * vy
+            ay = (pull + rate**2) * y - 2.0 * rate * vx
+            az = pull * z
+        later[n, 0] = x + delay * (vx + 0.5 * delay * ax)
+        later[n, 1] = y + delay * (vy + 0.5 * delay * ay)
+        later[n, 2] = z + delay * (vz + 0.5 * delay * az)
+    return later

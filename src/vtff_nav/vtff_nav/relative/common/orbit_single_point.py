@@ -13,9 +13,9 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
-from vtff_gnss import constants as c
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import satellite_number, satellite_number_of_signal, signal_from_number
+from vtff_nav.relative.common.combination_kernels import combine_carriers
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
@@ -110,31 +110,34 @@ def form_combinations(signals: SignalTable, table: SatelliteTable) -> Combinatio
         All satellites of `signals` must be in it; their group delays are taken off the codes.
     """
     carriers = _first_carriers(signals.signal.tobytes(), signals.frequency_hz.tobytes())
-    first, second, is_dual = carriers.first, carriers.second, carriers.is_dual
-    factor1, factor2 = carriers.factor_first, carriers.factor_second
-    code = signals.pseudorange - _code_delays(table, signals.signal.tobytes())
-    code1, code2 = code[first], code[second]
-    phase1, phase2 = signals.carrier_range[first], signals.carrier_range[second]
-    code_sigma1, code_sigma2 = signals.code_sigma[first], signals.code_sigma[second]
-    phase_sigma1, phase_sigma2 = signals.phase_sigma[first], signals.phase_sigma[second]
-    is_lost = (signals.flags & c.FLAG_LOCK_LOST) > 0
-    is_added = (signals.flags & c.FLAG_HALF_CYCLE_ADDED) > 0
+    first, second = carriers.first, carriers.second
+    numbers, is_lost, half_cycles, lock_time = combine_carriers(
+        first,
+        second,
+        carriers.is_dual,
+        carriers.factor_first,
+        carriers.factor_second,
+        signals.pseudorange,
+        _code_delays(table, signals.signal.tobytes()),
+        signals.carrier_range,
+        signals.code_sigma,
+        signals.phase_sigma,
+        signals.range_rate,
+        signals.flags,
+        signals.lock_time,
+    )
     return Combinations(
         satellite=carriers.satellite,
         system=signals.system[first],
-        second_band=np.where(is_dual, signals.band[second], 0),
-        code=factor1 * code1 + factor2 * code2,
-        phase=np.where(is_dual, factor1 * phase1 + factor2 * phase2, 0.5 * (code1 + phase1)),
-        code_sigma=np.hypot(factor1 * code_sigma1, factor2 * code_sigma2),
-        phase_sigma=np.where(
-            is_dual,
-            np.hypot(factor1 * phase_sigma1, factor2 * phase_sigma2),
-            0.5 * np.hypot(code_sigma1, phase_sigma1),
-        ),
-        is_lock_lost=is_lost[first] | is_lost[second],
-        half_cycles=is_added[first] + 2 * is_added[second].astype(np.int64),
-        lock_time=np.array((signals.lock_time[first], signals.lock_time[second])).T,
-        range_rate=signals.range_rate[first],
+        second_band=np.where(carriers.is_dual, signals.band[second], 0),
+        code=numbers[0],
+        phase=numbers[1],
+        code_sigma=numbers[2],
+        phase_sigma=numbers[3],
+        is_lock_lost=is_lost,
+        half_cycles=half_cycles,
+        lock_time=lock_time,
+        range_rate=numbers[4],
     )
 
 
