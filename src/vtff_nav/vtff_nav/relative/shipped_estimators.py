@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+from vtff_nav.relative.integers.least_squares import compile_kernels
+from vtff_nav.relative.rehearsal import rehearse
 
 if TYPE_CHECKING:
     from vtff_nav.relative.paper.estimator import PaperEstimator
@@ -23,30 +26,30 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
     ValueError
         If a value is not possible; the text names it.
     """
-    estimator = CdgpsEstimator(
-        CdgpsConfiguration(
-            dynamics=setting.dynamics,
-            integrator=setting.integrator,
-            longest_step=setting.longest_step,
-            noise_relative=MotionNoise(
-                setting.empirical_acceleration_sigma,
-                gradient_sigma=setting.empirical_gradient_sigma,
-            ),
-            thrust_relative_sigma=setting.thrust_sigma,
-            thrust_scale_sigma=setting.thrust_scale_sigma,
-            thrust_misalignment_sigma_deg=setting.thrust_misalignment_sigma_deg,
-            thrust_follows_attitude=setting.thrust_follows_attitude,
-            slow_phase_sigma=setting.slow_phase_sigma,
-            slow_code_sigma=setting.slow_code_sigma,
-            slow_error_time=setting.slow_error_time,
-            plasma_gradient_sigma_tecu_per_deg=setting.plasma_gradient_sigma,
-            success_rate=setting.success_rate,
-            antennas=setting.antennas,
-            **_common(setting),
-        )
+    configuration = CdgpsConfiguration(
+        dynamics=setting.dynamics,
+        integrator=setting.integrator,
+        longest_step=setting.longest_step,
+        noise_relative=MotionNoise(
+            setting.empirical_acceleration_sigma,
+            gradient_sigma=setting.empirical_gradient_sigma,
+        ),
+        thrust_relative_sigma=setting.thrust_sigma,
+        thrust_scale_sigma=setting.thrust_scale_sigma,
+        thrust_misalignment_sigma_deg=setting.thrust_misalignment_sigma_deg,
+        thrust_follows_attitude=setting.thrust_follows_attitude,
+        slow_phase_sigma=setting.slow_phase_sigma,
+        slow_code_sigma=setting.slow_code_sigma,
+        slow_error_time=setting.slow_error_time,
+        plasma_gradient_sigma_tecu_per_deg=setting.plasma_gradient_sigma,
+        success_rate=setting.success_rate,
+        antennas=setting.antennas,
+        **_common(setting),
     )
-    estimator.compile_kernels()
-    return estimator
+    # Seconds without a cache, which no epoch can wait.
+    compile_kernels()
+    rehearse(CdgpsEstimator(configuration), is_in_orbit=configuration.chief_motion == "orbital")
+    return CdgpsEstimator(configuration)
 
 
 def make_paper(setting: EstimatorSetting) -> PaperEstimator:
@@ -62,9 +65,9 @@ def make_paper(setting: EstimatorSetting) -> PaperEstimator:
 
     if setting.antennas is not None and not setting.antennas.are_central:
         raise ValueError("antennas: the estimator paper takes them to be in the centres of mass")
-    estimator = PaperEstimator(PaperConfiguration(**_common(setting)))
-    estimator.compile_kernels()
-    return estimator
+    configuration = PaperConfiguration(**_common(setting))
+    rehearse(PaperEstimator(replace(configuration, start_duration=3.0)))
+    return PaperEstimator(configuration)
 
 
 def _common(setting: EstimatorSetting) -> dict[str, Any]:

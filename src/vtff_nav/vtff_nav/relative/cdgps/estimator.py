@@ -9,7 +9,6 @@ Teunissen (1995) for the integers.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Iterable
 
@@ -24,7 +23,6 @@ from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_gnss.constants import EARTH_ROTATION_RATE_BROADCAST
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits import line_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
@@ -37,6 +35,7 @@ from vtff_nav.relative.cdgps.output import (
 )
 from vtff_nav.relative.cdgps.sky_kernels import north_and_east
 from vtff_nav.relative.common.antenna_correction import Attitudes
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,
     OrbitalMotion,
@@ -60,7 +59,6 @@ from vtff_nav.relative.common.solution import (
     LaserMeasurement,
     RelativeSolution,
 )
-from vtff_nav.relative.integers import least_squares
 
 __all__ = ["CdgpsEstimator"]
 
@@ -105,13 +103,6 @@ class CdgpsEstimator(EstimatorInputs):
         self._table_in_view = None
         self._relative: RelativeFilter | None = None
         self.reset()
-
-    def compile_kernels(self) -> None:
-        """Compile what takes seconds without a cache, which no epoch can wait."""
-        least_squares.compile_kernels()
-        line_of_sight.compile_kernels()
-        if isinstance(self._motion, OrbitalMotion):
-            self._motion.compile_kernels()
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
@@ -306,7 +297,7 @@ class CdgpsEstimator(EstimatorInputs):
         moved = zenith_after - zenith
         if self.configuration.dynamics == "orbital":
             moved -= interval * EARTH_ROTATION_RATE_BROADCAST * cross(np.eye(3)[2], zenith)
-        return np.degrees(north_and_east(before) @ moved)
+        return np.asarray(np.degrees(north_and_east(before) @ moved))
 
     def _update(
         self,
@@ -338,7 +329,7 @@ class CdgpsEstimator(EstimatorInputs):
                     time, ("the orbit of the chief has been given up",), self._age(time)
                 )
             shift = np.einsum("rni,ri->rn", seen.direction, self._positions() - before)
-            seen = dataclasses.replace(seen, range=seen.range - shift)
+            seen = with_columns(seen, range=seen.range - shift)
         if seen is None or signals[0] is None or signals[1] is None:
             return self._solution(time, None, degraded, None)
         measured = form_single_differences(signals[0], signals[1])
@@ -392,7 +383,7 @@ class CdgpsEstimator(EstimatorInputs):
         if self._are_joint:
             return self._relative.without_ambiguities(signals), slow_sigma
         unknown = np.full(len(signals), np.nan)
-        return dataclasses.replace(signals, carrier_range=unknown), slow_sigma
+        return with_columns(signals, carrier_range=unknown), slow_sigma
 
     def _is_deputy_located(self) -> bool:
         """Return whether the deputy's orbit is known, but for that of the chief."""
@@ -539,7 +530,7 @@ def _add_update(
     measured, state, arcs = update.measured, filter_.state, filter_.arcs
     count = len(measured)
     sigmas = np.sqrt(update.innovation.variances[count : 2 * count])
-    return dataclasses.replace(
+    return with_columns(
         predicted,
         solution=kind,
         satellites_used=satellites,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
@@ -450,7 +451,7 @@ class RelativeFilter:
             if arc.integer is not None and is_same and half_cycles == (arc.half_cycles & 2):
                 cycles = arc.integer + arc.offset_cycles
                 carrier_range[row] = signals.carrier_range[row] - cycles * signals.wavelength[row]
-        return replace(signals, carrier_range=carrier_range)
+        return with_columns(signals, carrier_range=carrier_range)
 
     def _phase_changes(self, measured: SingleDifferences, sky: Sky) -> PhaseChanges:
         excess = self.scatter.variances(measured)
@@ -884,4 +885,4 @@ def _shell_members(shell: int) -> list[Label]:
 def _with_phase_noise(measured: SingleDifferences, innovation: Innovation) -> SingleDifferences:
     """Return single differences with the variances of the phases in an innovation."""
     count = len(measured)
-    return replace(measured, phase_variance=innovation.noise[count : 2 * count].copy())
+    return with_columns(measured, phase_variance=innovation.noise[count : 2 * count].copy())

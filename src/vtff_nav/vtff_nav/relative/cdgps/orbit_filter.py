@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import functools
 import math
-from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -30,6 +29,7 @@ from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_kernels import orbit_measurements
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.combination_kernels import combine_receivers
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
@@ -320,7 +320,9 @@ class AbsoluteFilter:
         slow_phase_sigma = min(
             self._configuration.ephemeris_phase_sigma, _COMBINATION_FACTOR * slow_phase_sigma
         )
-        measured = replace(measured, phase_sigma=np.hypot(measured.phase_sigma, slow_phase_sigma))
+        measured = with_columns(
+            measured, phase_sigma=np.hypot(measured.phase_sigma, slow_phase_sigma)
+        )
         rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
         measured, rows, shares = measured.select(is_high), rows[is_high], shares[:, is_high]
@@ -538,7 +540,7 @@ def mean_of_receivers(
         predicted,
         math.inf,
     )
-    mean = replace(chief, code=code, code_sigma=code_sigma)
+    mean = with_columns(chief, code=code, code_sigma=code_sigma)
     phase_deputy = deputy.phase[of_deputy]
     phase_deputy[chief.is_lock_lost[of_chief]] = math.nan
     if not np.isfinite(phase_deputy).any():
@@ -552,7 +554,7 @@ def mean_of_receivers(
         predicted,
         _LARGEST_DIFFERENCE,
     )
-    return replace(mean, phase=phase, phase_sigma=phase_sigma), shares
+    return with_columns(mean, phase=phase, phase_sigma=phase_sigma), shares
 
 
 @functools.lru_cache(maxsize=16)
@@ -560,8 +562,12 @@ def _pair_satellites(
     chief: bytes, deputy: bytes
 ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """Return the rows of the satellites in both of two columns, which stay so for minutes."""
-    columns = (np.frombuffer(column, dtype=np.int64) for column in (chief, deputy))
-    _, of_chief, of_deputy = np.intersect1d(*columns, assume_unique=True, return_indices=True)
+    _, of_chief, of_deputy = np.intersect1d(
+        np.frombuffer(chief, dtype=np.int64),
+        np.frombuffer(deputy, dtype=np.int64),
+        assume_unique=True,
+        return_indices=True,
+    )
     return of_chief, of_deputy
 
 

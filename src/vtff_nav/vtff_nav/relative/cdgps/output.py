@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from vtff_dynamics.frames.rtn import relative_state_rtn, rotation_gcrf_to_rtn
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray, cross, norm, skew
+from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
@@ -45,25 +46,8 @@ def relative_rtn(
         Covariance of the relative state (rows) with that of the chief; without it they are
         independent.
     """
-    state = relative_state_rtn(chief_gcrf, chief_gcrf + relative_gcrf)
     rotation = rotation_gcrf_to_rtn(chief_gcrf)
-    radius = norm(chief_gcrf[:3])
-    rate = norm(cross(chief_gcrf[:3], chief_gcrf[3:])) / radius**2
-    spin = skew([0.0, 0.0, rate])
-    from_difference = np.zeros((6, 6))
-    from_difference[:3, :3] = from_difference[3:, 3:] = rotation
-    from_difference[3:, :3] = -spin @ rotation
-    # Rotation of the RTN frame by errors of the chief on a circular orbit. In a frame turned by
-    # theta a vector appears turned by -theta.
-    frame_turn = np.zeros((3, 6))
-    frame_turn[0, 5] = 1.0 / max(norm(chief_gcrf[3:]), 1.0)
-    frame_turn[1, 2] = -1.0 / radius
-    frame_turn[2, 1] = 1.0 / radius
-    in_rtn = np.zeros((6, 6))
-    in_rtn[:3, :3] = in_rtn[3:, 3:] = rotation
-    from_chief = np.zeros((6, 6))
-    from_chief[:3] = skew(state[:3]) @ frame_turn @ in_rtn
-    from_chief[3:] = skew(state[3:]) @ frame_turn @ in_rtn
+    state, from_difference, from_chief = derivatives_rtn(chief_gcrf, relative_gcrf, rotation)
     covariance = (
         from_difference @ covariance_relative @ from_difference.T
         + from_chief @ covariance_chief @ from_chief.T
@@ -72,6 +56,50 @@ def relative_rtn(
         cross_rtn = from_difference @ covariance_cross @ from_chief.T
         covariance += cross_rtn + cross_rtn.T
     return state, covariance
+
+
+@compiled
+def derivatives_rtn(chief_gcrf, relative_gcrf, rotation):  # type: ignore[no-untyped-def]
+    """Return the relative state in RTN, (6,), and its derivatives by both states in GCRF, (6, 6).
+
+    Parameters
+    ----------
+    chief_gcrf, relative_gcrf : ndarray, shape (6,)
+        State of the chief, and deputy less chief, m and m/s.
+    rotation : ndarray, shape (3, 3)
+        From GCRF to RTN. The frame turns with h/r2 about N, see `relative_state_rtn`; errors of
+        the chief turn it as on a circular orbit.
+    """
+    x, y, z, vx, vy, vz = chief_gcrf
+    square = x * x + y * y + z * z
+    radius, speed = math.sqrt(square), math.sqrt(vx * vx + vy * vy + vz * vz)
+    momentum = math.sqrt((y * vz - z * vy) ** 2 + (z * vx - x * vz) ** 2 + (x * vy - y * vx) ** 2)
+    rate = momentum / square
+    state, from_difference = np.zeros(6), np.zeros((6, 6))
+    for i in range(3):
+        for j in range(3):
+            state[i] += rotation[i, j] * relative_gcrf[j]
+            state[3 + i] += rotation[i, j] * relative_gcrf[3 + j]
+            from_difference[i, j] = from_difference[3 + i, 3 + j] = rotation[i, j]
+    state[3] += rate * state[1]
+    state[4] -= rate * state[0]
+    # The turn of the frame by errors of the chief, about R, T and N.
+    turn = np.zeros((3, 6))
+    for j in range(3):
+        from_difference[3, j] = rate * rotation[1, j]
+        from_difference[4, j] = -rate * rotation[0, j]
+        turn[0, 3 + j] = rotation[2, j] / max(speed, 1.0)
+        turn[1, j] = -rotation[2, j] / radius
+        turn[2, j] = rotation[1, j] / radius
+    # In a frame turned by theta a vector appears turned by -theta.
+    from_chief = np.empty((6, 6))
+    for part in (0, 3):
+        a, b, c = state[part], state[part + 1], state[part + 2]
+        for j in range(6):
+            from_chief[part, j] = b * turn[2, j] - c * turn[1, j]
+            from_chief[part + 1, j] = c * turn[0, j] - a * turn[2, j]
+            from_chief[part + 2, j] = a * turn[1, j] - b * turn[0, j]
+    return state, from_difference, from_chief
 
 
 def ambiguity_table(

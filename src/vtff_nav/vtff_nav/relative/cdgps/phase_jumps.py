@@ -105,7 +105,8 @@ class PhaseJumpDetector:
         sigma = _REST_SIGMA if is_static else _MOTION_SIGMA
         self._motion_sigma = sigma
         self._last_clock = 0.0
-        self._last: dict[SignalKey, tuple[float, float]] = {}
+        self._last_keys: tuple[SignalKey, ...] = ()
+        self._last_residual, self._last_variance = np.zeros(0), np.zeros(0)
         self._epochs_out: dict[tuple[int, int], int] = {}
 
     def excluded(self, satellites: Iterable[tuple[int, int]]) -> set[tuple[int, int]]:
@@ -120,17 +121,15 @@ class PhaseJumpDetector:
 
     def search(self, changes: PhaseChanges, interval: float) -> JumpSearch:
         """Search for jumps since the last recorded epoch, `interval` s ago."""
-        found = [row for row, key in enumerate(changes.keys) if key in self._last]
-        if not found or interval > _LONGEST_INTERVAL:
+        rows, last_rows = self._find_common(changes.keys)
+        if not len(rows) or interval > _LONGEST_INTERVAL:
             return JumpSearch()
-        last = np.array([self._last[changes.keys[row]] for row in found])
-        rows = np.array(found)
-        change = changes.residual[rows] - last[:, 0]
+        change = changes.residual[rows] - self._last_residual[last_rows]
         # The clock may have jumped by any number of metres, which a square would not forgive.
         change = change - median(change)
-        variance = changes.variance[rows] + last[:, 1]
-        variance = variance + _CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2
-        satellites = [changes.keys[row].satellite for row in found]
+        variance = changes.variance[rows] + self._last_variance[last_rows]
+        variance = variance + (_CHANGE_SIGMA**2 + (_CHANGE_RATE_SIGMA * interval) ** 2)
+        satellites = [changes.keys[row].satellite for row in rows.tolist()]
         rate = SPEED_OF_LIGHT * (changes.clock_rate[rows] - 1.0)
         design = np.empty((len(rows), 5))
         design[:, :3], design[:, 3], design[:, 4] = -changes.direction[rows], 1.0, rate
@@ -156,15 +155,31 @@ class PhaseJumpDetector:
         used : ndarray of bool, shape (n,)
             Signals that were used in the update.
         """
-        residual, variance = changes.residual + correction, changes.variance
         self._last_clock = changes.clock
-        values = zip(residual.tolist(), variance.tolist(), strict=True)
-        self._last = dict(itertools.compress(zip(changes.keys, values, strict=True), used.tolist()))
+        self._last_keys = tuple(itertools.compress(changes.keys, used.tolist()))
+        self._last_residual = (changes.residual + correction)[used]
+        self._last_variance = changes.variance[used]
 
     def forget(self, keys: Iterable[SignalKey]) -> None:
         """Forget signals whose arc has ended."""
-        for key in keys:
-            self._last.pop(key, None)
+        ended = set(keys)
+        if not ended.isdisjoint(self._last_keys):
+            kept = np.array([key not in ended for key in self._last_keys])
+            self._last_keys = tuple(itertools.compress(self._last_keys, kept.tolist()))
+            self._last_residual = self._last_residual[kept]
+            self._last_variance = self._last_variance[kept]
+
+    def _find_common(
+        self, keys: tuple[SignalKey, ...]
+    ) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Return the rows of the signals that the last epoch had too, there and here."""
+        if keys == self._last_keys:
+            rows = np.arange(len(keys))
+            return rows, rows
+        last_row = {key: row for row, key in enumerate(self._last_keys)}
+        found = [row for row, key in enumerate(keys) if key in last_row]
+        last = [last_row[keys[row]] for row in found]
+        return np.array(found, dtype=np.intp), np.array(last, dtype=np.intp)
 
     def _find(self, sums: _SatelliteSums) -> JumpSearch:
         if sums.probability(()) > _DETECTION_PROBABILITY:
@@ -204,7 +219,7 @@ class _SatelliteSums:
         self.names = sorted(set(satellites))
         self._satellites, self._design, self._change = satellites, design, change
         self._variance, self._weighted = variance, design / variance[:, None]
-        self._prior = np.diag(1.0 / sigmas**2)
+        self._prior = 1.0 / sigmas**2
         # Unknowns that the satellites have to tell; the others are known well enough.
         self._unknowns = 1 + 3 * int(sigmas[0] > 1.0) + int(sigmas[4] > _TIME_SIGMA)
 
@@ -228,7 +243,8 @@ class _SatelliteSums:
         out = list(left_out)
         if len(self.names) - len(out) <= self._unknowns:
             return 0.0 if out else 1.0
-        normal = self._design.T @ self._weighted + self._prior
+        normal = self._design.T @ self._weighted
+        normal.flat[:: len(self._prior) + 1] += self._prior
         right = self._weighted.T @ self._change
         square = float(self._change @ (self._change / self._variance))
         freedom = len(self._change) - self._unknowns

@@ -23,6 +23,7 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.state import Innovation
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
 
 __all__ = ["SLIP_CYCLES", "PhaseScatter", "epochs_to_average"]
@@ -116,7 +117,7 @@ class PhaseScatter:
         if not self._has_excess:
             return measured
         variance = measured.phase_variance + self.variances(measured)
-        return dataclasses.replace(measured, phase_variance=variance)
+        return with_columns(measured, phase_variance=variance)
 
     def learn(
         self,

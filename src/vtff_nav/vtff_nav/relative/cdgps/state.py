@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -55,6 +55,7 @@ class Innovation:
     cross_covariance: FloatArray
     nuisance_gain: FloatArray
     is_used: npt.NDArray[np.bool_]
+    _leave_one_out: tuple[FloatArray, FloatArray] | None = field(default=None, init=False)
 
     @property
     def normalised(self) -> FloatArray:
@@ -73,14 +74,18 @@ class Innovation:
         The variance is infinite where there are too few other measurements, or the measurement is
         left out.
         """
+        if self._leave_one_out is not None:
+            return self._leave_one_out
         diagonal = np.diagonal(self.weight)
         is_tested = self.is_used & (diagonal > 1e-6 / self.variances)
         scale = np.where(is_tested, diagonal, 1.0)
         residual = np.where(is_tested, (self.weight @ self.values) / scale, 0.0)
-        return residual, np.where(is_tested, 1.0 / scale, np.inf)
+        self._leave_one_out = residual, np.where(is_tested, 1.0 / scale, np.inf)
+        return self._leave_one_out
 
     def add_noise(self, index: int, variance: float) -> None:
         """Add a variance to the noise of a measurement."""
+        self._leave_one_out = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / (1.0 / variance + column[index]))
         self.noise[index] += variance
@@ -88,6 +93,7 @@ class Innovation:
 
     def leave_out(self, index: int) -> None:
         """Leave a measurement out, as if it had not been made."""
+        self._leave_one_out = None
         column = self.weight[:, index].copy()
         self.weight -= np.outer(column, column / column[index])
         self.weight[index, :] = 0.0
@@ -329,7 +335,7 @@ class GaussianState:
         if nuisance.shape[1]:
             weighted = weight @ nuisance
             normal = nuisance.T @ weighted
-            if not np.all(np.diagonal(normal) > 0.0):
+            if not min(normal.diagonal().tolist()) > 0.0:
                 raise ValueError("a nuisance parameter has no measurement")
             # `numpy.linalg.inv` takes ten times as long on the usual single nuisance parameter.
             inverse_normal = 1.0 / normal if len(normal) == 1 else np.linalg.inv(normal)

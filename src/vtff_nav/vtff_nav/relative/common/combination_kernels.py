@@ -24,7 +24,6 @@ _CODE_AND_PHASE_VALID = FLAG_CODE_VALID | FLAG_PHASE_VALID
 
 @compiled
 def read_signals(  # type: ignore[no-untyped-def]
-    order,
     satellite,
     carrier,
     wavelength,
@@ -44,14 +43,14 @@ def read_signals(  # type: ignore[no-untyped-def]
 
     Parameters
     ----------
-    order, satellite, carrier, wavelength : ndarray, shape (n,)
-        Rows of the epoch in the order of signals, the preferred one of a carrier first; their
-        satellites and carriers, and their wavelengths, m.
+    satellite, carrier, wavelength : ndarray, shape (n,)
+        Satellites and carriers of n signals, the preferred one of a carrier first, and their
+        wavelengths, m.
     has_ephemeris : ndarray of bool
         Whether a satellite number has an ephemeris.
     flags, pseudorange, carrier_phase_cycles, pseudorange_sigma, carrier_phase_sigma_cycles,
     doppler_hz, lock_time
-        Columns of `ObservationEpoch`.
+        Columns of `ObservationEpoch` in that order.
     sigmas, smallest_sigmas : ndarray, shape (2,)
         Sigmas of code and phase where the receiver states none, and lower limits of those that it
         states, m.
@@ -64,31 +63,30 @@ def read_signals(  # type: ignore[no-untyped-def]
     numbers : ndarray, shape (6, m)
         Pseudorange, carrier range, their sigmas, range rate (m, m/s) and lock time (s).
     """
-    count = len(order)
+    count = len(carrier)
     rows, numbers = np.empty(count, np.int64), np.empty((6, count))
     size, last = 0, -1
     for n in range(count):
-        row = order[n]
         if carrier[n] == last or not has_ephemeris[satellite[n]]:
             continue
-        carrier_range = wavelength[n] * carrier_phase_cycles[row]
-        if flags[row] & _CODE_AND_PHASE_VALID != _CODE_AND_PHASE_VALID or not math.isfinite(
-            pseudorange[row] + carrier_range
+        carrier_range = wavelength[n] * carrier_phase_cycles[n]
+        if flags[n] & _CODE_AND_PHASE_VALID != _CODE_AND_PHASE_VALID or not math.isfinite(
+            pseudorange[n] + carrier_range
         ):
             continue
         last, rows[size] = carrier[n], n
         code_sigma, phase_sigma = sigmas[0], sigmas[1]
         if use_receiver_sigmas:
-            stated = float(pseudorange_sigma[row])
+            stated = float(pseudorange_sigma[n])
             if stated > 0.0:
                 code_sigma = max(stated, smallest_sigmas[0])
-            stated = float(carrier_phase_sigma_cycles[row]) * wavelength[n]
+            stated = float(carrier_phase_sigma_cycles[n]) * wavelength[n]
             if stated > 0.0:
                 phase_sigma = max(stated, smallest_sigmas[1])
-        numbers[0, size], numbers[1, size] = pseudorange[row], carrier_range
+        numbers[0, size], numbers[1, size] = pseudorange[n], carrier_range
         numbers[2, size], numbers[3, size] = code_sigma, phase_sigma
-        numbers[4, size] = -wavelength[n] * float(doppler_hz[row])
-        numbers[5, size] = float(lock_time[row])
+        numbers[4, size] = -wavelength[n] * float(doppler_hz[n])
+        numbers[5, size] = float(lock_time[n])
         size += 1
     return rows[:size].copy(), numbers[:, :size].copy()
 

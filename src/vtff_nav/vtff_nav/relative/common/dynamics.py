@@ -201,11 +201,6 @@ class OrbitalMotion:
         self._noise_chief = noise_chief
         self._noise_relative = noise_relative
 
-    def compile_kernels(self) -> None:
-        """Compile a prediction, which takes seconds without a cache, before the first is due."""
-        chief = np.array([7e6, 0.0, 0.0, 0.0, 7.5e3, 0.0, 0.0, 0.0, 0.0])
-        self.predict(GpsTime(0), 1.0, chief, np.full(DYNAMIC_STATES, 1e-3))
-
     def predict(
         self,
         time: GpsTime,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -25,6 +25,7 @@ from vtff_gnss.signals import (
     signal_from_number,
     signal_number,
 )
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.combination_kernels import read_signals
 from vtff_nav.relative.common.motion_kernels import positions_at_reception
 
@@ -213,24 +214,24 @@ class SignalReader:
             `satellite_mask` of the satellites with an ephemeris; the others are left out.
         """
         layout, noise = self._layout_of(epoch), self._noise
+        order = layout.order
         rows, numbers = read_signals(
-            layout.order,
             layout.satellite,
             layout.carrier,
             layout.wavelength,
             has_ephemeris,
-            epoch.flags,
-            epoch.pseudorange,
-            epoch.carrier_phase_cycles,
-            epoch.pseudorange_sigma,
-            epoch.carrier_phase_sigma_cycles,
-            epoch.doppler_hz,
-            epoch.lock_time,
+            epoch.flags[order],
+            epoch.pseudorange[order],
+            epoch.carrier_phase_cycles[order],
+            epoch.pseudorange_sigma[order],
+            epoch.carrier_phase_sigma_cycles[order],
+            epoch.doppler_hz[order],
+            epoch.lock_time[order],
             np.array((noise.code_sigma, noise.phase_sigma)),
             np.array((noise.smallest_code_sigma, noise.smallest_phase_sigma)),
             noise.use_receiver_sigmas,
         )
-        if len(rows) == len(layout.order):
+        if len(rows) == len(order):
             names: _Layout = layout
         else:
             names = layout.select(rows)
@@ -329,7 +330,7 @@ class SingleDifferences:
 
     def grown(self, factor: FloatArray) -> SingleDifferences:
         """Return single differences whose noise is larger by factors, shape (n,)."""
-        return replace(
+        return with_columns(
             self,
             code_variance=factor**2 * self.code_variance,
             phase_variance=factor**2 * self.phase_variance,

@@ -22,6 +22,7 @@ import numpy.typing as npt
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.noise.kernels import adjust, expect_slow_error, update_models
 
 __all__ = ["NoiseComponents", "Redundancy", "SlowError", "white_equivalent_variance"]
 
@@ -92,16 +93,7 @@ class Redundancy:
         prior : ndarray, shape (p,)
             Weights of the unknowns' a priori value of 0, inverse variances; 0 for free ones.
         """
-        whitened = design / sigma[:, None]
-        normal = whitened.T @ whitened
-        # A trace of a prior keeps unknowns that the epoch cannot tell apart from each other.
-        normal.flat[:: len(prior) + 1] += prior + 1e-9 * np.diagonal(normal) + 1e-30
-        gain = np.linalg.solve(normal, whitened.T)
-        scaled = values / sigma[:, None]
-        residual = scaled - whitened @ (gain @ scaled)
-        number = 1.0 - np.einsum("ij,ji->i", whitened, gain)
-        scale = sigma / np.sqrt(np.maximum(number, 1e-6))
-        return cls(np.asarray(scale[:, None] * residual), np.asarray(number))
+        return cls(*adjust(values, sigma, design, prior))
 
 
 class NoiseComponents:
@@ -221,37 +213,34 @@ class NoiseComponents:
         freedom = float(number.sum())
         if freedom < _FEWEST_REDUNDANT or self._changes < _FEWEST_CHANGES:
             return
-        mean, variance = self._predict(time, keys)
-        noise = self.white_factor * white_variance
-        total = variance + noise
-        error = residual - mean
-        # The widest model decides what is no sample of any.
-        widest = float(self._sigma[-1]) ** 2 + noise
-        is_sample = (number > _SMALLEST_REDUNDANCY) & (
-            residual**2 < _LARGEST_NORMALISED_RESIDUAL**2 * widest
+        gaps = self._align(time, keys)
+        if self._samples > 0.0:
+            self._log_likelihood *= math.exp(-float(gaps.max()) / self._memory)
+        has_sample = update_models(
+            self._mean,
+            self._variance,
+            self._log_likelihood,
+            self._sigma,
+            self._time,
+            gaps,
+            residual,
+            number,
+            self.white_factor * white_variance,
+            _LARGEST_NORMALISED_RESIDUAL,
+            _SMALLEST_REDUNDANCY,
         )
-        if is_sample.any():
-            terms = -0.5 * (np.log(total) + error**2 / total)
-            # Residuals of an epoch depend on each other: together they count as the redundancy.
-            self._log_likelihood += terms @ np.where(is_sample, number, 0.0)
-            self._log_likelihood -= self._log_likelihood.max()
+        if has_sample:
             self._samples += freedom
-        gain = np.where(is_sample, variance / total, 0.0)
-        self._mean = mean + gain * error
-        self._variance = (1.0 - gain) * variance
         self._weigh()
 
-    def _predict(self, time: GpsTime, keys: Sequence[SignalKey]) -> tuple[FloatArray, FloatArray]:
-        """Return the slow errors that each model expects, and their variances, (models, n)."""
-        steady = self._sigma[:, None] ** 2
+    def _align(self, time: GpsTime, keys: Sequence[SignalKey]) -> FloatArray:
+        """Have the slow errors of these signals; return the times since they were weighed, s."""
         if self._keys == list(keys):
-            mean, variance = self._mean, self._variance
-            since = time - self._weighed_at[keys[0]]
-            gaps = np.full(len(keys), since)
+            gaps = np.full(len(keys), time - self._weighed_at[keys[0]])
         else:
             column = {key: index for index, key in enumerate(self._keys)}
             mean = np.zeros((len(self._sigma), len(keys)))
-            variance = np.repeat(steady, len(keys), axis=1)
+            variance = np.repeat(self._sigma[:, None] ** 2, len(keys), axis=1)
             gaps = np.zeros(len(keys))
             for row, key in enumerate(keys):
                 index = column.get(key)
@@ -259,31 +248,20 @@ class NoiseComponents:
                     mean[:, row] = self._mean[:, index]
                     variance[:, row] = self._variance[:, index]
                     gaps[row] = time - self._weighed_at[key]
-            self._keys = list(keys)
-        shortest = float(gaps.min()) if len(gaps) else 0.0
-        elapsed = shortest if shortest == float(gaps.max()) else gaps[None, :]
-        decay = np.exp(-elapsed / self._time[:, None])
+            self._keys, self._mean, self._variance = list(keys), mean, variance
         self._weighed_at = dict.fromkeys(keys, time)
-        if self._samples > 0.0:
-            interval = float(gaps.max())
-            self._log_likelihood *= math.exp(-interval / self._memory)
-        return decay * mean, decay**2 * variance + (1.0 - decay**2) * steady
+        return gaps
 
     def _weigh(self) -> None:
         """Set the slow component from the likelihoods of the models."""
-        exponent = self._log_prior + self._log_likelihood
-        weight = np.exp(exponent - exponent.max())
-        weight /= weight.sum()
+        none, sigma, correlation_time = expect_slow_error(
+            self._log_prior + self._log_likelihood, self._sigma, self._time
+        )
         has_none = self._samples > 0.0 and self.slow.sigma == 0.0
-        if weight[0] > (_NONE_ENDS if has_none else _NONE_BEGINS):
+        if none > (_NONE_ENDS if has_none else _NONE_BEGINS):
             self.slow = SlowError(0.0, self._prior.correlation_time)
             return
-        weight[0] = 0.0
-        weight /= weight.sum()
-        square = self._sigma**2
-        mean_square = float(weight @ square)
-        mean_time = float(weight @ (square * self._time)) / mean_square
-        self.slow = SlowError(math.sqrt(mean_square), mean_time)
+        self.slow = SlowError(sigma, correlation_time)
 
 
 def white_equivalent_variance(

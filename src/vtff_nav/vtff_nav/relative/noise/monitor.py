@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy.typing as npt
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
 from vtff_nav.relative.noise.components import (
     NoiseComponents,
@@ -118,7 +118,7 @@ class NoiseMonitor:
             count = count + 1 if time - last <= _LONGEST_ABSENCE else 1
             self._codes[key] = time, count
             epochs.append(count)
-        return dataclasses.replace(
+        return with_columns(
             measured,
             code_variance=power
             * white_equivalent_variance(white, self.code.slow, np.array(epochs), interval),

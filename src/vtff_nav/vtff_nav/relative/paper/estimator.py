@@ -28,7 +28,6 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss import constants as c
 from vtff_gnss.observations import ObservationEpoch
-from vtff_gnss.orbits import line_of_sight
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.code_mean import CodeMean, StartEpoch
@@ -112,11 +111,6 @@ class PaperEstimator(EstimatorInputs):
         self._chief_signals = SignalReader(noise, DEFAULT_BANDS)
         self._signals = SignalReader(noise, self.configuration.bands)
         self.reset()
-
-    def compile_kernels(self) -> None:
-        """Compile what takes seconds without a cache, which no epoch can wait."""
-        line_of_sight.compile_kernels()
-        self._motion.compile_kernels()
 
     def reset(self) -> None:
         """Forget every estimate; keep the ephemerides."""
