@@ -64,9 +64,8 @@ def rehearse(estimator: RelativeEstimator, *, is_in_orbit: bool = True) -> Relat
             chief = state_gcrf_to_itrf(time, predict_state(chief_gcrf, float(second)))
         deputy = chief + np.array([0.0, _DISTANCE, 0.0, 0.0, 0.0, 0.0])
         estimator.add_thrust(time, 1.0, [0.0, 1e-6, 0.0])
-        solution = estimator.process(
-            time, *(_observe(table, time, state) for state in (chief, deputy))
-        )
+        observed = [_observe(table, time, state) for state in (chief, deputy)]
+        solution = estimator.process(time, observed[0], observed[1])
     return solution
 
 

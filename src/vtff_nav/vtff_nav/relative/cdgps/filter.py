@@ -161,6 +161,7 @@ class RelativeFilter:
         clock: float,
     ) -> None:
         self.configuration = configuration
+        self._layer_sigmas = configuration.layer_sigmas
         self.state = GaussianState(RELATIVE_MOTION, mean, covariance)
         self.arcs = ArcBook()
         self.scatter = PhaseScatter()
@@ -253,9 +254,11 @@ class RelativeFilter:
         state, configuration = self.state, self.configuration
         # The first error is the scale: what it changes is the velocity gained by the thrust.
         self._velocity_change = norm(predicted.thrust_coupling[3:6, 0])
-        thrust: list[Label] = [("thrust", e) for e in range(len(configuration.thrust_sigmas))]
+        thrust: list[Label] = []
         if self._velocity_change > 0.0:
-            for label, sigma in zip(thrust, configuration.thrust_sigmas, strict=True):
+            sigmas = configuration.thrust_sigmas
+            thrust = [("thrust", error) for error in range(len(sigmas))]
+            for label, sigma in zip(thrust, sigmas, strict=True):
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
         contents = self._shell_contents()
@@ -329,7 +332,7 @@ class RelativeFilter:
         """Return the a priori sigma of a member of the plasma, in its unit."""
         configuration = self.configuration
         if label[0] == "plasma":
-            return configuration.layer_sigmas[label[1]] / DENSITY_UNIT
+            return self._layer_sigmas[label[1]] / DENSITY_UNIT
         if label[-1] == "content":
             return configuration.plasma_shell_sigma_tecu
         return self._gradient_sigma

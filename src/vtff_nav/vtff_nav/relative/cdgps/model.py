@@ -242,7 +242,7 @@ def _add_plasma(
         return
     count = len(measured)
     delay = -phase_plasma(measured, sky)
-    columns = state.columns(*PLASMA_KINDS)
+    columns = state.span(*PLASMA_KINDS)
     design[:count, columns] = delay
     design[count : 2 * count, columns] = -delay
     total = delay @ state.mean[columns]
@@ -261,7 +261,7 @@ def _add_antennas(
         count, members = derivatives.shape
         if not members:
             continue
-        columns = state.columns(kind)
+        columns = state.span(kind)
         for rows in (slice(0, count), slice(count, 2 * count)):
             design[rows, columns] = derivatives
             predicted[rows] += derivatives @ state.mean[columns]

@@ -153,6 +153,13 @@ class GaussianState:
             self._columns_of[kinds] = columns
         return columns
 
+    def span(self, *kinds: str) -> slice | list[int]:
+        """Return the indices of all members of some kinds: a slice, if they follow each other."""
+        columns = self.columns(*kinds)
+        if columns and columns[-1] - columns[0] == len(columns) - 1:
+            return slice(columns[0], columns[-1] + 1)
+        return columns
+
     def labels_of(self, *kinds: str) -> list[Label]:
         """Return the labels of all members of some kinds, in their order."""
         return [self.labels[index] for index in self.columns(*kinds)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from typing import Any, TypeVar
 
 __all__ = ["with_columns"]
@@ -16,6 +15,6 @@ def with_columns(table: Table, **columns: Any) -> Table:
     The other values are shared. `dataclasses.replace` takes five times as long: a dozen copies of
     tables with a dozen columns were a twentieth of an epoch of the relative filter.
     """
-    changed = copy.copy(table)
-    vars(changed).update(columns)
+    changed: Table = object.__new__(type(table))
+    vars(changed).update(vars(table), **columns)
     return changed

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from vtff_dynamics.orbit.harmonics import gravity_terms
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
+from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.motion_kernels import (
     advance_errors,
     advance_pair,
@@ -117,13 +118,13 @@ class MotionNoise:
             return self
         sigma = math.hypot(self.empirical_sigma, gradient)
         rate = self.empirical_sigma**2 / self.empirical_time + gradient**2 / self.gradient_time
-        return replace(self, empirical_sigma=sigma, empirical_time=sigma**2 / rate)
+        return with_columns(self, empirical_sigma=sigma, empirical_time=sigma**2 / rate)
 
     def scaled(self, factor: float) -> MotionNoise:
         """Return the noise with empirical accelerations that are larger by a factor."""
         if factor == 1.0:
             return self
-        return replace(
+        return with_columns(
             self,
             empirical_sigma=factor * self.empirical_sigma,
             gradient_sigma=factor * self.gradient_sigma,
