@@ -20,10 +20,10 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz, satellite_number
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.output import relative_rtn
-from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT, plasma_paths, shell_paths
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
-from vtff_nav.relative.common.motion_kernels import empirical_noise, transition_matrix
+from vtff_nav.relative.kernels.motion import empirical_noise, transition_matrix
+from vtff_nav.relative.kernels.sky import DENSITY_UNIT, plasma_paths, shell_paths
 
 from .recording import Recording
 from .worlds import FIRST_SECOND, RangeErrors

@@ -14,12 +14,12 @@ from vtff_gnss.constants import (
     FLAG_LOCK_LOST,
     FLAG_PHASE_VALID,
 )
-from vtff_nav.relative.cdgps.orbit_kernels import orbit_measurements
 from vtff_nav.relative.cdgps.output import derivatives_rtn
-from vtff_nav.relative.cdgps.sky_kernels import north_and_east, plasma_paths, shell_paths
-from vtff_nav.relative.common.combination_kernels import combine_carriers, read_signals
-from vtff_nav.relative.common.motion_kernels import positions_at_reception
-from vtff_nav.relative.noise.kernels import expect_slow_error, update_models
+from vtff_nav.relative.kernels.combinations import combine_carriers, read_signals
+from vtff_nav.relative.kernels.motion import positions_at_reception
+from vtff_nav.relative.kernels.noise import expect_slow_error, update_models
+from vtff_nav.relative.kernels.orbit import orbit_measurements
+from vtff_nav.relative.kernels.sky import north_and_east, plasma_paths, shell_paths
 
 COUNT = 9
 

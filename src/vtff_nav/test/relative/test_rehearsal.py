@@ -43,8 +43,8 @@ def test_nothing_is_compiled_after_a_rehearsal():
     rehearse(CdgpsEstimator(configuration()))
     scenario = simulate(30)
     before = compiled_forms()
-    assert before["vtff_nav.relative.common.motion_kernels.advance_pair"] > 0
-    assert before["vtff_nav.relative.noise.kernels.update_models"] > 0
+    assert before["vtff_nav.relative.kernels.motion.advance_pair"] > 0
+    assert before["vtff_nav.relative.kernels.noise.update_models"] > 0
     fly(scenario, configuration())
     assert compiled_forms() == before
 

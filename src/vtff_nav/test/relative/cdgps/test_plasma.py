@@ -11,8 +11,8 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
-from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT, plasma_paths
 from vtff_nav.relative.common.dynamics import Prediction
+from vtff_nav.relative.kernels.sky import DENSITY_UNIT, plasma_paths
 from vtff_sim_bridge.atmosphere.density_models import (
     ChapmanLayer,
     chapman_profile,

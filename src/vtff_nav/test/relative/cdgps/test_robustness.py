@@ -12,7 +12,6 @@ from cdgps_truth_support import longest_run, wrong_integers
 
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
-from vtff_nav.relative.cdgps.sky_kernels import north_and_east, shell_paths
 from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
 from vtff_nav.relative.common.dynamics import (
@@ -22,6 +21,7 @@ from vtff_nav.relative.common.dynamics import (
     ThrustInterval,
 )
 from vtff_nav.relative.common.solution import SOLUTION_FIXED
+from vtff_nav.relative.kernels.sky import north_and_east, shell_paths
 from vtff_nav.relative.noise.components import SlowError
 from vtff_sim_bridge.gnss.configuration import MultipathModel, NoiseModel
 

@@ -16,7 +16,7 @@ from vtff_nav.relative.common.dynamics import (
     TerrestrialMotion,
     ThrustInterval,
 )
-from vtff_nav.relative.common.motion_kernels import empirical_noise, white_acceleration_noise
+from vtff_nav.relative.kernels.motion import empirical_noise, white_acceleration_noise
 
 NOISE = MotionNoise(empirical_sigma=1e-6)
 PROCESS = (NOISE.empirical_sigma, NOISE.empirical_time)

@@ -33,7 +33,6 @@ from vtff_nav.relative.cdgps.output import (
     differential_tec_table,
     relative_rtn,
 )
-from vtff_nav.relative.cdgps.sky_kernels import north_and_east
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import (
@@ -59,6 +58,7 @@ from vtff_nav.relative.common.solution import (
     LaserMeasurement,
     RelativeSolution,
 )
+from vtff_nav.relative.kernels.sky import north_and_east
 
 __all__ = ["CdgpsEstimator"]
 

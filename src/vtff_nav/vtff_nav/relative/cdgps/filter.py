@@ -30,7 +30,6 @@ from vtff_nav.relative.cdgps.model import (
 from vtff_nav.relative.cdgps.orbit_filter import RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
-from vtff_nav.relative.cdgps.sky_kernels import DENSITY_UNIT
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
@@ -41,6 +40,7 @@ from vtff_nav.relative.common.solution import (
     SOLUTION_FLOAT,
     LaserMeasurement,
 )
+from vtff_nav.relative.kernels.sky import DENSITY_UNIT
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 from vtff_nav.relative.noise.components import SlowError
 from vtff_nav.relative.noise.monitor import EpochResiduals, NoiseMonitor, NoisePrior

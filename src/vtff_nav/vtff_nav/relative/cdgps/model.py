@@ -15,12 +15,12 @@ from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
-from vtff_nav.relative.cdgps.sky_kernels import sky_columns
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation
 from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.measurements import Geometry, SingleDifferences
 from vtff_nav.relative.common.orbit_single_point import troposphere_delay, troposphere_mapping
 from vtff_nav.relative.common.solution import LaserMeasurement
+from vtff_nav.relative.kernels.sky import sky_columns
 
 __all__ = [
     "PLASMA_KINDS",

@@ -27,10 +27,8 @@ from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
-from vtff_nav.relative.cdgps.orbit_kernels import orbit_measurements
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import with_columns
-from vtff_nav.relative.common.combination_kernels import combine_receivers
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
 from vtff_nav.relative.common.measurements import Geometry, SignalTable
 from vtff_nav.relative.common.orbit_single_point import (
@@ -40,6 +38,8 @@ from vtff_nav.relative.common.orbit_single_point import (
     solve_single_point,
     troposphere_delay,
 )
+from vtff_nav.relative.kernels.combinations import combine_receivers
+from vtff_nav.relative.kernels.orbit import orbit_measurements
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 
 __all__ = [

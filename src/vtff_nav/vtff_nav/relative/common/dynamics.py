@@ -24,7 +24,7 @@ from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
 from vtff_nav.relative.common.columns import with_columns
-from vtff_nav.relative.common.motion_kernels import (
+from vtff_nav.relative.kernels.motion import (
     advance_errors,
     advance_pair,
     white_acceleration_noise,

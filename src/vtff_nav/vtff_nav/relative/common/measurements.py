@@ -26,8 +26,8 @@ from vtff_gnss.signals import (
     signal_number,
 )
 from vtff_nav.relative.common.columns import with_columns
-from vtff_nav.relative.common.combination_kernels import read_signals
-from vtff_nav.relative.common.motion_kernels import positions_at_reception
+from vtff_nav.relative.kernels.combinations import read_signals
+from vtff_nav.relative.kernels.motion import positions_at_reception
 
 __all__ = [
     "DEFAULT_BANDS",

@@ -15,13 +15,13 @@ from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_gnss.signals import satellite_number, satellite_number_of_signal, signal_from_number
-from vtff_nav.relative.common.combination_kernels import combine_carriers
 from vtff_nav.relative.common.measurements import (
     SignalTable,
     code_group_delay,
     compute_geometry,
     satellite_numbers,
 )
+from vtff_nav.relative.kernels.combinations import combine_carriers
 
 __all__ = [
     "Combinations",

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
-from vtff_nav.relative.noise.kernels import adjust, expect_slow_error, update_models
+from vtff_nav.relative.kernels.noise import adjust, expect_slow_error, update_models
 
 __all__ = ["NoiseComponents", "Redundancy", "SlowError", "white_equivalent_variance"]
 

@@ -168,7 +168,7 @@ def combine_receivers(values, sigmas, values_deputy, sigmas_deputy, predicted, l
     Returns
     -------
     values, sigmas : ndarray, shape (n,)
-        Of the weighted means.
+        Weighted means and their sigmas, m.
     shares : ndarray, shape (n,)
         Weights of the deputy.
     """
