@@ -100,6 +100,16 @@ def test_a_content_below_the_measured_leaves_a_twentieth_to_the_model():
     assert content == pytest.approx(0.05 * 10.0, rel=1e-3)
 
 
+def test_the_first_content_scales_the_model_at_once_whatever_was_measured_before():
+    """A layer three times as dense as was supposed, of which an orbit has measured a part."""
+    profile = RunningProfile()
+    profile.absorb(300e3, 400e3, 1e12, 1e10)
+    measured = profile.density == 1e12
+    profile.scale_model(300e3, 60.0)
+    assert profile.content_above(300e3) == pytest.approx(60.0, rel=1e-9)
+    assert (profile.density[measured] == 1e12).all()
+
+
 def test_above_the_table_nothing_is_scaled():
     profile = RunningProfile()
     before = profile.density.copy()

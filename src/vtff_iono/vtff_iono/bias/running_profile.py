@@ -72,6 +72,7 @@ class RunningProfile:
         self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
         self.density = self._layer()
         self._weight = np.zeros(len(self.altitude))
+        self._is_scaled = False
         # `densities`, and the density that they are of.
         self._densities = np.zeros((0, len(self.altitude)))
         self._described: FloatArray | None = None
@@ -134,7 +135,11 @@ class RunningProfile:
         return means
 
     def scale_model(self, altitude: float, vtec_tecu: float) -> None:
-        """Scale the modelled densities towards a vertical content above an altitude (m)."""
+        """Scale the modelled densities towards a vertical content above an altitude (m).
+
+        The first content scales them at once, further ones little by little where densities have
+        been measured.
+        """
         is_measured = self._weight > 0.0
         density = self.density
         self.density = np.where(is_measured, density, 0.0)
@@ -146,7 +151,9 @@ class RunningProfile:
             return
         remaining = max(vtec_tecu - measured_content, _SMALLEST_FRACTION * vtec_tecu)
         ratio = remaining / modelled_content
-        gain = _SCALE_GAIN if is_measured.any() else 1.0
+        # The first content replaces what was only supposed, whatever was measured before it.
+        gain = _SCALE_GAIN if self._is_scaled and is_measured.any() else 1.0
+        self._is_scaled = True
         factor = 1.0 + gain * (ratio - 1.0)
         self._scale *= factor
         self.density = np.where(is_measured, density, density * factor)
