@@ -14,8 +14,9 @@ if TYPE_CHECKING:
     import typer
 
 #: New objects after which Python looks for garbage in cycles. Imports and files make many objects
-#: that stay: with the default, 700, the search takes an eighth of a command.
-OBJECTS_BETWEEN_COLLECTIONS = 100_000
+#: that stay: with the default, 700, the search takes an eighth of a command, with 100 000 a
+#: twentieth.
+OBJECTS_BETWEEN_COLLECTIONS = 500_000
 
 
 def make_app() -> typer.Typer:

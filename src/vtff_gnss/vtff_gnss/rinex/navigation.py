@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import pathlib
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from vtff_gnss.ephemeris import BroadcastEphemeris
@@ -94,31 +95,30 @@ class _Body:
         self._path = path
         self._start = start
 
-    def lines(self, indices: Iterable[int]) -> list[Line]:
-        """Return lines by their indices."""
-        return [Line(self._path, index + 1, self.texts[index]) for index in indices]
+    def lines(self, indices: range) -> list[Line]:
+        """Return the lines with some indices that are not blank."""
+        return [
+            Line(self._path, index + 1, self.texts[index])
+            for index in indices
+            if self.texts[index].strip()
+        ]
 
-    def records(self, is_start: Callable[[str], bool]) -> Iterator[list[int]]:
+    def records(self, is_start: Callable[[str], bool]) -> Iterator[range]:
         """Yield the indices of the lines of each record; it begins where the predicate holds.
 
         Blank lines belong to no record.
         """
-        record: list[int] = []
-        for index in range(self._start, len(self.texts)):
-            text = self.texts[index]
-            if not text or text.isspace():
-                continue
-            if is_start(text):
-                if record:
-                    yield record
-                record = [index]
-            elif record:
-                record.append(index)
-            else:
-                (line,) = self.lines([index])
-                raise line.error("record: no satellite in the first line after the header")
-        if record:
-            yield record
+        texts = self.texts
+        starts = [
+            index
+            for index in range(self._start, len(texts))
+            if is_start(texts[index]) and texts[index].strip()
+        ]
+        before = self.lines(range(self._start, starts[0] if starts else len(texts)))
+        if before:
+            raise before[0].error("record: no satellite in the first line after the header")
+        for start, end in itertools.pairwise([*starts, len(texts)]):
+            yield range(start, end)
 
 
 def read_rinex_navigation(path: str | pathlib.Path) -> RinexNavigation:
@@ -212,7 +212,7 @@ def _read_records_2(body: _Body, systems: str, content: _Content) -> None:
 
 
 def _read_records_3(body: _Body, systems: str, content: _Content) -> None:
-    for lines in body.records(lambda text: text[0] != " "):
+    for lines in body.records(lambda text: text[:1] != " "):
         satellite = body.texts[lines[0]][:3]
         if satellite[0] not in _EPHEMERIS_MESSAGES:
             content.skip(satellite[0])
@@ -223,7 +223,7 @@ def _read_records_3(body: _Body, systems: str, content: _Content) -> None:
 
 
 def _read_records_4(body: _Body, systems: str, content: _Content) -> None:
-    for lines in body.records(lambda text: text[0] == ">"):
+    for lines in body.records(lambda text: text[:1] == ">"):
         record = body.lines(lines)
         words = record[0].text[1:].split()
         if len(words) < 3:

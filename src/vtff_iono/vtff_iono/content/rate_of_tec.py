@@ -137,20 +137,20 @@ class RateOfTecMonitor:
         starts = np.flatnonzero(np.diff(window["link"][order], prepend=-1))
         window = {name: column[order] for name, column in window.items()}
         rates, is_used = self._rates(window, starts)
-        ends = [*starts[1:].tolist(), len(order)]
-        roti, mean_rate, counts = [], [], []
-        for start, stop in zip(starts.tolist(), ends, strict=True):
-            used = rates[start:stop][is_used[start:stop]]
-            roti.append(float(used.std(ddof=1)) if len(used) >= _FEWEST_RATES else np.nan)
-            mean_rate.append(float(used.mean()) if len(used) else np.nan)
-            counts.append(len(used))
+        # Number of the link of each rate that is used.
+        link = np.repeat(np.arange(len(starts)), np.diff(starts, append=len(order)))[is_used]
+        used = rates[is_used]
+        counts = np.bincount(link, minlength=len(starts))
+        mean_rate = np.bincount(link, used, len(starts)) / np.where(counts > 0, counts, np.nan)
+        squares = np.bincount(link, (used - mean_rate[link]) ** 2, len(starts))
+        freedom = np.where(counts >= _FEWEST_RATES, counts - 1.0, np.nan)
         return RateOfTecWindow(
             time=end,
             interval=self._interval,
             link=window["link"][starts].astype(np.int64),
-            roti_tecu_per_minute=np.array(roti, dtype=float),
-            mean_rate_tecu_per_minute=np.array(mean_rate, dtype=float),
-            rates=np.array(counts, dtype=np.int64),
+            roti_tecu_per_minute=np.sqrt(squares / freedom),
+            mean_rate_tecu_per_minute=mean_rate,
+            rates=counts,
         )
 
     def _rates(
