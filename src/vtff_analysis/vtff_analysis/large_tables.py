@@ -124,6 +124,6 @@ def write_table(
         csv.write_csv(table, path)
     else:
         schema = with_units(table.schema, units).with_metadata(dict(metadata))
-        # Of equal types: `cast` would import all functions of Arrow.
+        # The types are equal, and `cast` would import all functions of Arrow.
         parquet.write_table(pa.Table.from_arrays(table.columns, schema=schema), path)
     return path
