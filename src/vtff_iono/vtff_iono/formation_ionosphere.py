@@ -22,7 +22,7 @@ from vtff_gnss.observations import OBSERVATION_COLUMNS
 from vtff_gnss.orbits import line_of_sight
 from vtff_iono.bias import pair_equations
 from vtff_iono.bias.code_biases import CodeBiasTable
-from vtff_iono.density import electron_density
+from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
 from vtff_iono.edges import density_edges
@@ -232,6 +232,7 @@ def compile_kernels() -> None:
     """
     line_of_sight.compile_kernels()
     pair_equations.compile_kernels()
+    differential_tec.compile_kernels()
     electron_density.compile_kernels()
     density_edges.compile_kernels()
     # Two signals of a satellite, at no known place.

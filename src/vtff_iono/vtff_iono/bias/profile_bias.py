@@ -193,6 +193,7 @@ class _Problem:
         self.stec = samples.stec_tecu
         self.edges = shell_edges(float(altitude.min()), float(altitude.max()))
         self._altitude_high = float(altitude.max())
+        self._priors: dict[TopsideModel, tuple[FloatArray, FloatArray]] = {}
         self._paths = shell_paths(
             samples.position_receiver_itrf, samples.direction_itrf, altitude, self.edges
         )
@@ -237,7 +238,9 @@ class _Problem:
         start: ProfileSolution,
     ) -> ProfileSolution:
         """Return the solution of normal equations for a topside and sigmas of the effects."""
-        prior = log_density_prior(self.edges, self._altitude_high, topside)
+        if topside not in self._priors:
+            self._priors[topside] = log_density_prior(self.edges, self._altitude_high, topside)
+        prior = self._priors[topside]
         return solve_profile(normal, *prior, self._precision(sigmas), start.log_density)
 
     def _precision(self, sigmas: _Sigmas) -> FloatArray:

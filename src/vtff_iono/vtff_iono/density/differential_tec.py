@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
 
-__all__ = ["SecondAverage", "SecondMeans", "differential_stec"]
+__all__ = ["SecondAverage", "SecondMeans", "compile_kernels", "differential_stec"]
 
 
 def differential_stec(
@@ -104,15 +105,34 @@ class SecondAverage:
             yield self._means(window)
 
     def _means(self, window: dict[str, npt.NDArray[Any]]) -> SecondMeans:
-        number, inverse, samples = np.unique(
-            window["number"], return_inverse=True, return_counts=True
-        )
+        names = [name for name in window if name not in ("time", "number")]
+        columns = np.array([window[name] for name in names])
+        number, samples, means = _means_by_number(window["number"], columns)
         kept = samples >= self._coverage_minimum
-        epochs = np.unique(window["time"])
+        time = window["time"]
+        epochs = time[np.flatnonzero(np.diff(time, prepend=time[0] - 1))]
         middle = float(epochs[0]) + float(np.mean(epochs - epochs[0]))
-        means = {
-            name: (np.bincount(inverse, column) / samples)[kept]
-            for name, column in window.items()
-            if name not in ("time", "number")
-        }
-        return SecondMeans(middle, number[kept], means, samples[kept])
+        means_kept = dict(zip(names, means[:, kept], strict=True))
+        return SecondMeans(middle, number[kept], means_kept, samples[kept])
+
+
+@compiled
+def _means_by_number(number, columns):  # type: ignore[no-untyped-def]
+    """Return the numbers (k,), ascending, how often each occurs, and means of columns, (m, k).
+
+    `number` has shape (n,), `columns` (m, n).
+    """
+    found = np.unique(number)
+    samples = np.zeros(len(found), dtype=np.int64)
+    means = np.zeros((len(columns), len(found)))
+    place = np.searchsorted(found, number)
+    for row in range(len(number)):
+        samples[place[row]] += 1
+        for column in range(len(columns)):
+            means[column, place[row]] += columns[column, row]
+    return found, samples, means / samples
+
+
+def compile_kernels() -> None:
+    """Compile the means of a second."""
+    _means_by_number(np.zeros(1, dtype=np.int64), np.zeros((1, 1)))

@@ -49,6 +49,8 @@ class ContentHistory:
         self._length = length
         self._seconds: deque[_SecondRows] = deque()
         self.links: Sequence[Link] = ()
+        # `trajectory` of the seconds, None until it is asked for.
+        self._trajectory: tuple[npt.NDArray[np.int64], FloatArray] | None = None
 
     def add(
         self, position_itrf: FloatArray, result: SpacecraftResult, links: Sequence[Link]
@@ -68,6 +70,7 @@ class ContentHistory:
         if not len(rows):
             return
         self.links = links
+        self._trajectory = None
         self._seconds.append(
             _SecondRows(
                 rows.pairs.time,
@@ -84,12 +87,13 @@ class ContentHistory:
 
     def trajectory(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return the ends of seconds with known positions, ns, and these positions (n, 3), m."""
-        ends = [(int(rows.time[-1]), rows.position_itrf[-1]) for rows in self._seconds]
-        ends = [end for end in ends if np.isfinite(end[1]).all()]
-        return (
-            np.array([time for time, _ in ends], dtype=np.int64),
-            np.array([position for _, position in ends]).reshape(-1, 3),
-        )
+        if self._trajectory is None:
+            times = np.array([rows.time[-1] for rows in self._seconds], dtype=np.int64)
+            positions = np.array([rows.position_itrf[-1] for rows in self._seconds])
+            positions = positions.reshape(-1, 3)
+            is_known = np.isfinite(positions).all(axis=1)
+            self._trajectory = times[is_known], positions[is_known]
+        return self._trajectory
 
     def time_at_altitude(self, altitude: float) -> int | None:
         """Return when the spacecraft was at an altitude (m), ns.

@@ -233,8 +233,8 @@ class DensityEdgeDetector:
         first, last = float(advance[0]), float(advance[-1])
         for window in self._windows:
             reach = _reach(*window, length)
-            begin = int(np.searchsorted(advance, self._examined_to[window], "right"))
-            end = int(np.searchsorted(advance, last - reach, "right"))
+            begin = int(advance.searchsorted(self._examined_to[window], "right"))
+            end = int(advance.searchsorted(last - reach, "right"))
             for middle in advance[begin:end].tolist():
                 if middle - reach >= first:
                     self._fit(advance, middle, window, length, slow_time)
@@ -282,8 +282,8 @@ class DensityEdgeDetector:
         width, _ = window
         reach = _reach(*window, length)
         samples = self._profile.samples
-        first = int(np.searchsorted(advance, middle - reach))
-        end = int(np.searchsorted(advance, middle + reach, "right"))
+        first = int(advance.searchsorted(middle - reach))
+        end = int(advance.searchsorted(middle + reach, "right"))
         is_fitted, level, slope, change, sigma = fit_wall(
             samples[first:end],
             self._profile.slow_parts[first:end],
