@@ -85,6 +85,8 @@ class BagRecorderNode(VtffNode):
     Parameters = BagRecorderParameters
     # Nobody waits for a single message to be recorded, and each wake-up costs as much as its work.
     gather_time = 0.01
+    #: What acts on messages goes before what keeps them.
+    niceness = 5
 
     def __init__(self, **node_arguments: Any) -> None:
         super().__init__("bag_recorder", **node_arguments)

@@ -90,6 +90,9 @@ class VtffNode(Node):
     Plugins: ClassVar[PluginGroup | None] = None
     #: Wall time in s for which messages may gather before a process of such nodes alone takes them.
     gather_time: ClassVar[float] = 0.0
+    #: Niceness in real time where the system permits it: other work of the machine waits then, so
+    #: that it does not come between a measurement and its command.
+    niceness: ClassVar[int] = -10
 
     def __init__(self, name: str, **node_arguments: Any) -> None:
         super().__init__(name, **node_arguments)
