@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -103,8 +103,8 @@ class ArcBook:
         is_parity_known = measured.is_parity_known.tolist()
         lock_times = measured.lock_time.T.tolist()
         last, gap = time, 0.0
-        for row, key in enumerate(measured.keys):
-            arc = self.arcs.get(key)
+        arcs = [self.arcs.get(key) for key in measured.keys]
+        for row, (key, arc) in enumerate(zip(measured.keys, arcs, strict=True)):
             if arc is None:
                 continue
             if arc.time is not last:
@@ -119,36 +119,13 @@ class ArcBook:
                 reasons[key] = "gap"
             elif has_lock_restarted(lock_times[row], arc.lock_time, gap):
                 reasons[key] = "lock time has restarted"
-        reasons.update(self._find_geometry_free_jumps(measured, reasons))
-        present = set(measured.keys)
-        for key, arc in self.arcs.items():
-            if key not in present and time - arc.time > self._longest_gap:
-                reasons[key] = "not seen any more"
+        reasons.update(_find_geometry_free_jumps(measured, arcs, reasons))
+        if len(self.arcs) > len(arcs) - arcs.count(None):
+            present = set(measured.keys)
+            for key, arc in self.arcs.items():
+                if key not in present and time - arc.time > self._longest_gap:
+                    reasons[key] = "not seen any more"
         return reasons
-
-    def _find_geometry_free_jumps(
-        self, measured: SingleDifferences, reasons: dict[SignalKey, str]
-    ) -> dict[SignalKey, str]:
-        """Return the signals whose difference to another one of the satellite has jumped."""
-        jumps: dict[SignalKey, str] = {}
-        phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
-        rows = range(len(measured.keys))
-        for first, second in pairwise(rows):
-            a, b = measured.keys[first], measured.keys[second]
-            if a.satellite != b.satellite or a in reasons or b in reasons:
-                continue
-            if a not in self.arcs or b not in self.arcs:
-                continue
-            last_a, last_b = self.arcs[a], self.arcs[b]
-            if last_a.time != last_b.time:
-                continue
-            jump = (phase[first] - phase[second]) - (last_a.phase - last_b.phase)
-            noise = (
-                variance[first] + variance[second] + last_a.phase_variance + last_b.phase_variance
-            )
-            if abs(jump) > _GEOMETRY_FREE_SIGMAS * math.sqrt(noise) + _GEOMETRY_FREE_ALLOWANCE:
-                jumps[a] = jumps[b] = "geometry-free phase has jumped"
-        return jumps
 
     def start(
         self, time: GpsTime, measured: SingleDifferences, row: int, expected_phase: float
@@ -207,6 +184,30 @@ class ArcBook:
             if arc.integer is not None:
                 groups.setdefault(arc.key.group, []).append(arc)
         return groups
+
+
+def _find_geometry_free_jumps(
+    measured: SingleDifferences, arcs: Sequence[Arc | None], reasons: Mapping[SignalKey, str]
+) -> dict[SignalKey, str]:
+    """Return the signals whose difference to another one of the satellite has jumped.
+
+    Those without an arc, and those that have ended for other `reasons`, are left out.
+    """
+    jumps: dict[SignalKey, str] = {}
+    phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()
+    satellite = measured.satellite.tolist()
+    for first, second in pairwise(range(len(arcs))):
+        last_a, last_b = arcs[first], arcs[second]
+        if satellite[first] != satellite[second] or last_a is None or last_b is None:
+            continue
+        a, b = measured.keys[first], measured.keys[second]
+        if a in reasons or b in reasons or last_a.time != last_b.time:
+            continue
+        jump = (phase[first] - phase[second]) - (last_a.phase - last_b.phase)
+        noise = variance[first] + variance[second] + last_a.phase_variance + last_b.phase_variance
+        if abs(jump) > _GEOMETRY_FREE_SIGMAS * math.sqrt(noise) + _GEOMETRY_FREE_ALLOWANCE:
+            jumps[a] = jumps[b] = "geometry-free phase has jumped"
+    return jumps
 
 
 def _has_kept_lock(lock_time: list[float], gap: float) -> bool:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import functools
 import math
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
@@ -139,7 +141,7 @@ def ambiguity_table(
         status = AMBIGUITY_FIXED if key in is_new else AMBIGUITY_HELD
         sigma = innovation_sigma / wavelength
         rows.append((reference.key.prn, value, sigma, status, arc.fixed_since))
-    names = np.array(measured.keys, dtype=np.uint8).reshape(-1, 4)
+    names = _names_of(tuple(measured.keys))
     reference_prn, cycles, sigma_cycles, states, fixed_since = (
         zip(*rows, strict=True) if rows else ((),) * 5
     )
@@ -190,18 +192,27 @@ def differential_tec_table(
         values.append(total / scale)
         sigmas.append(math.sqrt(max(variance, 0.0)) / abs(scale))
     leading = [first for first, _ in pairs]
+    names = _names_of(tuple(measured.keys))
     keys = [(measured.keys[first], measured.keys[second]) for first, second in pairs]
     return DifferentialTecTable(
-        system=np.array([key.system for key, _ in keys], dtype=np.uint8),
-        prn=np.array([key.prn for key, _ in keys], dtype=np.uint8),
-        band_first=np.array([key.band for key, _ in keys], dtype=np.uint8),
-        band_second=np.array([key.band for _, key in keys], dtype=np.uint8),
+        system=names[leading, 0],
+        prn=names[leading, 1],
+        band_first=names[leading, 2],
+        band_second=names[[second for _, second in pairs], 2],
         stec_tecu=np.array(values),
         stec_sigma_tecu=np.array(sigmas),
         elevation=sky.elevation[leading],
         azimuth=sky.azimuth[leading],
         arc=np.array([max(arcs[a].number, arcs[b].number) for a, b in keys], dtype=np.uint32),
     )
+
+
+@functools.lru_cache(maxsize=16)
+def _names_of(keys: tuple[SignalKey, ...]) -> npt.NDArray[np.uint8]:
+    """Return system, number, band and attribute of signals, which stay the same for minutes."""
+    names = np.array(keys, dtype=np.uint8).reshape(-1, 4)
+    names.flags.writeable = False
+    return names
 
 
 def _find_fixed_pairs(arcs: ArcBook, measured: SingleDifferences) -> list[tuple[int, int]]:
