@@ -25,7 +25,7 @@ from vtff_iono.bias.code_biases import CodeBiasTable
 from vtff_iono.density import differential_tec, electron_density
 from vtff_iono.density.electron_density import DensitySettings
 from vtff_iono.density.formation_density import DensityResult, FormationDensity
-from vtff_iono.edges import density_edges
+from vtff_iono.edges import wall_fit
 from vtff_iono.edges.boundary import Boundary
 from vtff_iono.edges.ray_edges import RayEdgeFinder, RayEdgeSettings
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
@@ -234,7 +234,7 @@ def compile_kernels() -> None:
     pair_equations.compile_kernels()
     differential_tec.compile_kernels()
     electron_density.compile_kernels()
-    density_edges.compile_kernels()
+    wall_fit.compile_kernels()
     # Two signals of a satellite, at no known place.
     columns = {name: np.zeros(2, dtype=kind) for name, kind in OBSERVATION_COLUMNS.items()}
     columns |= {

@@ -143,9 +143,13 @@ def test_residuals_of_what_satellites_do_not_share(satellites):
     common = generator.standard_normal((satellites, 3)) * [1.0, 1e-3, -1e3]
     observed = 100.0 + generator.standard_normal(satellites)
     fast = 0.01 + generator.random(satellites)
-    is_determined, weight, residual, freedom = kernels.slow_residuals(observed, common, fast, 0.04)
-    scaled = common * weight[:, np.newaxis]
-    projection = np.eye(satellites) - scaled @ np.linalg.pinv(scaled, rcond=1e-14)
+    common_sigma = np.array([np.inf, np.inf, 1e-3])
+    is_determined, weight, residual, freedom = kernels.slow_residuals(
+        observed, common, common_sigma, fast, 0.04
+    )
+    scaled = np.vstack((common * weight[:, np.newaxis], np.diag(1.0 / common_sigma)))
+    projection = np.eye(satellites + 3) - scaled @ np.linalg.pinv(scaled, rcond=1e-14)
+    projection = projection[:satellites, :satellites]
     assert is_determined
     close(weight, 1.0 / np.sqrt(fast + 0.04))
     np.testing.assert_allclose(residual, projection @ (observed * weight), atol=1e-9)
@@ -156,7 +160,7 @@ def test_residuals_of_what_satellites_do_not_share(satellites):
 def test_what_is_shared_may_be_undetermined(satellites):
     common = np.ones((satellites, 3))
     values = np.ones(satellites)
-    assert not kernels.slow_residuals(values, common, values, 1.0)[0]
+    assert not kernels.slow_residuals(values, common, np.full(3, np.inf), values, 1.0)[0]
 
 
 def signatures():

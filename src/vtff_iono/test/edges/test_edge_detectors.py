@@ -8,12 +8,13 @@ from formation_simulation import NOISE_ONE_SECOND, chapman, mean_density
 
 from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
-from vtff_iono.edges.density_edges import DensityEdgeDetector, fit_wall, smeared_step
+from vtff_iono.edges.density_edges import DensityEdgeDetector
 from vtff_iono.edges.edge_detectors import (
     ExceedanceDetector,
     edge_position,
     intensity_variance,
 )
+from vtff_iono.edges.wall_fit import fit_wall, smeared_step
 from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
@@ -85,7 +86,8 @@ def test_an_edge_with_samples_at_its_middle_is_among_them():
     assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
 
 
-def test_the_compiled_fit_is_generalised_least_squares():
+@pytest.mark.parametrize(("passes", "is_smooth"), [(1, False), (2, False), (1, True)])
+def test_the_compiled_fit_is_generalised_least_squares(passes, is_smooth):
     """Against the textbook's formulas with the whole covariance, for groups of up to 24 samples."""
     generator = np.random.default_rng(3)
     length, slow_time = 985.0, 100.0
@@ -108,8 +110,21 @@ def test_the_compiled_fit_is_generalised_least_squares():
                 axis=1,
             )
             slow = 3e10 * generator.standard_normal((count, 4))
+            steepest = 1e-4
             found = fit_wall(
-                samples, slow, direction, direction * 300e3, reach, width, length, slow_time
+                samples,
+                slow,
+                direction,
+                direction * 300e3,
+                reach,
+                width,
+                length,
+                slow_time,
+                steepest,
+                24,
+                3,
+                passes,
+                is_smooth,
             )
             groups = np.array_split(np.arange(count), count)
             if count > 24:
@@ -130,14 +145,25 @@ def test_the_compiled_fit_is_generalised_least_squares():
             common = np.array([np.mean(samples[g, 4] ** 2) for g in groups])
             covariance += np.minimum.outer(common, common)
             wall = smeared_step(distance, width, length, 0) - 0.5
-            design = np.stack((np.ones(len(mean)), distance / reach, wall), axis=-1)
+            if is_smooth:
+                wall = (distance / reach) ** 2
             weight = np.linalg.inv(covariance)
-            normal = np.linalg.inv(design.T @ weight @ design)
-            expected = normal @ design.T @ weight @ mean[:, 2]
+            level_sigma = math.sqrt(np.diag(covariance).mean())
+            prior = np.zeros((3, 3))
+            prior[1, 1] = (steepest * reach * (mean[:, 2].mean() + level_sigma)) ** -2
+            slope = distance / reach
+            for _ in range(passes):
+                design = np.stack((np.ones(len(mean)), slope, wall), axis=-1)
+                normal = np.linalg.inv(design.T @ weight @ design + prior)
+                expected = normal @ design.T @ weight @ mean[:, 2]
+                ratio = np.clip(expected[2] / expected[0], -1.9, 1.9)
+                slope = distance / reach * (1.0 + ratio * wall)
             residual = mean[:, 2] - design @ expected
-            scale = max(1.0, residual @ weight @ residual / max(1, len(mean) - 3))
+            misfit = residual @ weight @ residual + expected @ prior @ expected
+            freedom = max(1, len(mean) - 3)
             assert found[1:4] == pytest.approx(expected, rel=1e-8)
-            assert found[4] == pytest.approx(math.sqrt(normal[2, 2] * scale), rel=1e-8)
+            expected_sigma = math.sqrt(normal[2, 2] * max(1.0, misfit / freedom))
+            assert found[4:] == pytest.approx((expected_sigma, misfit, freedom), rel=1e-8)
     assert fitted >= 12
 
 
@@ -262,13 +288,64 @@ def test_the_foot_of_a_wide_wall_is_no_wall_of_the_other_sense():
     assert [edge.is_entry for edge in edges] == [False]
 
 
-def test_a_step_over_a_gap_is_no_edge():
-    """In a gap integers may be lost, and with them the constant between the receivers."""
+@pytest.mark.parametrize("scale_height", [8e3, 35e3, 110e3])
+@pytest.mark.parametrize("direction", [-1.0, 1.0])
+def test_a_density_that_bends_is_no_edge(scale_height, direction):
+    """Exponential layers of many densities that are well known."""
+    generator = np.random.default_rng(5)
+    altitude = 400e3 + direction * 250.0 * np.arange(-120.0, 120.0)
+    density = 8e11 * np.exp((altitude - 430e3) / scale_height)
+    density += 2e9 * generator.standard_normal(len(density))
+    for separation in (985.0, 7000.0):
+        assert not detected(np.arange(240.0), altitude, density, 2e9, 1e9, separation)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_layer_below_a_wide_bubble_is_no_wall(seed):
+    """Its lower side rises as the upper wall of a bubble does; that wall is told behind a fall."""
+    generator = np.random.default_rng(seed)
+    altitude = 285e3 + 280.0 * np.arange(500.0)
+    inside = np.interp(altitude, [326e3, 345e3, 376e3, 384e3], [0.0, 0.6, 0.6, 0.0])
+    argument = (altitude - 378e3) / np.where(altitude < 378e3, 35e3, 55e3)
+    layer = 9e11 * np.exp(0.5 * (1.0 - argument - np.exp(-argument)))
+    density = (1.0 - inside) * layer + 8e9 * generator.standard_normal(len(altitude))
+    edges = detected(np.arange(500.0), altitude, density, 8e9, 5e9, separation=3200.0)
+    assert all(edge.is_entry for edge in edges if edge.altitude < 330e3)
+    assert [edge.altitude for edge in edges if not edge.is_entry] == pytest.approx([380e3], abs=2e3)
+
+
+@pytest.mark.parametrize(("behind", "count"), [(80, 1), (95, 0)])
+def test_a_wall_in_a_gap_is_anywhere_in_it(behind, count):
+    """Half a minute is the longest: after more there may be other plasma."""
     detector, edges = DensityEdgeDetector(), []
-    for second in [*range(60), *range(80, 140), *range(143, 200)]:
+    for second in [*range(60), *range(behind, 200)]:
         density = 5e11 if second < 70 else 8e11
         edges += detector.update(float(second), 300e3 + 270.0 * second, 985.0, density, 1e9)
-    assert [*edges, *detector.flush()] == []
+    edges += detector.flush()
+    assert len(edges) == count
+    for edge in edges:
+        assert 60.0 < edge.time < behind and edge.time_sigma > 3.0
+
+
+@pytest.mark.parametrize("seen", [2.5e3, 4e3, 8e3])
+def test_a_wall_behind_which_densities_end(seen):
+    """The first part of a wall of 6 km, or all of it: its place is as unsure as it is stated."""
+    altitude = 400e3 - 250.0 * np.arange(200.0)
+    altitude = altitude[altitude > 374e3 - seen]
+    density = np.interp(altitude, [368e3, 374e3], [3e11, 11e11])
+    generator = np.random.default_rng(7)
+    density = density + 5e9 * generator.standard_normal(len(density))
+    time = np.arange(len(altitude), dtype=float)
+    detector = DensityEdgeDetector()
+    for sample in zip(time, altitude, density, strict=True):
+        assert not detector.update(*sample[:2], 985.0, sample[2], 5e9)
+    assert detector.flush_after_gap(time[-1] + 30.0) == []
+    edges = detector.flush_after_gap(time[-1] + 31.0)
+    assert [edge.is_entry for edge in edges] == [True]
+    assert abs(edges[0].altitude - 371e3) < 3.0 * edges[0].time_sigma * 250.0
+    assert edges[0].time_sigma * 250.0 < (150.0 if seen == 8e3 else 500.0)
+    assert abs(edges[0].width - 6e3) < 3.0 * edges[0].width_sigma + 500.0
+    assert detector.flush_after_gap(time[-1] + 60.0) == []
 
 
 def rays(s4, onset, end, seconds=300, seed=0, rate=20):

@@ -1,4 +1,4 @@
-"""Window of the contents from which the crossing of a vertical edge is fitted."""
+"""What densities belong together, and the window in which the crossing of an edge is fitted."""
 
 import types
 
@@ -62,3 +62,28 @@ def test_side_of_the_denser_plasma_follows_from_rising_and_entry(
     ((first, last),) = spans
     assert first == pytest.approx(-last, abs=1.0)
     assert last > vertical_edges._CROSSING_WINDOW
+
+
+def test_densities_of_two_datums_are_not_compared(monkeypatch):
+    """With another datum of the integers all densities may be another by the same amount."""
+    calls = []
+    finder = VerticalEdgeFinder()
+    finder._detector = types.SimpleNamespace(
+        update=lambda time, *_: calls.append(time) or [],
+        flush=lambda: calls.append("flush") or [],
+        flush_after_gap=lambda time: [],
+    )
+    finder._histories = (types.SimpleNamespace(add=lambda *_: None, last_time=9.0),) * 2
+    epoch = types.SimpleNamespace(
+        **dict.fromkeys(
+            ("altitude", "separation", "density", "fast_sigma", "slow_time", "common_sigma"), 1.0
+        ),
+        slow_parts=np.zeros(0),
+    )
+    for time, datum in ((1, 1), (2, 1), (3, 2), (4, 2)):
+        density = types.SimpleNamespace(
+            time=time * 10**9, datum=datum, prn=np.zeros(0, dtype=np.int64), epoch=epoch
+        )
+        nothing = (None, None)
+        assert finder.update(nothing, nothing, nothing, [density]) == []
+    assert calls == ["flush", 1.0, 2.0, "flush", 3.0, 4.0]

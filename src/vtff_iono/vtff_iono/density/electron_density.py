@@ -49,6 +49,8 @@ __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator", "compi
 # Places of the shape of the layer in the state, and how many common states have no past at first.
 _SHAPE = slice(3, 6)
 _WITHOUT_PAST = 3
+# Sigma of the shape of the layer, in its units, of which only the contents tell.
+_ANY_SHAPE = 1.0
 # s; a satellite that was not observed for longer has no slow error that is remembered.
 _KEPT = 600.0
 # TECU; a constant that is known to less is told apart from the next pair of integers, see
@@ -298,7 +300,8 @@ class ElectronDensityEstimator:
             time,
             numbers[used][kept],
             residual[kept],
-            common[kept, :_WITHOUT_PAST],
+            common[kept],
+            np.where(np.arange(COMMON) < _WITHOUT_PAST, np.inf, _ANY_SHAPE),
             fast_variance[kept],
         )
         gain = kernels.correct(

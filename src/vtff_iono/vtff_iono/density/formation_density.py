@@ -90,6 +90,9 @@ class DensityResult:
     system, prn : ndarray of int, shape (n,)
         Satellites of the rows of `epoch`.
     epoch : DensityEpoch
+    datum : int
+        Number of the datum of the integers: with another one the constant of all satellites is a
+        new one, and so is the error that it makes.
     """
 
     time: int
@@ -97,6 +100,7 @@ class DensityResult:
     system: npt.NDArray[np.int64]
     prn: npt.NDArray[np.int64]
     epoch: DensityEpoch
+    datum: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -435,6 +439,7 @@ class FormationDensity:
             system=np.full(len(satellites), SYSTEM_GPS),
             prn=np.array(satellites, dtype=np.int64),
             epoch=epoch,
+            datum=self._datum_number,
         )
 
     def _predict(

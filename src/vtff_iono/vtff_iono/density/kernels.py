@@ -209,7 +209,7 @@ def satellite_densities(  # type: ignore[no-untyped-def]
 
 
 @compiled
-def slow_residuals(observed, common, fast_variance, variance):  # type: ignore[no-untyped-def]
+def slow_residuals(observed, common, common_sigma, fast_variance, variance):  # type: ignore[no-untyped-def]
     """Remove from contents what all satellites share.
 
     Parameters
@@ -218,6 +218,8 @@ def slow_residuals(observed, common, fast_variance, variance):  # type: ignore[n
         Contents, and the variances of their fast errors.
     common : ndarray, shape (n, p)
         Derivatives with respect to what is shared.
+    common_sigma : ndarray, shape (p,)
+        What is believed of it beforehand; infinite for what only the contents tell.
     variance : float
         Variance of the slow errors.
 
@@ -229,12 +231,20 @@ def slow_residuals(observed, common, fast_variance, variance):  # type: ignore[n
         One over the sigma of each content, its residual in sigmas, and the part of its error that
         the residual shows.
     """
+    count, shared = common.shape
     weight = 1.0 / np.sqrt(fast_variance + variance)
-    residual, freedom = observed * weight, np.ones(len(observed))
-    if len(observed) < common.shape[1]:
-        return False, weight, residual, freedom
+    # What is believed beforehand are observations too (of zero).
+    residual, freedom = np.zeros(count + shared), np.ones(count + shared)
+    residual[:count] = observed * weight
+    basis = np.zeros((shared, count + shared))
+    basis[:, :count] = common.T * weight
+    told = count
+    for column in range(shared):
+        basis[column, count + column] = 1.0 / common_sigma[column]
+        told += np.isfinite(common_sigma[column])
+    if told < shared:
+        return False, weight, residual[:count], freedom[:count]
     # Columns at right angles, each twice made so (modified Gram-Schmidt, Bjorck 1967).
-    basis = common.T * weight
     smallest, largest = np.inf, 0.0
     for column in range(len(basis)):
         for _ in range(2):
@@ -243,8 +253,9 @@ def slow_residuals(observed, common, fast_variance, variance):  # type: ignore[n
         pivot = math.sqrt(basis[column] @ basis[column])
         smallest, largest = min(smallest, pivot), max(largest, pivot)
         if not pivot > 0.0:
-            return False, weight, residual, freedom
+            return False, weight, residual[:count], freedom[:count]
         basis[column] /= pivot
         residual -= (basis[column] @ residual) * basis[column]
         freedom -= basis[column] ** 2
-    return smallest > _SMALLEST_PIVOT * largest, weight, residual, freedom
+    is_determined = smallest > _SMALLEST_PIVOT * largest
+    return is_determined, weight, residual[:count], freedom[:count]

@@ -3,6 +3,8 @@
 Multipath, variations of phase centres and what a mapping leaves out are of centimetres, other for
 each satellite, and change within minutes. Their size and correlation time are not assumed: what is
 left of the contents of a second when everything that all satellites share is removed shows both.
+Seconds that follow each other have nearly the same errors, so that minutes of them are few samples:
+the sigma contains that it is known from few.
 """
 
 from __future__ import annotations
@@ -20,11 +22,16 @@ from vtff_iono.density import kernels
 __all__ = ["SlowErrors"]
 
 # What is taken to be until it is measured: sigma, TECU (1.5 mm on each of four phases), and
-# correlation time, s, and how many satellite-seconds of measurements this counts as; it counts less
-# and less, over a time of `_FORGOTTEN`, s.
+# correlation time, s, and as how many satellite-seconds of measurements they count; those of the
+# sigma count less and less, over a time of `_FORGOTTEN`, s. At first the sigma is known as from
+# `_FIRST_SAMPLES` samples that are independent, each of which lasts for the correlation time, and
+# that time as from six.
 _FIRST_SIGMA, _FIRST_TIME = 0.03, 100.0
-_FIRST_WEIGHT = 50.0
+_FIRST_WEIGHT, _FIRST_WEIGHT_OF_TIME = 50.0, 600.0
+_FIRST_SAMPLES = 4.0
 _FORGOTTEN = 30.0
+# From fewer independent samples than this no variance is known any better.
+_FEWEST_SAMPLES = 3.0
 # s; over which the measurements are averaged.
 _MEMORY = 900.0
 # s; correlation is measured over this time.
@@ -42,16 +49,24 @@ class SlowErrors:
     def __init__(self) -> None:
         self._first_weight = _FIRST_WEIGHT
         self._square = self._weight = 0.0
-        self._of_product = _FIRST_WEIGHT * _FIRST_SIGMA**2
+        self._of_product = _FIRST_WEIGHT_OF_TIME * _FIRST_SIGMA**2
         self._product = self._of_product * math.exp(-_LAG / _FIRST_TIME)
         self._recent: deque[tuple[float, dict[int, float]]] = deque()
         self._last_time: float | None = None
 
     @property
     def sigma(self) -> float:
-        """Sigma, TECU."""
+        """Sigma, TECU: root of the expected variance, known from few independent samples."""
         square = max(0.0, self._square) + self._first_weight * _FIRST_SIGMA**2
-        return max(math.sqrt(square / (self._weight + self._first_weight)), _SMALLEST_SIGMA)
+        weight = self._weight + self._first_weight
+        # An exponential correlation makes of a time as many independent squares (Bartlett 1946).
+        samples = weight / self.correlation_time
+        samples += _FIRST_SAMPLES * self._first_weight / _FIRST_WEIGHT
+        # Mean of the inverse gamma distribution of a variance (Gelman and others, Bayesian Data
+        # Analysis, section 2.6).
+        samples = max(samples, _FEWEST_SAMPLES)
+        variance = square / weight * samples / (samples - 2.0)
+        return max(math.sqrt(variance), _SMALLEST_SIGMA)
 
     @property
     def correlation_time(self) -> float:
@@ -67,6 +82,7 @@ class SlowErrors:
         satellites: npt.NDArray[np.int64],
         observed: FloatArray,
         common: FloatArray,
+        common_sigma: FloatArray,
         fast_variance: FloatArray,
     ) -> None:
         """Add an epoch.
@@ -79,14 +95,17 @@ class SlowErrors:
         observed : ndarray, shape (n,)
             Contents, TECU.
         common : ndarray, shape (n, p)
-            Derivatives with respect to what all satellites share, and is removed.
+            Derivatives with respect to what all satellites share, and is removed. What is estimated
+            from the contents belongs to it: it takes part of the slow errors with it.
+        common_sigma : ndarray, shape (p,)
+            What is believed of it beforehand; infinite for what only the contents tell.
         fast_variance : ndarray, shape (n,)
             Variance of the errors that are independent from epoch to epoch, TECU^2.
         """
         elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
         self._last_time = time
         is_determined, weight, residual, freedom = kernels.slow_residuals(
-            observed, common, fast_variance, self.sigma**2
+            observed, common, common_sigma, fast_variance, self.sigma**2
         )
         if not is_determined or freedom.sum() < _FEWEST_DEGREES:
             return

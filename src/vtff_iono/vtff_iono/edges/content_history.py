@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -84,6 +85,13 @@ class ContentHistory:
         oldest = int(rows.pairs.time[-1]) - self._length * NANOSECONDS_PER_SECOND
         while self._seconds and self._seconds[0].time[-1] < oldest:
             self._seconds.popleft()
+
+    @property
+    def last_time(self) -> float:
+        """Time of the last sample, s; minus infinity without any."""
+        if not self._seconds:
+            return -math.inf
+        return float(self._seconds[-1].time[-1] / NANOSECONDS_PER_SECOND)
 
     def trajectory(self) -> tuple[npt.NDArray[np.int64], FloatArray]:
         """Return the ends of seconds with known positions, ns, and these positions (n, 3), m."""

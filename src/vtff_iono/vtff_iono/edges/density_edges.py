@@ -7,71 +7,63 @@ widths; the separation of the spacecraft smears each of them. A wall is told if 
   same satellites are used, and errors that all seconds share until more is known of them: of these
   the difference between two seconds is what the estimator has learned between them,
 - a part of the density beside it, and
-- no part of a smooth rise: against a straight line the wall stands out.
+- no part of a smooth rise: against a straight line the wall stands out, a parabola fits worse, and
+  in a climb plasma that grows no faster than below the peak of a layer has been less dense before.
+
+In fades densities end near walls as a rule. Where they have ended, or begin, a wall is told by what
+was seen of it. The place of a wall is the mean over all places and widths that fit, each as likely
+as it fits, and its sigma is what they scatter by: that is much where half of a wall was seen, or
+where it lies in a gap. No density is negative, which limits what was not seen.
 """
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_detectors import Edge
+from vtff_iono.edges.wall_fit import SAMPLE_COLUMNS, fit_wall
 
-__all__ = ["DensityEdgeDetector", "compile_kernels", "fit_wall", "smeared_step"]
+__all__ = ["DensityEdgeDetector"]
 
 # Smallest length over which a wall is smeared, m.
 _NARROWEST = 100.0
-# Rows of the table of a profile at first, and its columns.
-_FIRST_ROWS, _COLUMNS = 256, 5
+# Rows of the table of a profile at first.
+_FIRST_ROWS = 256
 # Largest number of means that a fit uses.
 _MEANS = 24
-# Fewest means on either side of a wall.
-_FEWEST_SAMPLES = 3
+# Fewest means on either side of a wall, while densities go on and where they have ended.
+_FEWEST_SAMPLES, _FEWEST_AT_END = 3, 1
+# A distance between densities is a gap if it is longer than the mean one by this factor.
+_GAP = 3.0
 # s; densities on both sides of a longer gap are not compared.
-_LONGEST_GAP = 10.0
+_LONGEST_GAP = 30.0
+# 1/m; sigma of how fast the logarithm of the density changes with altitude beside a wall. Below the
+# peak of a layer it is the inverse of a part of the scale height (Chapman 1931).
+_STEEPEST = 1.0 / 10e3
+# Where a wall is, is found from this many means at most, among so many places and these widths, m.
+_MEANS_OF_PLACE, _PLACES = 40, 51
+_WIDTHS = (0.0, 0.7e3, 1.2e3, 2e3, 3e3, 4e3, 5e3, 6e3, 7e3, 8.5e3, 10e3, 12e3, 14e3, 17e3, 20e3)
+# m; a wall whose place is less sure is not told.
+_LARGEST_PLACE_SIGMA = 1.5e3
+# m; beyond the wall that was found.
+_BEYOND = 500.0
 # The change of a wall is at least this part of what the straight line changes over the window.
 _SHAPE = 0.3
 # Where the straight line goes against the wall, the whole window changes in the sense of the wall:
 # the foot of a wider wall beside it is no wall.
 _SHAPE_AGAINST = 1.0
+# A parabola fits the window worse than the wall by this sum of squares over their sigmas.
+_STANDS_OUT = 16.0
+# Sigmas of two densities by which one is surely less.
+_DENSER = 3.0
 # A wall is told when densities reach over this many times the half window of its fit.
 _CONFIRMED = 1.5
-
-
-def smeared_step(distance: FloatArray, width: float, length: float, power: int = 1) -> FloatArray:
-    """Return the integral (power 1), or a higher one, of a wall that is averaged over a length.
-
-    Parameters
-    ----------
-    distance : ndarray
-        From the middle of the wall, m.
-    width : float
-        Width over which the wall rises linearly from 0 to 1, m.
-    length : float
-        Length over which it is averaged besides, m.
-    power : int
-        0: the wall itself; 1: its integral over distance.
-    """
-
-    def ramp(argument: FloatArray, order: int) -> FloatArray:
-        return np.asarray(np.maximum(argument, 0.0) ** order / math.factorial(order))
-
-    first, second = max(width, 1e-3), max(length, 1e-3)
-    total = sum(
-        sign * ramp(distance + shift, 2 + power)
-        for sign, shift in (
-            (1.0, 0.5 * (first + second)),
-            (-1.0, 0.5 * (first - second)),
-            (-1.0, 0.5 * (second - first)),
-            (1.0, -0.5 * (first + second)),
-        )
-    )
-    return np.asarray(total / (first * second))
 
 
 class _Profile:
@@ -81,7 +73,7 @@ class _Profile:
     """
 
     def __init__(self) -> None:
-        self._rows = np.empty((_FIRST_ROWS, _COLUMNS))
+        self._rows = np.empty((_FIRST_ROWS, SAMPLE_COLUMNS))
         self._slow = np.zeros((_FIRST_ROWS, 0))
         self._column: dict[int, int] = {}
         self._begin = self._end = 0
@@ -126,7 +118,7 @@ class _Profile:
     def _make_room(self) -> None:
         """Move the samples to the beginning of tables that are twice as long as they are."""
         count = len(self)
-        rows = np.empty((2 * max(count, _FIRST_ROWS), _COLUMNS))
+        rows = np.empty((2 * max(count, _FIRST_ROWS), SAMPLE_COLUMNS))
         slow = np.zeros((len(rows), self._slow.shape[1]))
         rows[:count], slow[:count] = self.samples, self.slow_parts
         self._rows, self._slow, self._begin, self._end = rows, slow, 0, count
@@ -138,6 +130,7 @@ class _Candidate:
 
     significance: float
     advance: float
+    width: float
     reach: float
     edge: Edge
 
@@ -169,7 +162,7 @@ class DensityEdgeDetector:
         margin: float = 3e3,
         wide_margin: float = 8e3,
         relative_change: float = 0.15,
-        sigmas: float = 6.0,
+        sigmas: float = 5.0,
         widths: tuple[float, ...] = (0.0, 2e3, 5e3, 10e3, 20e3),
     ) -> None:
         self._relative_change = relative_change
@@ -182,6 +175,12 @@ class DensityEdgeDetector:
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
+        self._fewest = _FEWEST_SAMPLES
+        # Heights of this climb or descent, how much the density has surely fallen up to each of
+        # them, and the highest density.
+        self._heights: list[float] = []
+        self._falls: list[float] = []
+        self._highest = 0.0
 
     def update(
         self,
@@ -221,32 +220,44 @@ class DensityEdgeDetector:
         if len(self._profile):
             last_time, last_altitude = self._profile.samples[-1, :2].tolist()
             direction = math.copysign(1.0, altitude - last_altitude)
-            # After a gap the constant between the receivers may be another one, a step of density.
             if direction != self._direction or time - last_time > _LONGEST_GAP:
                 edges += self.flush()
+            if direction != self._direction:
                 self._direction = direction
+                self._heights, self._falls, self._highest = [], [], 0.0
         self._profile.add((time, altitude, density, fast_sigma, common_sigma), slow_parts or {})
-        length = max(abs(separation), _NARROWEST)
-        self._profile.forget_beyond(2.5 * max(_reach(*window, length) for window in self._windows))
-        # Increasing, because a turn begins a new profile.
-        advance = self._direction * self._profile.samples[:, 1]
-        first, last = float(advance[0]), float(advance[-1])
-        for window in self._windows:
-            reach = _reach(*window, length)
-            begin = int(advance.searchsorted(self._examined_to[window], "right"))
-            end = int(advance.searchsorted(last - reach, "right"))
-            for middle in advance[begin:end].tolist():
-                if middle - reach >= first:
-                    self._fit(advance, middle, window, length, slow_time)
-            if end > begin:
-                self._examined_to[window] = float(advance[end - 1])
+        self._length, self._slow_time = max(abs(separation), _NARROWEST), slow_time
+        self._heights.append(self._direction * altitude)
+        noise = _DENSER * fast_sigma
+        self._highest = max(self._highest, density - noise)
+        self._falls.append(
+            max(self._falls[-1] if self._falls else 0.0, self._highest - density - noise)
+        )
+        reaches = {window: _reach(*window, self._length) for window in self._windows}
+        self._profile.forget_beyond(2.5 * max(reaches.values()))
+        last = self._direction * altitude
+        for window, reach in reaches.items():
+            self._examine(window, last - reach)
         return edges + self._confirmed(last)
+
+    def flush_after_gap(self, time: float) -> list[Edge]:
+        """Return the edges of densities that have ended long before a time, s, if they have."""
+        if not len(self._profile) or time - self._profile.samples[-1, 0] <= _LONGEST_GAP:
+            return []
+        return self.flush()
 
     def flush(self) -> list[Edge]:
         """Return the edges that wait for confirmation, and start anew."""
+        if len(self._profile):
+            # What is missing behind a wall does not come any more.
+            self._fewest = _FEWEST_AT_END
+            for window in self._windows:
+                self._examine(window, math.inf)
+            self._fewest = _FEWEST_SAMPLES
         edges = self._confirmed(math.inf)
         self._profile = _Profile()
-        self._direction = 0.0
+        # What the densities have done in a gap is not known.
+        self._heights, self._falls = [-math.inf], [math.inf]
         self._candidates, self._told = [], []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         return edges
@@ -261,7 +272,8 @@ class DensityEdgeDetector:
                 self._candidates.remove(candidate)
             elif candidate.advance + _CONFIRMED * candidate.reach <= advance:
                 self._told.append(candidate)
-                edges.append(candidate.edge)
+                located = self._located(candidate)
+                edges += [located] if located is not None else []
             else:
                 # Nothing beside a stronger wall is told before it.
                 self._candidates = [
@@ -270,29 +282,31 @@ class DensityEdgeDetector:
         self._told = self._told[-4:]
         return sorted(edges, key=lambda edge: edge.time)
 
-    def _fit(
-        self,
-        advance: FloatArray,
-        middle: float,
-        window: tuple[float, float],
-        length: float,
-        slow_time: float,
-    ) -> None:
+    def _examine(self, window: tuple[float, float], limit: float) -> None:
+        """Fit walls of a window (width, margin) in all places up to a limit that are new, m."""
+        # Increasing, because a turn begins a new profile.
+        advance = self._direction * self._profile.samples[:, 1]
+        begin = int(advance.searchsorted(self._examined_to[window], "right"))
+        end = int(advance.searchsorted(limit, "right"))
+        if end == begin:
+            return
+        self._examined_to[window] = float(advance[end - 1])
+        step = np.diff(advance[max(begin - 1, 0) : end])
+        # A wall may be in a gap too.
+        is_gap = step > _GAP * (advance[-1] - advance[0]) / max(len(advance) - 1, 1)
+        in_gaps = advance[end - len(step) : end][is_gap] - 0.5 * step[is_gap]
+        for middle in np.sort(np.concatenate((advance[begin:end], in_gaps))).tolist():
+            self._fit(advance, middle, window)
+
+    def _fit(self, advance: FloatArray, middle: float, window: tuple[float, float]) -> None:
         """Fit a line and a wall in the middle of a window (width, margin); keep it if it is one."""
         width, _ = window
-        reach = _reach(*window, length)
-        samples = self._profile.samples
-        first = int(advance.searchsorted(middle - reach))
-        end = int(advance.searchsorted(middle + reach, "right"))
-        is_fitted, level, slope, change, sigma = fit_wall(
-            samples[first:end],
-            self._profile.slow_parts[first:end],
-            self._direction,
-            middle,
-            reach,
-            width,
-            length,
-            slow_time,
+        reach = _reach(*window, self._length)
+        first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
+        samples = self._profile.samples[first:end]
+        slow = self._profile.slow_parts[first:end]
+        is_fitted, level, slope, change, sigma, misfit, freedom = self._fit_shape(
+            samples, slow, middle, reach, width, False
         )
         if not is_fitted:
             return
@@ -307,177 +321,143 @@ class DensityEdgeDetector:
             and abs(change) >= shape * 2.0 * abs(slope)
         ):
             return
+        # Below its peak a layer is as steep as the upper wall of a bubble, if that is wide; but who
+        # rises through a layer alone has met no less dense plasma above denser one.
+        is_gentle = abs(change) < _STEEPEST * (width + self._length) * level
+        if is_gentle and self._direction > 0.0 and change > 0.0:
+            fall = self._fall_below(middle - 0.5 * (width + self._length))
+            if fall < self._relative_change * change:
+                return
+        # Both are fitted as unsurely as the wall is.
+        smooth = self._fit_shape(samples, slow, middle, reach, width, True)
+        if smooth[0] and smooth[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
+            return
         significance = abs(change) / sigma
-        at = _crossing(advance, samples[:, 2], middle, 0.5 * (before + after), change)
-        at = at if abs(at - middle) <= 0.5 * (width + length) else middle
-        crossing = float(np.interp(at, advance, samples[:, 0]))
-        climb, duration = np.abs(samples[end - 1] - samples[first])[[1, 0]].tolist()
-        speed = climb / duration
+        climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
         edge = Edge(
-            time=crossing,
-            time_sigma=max(width, length) / significance / speed,
+            time=float(np.interp(middle, advance, self._profile.samples[:, 0])),
+            time_sigma=max(width, self._length) / significance * duration / climb,
             is_entry=change < 0.0,
-            altitude=self._direction * at,
+            altitude=self._direction * middle,
             before=before,
             after=after,
             confidence=math.erf(significance / self._sigmas / math.sqrt(2.0)),
             width=width,
         )
-        self._candidates.append(_Candidate(significance, middle, reach, edge))
+        self._candidates.append(_Candidate(significance, middle, width, reach, edge))
+
+    def _fall_below(self, advance: float) -> float:
+        """Return by how much the density has fallen in this climb before a height, 1/m3."""
+        count = bisect.bisect_left(self._heights, advance)
+        return self._falls[count - 1] if count else 0.0
+
+    def _fit_shape(
+        self,
+        samples: FloatArray,
+        slow: FloatArray,
+        middle: float,
+        reach: float,
+        width: float,
+        is_smooth: bool,
+    ) -> tuple[bool, float, float, float, float, float, int]:
+        """Return a fit of a line and a wall, or of a parabola, to densities; see `fit_wall`."""
+        fit: tuple[bool, float, float, float, float, float, int] = fit_wall(
+            samples,
+            slow,
+            self._direction,
+            middle,
+            reach,
+            width,
+            self._length,
+            self._slow_time,
+            _STEEPEST,
+            _MEANS,
+            self._fewest,
+            1,
+            is_smooth,
+        )
+        return fit
+
+    def _located(self, candidate: _Candidate) -> Edge | None:
+        """Return the edge of a candidate in its place: the mean over likely places and widths.
+
+        None if that is too unsure.
+        """
+        advance = self._direction * self._profile.samples[:, 1]
+        middle, reach = candidate.advance, candidate.reach
+        first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
+        samples, slow = self._profile.samples[first:end], self._profile.slow_parts[first:end]
+        # In a gap a wall may be anywhere.
+        gap = float(np.diff(advance[first:end]).max())
+        span = 0.5 * (candidate.width + self._length) + _BEYOND + gap
+        # A wall whose one side was not seen may go on there.
+        unseen = 0.5 * _WIDTHS[-1]
+        low = middle - span - (unseen if advance[0] > middle - reach else 0.0)
+        high = middle + span + (unseen if advance[-1] < middle + reach else 0.0)
+        places = np.linspace(low, high, _PLACES)
+        misfits = np.full((len(_WIDTHS), len(places)), np.inf)
+        freedom = 1
+        for row, width_tried in enumerate(_WIDTHS):
+            for column, place in enumerate(places.tolist()):
+                is_fitted, level, _, change, sigma, misfit, freedom_of_fit = fit_wall(
+                    samples,
+                    slow,
+                    self._direction,
+                    place,
+                    reach,
+                    width_tried,
+                    self._length,
+                    self._slow_time,
+                    _STEEPEST,
+                    _MEANS_OF_PLACE,
+                    0,
+                    2,
+                    False,
+                )
+                # No density is negative, also where a wall was not seen to its end.
+                is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma
+                if is_possible and (change < 0.0) == candidate.edge.is_entry:
+                    misfits[row, column] = misfit
+                    freedom = freedom_of_fit
+        least = float(misfits.min())
+        if not math.isfinite(least):
+            return candidate.edge
+        # What is no line and no wall is an error too.
+        weight = np.exp(-0.5 * (misfits - least) / max(1.0, least / freedom))
+        weight /= weight.sum()
+        of_place, of_width = weight.sum(axis=0), weight.sum(axis=1)
+        place = float(of_place @ places)
+        variance = float(of_place @ (places - place) ** 2)
+        variance += ((places[1] - places[0]) ** 2 + _per_step(weight, places) ** 2) / 12.0
+        if variance > _LARGEST_PLACE_SIGMA**2:
+            return None
+        widths = np.array(_WIDTHS)
+        width = float(of_width @ widths)
+        width_variance = float(of_width @ ((widths - width) ** 2 + np.gradient(widths) ** 2 / 12.0))
+        climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
+        return replace(
+            candidate.edge,
+            time=float(np.interp(place, advance, self._profile.samples[:, 0])),
+            time_sigma=math.sqrt(variance) * duration / climb,
+            altitude=self._direction * place,
+            width=width,
+            width_sigma=math.sqrt(width_variance),
+        )
 
 
-@compiled
-def fit_wall(samples, slow, direction, middle, reach, width, length, slow_time):  # type: ignore[no-untyped-def]
-    """Fit a line and a wall to densities by generalised least squares.
+def _per_step(weight: FloatArray, places: FloatArray) -> float:
+    """Return by how much the place of a wall changes from one width to the next, m.
 
-    Parameters
-    ----------
-    samples : ndarray, shape (n, 5)
-        Time, s, altitude, m, density and sigmas of its fast and of its common error, 1/m3.
-    slow : ndarray, shape (n, m)
-        What one sigma of each slow error adds to the densities, 1/m3.
-    direction : float
-        1 in a climb, -1 in a descent.
-    middle, reach : float
-        Altitude of the wall times the direction, and the distance by which the slope is counted, m.
-    width, length : float
-        Width of the wall and length over which it is smeared, m.
-    slow_time : float
-        Correlation time of the slow errors, s.
-
-    Returns
-    -------
-    is_fitted : bool
-        Whether there are enough samples on both sides.
-    level, slope, change, sigma : float
-        Density in the middle, its change by the line over `reach`, that by the wall along the
-        motion and its sigma, which contains what is no line and no wall, 1/m3.
+    It does where a wall was not seen to its end. `weight` (widths, places) are probabilities.
     """
-    count = len(samples)
-    nothing = (False, 0.0, 0.0, 0.0, 0.0)
-    if count < 2 * _FEWEST_SAMPLES:
-        return nothing
-    # Means of at most _MEANS groups of samples.
-    most = min(count, _MEANS)
-    number = np.zeros(most)
-    means = np.zeros((most, 5))  # time, distance, density, variances
-    parts = np.zeros((most, slow.shape[1]))
-    group, last = -1, -1
-    for row in range(count):
-        now = min(row * _MEANS // count, _MEANS - 1)
-        if now != last:
-            group += 1
-            last = now
-        number[group] += 1.0
-        means[group, 0] += samples[row, 0] - samples[0, 0]
-        means[group, 1] += direction * samples[row, 1] - middle
-        means[group, 2] += samples[row, 2]
-        means[group, 3] += samples[row, 3] ** 2
-        means[group, 4] += samples[row, 4] ** 2
-        for column in range(slow.shape[1]):
-            parts[group, column] += slow[row, column]
-    groups = group + 1
-    before, behind = 0, 0
-    half_length = 0.5 * (width + length)
-    rounded, smeared = max(width, 1e-3), max(length, 1e-3)
-    table = np.empty((groups, 4))  # columns of the design, and the density
-    for row in range(groups):
-        for column in range(5):
-            means[row, column] /= number[row]
-        for column in range(slow.shape[1]):
-            parts[row, column] /= number[row]
-        distance = means[row, 1]
-        before += distance < -half_length
-        behind += distance > half_length
-        # `smeared_step` of power 0.
-        wall = (
-            max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
-            - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
-            - max(distance - 0.5 * (smeared - rounded), 0.0) ** 2
-            + max(distance - 0.5 * (rounded + smeared), 0.0) ** 2
-        ) / (2.0 * rounded * smeared)
-        table[row, 0] = 1.0
-        table[row, 1] = distance / reach
-        table[row, 2] = wall - 0.5
-        table[row, 3] = means[row, 2]
-    if min(before, behind) < _FEWEST_SAMPLES:
-        return nothing
-    # The Cholesky factor of the covariance makes the errors of the rows independent.
-    factor = np.zeros((groups, groups))
-    for row in range(groups):
-        for other in range(row + 1):
-            total = 0.0
-            for column in range(slow.shape[1]):
-                total += parts[row, column] * parts[other, column]
-            total *= math.exp(-abs(means[row, 0] - means[other, 0]) / slow_time)
-            # Errors of an estimate and of a better one differ by what was learned between them.
-            total += min(means[row, 4], means[other, 4])
-            if row == other:
-                total += means[row, 3] / number[row]
-            for column in range(other):
-                total -= factor[row, column] * factor[other, column]
-            if row > other:
-                factor[row, other] = total / factor[other, other]
-            elif total > 0.0:
-                factor[row, row] = math.sqrt(total)
-            else:
-                return nothing
-        for column in range(4):
-            total = table[row, column]
-            for other in range(row):
-                total -= factor[row, other] * table[other, column]
-            table[row, column] = total / factor[row, row]
-    normal = np.zeros((3, 4))
-    for row in range(groups):
-        for column in range(3):
-            for other in range(4):
-                normal[column, other] += table[row, column] * table[row, other]
-    # The cofactors of the symmetric normal matrix, of which the last column gives the change.
-    a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
-    d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
-    inverse = np.array(
-        [
-            [d * f - e * e, c * e - b * f, b * e - c * d],
-            [c * e - b * f, a * f - c * c, b * c - a * e],
-            [b * e - c * d, b * c - a * e, a * d - b * b],
-        ]
-    )
-    determinant = a * inverse[0, 0] + b * inverse[1, 0] + c * inverse[2, 0]
-    if not determinant > 0.0:
-        return nothing
-    solution = np.zeros(3)
-    for row in range(3):
-        for column in range(3):
-            solution[row] += inverse[row, column] * normal[column, 3] / determinant
-    misfit = 0.0
-    for row in range(groups):
-        residual = table[row, 3]
-        for column in range(3):
-            residual -= table[row, column] * solution[column]
-        misfit += residual * residual
-    # What is no line and no wall of this width is an error too.
-    variance = inverse[2, 2] / determinant * max(1.0, misfit / max(1, groups - 3))
-    return True, solution[0], solution[1], solution[2], math.sqrt(variance)
-
-
-def compile_kernels() -> None:
-    """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
-    fit_wall(np.zeros((0, _COLUMNS)), np.zeros((0, 0)), 1.0, 0.0, 1.0, 0.0, 1.0, 1.0)
+    of_width = weight.sum(axis=1)
+    best = int(np.argmax(of_width))
+    near = np.arange(max(best - 1, 0), min(best + 2, len(of_width)))
+    near = near[of_width[near] > 0.0]
+    place = weight[near] @ places / of_width[near]
+    return float(np.ptp(place)) / max(len(place) - 1, 1)
 
 
 def _reach(width: float, margin: float, length: float) -> float:
     """Return the half window of a wall with a margin beside it, m."""
     return 0.55 * (width + length) + margin
-
-
-def _crossing(
-    advance: FloatArray, density: FloatArray, middle: float, level: float, change: float
-) -> float:
-    """Return where densities cross a level in the sense of a change, nearest to an altitude, m."""
-    excess = (density - level) * math.copysign(1.0, change)
-    rising = np.flatnonzero((excess[:-1] < 0.0) & (excess[1:] >= 0.0))
-    if len(rising) == 0:
-        return middle
-    below, above = excess[rising], excess[rising + 1]
-    places = advance[rising] + below / (below - above) * (advance[rising + 1] - advance[rising])
-    return float(places[np.argmin(np.abs(places - middle))])

@@ -39,8 +39,9 @@ _DIFFERENCE = 0.5
 _LEAST_CORRELATION = 0.5
 # Fraction of the window in which a satellite must have contents.
 _COVERAGE = 0.7
-# s; residuals are averaged over this time to find the density of their noise at low frequencies.
-_NOISE_INTERVAL = 4.0
+# s; residuals are averaged over these times to find the density of their noise at low frequencies:
+# that of scintillation and that of multipath.
+_NOISE_INTERVALS = (4.0, 10.0)
 # Degree of the polynomial in time that is fitted to each satellite besides a constant of each arc.
 # It stands for the content above the layer and its mapping.
 _DEGREE = 2
@@ -194,7 +195,7 @@ def fit_edge_crossings(
     if not satellites:
         return None
     dense_side = 1.0 if is_dense_above else -1.0
-    samples = max(1, round(_NOISE_INTERVAL / interval))
+    samples = tuple(max(1, round(time_of_mean / interval)) for time_of_mean in _NOISE_INTERVALS)
     fitted = _fit(satellites, altitude, width, dense_side, samples)
     if fitted is None:
         return None
@@ -340,7 +341,7 @@ def _fit(
     altitude: float,
     width: float,
     dense_side: float,
-    samples: int,
+    samples: tuple[int, ...],
 ) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
     """Return altitudes of the crossings and sigmas, width and sigma, change per km, significance.
 
@@ -425,7 +426,10 @@ def _solution(
 
 
 def _noise(
-    satellites: list[_Satellite], sigma: FloatArray, residual: FloatArray, samples: int
+    satellites: list[_Satellite],
+    sigma: FloatArray,
+    residual: FloatArray,
+    samples: tuple[int, ...],
 ) -> FloatArray:
     """Return the sigmas, (m, 2), of white noise as dense as residuals are at low frequencies."""
     result = np.empty_like(sigma)
@@ -435,10 +439,11 @@ def _noise(
         for column in (0, 1):
             error = residual[begin : begin + count] * sigma[row, column]
             begin += count
-            white = float(np.mean(np.diff(error) ** 2)) / 2.0
-            whole = count // samples
-            means = error[: whole * samples].reshape(whole, samples).mean(axis=1)
-            freedom = max(1, whole - satellite.nuisance.shape[1])
-            slow = float(np.sum(means**2)) / freedom * samples
-            result[row, column] = math.sqrt(max(white, slow, 1e-12))
+            variances = [float(np.mean(np.diff(error) ** 2)) / 2.0, 1e-12]
+            for in_mean in samples:
+                whole = count // in_mean
+                means = error[: whole * in_mean].reshape(whole, in_mean).mean(axis=1)
+                freedom = max(1, whole - satellite.nuisance.shape[1])
+                variances.append(float(np.sum(means**2)) / freedom * in_mean)
+            result[row, column] = math.sqrt(max(variances))
     return result

@@ -44,9 +44,8 @@ class Edge:
         Value of the quantity before and after the edge.
     confidence : float
         0 to 1.
-    width : float
-        Width over which the density changes, m, to the nearest of those tried; NaN for an edge of
-        a ray.
+    width, width_sigma : float
+        Width over which the density changes, and its sigma, m; NaN for an edge of a ray.
     """
 
     time: float
@@ -57,6 +56,7 @@ class Edge:
     after: float
     confidence: float
     width: float = math.nan
+    width_sigma: float = math.nan
 
 
 class _Sample(NamedTuple):

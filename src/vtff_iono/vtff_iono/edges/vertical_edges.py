@@ -46,6 +46,7 @@ class VerticalEdgeFinder:
 
     def __init__(self) -> None:
         self._detector = DensityEdgeDetector()
+        self._datum = 0
         self._histories = (ContentHistory(_HISTORY), ContentHistory(_HISTORY))
         # Edges whose crossings cannot be fitted yet, because later contents are missing.
         self._waiting: list[Edge] = []
@@ -75,8 +76,12 @@ class VerticalEdgeFinder:
             self._histories, positions_itrf, results, links, strict=True
         ):
             history.add(position, result, links_of_craft)
+        edges = self._detector.flush_after_gap(self._histories[0].last_time)
         for density in densities:
-            edges = self._detector.update(
+            if density.datum != self._datum:
+                self._datum = density.datum
+                edges += self._detector.flush()
+            edges += self._detector.update(
                 density.time / NANOSECONDS_PER_SECOND,
                 density.epoch.altitude,
                 density.epoch.separation,
@@ -86,8 +91,8 @@ class VerticalEdgeFinder:
                 density.epoch.slow_time,
                 density.epoch.common_sigma,
             )
-            self._waiting += edges
-            self._edge_times.extend(edge.time for edge in edges)
+        self._waiting += edges
+        self._edge_times.extend(edge.time for edge in edges)
         boundaries: list[Boundary] = []
         waiting, self._waiting = self._waiting, []
         for edge in waiting:
@@ -123,12 +128,15 @@ class VerticalEdgeFinder:
             if guess is None:
                 continue
             time, sigma = guess, edge.time_sigma
-            width, width_sigma = edge.width, math.nan
+            width, width_sigma = edge.width, edge.width_sigma
+            # Contents tell more than the density, unless L2 is lost too often.
             if crossing is not None:
-                width, width_sigma = crossing[1].width, crossing[1].width_sigma
                 origin, fit = crossing
-                time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
-                sigma = float(fit.time_sigma[craft])
+                if fit.time_sigma[craft] < sigma:
+                    time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
+                    sigma = float(fit.time_sigma[craft])
+                if not width_sigma < fit.width_sigma:
+                    width, width_sigma = fit.width, fit.width_sigma
             boundaries.append(
                 Boundary(
                     kind=BoundaryKind.VERTICAL,

@@ -1,0 +1,44 @@
+"""The slow errors of contents, from few samples of them."""
+
+import math
+
+import numpy as np
+import pytest
+
+from vtff_iono.density.slow_errors import SlowErrors
+
+SATELLITES, TIME = 9, 100.0
+
+
+def measured(sigma, seconds, seed):
+    """Errors that are correlated over TIME, beside a constant and two other terms in common."""
+    generator = np.random.default_rng(seed)
+    decay = math.exp(-1.0 / TIME)
+    errors = sigma * generator.standard_normal(SATELLITES)
+    common = np.column_stack((np.ones(SATELLITES), *generator.uniform(1.0, 5.0, (2, SATELLITES))))
+    slow = SlowErrors()
+    for second in range(seconds):
+        errors = decay * errors
+        errors += sigma * math.sqrt(1.0 - decay**2) * generator.standard_normal(SATELLITES)
+        slow.add(
+            float(second),
+            np.arange(SATELLITES),
+            5.0 + errors + 0.004 * generator.standard_normal(SATELLITES),
+            common,
+            np.full(3, np.inf),
+            np.full(SATELLITES, 0.004**2),
+        )
+    return slow
+
+
+@pytest.mark.parametrize("sigma", [0.01, 0.03, 0.1])
+@pytest.mark.parametrize(("seconds", "least"), [(100, 0.65), (300, 0.85)])
+def test_the_sigma_contains_that_it_is_known_from_few_samples(sigma, seconds, least):
+    """The square of a new error over its sigma is one on the mean, over forty flights."""
+    squares = [sigma**2 / measured(sigma, seconds, seed).sigma ** 2 for seed in range(40)]
+    assert least < np.mean(squares) < 1.05
+
+
+def test_a_correlation_time_is_learned():
+    times = [measured(0.1, 600, seed).correlation_time for seed in range(20)]
+    assert 60.0 < np.median(times) < 140.0

@@ -1,0 +1,240 @@
+"""A wall fitted to the density between two spacecraft along one climb or descent."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vtff_dynamics.compiled import compiled
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["SAMPLE_COLUMNS", "compile_kernels", "fit_wall", "smeared_step"]
+
+SAMPLE_COLUMNS = 5
+"""Columns of the samples of `fit_wall`."""
+
+# Fewest samples of a fit.
+_FEWEST_SAMPLES = 6
+# Largest difference of the densities beside a wall over their mean: neither is negative.
+_LARGEST_CONTRAST = 1.9
+
+
+def smeared_step(distance: FloatArray, width: float, length: float, power: int = 1) -> FloatArray:
+    """Return the integral (power 1), or a higher one, of a wall that is averaged over a length.
+
+    Parameters
+    ----------
+    distance : ndarray
+        From the middle of the wall, m.
+    width : float
+        Width over which the wall rises linearly from 0 to 1, m.
+    length : float
+        Length over which it is averaged besides, m.
+    power : int
+        0: the wall itself; 1: its integral over distance.
+    """
+
+    def ramp(argument: FloatArray, order: int) -> FloatArray:
+        return np.asarray(np.maximum(argument, 0.0) ** order / math.factorial(order))
+
+    first, second = max(width, 1e-3), max(length, 1e-3)
+    total = sum(
+        sign * ramp(distance + shift, 2 + power)
+        for sign, shift in (
+            (1.0, 0.5 * (first + second)),
+            (-1.0, 0.5 * (first - second)),
+            (-1.0, 0.5 * (second - first)),
+            (1.0, -0.5 * (first + second)),
+        )
+    )
+    return np.asarray(total / (first * second))
+
+
+@compiled
+def fit_wall(  # type: ignore[no-untyped-def]
+    samples,
+    slow,
+    direction,
+    middle,
+    reach,
+    width,
+    length,
+    slow_time,
+    steepest,
+    most_means,
+    fewest,
+    passes,
+    is_smooth,
+):
+    """Fit a line and a wall to densities by generalised least squares.
+
+    Parameters
+    ----------
+    samples : ndarray, shape (n, 5)
+        Time, s, altitude, m, density and sigmas of its fast and of its common error, 1/m3.
+    slow : ndarray, shape (n, m)
+        What one sigma of each slow error adds to the densities, 1/m3.
+    direction : float
+        1 in a climb, -1 in a descent.
+    middle, reach : float
+        Altitude of the wall times the direction, and the distance by which the slope is counted, m.
+    width, length : float
+        Width of the wall and length over which it is smeared, m.
+    slow_time : float
+        Correlation time of the slow errors, s.
+    steepest : float
+        Sigma of the change of the logarithm of the density with altitude where there is no wall,
+        1/m.
+    most_means : int
+        Largest number of means of samples that follow each other which are fitted.
+    fewest : int
+        Fewest means on either side of the wall.
+    passes : int
+        1: the line goes on behind the wall; 2: its slope is in proportion to the density there,
+        which the first pass tells.
+    is_smooth : bool
+        Whether a parabola is fitted instead of the wall.
+
+    Returns
+    -------
+    is_fitted : bool
+        Whether there are enough samples on both sides.
+    level, slope, change, sigma : float
+        Density in the middle, its change by the line over `reach`, that by the wall along the
+        motion and its sigma, which contains what is no line and no wall, 1/m3.
+    misfit : float
+        Sum of the squares of the residuals over their sigmas.
+    freedom : int
+        Number of means beyond the parameters.
+    """
+    count = len(samples)
+    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+    if count < _FEWEST_SAMPLES:
+        return nothing
+    # Means of groups of samples.
+    most = min(count, most_means)
+    number = np.zeros(most)
+    means = np.zeros((most, 5))  # time, distance, density, variances
+    parts = np.zeros((most, slow.shape[1]))
+    group, last = -1, -1
+    for row in range(count):
+        now = row * most // count
+        if now != last:
+            group += 1
+            last = now
+        number[group] += 1.0
+        means[group, 0] += samples[row, 0] - samples[0, 0]
+        means[group, 1] += direction * samples[row, 1] - middle
+        means[group, 2] += samples[row, 2]
+        means[group, 3] += samples[row, 3] ** 2
+        means[group, 4] += samples[row, 4] ** 2
+        for column in range(slow.shape[1]):
+            parts[group, column] += slow[row, column]
+    groups = group + 1
+    before, behind = 0, 0
+    half_length = 0.5 * (width + length)
+    rounded, smeared = max(width, 1e-3), max(length, 1e-3)
+    walls = np.empty(groups)
+    mean_density = 0.0
+    for row in range(groups):
+        for column in range(5):
+            means[row, column] /= number[row]
+        for column in range(slow.shape[1]):
+            parts[row, column] /= number[row]
+        distance = means[row, 1]
+        before += distance < -half_length
+        behind += distance > half_length
+        mean_density += means[row, 2] / groups
+        if is_smooth:
+            walls[row] = (distance / reach) ** 2
+            continue
+        # `smeared_step` of power 0.
+        walls[row] = (
+            max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
+            - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
+            - max(distance - 0.5 * (smeared - rounded), 0.0) ** 2
+            + max(distance - 0.5 * (rounded + smeared), 0.0) ** 2
+        ) / (2.0 * rounded * smeared) - 0.5
+    if min(before, behind) < fewest:
+        return nothing
+    # The Cholesky factor of the covariance makes the errors of the rows independent.
+    factor = np.zeros((groups, groups))
+    mean_variance = 0.0
+    for row in range(groups):
+        for other in range(row + 1):
+            total = 0.0
+            for column in range(slow.shape[1]):
+                total += parts[row, column] * parts[other, column]
+            total *= math.exp(-abs(means[row, 0] - means[other, 0]) / slow_time)
+            # Errors of an estimate and of a better one differ by what was learned between them.
+            total += min(means[row, 4], means[other, 4])
+            if row == other:
+                total += means[row, 3] / number[row]
+                mean_variance += total / groups
+            for column in range(other):
+                total -= factor[row, column] * factor[other, column]
+            if row > other:
+                factor[row, other] = total / factor[other, other]
+            elif total > 0.0:
+                factor[row, row] = math.sqrt(total)
+            else:
+                return nothing
+    slope_sigma = steepest * reach * (abs(mean_density) + math.sqrt(mean_variance))
+    solution, ratio = np.zeros(3), 0.0
+    table = np.empty((groups, 4))  # columns of the design, and the density
+    variance = 0.0
+    for _ in range(passes):
+        for row in range(groups):
+            table[row, 0] = 1.0
+            table[row, 1] = means[row, 1] / reach * (1.0 + ratio * walls[row])
+            table[row, 2] = walls[row]
+            table[row, 3] = means[row, 2]
+            for column in range(4):
+                total = table[row, column]
+                for other in range(row):
+                    total -= factor[row, other] * table[other, column]
+                table[row, column] = total / factor[row, row]
+        normal = np.zeros((3, 4))
+        for row in range(groups):
+            for column in range(3):
+                for other in range(4):
+                    normal[column, other] += table[row, column] * table[row, other]
+        normal[1, 1] += 1.0 / slope_sigma**2
+        # The cofactors of the symmetric normal matrix, whose last column gives the change.
+        a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
+        d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
+        inverse = np.array(
+            [
+                [d * f - e * e, c * e - b * f, b * e - c * d],
+                [c * e - b * f, a * f - c * c, b * c - a * e],
+                [b * e - c * d, b * c - a * e, a * d - b * b],
+            ]
+        )
+        determinant = a * inverse[0, 0] + b * inverse[1, 0] + c * inverse[2, 0]
+        if not determinant > 0.0:
+            return nothing
+        for row in range(3):
+            solution[row] = 0.0
+            for column in range(3):
+                solution[row] += inverse[row, column] * normal[column, 3] / determinant
+        variance = inverse[2, 2] / determinant
+        if solution[0] > 0.0:
+            ratio = solution[2] / solution[0]
+            ratio = min(max(ratio, -_LARGEST_CONTRAST), _LARGEST_CONTRAST)
+    misfit = (solution[1] / slope_sigma) ** 2
+    for row in range(groups):
+        residual = table[row, 3]
+        for column in range(3):
+            residual -= table[row, column] * solution[column]
+        misfit += residual * residual
+    # What is no line and no wall of this width is an error too.
+    freedom = max(1, groups - 3)
+    variance *= max(1.0, misfit / freedom)
+    return True, solution[0], solution[1], solution[2], math.sqrt(variance), misfit, freedom
+
+
+def compile_kernels() -> None:
+    """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
+    samples, slow = np.zeros((0, SAMPLE_COLUMNS)), np.zeros((0, 0))
+    fit_wall(samples, slow, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1, 0, 1, False)
