@@ -11,6 +11,8 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.line_of_sight import lines_of_sight
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter
+from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION
+from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.dynamics import Prediction
 from vtff_nav.relative.kernels.sky import DENSITY_UNIT, plasma_paths
 from vtff_sim_bridge.atmosphere.density_models import (
@@ -87,3 +89,23 @@ def test_layers_and_gradients_are_forgotten_in_their_own_times():
         filter_.predict(still, 25.0, np.zeros(2))
     assert filter_.state.value(layer) == pytest.approx(np.exp(-0.25))
     assert filter_.state.value(gradient) == pytest.approx(np.exp(-1.0))
+
+
+@pytest.mark.parametrize(("are_joint", "gradient"), [(True, 0.03), (True, 3.0), (False, 0.03)])
+def test_contents_change_by_gradients_where_these_show(are_joint, gradient):
+    """Far apart a layer is kept as long as gradients of the sigma of the filter leave it alike."""
+    parameters = CdgpsConfiguration(plasma_gradient_sigma_tecu_per_deg=gradient)
+    state, identity, zero = np.zeros(9), np.eye(9), np.zeros((9, 9))
+    filter_ = RelativeFilter(parameters, state, zero, 0.0)
+    if are_joint:
+        filter_.state.join(GaussianState(CHIEF_MOTION, state, zero))
+    layer, speed = ("plasma", 3), 0.06  # deg/s
+    filter_.state.renew(layer, 0.0)
+    still = Prediction(state, state, identity, identity, zero, zero, np.zeros((9, 4)))
+    for _ in range(10):
+        filter_.predict(still, 10.0, np.array([0.0, 10.0 * speed]))
+    content = filter_.state.sigma(layer) * DENSITY_UNIT * parameters.plasma_layers[3] / 1e16
+    # A walk of 100 s along gradients that stay alike for 300 s, or the time that is given.
+    walk = gradient * speed * np.sqrt(2.0 * parameters.plasma_gradient_time * 100.0)
+    given = 15.0 * np.sqrt(1.0 - np.exp(-200.0 / parameters.electron_density_time))
+    assert content == pytest.approx(min(walk, given) if are_joint else given, rel=0.01)

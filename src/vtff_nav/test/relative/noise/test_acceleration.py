@@ -70,3 +70,21 @@ def test_a_filter_finds_the_accelerations_that_act(true_sigma):
         monitor.learn(mean, covariance, 0.0, step)
     found = monitor.factor * NOISE.empirical_sigma
     assert 0.5 < found / true_sigma < 2.0
+
+
+@pytest.mark.parametrize(
+    ("sigma", "variance", "is_borne_out"),
+    [(1e-6, 0.1e-12, True), (5e-6, 0.1e-12, False), (0.0, 0.95e-12, False)],
+)
+def test_measurements_bear_out_accelerations_that_are_as_small_as_assumed(
+    sigma, variance, is_borne_out
+):
+    """Not while they tell nothing, nor where accelerations are larger, learnt or not."""
+    monitor, generator = AccelerationMonitor(NOISE), np.random.default_rng(2)
+    answers = []
+    for _ in range(300):
+        mean = np.zeros(9)
+        mean[6:] = sigma * generator.standard_normal(3)
+        monitor.learn(mean, variance * np.eye(9), 0.0, 1.0)
+        answers.append(monitor.is_borne_out)
+    assert any(answers[5:]) == is_borne_out

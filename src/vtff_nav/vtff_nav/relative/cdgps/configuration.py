@@ -48,7 +48,8 @@ class CdgpsConfiguration:
         excess: harmonics of the degrees 9 to 30 are some 2e-5 m/s2 in low orbit and change in 100
         to 600 s (an error of 5 mm/s in the chief's velocity turns its RTN frame by 0.6 mm at 1 km).
         Where both orbits are estimated together, it is at first only what the model leaves out of
-        a real orbit (`vtff_dynamics.orbit.omitted_forces`): 0.03 mm/s are 1 mm at 225 km.
+        a real orbit (`vtff_dynamics.orbit.omitted_forces`): 0.03 mm/s are 1 mm at 225 km. When it
+        was found to be so, that of the difference is what gravity beyond the model makes of it.
     thrust_relative_sigma : float
         White error of the thrust on each axis, relative to its magnitude.
     thrust_scale_sigma, thrust_misalignment_sigma_deg : float
@@ -78,6 +79,7 @@ class CdgpsConfiguration:
         Estimate the plasma between and above the two altitudes; None: in orbit only.
     electron_density_sigma, electron_density_time : float
         Steady-state sigma (electrons/m3) and correlation time (s) of the density of each layer.
+        Where both orbits are estimated together, it is longer if the gradients are small.
     layer_content_sigma_tecu : float
         Largest sigma of the vertical content of a layer, TECU. The sigma of the density of a thick
         layer is reduced to it.

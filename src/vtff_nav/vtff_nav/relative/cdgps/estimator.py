@@ -9,6 +9,7 @@ Teunissen (1995) for the integers.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Iterable
 
@@ -27,6 +28,7 @@ from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.filter import RelativeFilter, Update
 from vtff_nav.relative.cdgps.model import make_sky
+from vtff_nav.relative.cdgps.omitted_accelerations import relative_noise
 from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter
 from vtff_nav.relative.cdgps.output import (
     ambiguity_table,
@@ -37,6 +39,7 @@ from vtff_nav.relative.common.antenna_correction import Attitudes
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import (
     DYNAMIC_STATES,
+    MotionNoise,
     OrbitalMotion,
     TerrestrialMotion,
 )
@@ -115,6 +118,8 @@ class CdgpsEstimator(EstimatorInputs):
         """Forget the relative state."""
         if self._are_joint:
             self._absolute.part_from_relative()
+            self._motion = _motion(self.configuration)
+        self._trusts_gravity = False
         self._relative = None
         self._attitudes_used: Attitudes = (None, None)
 
@@ -168,6 +173,18 @@ class CdgpsEstimator(EstimatorInputs):
         elif self._are_joint and distance < 0.5 * _JOINT_DISTANCE:
             absolute.part_from_relative()
             relative.state.remove(absolute.state.labels)
+            self._expect_accelerations(self.configuration.noise_relative)
+        # The orbit of the chief shows before the difference does whether gravity is as modelled.
+        if self._are_joint and not self._trusts_gravity and absolute.acceleration.is_borne_out:
+            self._expect_accelerations(relative_noise(self.configuration, norm(absolute.mean[:3])))
+            self._trusts_gravity = True
+
+    def _expect_accelerations(self, noise: MotionNoise) -> None:
+        """Have another a priori noise of the relative motion from now on."""
+        assert self._relative is not None
+        self._trusts_gravity = False
+        self._motion = _motion(dataclasses.replace(self.configuration, noise_relative=noise))
+        self._relative.expect_accelerations(noise)
 
     def _is_outdated(self, time: GpsTime) -> bool:
         """Return whether the last measurement is too old to go on from."""

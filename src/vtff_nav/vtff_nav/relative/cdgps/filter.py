@@ -14,7 +14,11 @@ from scipy.special import gammaincc
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm
-from vtff_gnss.constants import FLAG_HALF_CYCLE_ADDED, FLAG_LOCK_LOST
+from vtff_gnss.constants import (
+    ELECTRONS_PER_TECU,
+    FLAG_HALF_CYCLE_ADDED,
+    FLAG_LOCK_LOST,
+)
 from vtff_gnss.signals import SignalKey, signal_from_number
 from vtff_nav.relative.cdgps.ambiguity_arcs import ArcBook
 from vtff_nav.relative.cdgps.ambiguity_fixing import FixAttempt, fix_ambiguities
@@ -27,12 +31,12 @@ from vtff_nav.relative.cdgps.model import (
     measurement_innovation,
     phase_plasma,
 )
-from vtff_nav.relative.cdgps.orbit_filter import RELATIVE_MOTION
+from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION, RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import with_columns
-from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, Prediction
+from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise, Prediction
 from vtff_nav.relative.common.measurements import SignalTable, SingleDifferences, upper_median
 from vtff_nav.relative.common.solution import (
     SOLUTION_CODE,
@@ -181,6 +185,7 @@ class RelativeFilter:
         self.thrust_sigma = configuration.thrust_relative_sigma
         self.acceleration = AccelerationMonitor(configuration.noise_relative)
         self._velocity_change = 0.0
+        self._ground_rate_deg = 0.0
         self.clock = clock
         self.attempt = FixAttempt((), 0.0, 0.0, "")
         self._code_reference: tuple[int, int, int] | None = None
@@ -201,6 +206,14 @@ class RelativeFilter:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
         self._attitude_variances: dict[Label, float] = {}
+
+    def expect_accelerations(self, noise: MotionNoise) -> None:
+        """Have unmodelled accelerations with another a priori noise."""
+        distance = norm(self.state.mean[:3])
+        last, self.acceleration = self.acceleration, AccelerationMonitor(noise)
+        sigma, last_sigma = self.acceleration.sigma(distance), last.sigma(distance)
+        if sigma > 0.0 and last_sigma > 0.0:
+            self.state.reweigh(RELATIVE_MOTION[6:], last_sigma**2, sigma**2)
 
     def expect_attitude_errors(
         self, variances: Mapping[Label, float], turns: Mapping[Label, float]
@@ -261,6 +274,7 @@ class RelativeFilter:
             for label, sigma in zip(thrust, sigmas, strict=True):
                 if label not in state:
                     state.add(label, 0.0, sigma**2)
+        self._ground_rate_deg = math.hypot(*chief_motion_deg) / interval
         contents = self._shell_contents()
         changed = [*range(DYNAMIC_STATES), *contents]
         coefficients = np.zeros((len(changed), len(state)))
@@ -322,11 +336,29 @@ class RelativeFilter:
         if label[0] == "troposphere":
             return SlowError(1.0, configuration.troposphere_time)
         if label[0] == "plasma":
-            return SlowError(self._plasma_sigma(label), configuration.electron_density_time)
+            return SlowError(self._plasma_sigma(label), self._layer_time(label[1]))
         # The content of a shell follows the gradient, and has no mean to return to.
         if label[0] == "plasma_shell" and label[-1] != "content":
             return SlowError(self._plasma_sigma(label), configuration.plasma_gradient_time)
         return None
+
+    def _layer_time(self, layer: int) -> float:
+        """Return the correlation time of the density of a layer, s.
+
+        Over tens of kilometres phases show how large the gradients along the track are, by which
+        the content of a layer changes. The random walk of a content along such gradients has the
+        spectral density 2 (gradient rate)^2 T, a content with a correlation time 2 sigma^2 / time.
+        """
+        configuration = self.configuration
+        rate = self._gradient_sigma * self._ground_rate_deg  # TECU/s
+        shortest = configuration.electron_density_time
+        if CHIEF_MOTION[0] not in self.state or not rate > 0.0:
+            return shortest
+        if not configuration.plasma_shell_heights:  # nothing tells of gradients
+            return shortest
+        thickness, sigma = configuration.plasma_layers[layer], configuration.layer_sigmas[layer]
+        content = sigma * thickness / ELECTRONS_PER_TECU
+        return max(shortest, (content / rate) ** 2 / configuration.plasma_gradient_time)
 
     def _plasma_sigma(self, label: Label) -> float:
         """Return the a priori sigma of a member of the plasma, in its unit."""

@@ -20,13 +20,13 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import GM_EARTH, SPEED_OF_LIGHT
 from vtff_dynamics.frames.earth import state_itrf_to_gcrf
-from vtff_dynamics.orbit.omitted_forces import omitted_gravity, other_forces
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm
 from vtff_gnss.observations import ObservationEpoch
 from vtff_gnss.orbits.satellite_table import SatelliteTable
 from vtff_nav.relative.cdgps.ambiguity_arcs import has_lock_restarted
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.omitted_accelerations import omitted_share
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES
@@ -248,7 +248,7 @@ class AbsoluteFilter:
         """
         state, noise = self.state, self._configuration.noise_chief
         assert state is not None
-        factor = _omitted_share(self._configuration, norm(self.mean[:3]))
+        factor = omitted_share(self._configuration, norm(self.mean[:3]))
         last = self.acceleration.factor
         if factor < last:
             sigma, last_sigma = (noise.scaled(f).empirical_sigma for f in (factor, last))
@@ -569,17 +569,3 @@ def _pair_satellites(
         return_indices=True,
     )
     return of_chief, of_deputy
-
-
-def _omitted_share(configuration: CdgpsConfiguration, radius: float) -> float:
-    """Return what the force model leaves out in an orbit of a radius (m), over the stated sigma.
-
-    It is 1 at most. What motion that is simulated in Euler steps leaves out cannot be foreseen.
-    """
-    forces, largest = configuration.force_model, configuration.noise_chief.empirical_sigma
-    if forces.gravity != "spherical_harmonics" or configuration.integrator == "euler":
-        return 1.0
-    if not largest > 0.0:
-        return 1.0
-    gravity = omitted_gravity(forces.degree, radius).acceleration_sigma
-    return min(math.hypot(gravity, other_forces(radius)) / largest, 1.0)

@@ -15,6 +15,9 @@ _MEMORY = 150.0
 # Share of the variance that measurements must explain for the factor to be learnt at half that
 # pace, and the share below which the estimate is that which was assumed.
 _HALF_PACE, _SMALLEST_SHARE = 0.2, 0.01
+# Share from which an estimate tells whether the sigma is right, and how much larger than at the
+# start that may have become.
+_TELLING_SHARE, _BORNE_OUT_FACTOR = 0.1, 1.05
 # Largest square of an estimate, as a multiple of its variance, that counts.
 _LARGEST_SQUARE = 6.0
 
@@ -33,12 +36,22 @@ class AccelerationMonitor:
         A priori noise.
     factor : float
         Factor of its sigma at the start.
+
+    Attributes
+    ----------
+    is_borne_out : bool
+        Whether measurements tell something of the acceleration, and it is as small as assumed.
     """
 
     def __init__(self, noise: MotionNoise, factor: float = 1.0) -> None:
         self._noise = noise
         self._variance = math.nan
-        self.factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
+        self.is_borne_out = False
+        self.factor = self._first_factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
+
+    def sigma(self, distance: float) -> float:
+        """Return the present sigma of the accelerations over a distance (m), m/s2."""
+        return self._noise.at_distance(distance).scaled(self.factor).empirical_sigma
 
     def learn(
         self, mean: FloatArray, covariance: FloatArray, distance: float, interval: float
@@ -69,6 +82,8 @@ class AccelerationMonitor:
         if share < _SMALLEST_SHARE:
             return
         square = sum(mean.item(axis) ** 2 for axis in axes) / len(axes) / (share * self._variance)
+        is_as_assumed = self.factor < _BORNE_OUT_FACTOR * self._first_factor
+        self.is_borne_out = share > _TELLING_SHARE and square < _LARGEST_SQUARE and is_as_assumed
         pace = -math.expm1(-interval / _MEMORY) * share / (share + _HALF_PACE)
         factor = self.factor * math.exp(0.5 * pace * (min(square, _LARGEST_SQUARE) - 1.0))
         self.factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
