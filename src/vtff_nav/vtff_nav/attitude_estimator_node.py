@@ -74,8 +74,14 @@ class AttitudeEstimatorParameters:
     initial_dipole_sigma: float = parameter(
         _FILTER.initial_dipole_sigma, "of each axis", unit="A m^2", minimum=0.0
     )
-    dipole_walk: float = parameter(
-        _FILTER.dipole_walk, "random walk of the dipole", unit="A m^2/sqrt(s)", minimum=0.0
+    dipole_drift_sigma: float = parameter(
+        _FILTER.dipole_drift_sigma,
+        "change of the dipole in time, each axis; 0: it is constant",
+        unit="A m^2/s",
+        minimum=0.0,
+    )
+    dipole_drift_time: float = parameter(
+        _FILTER.dipole_drift_time, "time over which that change stays alike", unit="s", minimum=1.0
     )
     torque_noise: float = parameter(
         _FILTER.torque_noise, "white torque that no model knows", unit="N m sqrt(s)", minimum=0.0
@@ -96,6 +102,9 @@ class AttitudeEstimatorParameters:
         "error of the field model on each axis; 0: the model is perfect",
         unit="T",
         minimum=0.0,
+    )
+    field_time: float = parameter(
+        _FILTER.field_time, "time over which that error stays alike", unit="s", minimum=1.0
     )
     converged_deg: float = parameter(
         _WATCH.converged_deg, "sigma up to which an attitude may steer", unit="deg", minimum=1e-3
@@ -130,12 +139,14 @@ class AttitudeEstimatorNode(VtffNode):
                 initial_rate_sigma=given.initial_rate_sigma,
                 initial_dipole=given.initial_dipole,
                 initial_dipole_sigma=given.initial_dipole_sigma,
-                dipole_walk=given.dipole_walk,
+                dipole_drift_sigma=given.dipole_drift_sigma,
+                dipole_drift_time=given.dipole_drift_time,
                 torque_noise=given.torque_noise,
                 bias_sigma=given.bias_sigma,
                 bias_walk=given.bias_walk,
                 inertia_sigma=given.inertia_sigma,
                 field_sigma=given.field_sigma,
+                field_time=given.field_time,
             )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error

@@ -35,13 +35,14 @@ from vtff_dynamics.time.timescales import parse_epoch
 from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_nav.attitude.attitude_filter import FilterPeriod
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
-from vtff_nav.attitude.dipole_estimator import DipoleEstimator
+from vtff_nav.attitude.dipole_estimator import DipoleEstimator, DipoleEstimatorConfiguration
 
 __all__ = [
     "ASSUMPTIONS",
     "DIPOLE_COMPASS",
     "DIPOLE_FINAL",
     "ORBITAL_PERIOD",
+    "UNLIMITED",
     "AxisStatistics",
     "CompassResult",
     "DetumbleResult",
@@ -65,6 +66,12 @@ DIPOLE_FINAL = np.array([0.034, 0.036, -0.12])
 
 ORBITAL_PERIOD = 5931.0
 """Period of the 704 km orbit, s."""
+
+UNLIMITED = DipoleEstimatorConfiguration(
+    torque_noise=0.0, magnetometer_sigma=0.0, initial_rate_sigma=10.0, initial_dipole_sigma=10.0
+)
+"""The paper's estimator limited by the noise of the rates alone, with no knowledge at the start:
+its covariance is the Cramer-Rao bound of the samples, along the estimated motion."""
 
 _EPOCH = parse_epoch("2001-02-08T00:00:00 UTC")
 _ORBIT = ClassicalElements(7.082e6, 1e-3, math.radians(98.1), 1.0, 0.5, 0.0)
@@ -193,22 +200,40 @@ class DipoleResult:
         s.
     dipole
         Estimate, A m2, one row for each sample.
-    sigma
-        Its sigma, the same shape.
+    covariance
+        Its covariance, shape (samples, 3, 3).
     true_dipole
         A m2.
     """
 
     time: FloatArray
     dipole: FloatArray
-    sigma: FloatArray
+    covariance: FloatArray
     true_dipole: FloatArray
+
+    @property
+    def sigma(self) -> FloatArray:
+        """Sigma of each axis, A m2, one row for each sample."""
+        sigma: FloatArray = np.sqrt(np.einsum("ijj->ij", self.covariance))
+        return sigma
+
+    def normalised_error_squared(self, row: int) -> float:
+        """Return the NEES of a row over its three axes."""
+        error = self.dipole[row] - self.true_dipole
+        return float(error @ np.linalg.solve(self.covariance[row], error)) / 3.0
 
 
 def fly_dipole_estimation(
-    wheel_rpm: float = -2700.0, samples: int = 1708, rate_sigma: float = 5e-4, seed: int = 1
+    wheel_rpm: float = -2700.0,
+    samples: int = 1708,
+    rate_sigma: float = 5e-4,
+    seed: int = 1,
+    configuration: DipoleEstimatorConfiguration | None = None,
 ) -> DipoleResult:
-    """Estimate the dipole from measured fields and noisy rates in compass mode."""
+    """Estimate the dipole from measured fields and noisy rates in compass mode.
+
+    `UNLIMITED` as `configuration` gives the Cramer-Rao bound in place of the covariance.
+    """
     track = snap1_track()
     body = SpacecraftBody(dipole=DIPOLE_FINAL)
     start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
@@ -217,8 +242,8 @@ def fly_dipole_estimation(
         estimates=False,
     )  # fmt: skip
     generator = np.random.default_rng((seed, 5))
-    estimator = DipoleEstimator(BodyModel())
-    dipole, sigma = np.empty((samples, 3)), np.empty((samples, 3))
+    estimator = DipoleEstimator(BodyModel(), configuration)
+    dipole, covariance = np.empty((samples, 3)), np.empty((samples, 3, 3))
     last = loop.step().report.field_body[-1]
     momentum = body.wheel_momentum(wheel_rpm)
     for row in range(samples):
@@ -235,9 +260,9 @@ def fly_dipole_estimation(
         last = field
         estimator.update(step.truth.rate_body + rate_sigma * generator.standard_normal(3))
         dipole[row] = estimator.dipole
-        sigma[row] = np.sqrt(np.diag(estimator.covariance)[3:])
+        covariance[row] = estimator.covariance[3:, 3:]
     time = track.period * np.arange(1.0, samples + 1.0)
-    return DipoleResult(time, dipole, sigma, DIPOLE_FINAL)
+    return DipoleResult(time, dipole, covariance, DIPOLE_FINAL)
 
 
 @dataclass(frozen=True)

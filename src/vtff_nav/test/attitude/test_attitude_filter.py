@@ -22,13 +22,17 @@ from vtff_nav.attitude.filter_bank import AttitudeFilterBank
 from vtff_nav.attitude.kernels import (
     BIAS,
     DIPOLE,
+    DRIFT,
     FIELD,
     INERTIA,
     RATE,
-    STATES,
+    WHEEL,
     predict_attitude,
 )
 
+STATES = FIELD + FIELD_STATES
+STILL = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+"""No noise; times of a second, in which what is not there does not change."""
 FIELD_PARTIAL = np.random.default_rng(5).standard_normal((3, FIELD_STATES))
 
 
@@ -43,18 +47,20 @@ def predicted(change, covariance):
     predict_attitude(
         quaternion, mean, covariance, 5.0, 20, TRACK.field_gcrf(0), TRACK.field_gcrf(1),
         state[:3], 1e-3, 1.1e-3, np.array([0.0, 1.0, 0.0]), inertia,
-        np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), np.zeros(6), FIELD_PARTIAL,
-        np.eye(FIELD_STATES), np.zeros((FIELD_STATES, FIELD_STATES)),
+        np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), STILL, FIELD_PARTIAL, np.zeros(FIELD_STATES),
     )  # fmt: skip
     return quaternion, mean[:3]
 
 
 def test_linear_model_is_the_derivative_of_the_motion():
     """Each column of the transition against a central difference of the prediction."""
-    parts = ((1e-4, 3), (1e-5, 3), (1e-4, 3), (1e-9, 3), (1e-4, 3), (1e-8, FIELD_STATES))
+    parts = (
+        (1e-4, 3), (1e-5, 3), (1e-4, 3), (1e-9, 3), (1e-4, 3), (1e-6, 3), (1e-6, 1),
+        (1e-8, FIELD_STATES),
+    )  # fmt: skip
     scale = np.concatenate([[value] * count for value, count in parts])
     centre, _ = predicted(np.zeros(STATES), np.zeros((STATES, STATES)))
-    for column in [*range(BIAS), *range(INERTIA, STATES)]:
+    for column in [*range(BIAS), *range(INERTIA, DRIFT), WHEEL, *range(FIELD, FIELD + 20)]:
         change = np.zeros(STATES)
         change[column] = scale[column]
         ends = []
@@ -71,26 +77,53 @@ def test_linear_model_is_the_derivative_of_the_motion():
         biggest = int(np.argmax(np.abs(numeric)))
         analytic = sign * covariance[:6, biggest] / math.sqrt(covariance[biggest, biggest])
         np.testing.assert_allclose(analytic, numeric, atol=2e-3 * np.abs(numeric).max())
-    assert BIAS - DIPOLE == FIELD - INERTIA == RATE == 3
+    assert BIAS - DIPOLE == DRIFT - INERTIA == WHEEL - DRIFT == RATE == 3
 
 
-def test_states_of_the_field_error_keep_their_covariance():
-    """In a prediction from the steady state; what was learned is forgotten by the transition."""
-    model = FieldErrorModel(3e-7)
-    transition, steady = model.transition(0.3), model.covariance
-    covariance = np.zeros((STATES, STATES))
-    covariance[FIELD:, FIELD:] = steady
-    mean = np.zeros(STATES - 3)
-    mean[12:] = 1e-7
+def at_rest(mean, covariance, noise, variances):
+    """Predict a minute of a body at rest without field."""
     state = TRACK.state_gcrf(0)
     predict_attitude(
-        np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, 60.0, 1, TRACK.field_gcrf(0),
-        TRACK.field_gcrf(1), state[:3], 0.0, 0.0, np.array([0.0, 1.0, 0.0]), np.eye(3),
-        np.zeros(3), 0.127, np.eye(3), np.zeros(6), model.partial(state[:3], state[3:]),
-        transition, steady - transition @ steady @ transition.T,
+        np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, 60.0, 1, np.zeros(3), np.zeros(3),
+        state[:3], 0.0, 0.0, np.array([0.0, 1.0, 0.0]), np.eye(3),
+        np.zeros(3), 0.127, np.eye(3), noise, np.zeros((3, len(variances))), variances,
     )  # fmt: skip
-    np.testing.assert_allclose(mean[12:], transition @ np.full(FIELD_STATES, 1e-7), rtol=1e-12)
-    np.testing.assert_allclose(covariance[FIELD:, FIELD:], steady, atol=1e-9 * steady.max())
+
+
+def test_coefficients_of_the_field_keep_their_covariance():
+    """In a prediction from the steady state; what was learned is forgotten in their time."""
+    variances = FieldErrorModel(3e-7).variances
+    covariance, mean = np.zeros((STATES, STATES)), np.zeros(STATES - RATE)
+    covariance[FIELD:, FIELD:] = np.diag(variances)
+    mean[FIELD - RATE :] = 1e-7
+    at_rest(mean, covariance, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 600.0]), variances)
+    np.testing.assert_allclose(mean[FIELD - RATE :], 1e-7 * math.exp(-0.1), rtol=1e-12)
+    np.testing.assert_allclose(covariance[FIELD:, FIELD:], np.diag(variances), rtol=1e-12)
+
+
+def test_a_dipole_follows_its_drift():
+    covariance, mean = np.zeros((FIELD, FIELD)), np.zeros(FIELD - RATE)
+    covariance[DRIFT:WHEEL, DRIFT:WHEEL] = 4.0 * np.eye(3)
+    mean[DRIFT - RATE : WHEEL - RATE] = (1.0, -2.0, 3.0)
+    noise = np.array([0.0, 2.0, 600.0, 0.0, 0.0, 0.0, 1.0])
+    at_rest(mean, covariance, noise, np.zeros(0))
+    np.testing.assert_allclose(mean[DIPOLE - RATE : BIAS - RATE], (60.0, -120.0, 180.0))
+    kept = math.exp(-0.1)
+    np.testing.assert_allclose(mean[DRIFT - RATE : WHEEL - RATE], kept * np.array((1, -2, 3)))
+    np.testing.assert_allclose(covariance[DIPOLE:BIAS, DIPOLE:BIAS], 14400.0 * np.eye(3))
+    np.testing.assert_allclose(covariance[DIPOLE:BIAS, DRIFT:WHEEL], 240.0 * kept * np.eye(3))
+    np.testing.assert_allclose(covariance[DRIFT:WHEEL, DRIFT:WHEEL], 4.0 * np.eye(3), rtol=1e-12)
+
+
+def test_the_wheel_takes_back_what_it_gave():
+    """Its error is bounded: the doubt of the rate does not grow from period to period."""
+    covariance, mean = np.zeros((FIELD, FIELD)), np.zeros(FIELD - RATE)
+    noise = np.array([0.0, 0.0, 1.0, 0.0, 2e-7, 0.0, 1.0])
+    for _ in range(5):
+        at_rest(mean, covariance, noise, np.zeros(0))
+        assert covariance[RATE + 1, RATE + 1] == pytest.approx(4e-14, rel=1e-9)
+        assert covariance[RATE + 1, WHEEL] == pytest.approx(-4e-14, rel=1e-9)
+        assert covariance[RATE, RATE] == 0.0
 
 
 def test_from_37_degrees_the_attitude_and_the_dipole_are_found():
@@ -177,7 +210,7 @@ def test_bias_is_estimated_where_asked_and_its_place_stays_zero_where_not():
     assert (np.abs(estimate.magnetometer_bias - bias) < 4.0 * sigma).all()
     assert sigma.max() < 0.1e-6
     assert not plain.estimate.magnetometer_bias.any()
-    assert not plain.estimate.covariance[BIAS:, :].any()
+    assert not plain.estimate.covariance[BIAS:DRIFT, :].any()
 
 
 def test_outliers_are_gated_and_bad_numbers_refused():

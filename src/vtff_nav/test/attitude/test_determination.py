@@ -88,3 +88,25 @@ def test_wheel_observer_smooths_the_tachometer_and_names_a_wheel_that_does_not_f
     # 1 mN m for 5 s gives 2500 rpm: a command beyond it is not believed.
     wheel.predict(held - 10000.0, 5.0)
     assert wheel.speed_rpm == pytest.approx(held - 100.0 - 2500.0, abs=1.0)
+
+
+def test_a_search_in_a_field_with_an_error_leaves_its_solution_and_no_certainty():
+    """Once, with sigmas that cover the errors of the search; the filter then goes on."""
+    flight = MeasuredFlight(3)
+    settings = DeterminationConfiguration(found_deg=1.0)
+    configuration = AttitudeFilterConfiguration(field_sigma=3e-7)
+    determination = AttitudeDetermination(BodyModel(), configuration, settings)
+    before, ends = None, []
+    for number in range(400):
+        determination.process(*flight.fly())
+        estimate = determination.estimate
+        if before is not None and estimate.dipole_sigma.min() > 2.0 * before.dipole_sigma.max():
+            ends.append(number)
+            assert np.degrees(estimate.rotation_sigma) == pytest.approx(2.5)
+            assert not estimate.field_error_gcrf.any()
+            errors = flight.errors(estimate) / np.sqrt(np.diag(estimate.covariance)[:9])
+            assert np.abs(errors).max() < 3.0
+        before = estimate
+    assert len(ends) == 1
+    assert np.degrees(np.linalg.norm(flight.errors(estimate)[:3])) < 1.0
+    assert determination.status.restarts == 0 and estimate.dipole_sigma.max() < 5e-3

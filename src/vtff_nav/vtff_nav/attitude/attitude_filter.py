@@ -3,7 +3,7 @@
 The field turns along the orbit, so one vector observes the attitude in time, and the torque of the
 dipole on the field makes the dipole observable through the rate. Bias of the magnetometer, inertia
 and the error of the field model can be estimated besides; none of them is by default, and then the
-filter has the nine states of rotation, rate and dipole.
+filter has rotation, rate and dipole, the drift of the dipole and the error of the wheel.
 """
 
 from __future__ import annotations
@@ -24,23 +24,21 @@ from vtff_dynamics.attitude.quaternion import (
 from vtff_dynamics.checks import check_vector
 from vtff_dynamics.vectors import FloatArray
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
-from vtff_nav.attitude.field_error import FIELD_STATES, FieldErrorModel, track_rate
+from vtff_nav.attitude.field_error import FieldErrorModel
 from vtff_nav.attitude.kernels import (
     BIAS,
     DIPOLE,
+    DRIFT,
     FIELD,
     INERTIA,
     RATE,
     ROTATION,
-    STATES,
+    WHEEL,
     predict_attitude,
     update_by_field,
 )
 
 __all__ = ["AttitudeEstimate", "AttitudeFilter", "FilterPeriod"]
-
-_SAME_TURN = 1e-3
-"""Share by which the turn of the track in a period may differ from the one that was used."""
 
 _TWIN = 1e-9
 """Difference (rad, rad/s, A m2) that is rounding; parts that are not estimated have no sigma."""
@@ -93,8 +91,9 @@ class AttitudeEstimate:
     field_error_gcrf
         True less model field, T, shape (3,); zero if not estimated.
     covariance
-        Covariance of rotation (rad, body axes), rate, dipole, bias, inertia corrections and the
-        states of the field error, shape (31, 31); zero where not estimated.
+        Covariance of the error state of `vtff_nav.attitude.kernels`, which begins with rotation
+        (rad, body axes), rate and dipole, shape (19, 19), or (187, 187) with an error of the field;
+        zero where not estimated.
     """
 
     quaternion_gcrf: FloatArray
@@ -153,23 +152,28 @@ class AttitudeFilter:
         self._coupling = np.ascontiguousarray(body.torquer_coupling, dtype=float)
         self._noise = configuration.noise()
         self._quaternion = check_quaternion("quaternion_gcrf", quaternion_gcrf)
-        self._mean = np.zeros(STATES - 3)
+        self._field_error: FieldErrorModel | None = None
+        variances = np.zeros(0)
+        if configuration.field_sigma > 0.0:
+            self._field_error = FieldErrorModel(configuration.field_sigma)
+            variances = self._field_error.variances
+        states = FIELD + len(variances)
+        self._mean = np.zeros(states - RATE)
         self._mean[:3] = check_vector("rate_body", rate_body, 3, "rad/s")
         self._mean[3:6] = np.asarray(configuration.initial_dipole, dtype=float)
-        sigma = np.zeros(STATES)
+        sigma = np.zeros(states)
         sigma[ROTATION:RATE] = math.radians(configuration.initial_rotation_sigma_deg)
         sigma[RATE:DIPOLE] = configuration.initial_rate_sigma
         if configuration.estimates_dipole:
             sigma[DIPOLE:BIAS] = configuration.initial_dipole_sigma
+            sigma[DRIFT:WHEEL] = configuration.dipole_drift_sigma
         sigma[BIAS:INERTIA] = configuration.bias_sigma
-        sigma[INERTIA:FIELD] = configuration.inertia_sigma
+        sigma[INERTIA:DRIFT] = configuration.inertia_sigma
+        sigma[FIELD:] = np.sqrt(variances)
         self._covariance = np.diag(sigma**2)
-        self._field_error = FieldErrorModel(configuration.field_sigma)
-        self._covariance[FIELD:, FIELD:] = self._field_error.covariance
-        self._field_partial = np.zeros((3, FIELD_STATES))
-        self._turn = math.nan
-        self._field_transition = np.eye(FIELD_STATES)
-        self._field_noise = np.zeros((FIELD_STATES, FIELD_STATES))
+        self._field_variances = variances
+        self._field_partial = np.zeros((3, len(variances)))
+        self._elapsed = 0.0
         if rotation_covariance is not None:
             self._covariance[:3, :3] = np.asarray(rotation_covariance, dtype=float)
         self._innovation = np.zeros(3)
@@ -180,8 +184,10 @@ class AttitudeFilter:
         """Predict to the end of a period."""
         rate = math.sqrt(float(self._mean[:3] @ self._mean[:3]))
         longest = min(self._configuration.longest_step, 0.3 / max(rate, 1e-9))
-        if self._configuration.field_sigma > 0.0:
-            self._follow_track(period)
+        if self._field_error is not None:
+            middle = self._elapsed + 0.5 * period.duration
+            self._field_partial = self._field_error.partial(period.position_gcrf, middle)
+        self._elapsed += period.duration
         predict_attitude(
             self._quaternion,
             self._mean,
@@ -200,22 +206,8 @@ class AttitudeFilter:
             self._coupling,
             self._noise,
             self._field_partial,
-            self._field_transition,
-            self._field_noise,
+            self._field_variances,
         )
-
-    def _follow_track(self, period: FilterPeriod) -> None:
-        """Turn the error of the field to the end of a period."""
-        position, velocity = period.position_gcrf, period.velocity_gcrf
-        self._field_partial = self._field_error.partial(position, velocity)
-        turn = period.duration * track_rate(position, velocity)
-        # The track of an eccentric orbit changes its rate slowly.
-        if not abs(turn - self._turn) < _SAME_TURN * turn:
-            self._turn = turn
-            self._field_transition = self._field_error.transition(turn)
-            steady = self._field_error.covariance
-            kept = self._field_transition @ steady @ self._field_transition.T
-            self._field_noise = steady - kept
 
     def exchange_momentum(self, momentum: float) -> None:
         """Give the wheel a momentum, N m s, that the filter had believed in the body.
@@ -277,6 +269,6 @@ class AttitudeFilter:
             mean[3:6],
             mean[6:9],
             mean[9:12],
-            self._field_partial @ mean[12:],
+            self._field_partial @ mean[FIELD - RATE :],
             self._covariance.copy(),
         )

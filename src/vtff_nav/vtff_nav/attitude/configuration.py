@@ -79,17 +79,18 @@ class AttitudeFilterConfiguration:
         A m2.
     torque_noise : float
         White torque that no model knows, N m sqrt(s).
-    dipole_walk : float
-        Random walk of the dipole, A m2/sqrt(s).
+    dipole_drift_sigma, dipole_drift_time : float
+        Change of the dipole in time on each axis, A m2/s, and how long it stays alike, s. By
+        default a change by a tenth of 0.15 A m2 in a day is two sigma. 0: the dipole is constant.
     bias_sigma, bias_walk : float
         Magnetometer bias, T, and its walk, T/sqrt(s). A sigma of 0: not estimated.
     inertia_sigma : float
         Share by which each principal moment may be wrong. 0: not estimated.
-    field_sigma : float
-        Error of the field model on each axis, T, see `vtff_nav.attitude.field_error`. 0: the field
-        is perfect.
+    field_sigma, field_time : float
+        Error of the field model on each axis, T, see `vtff_nav.attitude.field_error`, and how long
+        it stays alike at a place, s. A sigma of 0: the field is perfect.
     wheel_sigma : float
-        Sigma of what the momentum of the wheel changes in a period besides what is known, N m s.
+        Sigma of the momentum of the wheel at the end of a period about what it was told, N m s.
     torquer_sigma : float
         Share by which the moment of a pulse may be wrong.
     gate : float
@@ -110,11 +111,13 @@ class AttitudeFilterConfiguration:
     estimates_dipole: bool = True
     initial_dipole: npt.ArrayLike = (0.0, 0.0, 0.0)
     torque_noise: float = 1e-8
-    dipole_walk: float = 1e-6
+    dipole_drift_sigma: float = 5e-8
+    dipole_drift_time: float = 86400.0
     bias_sigma: float = 0.0
     bias_walk: float = 0.0
     inertia_sigma: float = 0.0
     field_sigma: float = 0.0
+    field_time: float = 86400.0
     wheel_sigma: float = 1e-7
     torquer_sigma: float = 0.0
     gate: float = math.inf
@@ -122,7 +125,13 @@ class AttitudeFilterConfiguration:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        for name in ("magnetometer_sigma", "longest_step", "gate"):
+        for name in (
+            "magnetometer_sigma",
+            "dipole_drift_time",
+            "field_time",
+            "longest_step",
+            "gate",
+        ):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"{name}: expected a positive number; got {getattr(self, name)!r}")
         for name in (
@@ -130,7 +139,7 @@ class AttitudeFilterConfiguration:
             "initial_rate_sigma",
             "initial_dipole_sigma",
             "torque_noise",
-            "dipole_walk",
+            "dipole_drift_sigma",
             "bias_sigma",
             "bias_walk",
             "inertia_sigma",
@@ -143,14 +152,15 @@ class AttitudeFilterConfiguration:
         check_vector("initial_dipole", self.initial_dipole, 3, "A m2")
 
     def noise(self) -> FloatArray:
-        """Return the process noise in the order of the kernels, shape (6,)."""
+        """Return the process noise in the order of the kernels, shape (7,)."""
         return np.array(
             [
                 self.torque_noise,
-                self.dipole_walk if self.estimates_dipole else 0.0,
+                self.dipole_drift_sigma if self.estimates_dipole else 0.0,
+                self.dipole_drift_time,
                 self.bias_walk,
-                0.0,
                 self.wheel_sigma,
                 self.torquer_sigma,
+                self.field_time,
             ]
         )

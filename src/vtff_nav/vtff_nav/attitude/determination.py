@@ -3,13 +3,18 @@
 What a node, a log and the closed loop use. It starts a bank of filters with the first sample, names
 samples that cannot be true (missing, saturated, stuck), predicts without them, and starts anew when
 the filter no longer explains what is measured.
+
+A search is far from linear: the sample that leaves one filter finds it degrees off, and surer than
+it is. What it has learned of the field, which lasts for hours, would keep such an error. So where
+the field has an error only the solution of the search is kept: a filter starts at it, with sigmas
+that cover what a search leaves, and knows of the field what was known before.
 """
 
 from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -46,6 +51,11 @@ class DeterminationConfiguration:
         filters that are left, deg.
     starting_rate : float
         Rate across the field up to which a start is tried, rad/s.
+    found_deg : float
+        Sigma of the attitude, and angle between the filters that are left, at which a search ends,
+        deg.
+    found_rotation_sigma_deg, found_rate_sigma, found_dipole_sigma : float
+        Sigmas that cover the errors of a solution then: deg, rad/s, A m2, on each axis.
     """
 
     largest_field: float = 60e-6
@@ -56,6 +66,10 @@ class DeterminationConfiguration:
     members: int = 24
     converged_deg: float = 5.0
     starting_rate: float = 0.03
+    found_deg: float = 0.7
+    found_rotation_sigma_deg: float = 2.5
+    found_rate_sigma: float = 1e-4
+    found_dipole_sigma: float = 0.01
 
 
 @dataclass(frozen=True)
@@ -110,6 +124,7 @@ class AttitudeDetermination:
         self._last = np.full(3, math.nan)
         self._equal = 0
         self._restarts = 0
+        self._searches = False
 
     @property
     def estimate(self) -> AttitudeEstimate | None:
@@ -154,6 +169,8 @@ class AttitudeDetermination:
             self._start(sample, field)
             return self._status(True, math.nan)
         used = self._bank.update(sample, field)
+        if self._searches:
+            self._end_search(self._bank)
         innovation = self._bank.best.normalised_innovation_squared / 3.0
         # One wild sample is an outlier and no reason for a new start.
         self._innovations.append(min(innovation, 100.0))
@@ -191,8 +208,26 @@ class AttitudeDetermination:
         if self._bank is not None:
             self._bank.exchange_momentum(momentum)
 
+    def _end_search(self, bank: AttitudeFilterBank) -> None:
+        """Keep the solution of a search and nothing else, once it is there."""
+        found, settings = bank.estimate, self._configuration
+        if math.degrees(max(found.rotation_sigma, bank.spread)) > settings.found_deg:
+            return
+        self._searches = False
+        configuration = replace(
+            self._filter_configuration,
+            initial_rotation_sigma_deg=settings.found_rotation_sigma_deg,
+            initial_rate_sigma=settings.found_rate_sigma,
+            initial_dipole=found.dipole,
+            initial_dipole_sigma=settings.found_dipole_sigma,
+        )
+        self._bank = AttitudeFilterBank(
+            [AttitudeFilter(self._body, configuration, found.quaternion_gcrf, found.rate_body)]
+        )
+
     def _start(self, sample: FloatArray, field: FloatArray) -> None:
         self._innovations.clear()
+        self._searches = self._filter_configuration.field_sigma > 0.0
         self._bank = AttitudeFilterBank.about_field(
             self._body,
             self._filter_configuration,

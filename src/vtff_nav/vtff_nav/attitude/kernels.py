@@ -1,10 +1,16 @@
 """Compiled steps of the attitude filters: prediction over a period and update by the field.
 
-Error state, 31 numbers: small rotation (rad, body axes), rate (rad/s), residual dipole (A m2),
-magnetometer bias (T), inertia corrections (share of each diagonal moment) and the error of the
-field model (T, see `vtff_nav.attitude.field_error`). What is not estimated has zero variance and
-zero process noise: its rows and columns stay zero and cost little. The true attitude is the
-estimate times the small rotation, in body axes.
+Error state, 19 numbers and those of the field: small rotation (rad, body axes), rate (rad/s),
+residual dipole (A m2), magnetometer bias (T), inertia corrections (share of each diagonal moment),
+drift of the dipole (A m2/s), momentum of the wheel less what it was told (N m s) and, where the
+model of the field has an error, its coefficients (T, see `vtff_nav.attitude.field_error`). What
+else is not estimated has zero variance and zero process noise: its rows and columns stay zero and
+cost little. The true attitude is the estimate times the small rotation, in body axes.
+
+The dipole follows its drift, a Gauss-Markov process. A random walk of the dipole would have to be
+large to follow a drift that lasts for hours, and would then doubt a dipole that stays. The error of
+the wheel is new in each period: a wheel that follows its command is off by a bounded error, and
+what it gave to the body in a period it takes back in the next.
 
 References
 ----------
@@ -21,27 +27,24 @@ from vtff_dynamics.attitude.quaternion import from_rotation_vector, multiply, ro
 from vtff_dynamics.attitude.rigid_body import rotation_step
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import GM_EARTH
-from vtff_nav.attitude.field_error import FIELD_STATES
 
 __all__ = [
     "BIAS",
     "DIPOLE",
+    "DRIFT",
     "FIELD",
     "INERTIA",
     "RATE",
     "ROTATION",
-    "STATES",
+    "WHEEL",
     "mean_rod_moment",
     "predict_attitude",
     "predict_rate_and_dipole",
     "update_by_field",
 ]
 
-ROTATION, RATE, DIPOLE, BIAS, INERTIA, FIELD = 0, 3, 6, 9, 12, 15
-"""First number of each part of the error state."""
-
-STATES = FIELD + FIELD_STATES
-"""Size of the error state."""
+ROTATION, RATE, DIPOLE, BIAS, INERTIA, DRIFT, WHEEL, FIELD = 0, 3, 6, 9, 12, 15, 18, 19
+"""First number of each part of the error state; the mean has no rotation and begins with RATE."""
 
 
 @compiled
@@ -99,17 +102,16 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     coupling,
     noise,
     field_partial,
-    field_transition,
-    field_noise,
+    field_variances,
 ):
     """Predict attitude, state and covariance over a period, in place.
 
     Parameters
     ----------
     quaternion : (4,)
-    mean : (28,)
-        Rate, dipole, bias, inertia corrections, states of the field error.
-    covariance : (31, 31)
+    mean : (n - 3,)
+        The error state without the rotation.
+    covariance : (n, n)
     steps : int
         Steps of the integration.
     field_start, field_end : (3,)
@@ -120,26 +122,29 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         Momentum of the wheel, N m s; it changes uniformly.
     pulses : (3,)
         On-times of the rods from the start of the period, s, signed.
-    noise : (6,)
-        Torque (N m sqrt(s)), dipole walk (A m2/sqrt(s)), bias walk (T/sqrt(s)), inertia walk
-        (1/sqrt(s)), wheel momentum sigma of a period (N m s), sigma of the moment of a rod (share).
-    field_partial : (3, 16)
-        Derivatives of the field in GCRF by the states of its error.
-    field_transition, field_noise : (16, 16)
-        Transition of these states over the period, and their process noise.
+    noise : (7,)
+        Torque (N m sqrt(s)), sigma of the drift of the dipole (A m2/s), its correlation time (s),
+        bias walk (T/sqrt(s)), sigma of the momentum of the wheel about its command (N m s), sigma
+        of the moment of a rod (share), correlation time of the error of the field (s).
+    field_partial : (3, n - 19)
+        Derivatives of the field in GCRF by the coefficients of its error.
+    field_variances : (n - 19,)
+        Variances of these coefficients without measurements.
     """
+    states = len(covariance)
+    coefficients = states - FIELD
     identity = np.eye(3)
     body = inertia.copy()
     for axis in range(3):
-        body[axis, axis] *= 1.0 + mean[9 + axis]
+        body[axis, axis] *= 1.0 + mean[INERTIA - RATE + axis]
     inverse = np.linalg.inv(body)
-    step = period / steps
-    wheel_torque = (wheel_end - wheel_start) / period
+    wheel_begin = wheel_start + mean[WHEEL - RATE]
+    wheel_torque = (wheel_end - wheel_begin) / period
     nothing = np.zeros(3)
     state = np.empty(8)
     state[:4] = quaternion
     state[4:7] = mean[:3]
-    state[7] = wheel_start
+    state[7] = wheel_begin
     rates = np.empty((4, 8))
     stage_state = np.empty(8)
     positions = np.empty((3, 3))  # of the middle of the period, throughout
@@ -147,17 +152,22 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         positions[node] = position_gcrf
     field_error = np.zeros(3)
     for i in range(3):
-        for j in range(FIELD_STATES):
-            field_error[i] += field_partial[i, j] * mean[12 + j]
-    growth = np.zeros((6, STATES))
+        for j in range(coefficients):
+            field_error[i] += field_partial[i, j] * mean[FIELD - RATE + j]
+    by_wheel = np.zeros(3)
+    for i in range(3):
+        for j in range(3):
+            by_wheel[i] += inverse[i, j] * wheel_axis[j]
+    growth = np.zeros((6, states))
     for i in range(6):
         growth[i, i] = 1.0
-    matrix = np.zeros((6, STATES))
+    matrix = np.zeros((6, states))
     rod_variance = np.zeros(3)
+    step = period / steps
     for number in range(steps):
         time = number * step
         rods = mean_rod_moment(pulses, time, time + step, rod_moment)
-        moment = mean[3:6].copy()
+        moment = mean[DIPOLE - RATE : BIAS - RATE].copy()
         for i in range(3):
             rod_variance[i] += (rods[i] * noise[5]) ** 2 / steps
             for j in range(3):
@@ -235,6 +245,9 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             column = _product(inverse, torque)
             for j in range(3):
                 by_inertia[j, i] = column[j, 0]
+        # The wheel gives its error of the last period back in this one.
+        left = 1.0 - (time + 0.5 * step) / period
+        turned_wheel = _product(inverse, _product(cross_rate, wheel_axis.copy().reshape(3, 1)))
         for i in range(3):
             for j in range(3):
                 matrix[i, ROTATION + j] = -cross_rate[i, j]
@@ -243,7 +256,8 @@ def predict_attitude(  # type: ignore[no-untyped-def]
                 matrix[3 + i, RATE + j] = by_rate[i, j]
                 matrix[3 + i, DIPOLE + j] = by_dipole[i, j]
                 matrix[3 + i, INERTIA + j] = by_inertia[i, j]
-            for j in range(FIELD_STATES):
+            matrix[3 + i, WHEEL] = by_wheel[i] / period - left * turned_wheel[i, 0]
+            for j in range(coefficients):
                 matrix[3 + i, FIELD + j] = by_field[i, j]
         dynamics = matrix[:, :6].copy()
         slope = _product(dynamics, growth)
@@ -256,34 +270,43 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         quaternion[i] = state[i]
     for i in range(3):
         mean[i] = state[4 + i]
-    field_mean = mean[12:].copy()
-    for i in range(FIELD_STATES):
-        mean[12 + i] = 0.0
-        for j in range(FIELD_STATES):
-            mean[12 + i] += field_transition[i, j] * field_mean[j]
+    known = math.exp(-period / noise[6])
+    for i in range(coefficients):
+        mean[FIELD - RATE + i] *= known
+    mean[WHEEL - RATE] = 0.0
+    # In a period the drift is too small to be felt: the dipole takes it at the end.
+    kept = math.exp(-period / noise[2])
+    for i in range(3):
+        mean[DIPOLE - RATE + i] += period * mean[DRIFT - RATE + i]
+        mean[DRIFT - RATE + i] *= kept
     upper = _product(growth, covariance)
     corner = _product(upper, growth.T.copy())
     for i in range(6):
         for j in range(6):
             covariance[i, j] = 0.5 * (corner[i, j] + corner[j, i])
-        for j in range(6, STATES):
+        for j in range(6, states):
             covariance[i, j] = upper[i, j]
             covariance[j, i] = upper[i, j]
-    if field_noise[FIELD_STATES - 1, FIELD_STATES - 1] > 0.0:
-        across = _product(covariance[:, FIELD:].copy(), field_transition.T.copy())
-        covariance[:, FIELD:] = across
-        covariance[FIELD:, :FIELD] = across[:FIELD].T
-        corner = _product(field_transition, across[FIELD:].copy())
-        for i in range(FIELD_STATES):
-            for j in range(FIELD_STATES):
-                value = 0.5 * (corner[i, j] + corner[j, i]) + field_noise[i, j]
-                covariance[FIELD + i, FIELD + j] = value
-    # Torque noise, and what wheel and rods give besides what is known of them.
+    for i in range(3):
+        for j in range(states):
+            covariance[DIPOLE + i, j] += period * covariance[DRIFT + i, j]
+            covariance[DRIFT + i, j] *= kept
+    for i in range(3):
+        for j in range(states):
+            covariance[j, DIPOLE + i] += period * covariance[j, DRIFT + i]
+            covariance[j, DRIFT + i] *= kept
+    for j in range(states):
+        covariance[WHEEL, j] = 0.0
+        covariance[j, WHEEL] = 0.0
+    for i in range(FIELD, states):
+        for j in range(states):
+            covariance[i, j] *= known
+            covariance[j, i] *= known
+        covariance[i, i] += (1.0 - known * known) * field_variances[i - FIELD]
+    # Torque noise, and what the rods give besides what is known of them.
     spread = np.zeros((3, 3))
     for i in range(3):
         spread[i, i] = noise[0] ** 2 * period
-        for j in range(3):
-            spread[i, j] += wheel_axis[i] * wheel_axis[j] * noise[4] ** 2
     for axis in range(3):
         if rod_variance[axis] > 0.0:
             unit = np.zeros(3)
@@ -303,9 +326,18 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             covariance[RATE + i, j] += 0.5 * period * speeds[i, j]
             covariance[i, RATE + j] += 0.5 * period * speeds[i, j]
             covariance[i, j] += period * period / 3.0 * speeds[i, j]
-        covariance[DIPOLE + i, DIPOLE + i] += noise[1] ** 2 * period
-        covariance[BIAS + i, BIAS + i] += noise[2] ** 2 * period
-        covariance[INERTIA + i, INERTIA + i] += noise[3] ** 2 * period
+        covariance[DRIFT + i, DRIFT + i] += (1.0 - kept * kept) * noise[1] ** 2
+        covariance[BIAS + i, BIAS + i] += noise[3] ** 2 * period
+    # The error that the wheel has at the end, against the body.
+    given = np.zeros(states)
+    given[WHEEL] = noise[4]
+    for i in range(3):
+        given[ROTATION + i] = -0.5 * period * by_wheel[i] * noise[4]
+        given[RATE + i] = -by_wheel[i] * noise[4]
+    for i in range(states):
+        if given[i] != 0.0:
+            for j in range(states):
+                covariance[i, j] += given[i] * given[j]
 
 
 @compiled
@@ -318,6 +350,7 @@ def update_by_field(  # type: ignore[no-untyped-def]
     normalised innovation squared exceeds `gate` changes nothing. `field_partial` is that of
     `predict_attitude`.
     """
+    states = len(covariance)
     to_gcrf = rotation_matrix(quaternion)
     field_body = np.zeros(3)
     for i in range(3):
@@ -325,16 +358,16 @@ def update_by_field(  # type: ignore[no-untyped-def]
             field_body[i] += to_gcrf[j, i] * field_gcrf[j]
     by_field = _product(to_gcrf.T.copy(), field_partial)
     for i in range(3):
-        for j in range(FIELD_STATES):
-            field_body[i] += by_field[i, j] * mean[12 + j]
-    partial = np.zeros((3, STATES))
+        for j in range(states - FIELD):
+            field_body[i] += by_field[i, j] * mean[FIELD - RATE + j]
+    partial = np.zeros((3, states))
     cross_field = _cross_matrix(field_body)
     for i in range(3):
-        innovation[i] = measured_body[i] - field_body[i] - mean[6 + i]
+        innovation[i] = measured_body[i] - field_body[i] - mean[BIAS - RATE + i]
         partial[i, BIAS + i] = 1.0
         for j in range(3):
             partial[i, ROTATION + j] = cross_field[i, j]
-        for j in range(FIELD_STATES):
+        for j in range(states - FIELD):
             partial[i, FIELD + j] = by_field[i, j]
     # Second order: a rotation a along the field and p across it moves the field by (p a + p^2) / 2
     # of its strength besides what the linear model says.
@@ -363,29 +396,33 @@ def update_by_field(  # type: ignore[no-untyped-def]
     if square > gate:
         return square, likelihood
     gain = _product(projected.T.copy(), inverse)
-    kept = np.eye(STATES) - _product(gain, partial)
-    joseph = _product(_product(kept, covariance), kept.T.copy())
-    for i in range(STATES):
+    # Joseph's form, multiplied out: P - K H P - (K H P)' + K S K'.
+    scattered = _product(gain, scatter)
+    for i in range(states):
         for j in range(i + 1):
-            value = 0.5 * (joseph[i, j] + joseph[j, i])
+            value = covariance[i, j]
             for k in range(3):
-                value += gain[i, k] * variance * gain[j, k]
+                value += (
+                    scattered[i, k] * gain[j, k]
+                    - gain[i, k] * projected[k, j]
+                    - gain[j, k] * projected[k, i]
+                )
             covariance[i, j] = value
             covariance[j, i] = value
-    change = np.zeros(STATES)
-    for i in range(STATES):
+    change = np.zeros(states)
+    for i in range(states):
         for k in range(3):
             change[i] += gain[i, k] * innovation[k]
     turned = multiply(quaternion, from_rotation_vector(change[:3]))
     length = math.sqrt(np.sum(turned * turned))
     for i in range(4):
         quaternion[i] = turned[i] / length
-    for i in range(STATES - 3):
+    for i in range(states - 3):
         mean[i] += change[3 + i]
     # The small rotation starts anew in the axes of the turned body.
-    reset = np.eye(STATES)
-    reset[:3, :3] -= 0.5 * _cross_matrix(change[:3])
-    covariance[:, :] = _product(_product(reset, covariance), reset.T.copy())
+    reset = np.eye(3) - 0.5 * _cross_matrix(change[:3])
+    covariance[:3, :] = _product(reset, covariance[:3, :].copy())
+    covariance[:, :3] = _product(covariance[:, :3].copy(), reset.T.copy())
     return square, likelihood
 
 

@@ -1,10 +1,11 @@
 """Momentum of the wheel from what it was told and what its tachometer shows.
 
 The tachometer is coarse (5 rpm are 1e-5 N m s, more torque than any disturbance gives in a period),
-while the wheel follows its command well: the command is believed, and slowly corrected by the
-tachometer. A wheel that does not follow is named, and then only the tachometer is believed, until
-its changes of speed prove that it follows again. Small commands prove nothing: a stuck wheel is
-near them too, because its controller starts from the measured speed.
+while the wheel follows its command well: the command is believed. The tachometer does not correct
+it, because each correction would be a torque that nobody gave to the body. A wheel that does not
+follow is named, and then only the tachometer is believed, until its changes of speed prove that it
+follows again. Small commands prove nothing: a stuck wheel is near them too, because its controller
+starts from the measured speed.
 
 References
 ----------
@@ -32,8 +33,6 @@ class WheelObserverConfiguration:
         kg m2.
     largest_torque : float
         N m.
-    correction : float
-        Share of the tachometer's difference that is taken over in a period.
     largest_difference_rpm : float
         Difference beyond which the wheel does not follow, rpm: more than the tachometer and the
         observer can be wrong together.
@@ -46,7 +45,6 @@ class WheelObserverConfiguration:
 
     inertia: float = 0.01 / (5000.0 * _RATE_OF_RPM)
     largest_torque: float = 1e-3
-    correction: float = 0.01
     largest_difference_rpm: float = 12.0
     tachometer_error_rpm: float = 5.0
     proof: float = 12.0
@@ -102,12 +100,12 @@ class WheelObserver:
         difference = measured_rpm - self._expected_rpm
         change, self._measured_rpm = measured_rpm - self._measured_rpm, measured_rpm
         if self._follows and abs(difference) <= settings.largest_difference_rpm:
-            self._speed_rpm += settings.correction * difference
-        elif self._follows:
+            return 0.0
+        if self._follows:
             self._follows, self._proof = False, 0.0
             self._speed_rpm = measured_rpm
             return self.momentum - believed
-        elif self._is_proven(change):
+        if self._is_proven(change):
             self._follows = True
             self._speed_rpm = measured_rpm
         else:
