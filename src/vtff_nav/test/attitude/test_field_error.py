@@ -29,7 +29,7 @@ def turned(axes, angle):
 def exact():
     """Return covariances of radial, along, across now with those further along, by `TURNS`.
 
-    Of an isotropic potential field with equal mean squares of degrees 1 to 12: the covariance of V
+    The potential is isotropic, with equal mean squares of degrees 1 to 12: the covariance of V
     is a sum of Legendre polynomials, the others are its derivatives.
     """
     cosine, sine = np.cos(TURNS), np.sin(TURNS)
