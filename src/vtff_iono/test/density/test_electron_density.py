@@ -1,5 +1,6 @@
 """Electron density from two spacecraft, against the true density averaged over the separation."""
 
+import copy
 import functools
 import math
 
@@ -47,6 +48,7 @@ def retrieved(offset, vtec_error=0.5, seed=3, bias=BIAS):
             observed[k],
             np.full(observed.shape[1], NOISE_ONE_SECOND),
             flown.vtec_chief[k] + vtec_error,
+            0.5,
         )
         for k in range(len(flown.time))
     ]
@@ -97,6 +99,7 @@ def test_what_is_above_may_have_another_shape_than_the_model(peak, scale_below, 
                 observed[k],
                 np.full(observed.shape[1], NOISE_ONE_SECOND),
                 flown.vtec_chief[k],
+                0.5,
             )
             for k in range(len(flown.time))
         ]
@@ -107,6 +110,41 @@ def test_what_is_above_may_have_another_shape_than_the_model(peak, scale_below, 
         errors.append(math.sqrt(np.mean(error[20:] ** 2)))
     assert ratios[0] < 1.3
     assert errors[0] < 0.7 * errors[1]
+
+
+@pytest.mark.parametrize("factor", [0.1, 3.0])
+@pytest.mark.parametrize("vtec_error", [None, 5.0])
+def test_a_layer_of_another_size_with_absolute_contents_that_err(factor, vtec_error):
+    """The layer is not the one supposed; an absolute content comes late, 5 TECU off and told so."""
+    altitude = np.arange(100e3, 2000e3, 400.0)
+    profile = altitude, chapman(altitude, factor * 1e12, 378e3, 50e3, 60e3)
+    flown = fly(profile, -1000.0, start=2750.0, end=4250.0, step=5.0)
+    noise = np.random.default_rng(1).standard_normal(flown.stec_chief.shape)
+    observed = flown.stec_deputy - flown.stec_chief + BIAS + NOISE_ONE_SECOND * noise
+    estimator = ElectronDensityEstimator()
+    epochs = []
+    for k in range(len(flown.time)):
+        told = math.nan
+        if vtec_error is not None and flown.time[k] - flown.time[0] > 600.0:
+            told = flown.vtec_chief[k] + vtec_error
+        epochs.append(
+            estimator.update(
+                flown.time[k],
+                flown.altitude_chief[k],
+                flown.altitude_deputy[k],
+                flown.elevation_chief[k],
+                flown.elevation_deputy[k],
+                observed[k],
+                np.full(observed.shape[1], NOISE_ONE_SECOND),
+                told,
+                5.0,
+            )
+        )
+    truth = mean_density(*profile, flown.altitude_deputy, flown.altitude_chief)
+    error = np.array([epoch.density for epoch in epochs]) - truth
+    sigma = np.array([epoch.sigma for epoch in epochs])
+    assert math.sqrt(np.mean((error / sigma)[20:] ** 2)) < 1.3
+    assert np.abs(error[20:]).mean() <= 2e4 * CM3
 
 
 def test_single_satellites_agree_with_all():
@@ -154,15 +192,13 @@ def test_no_estimate_without_separation_or_satellites():
 
 def test_running_profile_knows_what_was_measured():
     profile = RunningProfile()
-    profile.scale_model(300e3, 25.0)
+    profile.resize(25.0 / profile.content_above(300e3))
     assert profile.content_above(300e3) == pytest.approx(25.0, rel=1e-6)
     for middle in np.arange(500e3, 300e3, -300.0):
         density = float(chapman(middle))
         profile.absorb(middle - 500.0, middle + 500.0, density, 1e9)
     assert profile.mean_density(380e3, 381e3) == pytest.approx(float(chapman(380.5e3)), rel=0.01)
-    for _ in range(200):
-        profile.scale_model(300e3, 25.0)
-    assert profile.content_above(300e3) == pytest.approx(25.0, rel=1e-3)
+    profile.resize(1.5)
     assert profile.mean_density(380e3, 381e3) == pytest.approx(float(chapman(380.5e3)), rel=0.01)
 
 
@@ -277,7 +313,7 @@ def test_the_sigma_contains_the_noise_of_the_mapping():
     chief = np.radians([20.0, 40.0, 80.0, 30.0])
     deputy = chief + np.radians([0.0, 0.0, 0.0, 0.4])
     profile = RunningProfile()
-    profile.scale_model(400e3, 20.0)
+    profile.resize(20.0 / profile.content_above(400e3))
     contents = [
         profile.slant_contents(elevation, altitude)[0]
         for elevation, altitude in ((chief, 400e3), (deputy, 401e3))
@@ -286,14 +322,20 @@ def test_the_sigma_contains_the_noise_of_the_mapping():
     assert abs(geometric[3]) > 0.2
     sigmas = []
     for mapping_noise in (0.0, 0.05):
-        estimator = ElectronDensityEstimator(DensitySettings(mapping_noise=mapping_noise))
-        epoch = estimator.update(
-            0.0, 400e3, 401e3, chief, deputy, geometric, np.full(4, 0.001), 20.0
-        )
+        settings = DensitySettings(mapping_sigma=0.1, mapping_noise=mapping_noise)
+        estimator = ElectronDensityEstimator(settings, copy.deepcopy(profile))
+        epoch = estimator.update(0.0, 400e3, 401e3, chief, deputy, geometric, np.full(4, 0.001))
         sigmas.append(epoch.sigma_satellite * 1e3 / 1e16 / np.sin(0.5 * (chief + deputy)))
     added = np.sqrt(sigmas[1] ** 2 - sigmas[0] ** 2)
     assert added[3] == pytest.approx(0.05 * abs(geometric[3]), rel=0.6)
     assert (added[:3] < 0.3 * added[3]).all()
+
+
+def without_layer():
+    """Return an estimator that knows of no plasma above the spacecraft."""
+    profile = RunningProfile()
+    profile.resize(1e-6)
+    return ElectronDensityEstimator(DensitySettings(mapping_sigma=0.1), profile)
 
 
 def simulated(slow_sigma, slow_time, fast_sigma, seed, wrong=()):
@@ -305,7 +347,7 @@ def simulated(slow_sigma, slow_time, fast_sigma, seed, wrong=()):
     elevation = np.radians([15.0, 20.0, 28.0, 35.0, 47.0, 55.0, 66.0, 80.0])
     decay = math.exp(-1.0 / slow_time)
     slow = slow_sigma * generator.standard_normal(8)
-    estimator, rows, outliers = ElectronDensityEstimator(), [], []
+    estimator, rows, outliers = without_layer(), [], []
     for second in range(900):
         slow = decay * slow + math.sqrt(1.0 - decay**2) * slow_sigma * generator.standard_normal(8)
         true = 6e11 + 2e11 * math.sin(second / 60.0)
@@ -315,7 +357,7 @@ def simulated(slow_sigma, slow_time, fast_sigma, seed, wrong=()):
             observed[satellite] += 0.513 if second >= since else 0.0
         # A layer that is all below: no geometric term, and none in the model.
         epoch = estimator.update(
-            second, 600e3, 601e3, elevation, elevation, observed, np.full(8, fast_sigma), 1e-6
+            second, 600e3, 601e3, elevation, elevation, observed, np.full(8, fast_sigma)
         )
         rows.append((epoch.density - true, epoch.sigma))
         outliers.append(epoch.is_outlier)
@@ -362,14 +404,14 @@ def test_a_density_that_nothing_checks_is_withheld():
 def test_nothing_is_learned_from_contents_that_nothing_checks():
     """Two satellites that agree on a wrong density, as two wrong integers may."""
     elevation = np.radians(np.linspace(15.0, 80.0, 8))
-    estimator, epochs = ElectronDensityEstimator(), []
+    estimator, epochs = without_layer(), []
     for second in range(200):
         observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
         if 100 <= second < 130:
             observed = np.where(np.arange(8) < 2, observed - 0.3 / np.sin(elevation), math.nan)
         epochs.append(
             estimator.update(
-                second, 600e3, 601e3, elevation, elevation, observed, np.full(8, 0.004), 1e-6
+                second, 600e3, 601e3, elevation, elevation, observed, np.full(8, 0.004)
             )
         )
     densities = np.array([epoch.density for epoch in epochs])

@@ -22,10 +22,6 @@ _LOWEST, _DENSE_TOP, _HIGHEST = 100e3, 800e3, 2000e3
 # All samples so far together count as much as this many samples, so that the next pass can correct
 # the density.
 _MEMORY_SAMPLES = 10.0
-# Fraction of the difference by which the model follows the vertical content.
-_SCALE_GAIN = 0.05
-# The model keeps at least this fraction of the vertical content.
-_SMALLEST_FRACTION = 0.05
 # Vertical content of the model at first, TECU.
 _CONTENT_TECU = 20.0
 # m; scale heights below and above the peak, and altitude of the peak.
@@ -37,9 +33,9 @@ _SMALLEST_SEPARATION = 1.0
 class RunningProfile:
     """Electron density against altitude: measured where the orbit has been, modelled elsewhere.
 
-    The model is a Chapman layer whose size follows the vertical content, and whose shape can be
-    changed (`reshape`). It only serves to map slant rays; where spacecraft have measured the
-    density, the measurement replaces it.
+    The model is a Chapman layer whose size and shape can be changed (`resize`, `reshape`). It only
+    serves to map slant rays; where spacecraft have measured the density, the measurement replaces
+    it.
 
     Parameters
     ----------
@@ -72,7 +68,6 @@ class RunningProfile:
         self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
         self.density = self._layer()
         self._weight = np.zeros(len(self.altitude))
-        self._is_scaled = False
         # `densities`, and the density that they are of.
         self._densities = np.zeros((0, len(self.altitude)))
         self._described: FloatArray | None = None
@@ -134,29 +129,14 @@ class RunningProfile:
         means: FloatArray = _means_of_samples(low, high, self.altitude, self.densities()[1:])
         return means
 
-    def scale_model(self, altitude: float, vtec_tecu: float) -> None:
-        """Scale the modelled densities towards a vertical content above an altitude (m).
+    def is_measured_above(self, altitude: float) -> bool:
+        """Return whether a density above an altitude (m) was measured."""
+        return bool((self._weight[self.altitude > altitude + _STEP] > 0.0).any())
 
-        The first content scales them at once, further ones little by little where densities have
-        been measured.
-        """
-        is_measured = self._weight > 0.0
-        density = self.density
-        self.density = np.where(is_measured, density, 0.0)
-        measured_content = self.content_above(altitude)
-        self.density = np.where(is_measured, 0.0, density)
-        modelled_content = self.content_above(altitude)
-        self.density = density
-        if modelled_content <= 0.0:
-            return
-        remaining = max(vtec_tecu - measured_content, _SMALLEST_FRACTION * vtec_tecu)
-        ratio = remaining / modelled_content
-        # The first content replaces what was only supposed, whatever was measured before it.
-        gain = _SCALE_GAIN if self._is_scaled and is_measured.any() else 1.0
-        self._is_scaled = True
-        factor = 1.0 + gain * (ratio - 1.0)
+    def resize(self, factor: float) -> None:
+        """Multiply the modelled densities by a factor."""
         self._scale *= factor
-        self.density = np.where(is_measured, density, density * factor)
+        self.density = np.where(self._weight > 0.0, self.density, self.density * factor)
 
     def absorb(
         self, altitude_first: float, altitude_second: float, density: float, sigma: float

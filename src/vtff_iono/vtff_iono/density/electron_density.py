@@ -18,9 +18,10 @@ differs between them for three reasons:
 G is computed through the running profile: measured densities where the orbit has been, a layer
 model elsewhere. The error of G is modelled as a common factor 1 + a, as another shape of the model
 layer (its scale heights and the altitude of its peak), which are estimated, and as a noise in
-proportion to G. A Kalman filter estimates b, which drifts with the temperature of the receivers, a,
-the shape and m, which change slowly, and N, which is new each second. Low satellites separate b
-from N; satellites ahead and behind show a. How large m is and how fast it changes is measured
+proportion to G. Absolute contents above the chief tell of the layer as well, with their sigma. A
+Kalman filter estimates b, which drifts with the temperature of the receivers, a, the shape and m,
+which change slowly, and N, which is new each second. Low satellites separate b from N; satellites
+ahead and behind show a. How large m is and how fast it changes is measured
 (`vtff_iono.density.slow_errors`), so that the sigma of N is that of the data.
 
 A satellite whose content is not what all others and its own past predict is left out: its integers
@@ -58,6 +59,8 @@ _KEPT = 600.0
 _KNOWN_BIAS = 0.2
 # Electrons per cubic metre; a density may differ from a profile without any by this much.
 _LEAST_SPREAD = 1e11
+# A size of the layer that is known to this fraction is given to the model.
+_KNOWN_MAPPING = 0.2
 
 
 @dataclass(frozen=True)
@@ -72,9 +75,9 @@ class DensitySettings:
         Sigma of b at first, TECU, and its random walk, TECU per square root of s. Lines of two
         receivers and two signals that drift smoothly by 0.5 mm in a quarter of an orbit.
     mapping_sigma, mapping_walk : float
-        Sigma of a, and its random walk per square root of s.
-    mapping_sigma_unscaled : float
-        Sigma of a while no absolute content has scaled the model layer.
+        Sigma of a at first, and its random walk per square root of s.
+    content_time : float
+        Time over which the error of absolute contents is the same, s: that of the receiver bias.
     shape_sigma, shape_walk : float
         Sigma of the logarithms of the scale heights of the model layer below and above its peak,
         and of the altitude of the peak in units of `PEAK_UNIT`; their random walk per square root
@@ -105,9 +108,9 @@ class DensitySettings:
     elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
     bias_sigma_tecu: float = 100.0
     bias_walk_tecu: float = 1e-4
-    mapping_sigma: float = 0.1
+    mapping_sigma: float = 2.0
     mapping_walk: float = 0.002
-    mapping_sigma_unscaled: float = 2.0
+    content_time: float = 3600.0
     shape_sigma: float = 0.15
     shape_walk: float = 0.003
     mapping_noise: float = 0.01
@@ -199,9 +202,8 @@ class ElectronDensityEstimator:
         # Index in the state of each satellite, and when it was last observed.
         self._index: dict[int, int] = {}
         self._seen: dict[int, float] = {}
-        self._covariance[1, 1] = settings.mapping_sigma_unscaled**2
+        self._covariance[1, 1] = settings.mapping_sigma**2
         self._covariance[_SHAPE, _SHAPE] = settings.shape_sigma**2 * np.eye(3)
-        self._is_scaled = False
         self.reset_bias()
 
     def reset_bias(self) -> None:
@@ -212,14 +214,41 @@ class ElectronDensityEstimator:
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
 
-    def _scale_model(self, altitude: float, vtec_tecu: float) -> None:
-        """Let the model layer follow an absolute content; at first a is then of another layer."""
-        self.profile.scale_model(altitude, vtec_tecu)
-        if not self._is_scaled:
-            self._is_scaled = True
+    def _add_content(
+        self, altitude: float, vtec_tecu: float, sigma_tecu: float, elapsed: float
+    ) -> None:
+        """Learn from an absolute content how large the layer above an altitude (m) is.
+
+        Its error is that of the receiver bias and hardly changes: all contents of `content_time`
+        together count as one.
+        """
+        if not (math.isfinite(vtec_tecu) and sigma_tecu > 0.0 and elapsed > 0.0):
+            return
+        above = self.profile.slant_contents(np.array([0.5 * math.pi]), altitude)[:, 0]
+        design = np.zeros((1, len(self._state)))
+        design[0, 1] = above[0]
+        design[0, _SHAPE] = (1.0 + self._state[1]) * above[1:]
+        repeated = max(1.0, 2.0 * self._settings.content_time / elapsed)
+        kernels.correct(
+            self._state,
+            self._covariance,
+            design,
+            np.array([vtec_tecu - above[0]]),
+            np.array([repeated * sigma_tecu**2]),
+        )
+
+    def _update_model(self, altitude: float) -> None:
+        """Let the model layer have the size and the shape that are estimated."""
+        self.profile.reshape(self._state[_SHAPE])
+        self._state[_SHAPE] = 0.0
+        # Where densities above were measured, a is also of them, and the model keeps its size.
+        factor = 1.0 + float(self._state[1])
+        is_known = self._covariance[1, 1] < (_KNOWN_MAPPING * factor) ** 2
+        if is_known and factor > 0.0 and not self.profile.is_measured_above(altitude):
+            self.profile.resize(factor)
             self._state[1] = 0.0
-            self._covariance[1, :] = self._covariance[:, 1] = 0.0
-            self._covariance[1, 1] = self._settings.mapping_sigma**2
+            self._covariance[1, :] /= factor
+            self._covariance[:, 1] /= factor
 
     def update(
         self,
@@ -231,6 +260,7 @@ class ElectronDensityEstimator:
         differential_stec_tecu: npt.ArrayLike,
         sigma_tecu: npt.ArrayLike,
         vtec_chief_tecu: float = math.nan,
+        vtec_sigma_tecu: float = math.nan,
         satellite: npt.ArrayLike | None = None,
         horizontal_sigma_tecu: float = 0.0,
     ) -> DensityEpoch:
@@ -248,9 +278,8 @@ class ElectronDensityEstimator:
         differential_stec_tecu, sigma_tecu : array_like, shape (n,)
             Slant content of the deputy less that of the chief, and the sigma of its fast errors,
             TECU; NaN for a satellite without.
-        vtec_chief_tecu : float
-            Absolute vertical content above the chief, TECU; NaN if unknown. The model layer is
-            scaled to it.
+        vtec_chief_tecu, vtec_sigma_tecu : float
+            Absolute vertical content above the chief and its sigma, TECU; NaN if unknown.
         satellite : array_like of int, shape (n,), optional
             Numbers of the satellites; by default each row has its own satellite.
         horizontal_sigma_tecu : float
@@ -258,8 +287,6 @@ class ElectronDensityEstimator:
             it counts as density, and only the sigma knows.
         """
         settings = self._settings
-        if math.isfinite(vtec_chief_tecu) and vtec_chief_tecu > 0.0:
-            self._scale_model(altitude_chief, vtec_chief_tecu)
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
         observed = np.asarray(differential_stec_tecu, dtype=float)
         sigma = np.asarray(sigma_tecu, dtype=float)
@@ -281,7 +308,8 @@ class ElectronDensityEstimator:
             # It contains integers and may be anything: the first contents tell where it is.
             self._is_bias_new = False
             self._state[0] = float(np.median(residual))
-        self._predict(time, numbers[used].tolist())
+        elapsed = self._predict(time, numbers[used].tolist())
+        self._add_content(altitude_chief, vtec_chief_tecu, vtec_sigma_tecu, elapsed)
         design, contents, spread = kernels.compare(
             common,
             self._places(numbers[used].tolist()),
@@ -329,8 +357,7 @@ class ElectronDensityEstimator:
         common_variance = max(variance - fast - min(left, 1.0) * float(parts @ parts), 0.0)
         total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[DENSITY]) * ELECTRONS_PER_TECU
-        self.profile.reshape(self._state[_SHAPE])
-        self._state[_SHAPE] = 0.0
+        self._update_model(min(altitude_chief, altitude_deputy))
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
         self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
         is_told = has_check and density_sigma <= settings.largest_sigma
@@ -433,7 +460,8 @@ class ElectronDensityEstimator:
         """Return the places of the slow errors of satellites in the state; -1 for none."""
         return np.array([self._index.get(number, -1) for number in satellites], dtype=np.int64)
 
-    def _predict(self, time: float, satellites: list[int]) -> None:
+    def _predict(self, time: float, satellites: list[int]) -> float:
+        """Predict the state at a time; return how long that is after the last one, s."""
         settings = self._settings
         elapsed = 0.0 if self._last_time is None else max(0.0, time - self._last_time)
         self._last_time = time
@@ -454,12 +482,12 @@ class ElectronDensityEstimator:
         for place in range(_SHAPE.start, _SHAPE.stop):
             known = min(self._covariance[place, place], settings.shape_sigma**2)
             self._covariance[place, place] = known
-        largest = settings.mapping_sigma if self._is_scaled else settings.mapping_sigma_unscaled
-        self._covariance[1, 1] = min(self._covariance[1, 1], largest**2)
+        self._covariance[1, 1] = min(self._covariance[1, 1], settings.mapping_sigma**2)
         # The density is new at each epoch.
         self._state[DENSITY] = 0.0
         self._covariance[DENSITY, :] = self._covariance[:, DENSITY] = 0.0
         self._covariance[DENSITY, DENSITY] = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
+        return elapsed
 
     def _arrange(self, time: float) -> None:
         """Give each satellite that is observed a place in the state, forget those long gone."""

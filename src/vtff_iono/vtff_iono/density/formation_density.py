@@ -418,7 +418,7 @@ class FormationDensity:
             fixed.elevation_deputy,
             fixed.stec,
             sigma,
-            _vertical_content(chief),
+            *_vertical_content(chief),
             satellites,
             self._settings.gradient_sigma_tecu_per_deg * angle_deg,
         )
@@ -654,10 +654,17 @@ def _single_difference(
     return np.asarray(deputy - chief)
 
 
-def _vertical_content(result: SpacecraftResult) -> float:
-    """Return the vertical content above a spacecraft from its high satellites, TECU; else NaN."""
+def _vertical_content(result: SpacecraftResult) -> tuple[float, float]:
+    """Return the vertical content above a spacecraft and its sigma, TECU, from high satellites.
+
+    NaN without such a satellite.
+    """
     epoch = result.epoch
     if epoch is None:
-        return math.nan
-    good = (epoch.rejected == 0) & (epoch.elevation > _VTEC_ELEVATION)
-    return statistics.median(epoch.vtec_tecu[good].tolist()) if good.any() else math.nan
+        return math.nan, math.nan
+    good = (epoch.rejected == 0) & (epoch.elevation > _VTEC_ELEVATION) & (epoch.stec_tecu != 0.0)
+    if not good.any():
+        return math.nan, math.nan
+    vertical = epoch.vtec_tecu[good]
+    sigma = epoch.stec_sigma_tecu[good] * np.abs(vertical / epoch.stec_tecu[good])
+    return statistics.median(vertical.tolist()), statistics.median(sigma.tolist())
