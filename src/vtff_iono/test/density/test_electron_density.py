@@ -25,6 +25,13 @@ CM3 = 1e6
 BIAS = 3.7
 
 
+def without_layer():
+    """Return an estimator that knows of no plasma above the spacecraft."""
+    profile = RunningProfile()
+    profile.resize(1e-6)
+    return ElectronDensityEstimator(DensitySettings(mapping_sigma=0.1), profile)
+
+
 @functools.lru_cache(maxsize=2)
 def flight(offset):
     """Half a revolution over the synthetic PLUMEX-like profile, an epoch each 2 s."""
@@ -162,7 +169,7 @@ def test_single_satellites_agree_with_all():
 
 def test_a_density_is_never_far_below_zero():
     """Empty space: the density pulled to zero holds the bias."""
-    estimator = ElectronDensityEstimator()
+    estimator = without_layer()
     generator = np.random.default_rng(2)
     elevation = np.radians([15.0, 30.0, 45.0, 60.0, 80.0])
     for second in range(300):
@@ -174,7 +181,6 @@ def test_a_density_is_never_far_below_zero():
             elevation,
             2.0 + 0.0043 * generator.standard_normal(5),
             np.full(5, 0.0043),
-            0.01,
         )
         assert epoch.density > -3.0 * epoch.sigma
     assert epoch.bias_tecu == pytest.approx(2.0, abs=0.002)
@@ -329,13 +335,6 @@ def test_the_sigma_contains_the_noise_of_the_mapping():
     added = np.sqrt(sigmas[1] ** 2 - sigmas[0] ** 2)
     assert added[3] == pytest.approx(0.05 * abs(geometric[3]), rel=0.6)
     assert (added[:3] < 0.3 * added[3]).all()
-
-
-def without_layer():
-    """Return an estimator that knows of no plasma above the spacecraft."""
-    profile = RunningProfile()
-    profile.resize(1e-6)
-    return ElectronDensityEstimator(DensitySettings(mapping_sigma=0.1), profile)
 
 
 def simulated(slow_sigma, slow_time, fast_sigma, seed, wrong=()):
