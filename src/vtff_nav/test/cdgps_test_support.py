@@ -32,6 +32,7 @@ from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import MotionNoise
 from vtff_nav.relative.common.solution import SOLUTION_FIXED, LaserMeasurement, RelativeSolution
 from vtff_sim_bridge.atmosphere.electron_density import ElectronDensityProfile
+from vtff_sim_bridge.atmosphere.horizontal_structure import TravellingDisturbance
 from vtff_sim_bridge.atmosphere.irregularity import IrregularityRegion
 from vtff_sim_bridge.gnss.configuration import (
     ConstellationConfiguration,
@@ -124,6 +125,7 @@ def simulate(
     constellation: str = NOMINAL,
     start: GpsTime = START,
     receiver_changes: Mapping[str, object] | None = None,
+    structures: Sequence[TravellingDisturbance] = (),
 ) -> Scenario:
     """Simulate both receivers at 1 Hz: 1 mm and 0.3 m noise, steered clocks, receiver biases.
 
@@ -149,6 +151,8 @@ def simulate(
         Time of the initial states.
     receiver_changes : mapping, optional
         Fields of `ReceiverConfiguration` that both receivers have instead.
+    structures : sequence of TravellingDisturbance
+        Waves of the plasma.
     """
     random = np.random.default_rng(1000 + seed)
     crafts = [Propagator(start, state, J2) for state in (CHIEF, deputy)]
@@ -174,7 +178,7 @@ def simulate(
             empirical[craft] = decay * empirical[craft] + noise
     truth = TruthRecorder()
     emulation = ReceiverEmulation(
-        seed, profile, faults, signals, regions, constellation, receiver_changes or {}
+        seed, profile, faults, signals, regions, constellation, receiver_changes or {}, structures
     )
     chief, deputy_epochs = emulation.receive(motions, start, truth)
     return Scenario(
@@ -200,6 +204,7 @@ class ReceiverEmulation:
     regions: Sequence[IrregularityRegion]
     constellation: str
     receiver_changes: Mapping[str, object]
+    structures: Sequence[TravellingDisturbance]
 
     def receive(
         self, motions: list[list[MotionState]], start: GpsTime, truth: TruthRecorder
@@ -257,6 +262,7 @@ class ReceiverEmulation:
             constellation=ConstellationConfiguration(source=self.constellation),
             profile=self.profile,
             regions=tuple(self.regions),
+            structures=tuple(self.structures),
             faults=tuple(self.faults),
         )
 

@@ -234,3 +234,57 @@ def test_doubt_about_phases_is_no_doubt_about_what_moves_the_antenna(kind):
     assert state.covariance[index, index] == pytest.approx(4e-4)
     assert math.sqrt(antenna @ state.covariance @ antenna) == pytest.approx(5e-3)
     assert math.sqrt(state.covariance[1, 1]) == pytest.approx(5e-3)
+
+
+def filter_with_plasma_of(sigma_tecu_share: float) -> RelativeFilter:
+    """Return a filter whose plasma is known to a share of its prior, correlated with motion."""
+    filter_ = RelativeFilter(CdgpsConfiguration(), nine(DEPUTY_250M - CHIEF), 1e-6 * np.eye(9), 0.0)
+    filter_.state.add(("code_bias", (0, 2, 0)), 0.0, 1e-2)
+    covariance = filter_.state.covariance
+    for layer in filter_.state.columns("plasma"):
+        covariance[layer, layer] *= sigma_tecu_share**2
+        covariance[0, layer] = covariance[layer, 0] = 0.4 * np.sqrt(
+            covariance[0, 0] * covariance[layer, layer]
+        )
+    return filter_
+
+
+def test_doubt_about_phases_is_doubt_about_the_plasma_that_they_told():
+    """What phases told of the plasma is raised as the position is, not what codes told."""
+    filter_ = filter_with_plasma_of(1e-3)
+    before = filter_.state.covariance.copy()
+    filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))
+    ratio = np.diagonal(filter_.state.covariance) / np.diagonal(before)
+    np.testing.assert_allclose(ratio[[0, 1, *filter_.state.columns("plasma")]], 25.0, rtol=1e-3)
+    np.testing.assert_allclose(ratio[filter_.state.columns("code_bias")], 1.0, rtol=1e-9)
+
+
+def test_doubt_makes_nothing_less_known_than_before_all_measurements():
+    """Plasma and accelerations are not raised beyond their processes."""
+    filter_ = filter_with_plasma_of(0.9)
+    acceleration = filter_.configuration.noise_relative.at_distance(250.0).empirical_sigma ** 2
+    filter_.state.covariance[6:9, 6:9] = acceleration * np.eye(3)
+    prior = [
+        filter_._prior_variance(label)
+        for label in filter_.state.labels_of("plasma", "plasma_shell")
+    ]
+    filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))
+    variances = np.diagonal(filter_.state.covariance)
+    assert (variances[filter_.state.columns("plasma", "plasma_shell")] <= prior).all()
+    np.testing.assert_allclose(variances[6:9], acceleration, rtol=1e-3)
+
+
+def test_doubt_divides_the_information_of_the_measurements():
+    """As if all measurements had had noise of another size; the prior counts as it did."""
+    random = np.random.default_rng(5)
+    prior = np.diag([4.0, 0.09, 1e6])
+    design = random.standard_normal((6, 3))
+    labels = [("known", 0), ("known", 1), ("unknown",)]
+    state = GaussianState(labels, np.zeros(3), prior)
+    noise = np.full(6, 0.25)
+    state.update(state.innovation(design, random.standard_normal(6), noise, np.zeros((6, 0))))
+    mean = state.mean.copy()
+    state.doubt(7.0, [0, 1], prior[:2, :2])
+    information = np.diag([1.0 / 4.0, 1.0 / 0.09, 0.0]) + design.T @ design / (7.0 * 0.25)
+    np.testing.assert_allclose(state.covariance, np.linalg.inv(information), rtol=1e-5)
+    np.testing.assert_array_equal(state.mean, mean)

@@ -94,6 +94,13 @@ class CdgpsConfiguration:
     plasma_shell_heights : tuple of float
         Heights above the chief of the shells whose content has gradients, m; together they stand
         for content at any height between them.
+    plasma_wave_sigma_tecu, plasma_wave_length, plasma_wave_time : float
+        Waves of the vertical content above low orbits: a priori sigma (TECU), which is adapted to
+        what is found, length (m) over its angle of a turn, and correlation time (s) of the content
+        that a ray meets. The ground sees 0.08 to 1.5 TECU peak to peak by day (Oluwadare and others
+        2022, doi:10.1007/s00024-022-03028-6), of which a tenth is above; waves are some 300 km long
+        (Hernandez-Pajares, Juan and Sanz 2006, J. Geophys. Res. 111, A07S11), and an orbit crosses
+        those of 100 to 1000 km in 13 to 130 s.
     plasma_layers : tuple of float
         Thicknesses above the chief of the layers of constant density whose sum stands for the
         profile, m.
@@ -162,6 +169,9 @@ class CdgpsConfiguration:
     plasma_gradient_time: float = 300.0
     plasma_quiet_gradient_tecu_per_deg: float = 0.03
     plasma_shell_heights: tuple[float, ...] = (100e3, 300e3)
+    plasma_wave_sigma_tecu: float = 0.012
+    plasma_wave_length: float = 50e3
+    plasma_wave_time: float = 30.0
     plasma_layers: tuple[float, ...] = (40e3, 100e3, 250e3, 600e3)
     slow_phase_sigma: float = EstimatorSetting.slow_phase_sigma
     slow_code_sigma: float = EstimatorSetting.slow_code_sigma

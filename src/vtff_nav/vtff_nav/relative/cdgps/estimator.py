@@ -372,6 +372,7 @@ class CdgpsEstimator(EstimatorInputs):
             {key.satellite for key in measured.keys},
             float(np.mean(seen.range)),
         )
+        self._relative.expect_plasma_waves({key.satellite for key in measured.keys})
         update = self._relative.update(time, interval, measured, sky, laser)
         self._last_update = time
         if update.has_failed:

@@ -30,8 +30,9 @@ from vtff_nav.relative.cdgps.model import (
     code_biases,
     measurement_innovation,
     phase_plasma,
+    phase_waves,
 )
-from vtff_nav.relative.cdgps.orbit_filter import CHIEF_MOTION, RELATIVE_MOTION
+from vtff_nav.relative.cdgps.orbit_filter import CHIEF_KINDS, CHIEF_MOTION, RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
 from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
@@ -48,6 +49,7 @@ from vtff_nav.relative.kernels.sky import DENSITY_UNIT
 from vtff_nav.relative.noise.acceleration import AccelerationMonitor
 from vtff_nav.relative.noise.components import SlowError
 from vtff_nav.relative.noise.monitor import EpochResiduals, NoiseMonitor, NoisePrior
+from vtff_nav.relative.noise.plasma_waves import PlasmaWaves
 
 __all__ = ["RelativeFilter", "Update"]
 
@@ -89,6 +91,8 @@ _NEGLIGIBLE_SLOW_SIGMA = 5e-5
 # the covariance is raised where they turn out to be larger.
 _WHITE_PHASE_POWER = 2e-6
 _LARGEST_DOUBT = 25.0
+# Kinds of members that codes, the orbit of the chief or a laser have told of, not the phases.
+_KINDS_WITHOUT_PHASES = (*CHIEF_KINDS, "code_bias", "laser_latency")
 _GLOBAL_FAILURES = 2
 # With one more where nothing but the satellites tells of the motion, so that they check each other.
 _FEWEST_FIXED_SATELLITES = 4
@@ -182,6 +186,11 @@ class RelativeFilter:
         self._slow_phase = self.noise.phase.slow
         self._satellite_offset = SlowError(0.0, configuration.ephemeris_time)
         self._gradient_sigma = configuration.plasma_gradient_sigma_tecu_per_deg
+        self._waves = PlasmaWaves(
+            configuration.plasma_wave_sigma_tecu,
+            configuration.plasma_wave_length,
+            configuration.plasma_wave_time,
+        )
         self.thrust_sigma = configuration.thrust_relative_sigma
         self.acceleration = AccelerationMonitor(configuration.noise_relative)
         self._velocity_change = 0.0
@@ -193,7 +202,7 @@ class RelativeFilter:
         self._epochs_without_fix = 0
         # Signals whose phases have jumped, by no whole number of cycles as far as can be told.
         self._without_integers: set[SignalKey] = set()
-        self._epochs = 0
+        self._epochs, self._elapsed = 0, 0.0
         if configuration.has_plasma:
             for layer, sigma in enumerate(configuration.layer_sigmas):
                 self.state.add(("plasma", layer), 0.0, (sigma / DENSITY_UNIT) ** 2)
@@ -313,10 +322,7 @@ class RelativeFilter:
         """Return the decay of all members over an interval, s, and their steady variances."""
         state = self.state
         decay, steady = np.ones(len(state)), np.zeros(len(state))
-        for kind, process in (
-            ("phase_error", self._slow_phase),
-            ("satellite_offset", self._satellite_offset),
-        ):
+        for kind, process in self._process_of_kind().items():
             columns = state.columns(kind)
             decay[columns] = math.exp(-interval / process.correlation_time)
             steady[columns] = process.sigma**2
@@ -326,6 +332,15 @@ class RelativeFilter:
                 decay[index] = math.exp(-interval / single.correlation_time)
                 steady[index] = single.sigma**2
         return decay, steady
+
+    def _process_of_kind(self) -> dict[str, SlowError]:
+        """Return the Gauss-Markov processes of kinds whose members are all alike."""
+        waves = self._waves.sigma_tecu(norm(self.state.mean[:3]))
+        return {
+            "phase_error": self._slow_phase,
+            "satellite_offset": self._satellite_offset,
+            "plasma_wave": SlowError(waves, self.configuration.plasma_wave_time),
+        }
 
     def _process_of(self, label: Label) -> SlowError | None:
         """Return the Gauss-Markov process of a member that has its own; None without one."""
@@ -415,6 +430,7 @@ class RelativeFilter:
         measured = _with_phase_noise(measured, innovation)
         is_phase_fault = measured.phase_variance > variance_before
         missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
+        self._learn_waves(measured, innovation, interval)
         before = float(np.trace(state.covariance[:3, :3]))
         position = state.mean[:3].copy()
         changes = self._phase_changes(measured, sky)
@@ -427,11 +443,17 @@ class RelativeFilter:
         self.clock = (clock + float(nuisance[0])) / SPEED_OF_LIGHT
         self.arcs.record(time, measured)
         self._epochs += 1
+        self._elapsed += interval
         if self._epochs < _EPOCHS_OF_LEARNING or self._epochs % _LEARNING_CYCLE < 2:
             self._learn_noise(time, interval, received, sky, clock, innovation)
         if self.configuration.dynamics == "orbital":
             distance = norm(state.mean[:3])
             self.acceleration.learn(state.mean, state.covariance, distance, interval)
+            waves = self._quiet_waves(measured)
+            # Ambiguities that are not known yet take up waves.
+            if waves and self.arcs.fixed_groups():
+                variances = np.diagonal(state.covariance)[waves]
+                self._waves.learn(state.mean[waves], variances, distance, interval)
         update = Update(measured, sky, innovation, excluded, degraded)
         update.has_failed = self._has_failed(innovation)
         self._epochs_without_fix = max(self._epochs_without_fix - 1, 0)
@@ -469,6 +491,17 @@ class RelativeFilter:
         for satellite in satellites:
             if ("satellite_offset", satellite) not in state:
                 state.add(("satellite_offset", satellite), 0.0, sigma**2)
+
+    def expect_plasma_waves(self, satellites: set[tuple[int, int]]) -> None:
+        """Have the content of waves in the rays of satellites in the state, where it tells."""
+        state, distance = self.state, norm(self.state.mean[:3])
+        is_orbital = self.configuration.dynamics == "orbital"
+        if not (is_orbital and self.configuration.has_plasma and self._waves.are_felt(distance)):
+            satellites = set()
+        present = [satellite for _, satellite in state.labels_of("plasma_wave")]
+        state.remove([("plasma_wave", s) for s in present if s not in satellites])
+        for satellite in sorted(satellites.difference(present)):
+            state.add(("plasma_wave", satellite), 0.0, self._waves.sigma_tecu(distance) ** 2)
 
     def without_ambiguities(self, signals: SignalTable) -> SignalTable:
         """Return signals of the deputy with the ambiguities of the chief's carrier ranges.
@@ -603,6 +636,10 @@ class RelativeFilter:
         labels = self.state.labels_of(*PLASMA_KINDS)
         sigmas = [self._plasma_sigma(label) for label in labels]
         plasma = phase_plasma(received, sky)[:, : len(labels)] * np.array(sigmas)
+        satellites = [satellite for _, satellite in self.state.labels_of("plasma_wave")]
+        if satellites:
+            waves = self._waves.sigma_tecu(norm(self.state.mean[:3]))
+            plasma = np.hstack((plasma, waves * phase_waves(received, sky, satellites)))
         predicted = sky.predicted + clock
         if self.configuration.has_troposphere:
             predicted = predicted + sky.troposphere * self.state.value(("troposphere",))
@@ -623,6 +660,31 @@ class RelativeFilter:
         self._follow_slow_phase(self.noise.phase.slow)
         if self.configuration.has_plasma and self.configuration.plasma_shell_heights:
             self._learn_gradients()
+
+    def _quiet_waves(self, measured: SingleDifferences) -> list[int]:
+        """Return the columns of waves in rays that do not scintillate, which is no wave."""
+        state = self.state
+        if not state.columns("plasma_wave"):
+            return []
+        scattered = itertools.compress(measured.keys, self.scatter.is_scattered(measured).tolist())
+        out = {key.satellite for key in scattered}
+        return [
+            state.index(label) for label in state.labels_of("plasma_wave") if label[1] not in out
+        ]
+
+    def _learn_waves(
+        self, measured: SingleDifferences, innovation: Innovation, interval: float
+    ) -> None:
+        """Learn from an innovation how large the waves of the plasma are."""
+        if columns := self._quiet_waves(measured):
+            design = innovation.design[:, columns]
+            weighted = innovation.weight @ design
+            self._waves.learn_changes(
+                innovation.values @ weighted,
+                np.einsum("ij,ij->j", design, weighted),
+                norm(self.state.mean[:3]),
+                interval,
+            )
 
     def _learn_thrust_noise(self, change: FloatArray, expected: float) -> None:
         """Adapt the white error of the thrust to the corrections of the position while it acts.
@@ -649,14 +711,15 @@ class RelativeFilter:
         if 1.0 / _SIGMA_STEP < ratio < _SIGMA_STEP:
             self._slow_phase = SlowError(last.sigma, slow.correlation_time)
             return
-        self._slow_phase = slow
         if ratio < 1.0:
+            self._slow_phase = slow
             sigma = max(slow.sigma, _NEGLIGIBLE_SLOW_SIGMA)
             state.reweigh(labels, last.sigma**2, sigma**2)
             if slow.sigma == 0.0:
                 state.remove(labels)
             return
         self._doubt(last, slow)
+        self._slow_phase = slow
         if last.sigma > 0.0:
             state.reweigh(labels, last.sigma**2, slow.sigma**2)
         for key in self.arcs.arcs:
@@ -684,29 +747,49 @@ class RelativeFilter:
     def _doubt(self, last: SlowError, slow: SlowError) -> None:
         """Raise the covariance of what was estimated from phases with larger slow errors.
 
-        Not that of empirical accelerations: their process bounds them, not the phases. Nor what
-        errors of attitudes, antennas and the chief's orbit move: if the position were raised with
-        them, but not they, phases that see the sum would say that these errors are zero.
+        The information that phases gave is divided by the ratio of the powers that errors have in
+        means over the time since the start: early, slow errors are not longer than it. What is
+        known otherwise counts as before: the prior of each process, and what codes tell of their
+        biases and of the chief. So no member is raised beyond what was known without the phases,
+        and what moves an antenna, such as an error of its lever arm, keeps its share in the
+        position.
         """
 
         def power(error: SlowError) -> float:
-            return _WHITE_PHASE_POWER + 2.0 * error.sigma**2 * error.correlation_time
+            spans = max(self._elapsed, 1.0) / error.correlation_time
+            mean_square = 2.0 / spans * (1.0 + math.expm1(-spans) / spans) * error.sigma**2
+            return _WHITE_PHASE_POWER + max(self._elapsed, 1.0) * mean_square
 
         factor = min(power(slow) / power(last), _LARGEST_DOUBT)
-        kinds = ("motion", "phase_bias", "ambiguity")
-        scale = np.array(
-            [math.sqrt(factor) if kind in kinds else 1.0 for kind, *_ in self.state.labels]
-        )
-        scale[6:DYNAMIC_STATES] = 1.0
-        covariance = self.state.covariance
-        kinds_of_causes = ("attitude_error", "antenna_offset", "chief")
-        causes = [c for c in self.state.columns(*kinds_of_causes) if covariance[c, c] > 0.0]
-        by_causes = np.zeros_like(covariance)
-        if causes:
-            columns = covariance[:, causes] / np.sqrt(np.diagonal(covariance)[causes])
-            correlation = columns[causes] / np.sqrt(np.diagonal(covariance)[causes])[:, None]
-            by_causes = columns @ np.linalg.solve(correlation, columns.T)
-        self.state.covariance = by_causes + (covariance - by_causes) * scale[:, None] * scale
+        if factor <= 1.0:
+            return
+        state = self.state
+        kept = [c for c in state.columns(*_KINDS_WITHOUT_PHASES) if state.covariance[c, c] > 0.0]
+        priors = {
+            column: variance
+            for column, label in enumerate(state.labels)
+            if state.covariance[column, column] > 0.0
+            and (variance := self._prior_variance(label)) is not None
+        }
+        columns = [*priors, *kept]
+        prior = np.zeros((len(columns), len(columns)))
+        prior[range(len(priors)), range(len(priors))] = list(priors.values())
+        prior[len(priors) :, len(priors) :] = state.covariance[np.ix_(kept, kept)]
+        state.doubt(factor, columns, prior)
+
+    def _prior_variance(self, label: Label) -> float | None:
+        """Return the variance of a member without measurements; None where there is no prior."""
+        configuration, kind = self.configuration, label[0]
+        if kind == "motion" and label[1] >= DYNAMIC_STATES - 3:
+            return self.acceleration.sigma(norm(self.state.mean[:3])) ** 2
+        if kind == "thrust":
+            return configuration.thrust_sigmas[label[1]] ** 2
+        if kind == "antenna_offset" and configuration.antennas is not None:
+            return configuration.antennas.offset_variances()[label]
+        if kind == "plasma_shell":
+            return self._plasma_sigma(label) ** 2
+        process = self._process_of_kind().get(kind) or self._process_of(label)
+        return None if process is None else process.sigma**2
 
     def _reject_faults(
         self,

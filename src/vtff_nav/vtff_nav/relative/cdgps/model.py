@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +30,7 @@ __all__ = [
     "measurement_innovation",
     "make_sky",
     "phase_plasma",
+    "phase_waves",
 ]
 
 PLASMA_KINDS = ("plasma", "plasma_shell")
@@ -52,6 +54,8 @@ class Sky:
     plasma : ndarray, shape (n, layers + 3 shells)
         Differential slant content, TECU, of each layer for a density of `DENSITY_UNIT`, and of
         each shell for 1 TECU and for gradients of 1 TECU/deg to north and to east.
+    wave : ndarray
+        Slant content, TECU, for a vertical content of 1 TECU in the middle of the shells.
     elevation, azimuth : ndarray
         Direction of the satellites at the chief, rad.
     antenna_offset : ndarray, shape (n, k)
@@ -69,6 +73,7 @@ class Sky:
     direction_chief: FloatArray
     clock_rate: FloatArray
     plasma: FloatArray
+    wave: FloatArray
     elevation: FloatArray
     azimuth: FloatArray
     antenna_offset: FloatArray
@@ -140,6 +145,7 @@ def make_sky(
         direction_chief=direction_chief,
         clock_rate=1.0 - range_rate / SPEED_OF_LIGHT,
         plasma=plasma,
+        wave=_obliquity(norm(positions_itrf[0]), elevation[0], configuration.plasma_shell_heights),
         elevation=elevation[0],
         azimuth=geometry.azimuth[0, columns],
         antenna_offset=antenna_offset,
@@ -147,6 +153,12 @@ def make_sky(
         ray_turn=ray_turn,
         troposphere=troposphere,
     )
+
+
+def _obliquity(radius: float, elevation: FloatArray, heights: Sequence[float]) -> FloatArray:
+    """Return slant over vertical content on a shell in the middle of heights (m), shape (n,)."""
+    shell = radius + sum(heights) / max(len(heights), 1)
+    return np.asarray(1.0 / np.sqrt(1.0 - (radius / shell * np.cos(elevation)) ** 2))
 
 
 def code_biases(state: GaussianState, measured: SingleDifferences) -> FloatArray:
@@ -226,8 +238,23 @@ def measurement_innovation(
 
 def phase_plasma(measured: SingleDifferences, sky: Sky) -> FloatArray:
     """Return the derivatives of phases by the members of the plasma, m, shape (n, members)."""
-    scale = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2
-    return np.asarray(-scale[:, None] * sky.plasma)
+    return np.asarray(-_delay_of_tecu(measured)[:, None] * sky.plasma)
+
+
+def phase_waves(
+    measured: SingleDifferences, sky: Sky, satellites: Sequence[tuple[int, int]]
+) -> FloatArray:
+    """Return the derivatives of phases by the waves of m satellites, m per TECU, shape (n, m)."""
+    column = {satellite: index for index, satellite in enumerate(satellites)}
+    derivatives = np.zeros((len(measured), len(satellites)))
+    columns = [column[key.satellite] for key in measured.keys]
+    derivatives[np.arange(len(measured)), columns] = -_delay_of_tecu(measured) * sky.wave
+    return derivatives
+
+
+def _delay_of_tecu(measured: SingleDifferences) -> FloatArray:
+    """Return the delays of codes by 1 TECU, m, shape (n,)."""
+    return np.asarray(IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / measured.frequency_hz**2)
 
 
 def _add_plasma(
@@ -246,6 +273,13 @@ def _add_plasma(
     design[:count, columns] = delay
     design[count : 2 * count, columns] = -delay
     total = delay @ state.mean[columns]
+    if state.columns("plasma_wave"):
+        columns = state.columns("plasma_wave")
+        satellites = [satellite for _, satellite in state.labels_of("plasma_wave")]
+        delay = -phase_waves(measured, sky, satellites)
+        design[:count, columns] = delay
+        design[count : 2 * count, columns] = -delay
+        total += delay @ state.mean[columns]
     predicted[:count] += total
     predicted[count : 2 * count] -= total
 

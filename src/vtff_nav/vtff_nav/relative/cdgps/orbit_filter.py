@@ -68,10 +68,12 @@ _DETECTION_PASSES = 5
 # The sigma of range errors follows its estimate in steps of this factor; not below the last, m.
 _SIGMA_STEP, _SMALLEST_RANGE_SIGMA = 1.1, 0.05
 _SIGMA_ITERATIONS = 3
-# Range errors in view, and their degrees of freedom, that tell of their sigma; the number of those
-# that the stated sigma stands for; and the share of it below which they are no broadcast errors.
-_FEWEST_RANGE_ERRORS, _FEWEST_RANGE_FREEDOM = 6, 2.0
-_STATED_FREEDOM, _QUIET_SHARE = 10.0, 0.4
+# Range errors in view that tell of their sigma; the degrees of freedom that the stated sigma stands
+# for; and the factor of likelihood that tells there are only biases.
+_FEWEST_RANGE_ERRORS = 6
+# They hardly change: their sigma is learnt at so many first updates, then at one of each cycle.
+_UPDATES_OF_LEARNING, _LEARNING_CYCLE = 60, 10
+_STATED_FREEDOM, _QUIET_EVIDENCE = 10.0, 500.0
 # Sigmas by which range errors are larger than biases of codes where there are broadcast errors.
 _SIGNIFICANT_SIGMAS = 2.0
 # What the ionosphere-free combination of L1 and L2 makes of an error of both phases.
@@ -125,8 +127,10 @@ class AbsoluteFilter:
         self.clock = 0.0
         self._last_point: SinglePoint | None = None
         self._last_seen: dict[tuple[str, int, int], _Lock] = {}
-        self._failures = 0
+        self._failures = self._updates = 0
         self._range_sigma = self._configuration.ephemeris_sigma
+        # Whether range errors are biases of codes alone.
+        self._is_quiet = False
         # Degrees of freedom of that sigma, squared.
         self._freedom = _STATED_FREEDOM
         self.acceleration = AccelerationMonitor(self._configuration.noise_chief)
@@ -385,28 +389,40 @@ class AbsoluteFilter:
         """Adapt the a priori sigma of range errors to their estimates (MacKay 1992).
 
         A few satellites tell little of a sigma, so that the stated one counts with them or, where
-        the errors are too small for broadcast errors, that of the biases of the codes.
+        the errors are too small for broadcast errors, that of the biases of the codes. They are too
+        small where their likelihood with such biases is larger by a factor of `_QUIET_EVIDENCE`:
+        with stated errors that happens to no more than its inverse of all flights, at any of their
+        epochs (Ville 1939).
         """
         state, labels = self.state, self._range_errors
         assert state is not None
-        stated = self._configuration.ephemeris_sigma
-        if len(labels) < _FEWEST_RANGE_ERRORS:
+        self._updates += 1
+        if len(labels) < _FEWEST_RANGE_ERRORS or (
+            self._updates > _UPDATES_OF_LEARNING and self._updates % _LEARNING_CYCLE
+        ):
             return
         columns = [state.index(label) for label in labels]
+        last = self._range_sigma**2
+        weight = np.linalg.inv(state.covariance[np.ix_(columns, columns)])
+        told, axes = np.linalg.eigh(weight - np.eye(len(columns)) / last)
+        told = told.clip(0.0)
+        score = axes.T @ (weight @ state.mean[columns])
+
+        def log_likelihood(variance: float) -> float:
+            explained = score**2 * variance / (1.0 + variance * told)
+            return 0.5 * float(np.sum(explained - np.log1p(variance * told)))
+
+        stated, biases = self._configuration.ephemeris_sigma, self._configuration.code_bias_sigma
+        evidence = log_likelihood(biases**2) - log_likelihood(stated**2)
+        self._is_quiet = evidence > (0.0 if self._is_quiet else math.log(_QUIET_EVIDENCE))
+        expected, variance = biases if self._is_quiet else stated, last
         for _ in range(_SIGMA_ITERATIONS):
-            last = self._range_sigma**2
-            freedom = float(np.sum(1.0 - np.diagonal(state.covariance)[columns] / last))
-            if freedom < _FEWEST_RANGE_FREEDOM:
-                return
-            square = float(np.sum(state.mean[columns] ** 2))
-            is_broadcast = square > freedom * (_QUIET_SHARE * stated) ** 2
-            expected = stated if is_broadcast else self._configuration.code_bias_sigma
-            square += _STATED_FREEDOM * expected**2
-            freedom += _STATED_FREEDOM
-            self._freedom = freedom
-            sigma = max(math.sqrt(square / freedom), _SMALLEST_RANGE_SIGMA)
-            if 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
-                return
+            gain = variance / (1.0 + variance * told)
+            freedom, square = float(gain @ told), float(np.sum((gain * score) ** 2))
+            variance = (square + _STATED_FREEDOM * expected**2) / (freedom + _STATED_FREEDOM)
+        self._freedom = freedom + _STATED_FREEDOM
+        sigma = max(math.sqrt(variance), _SMALLEST_RANGE_SIGMA)
+        if not 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
             state.reweigh(labels, last, sigma**2)
             self._range_sigma = sigma
 

@@ -308,6 +308,32 @@ class GaussianState:
             empty = np.zeros((len(columns), 0))
             self.update(self.innovation(design, -self.mean[columns], noise, empty))
 
+    def doubt(self, factor: float, columns: Sequence[int], prior: FloatArray) -> None:
+        """Divide the information of all measurements by a factor, but not that of the prior.
+
+        Parameters
+        ----------
+        factor : float
+            1 or more.
+        columns : sequence of int
+            Indices of k members of which something was known before.
+        prior : ndarray, shape (k, k)
+            Covariance of what was known.
+
+        Notes
+        -----
+        Information P^-1 - P0^-1 of the measurements becomes (P^-1 - P0^-1) / f: the covariance is
+        raised as a whole, and (1 - 1/f) of the prior counts once more. The means stay.
+        """
+        raised = factor * self.covariance
+        if len(columns) and factor > 1.0:
+            cross = raised[:, columns]
+            total = cross[columns] + factor / (factor - 1.0) * prior
+            scale = 1.0 / np.sqrt(np.diagonal(total))
+            gain = cross * scale
+            raised -= gain @ np.linalg.solve(total * scale[:, None] * scale, gain.T)
+        self._set_covariance(raised)
+
     def innovation(
         self, design: FloatArray, values: FloatArray, variances: FloatArray, nuisance: FloatArray
     ) -> Innovation:
