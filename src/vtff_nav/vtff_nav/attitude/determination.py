@@ -169,9 +169,9 @@ class AttitudeDetermination:
             self._start(sample, field)
             return self._status(True, math.nan)
         used = self._bank.update(sample, field)
+        innovation = self._bank.best.normalised_innovation_squared / 3.0
         if self._searches:
             self._end_search(self._bank)
-        innovation = self._bank.best.normalised_innovation_squared / 3.0
         # One wild sample is an outlier and no reason for a new start.
         self._innovations.append(min(innovation, 100.0))
         limit = self._configuration.largest_innovation
