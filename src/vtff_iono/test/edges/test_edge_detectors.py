@@ -348,6 +348,16 @@ def test_a_wall_behind_which_densities_end(seen):
     assert detector.flush_after_gap(time[-1] + 60.0) == []
 
 
+def test_a_wall_is_told_where_altitudes_leap():
+    """A leap forgets the densities about a wall that waits: the wall stays where it was found."""
+    time, _, altitude, density, sigma = pass_through(False)
+    detector = DensityEdgeDetector()
+    for sample in zip(time[:128], altitude, density, sigma, strict=False):
+        assert not detector.update(*sample[:2], 984.9, *sample[2:])
+    (edge,) = detector.update(time[128], altitude[127] - 60e3, 984.9, density[127], sigma[127])
+    assert edge.is_entry and edge.altitude == pytest.approx(350.3e3, abs=500.0)
+
+
 def rays(s4, onset, end, seconds=300, seed=0, rate=20):
     """Intensity of a ray that scintillates from `onset` to `end`, with thermal noise."""
     generator = np.random.default_rng(seed)

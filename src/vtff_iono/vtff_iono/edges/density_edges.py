@@ -388,7 +388,7 @@ class DensityEdgeDetector:
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
         samples, slow = self._profile.samples[first:end], self._profile.slow_parts[first:end]
         # In a gap a wall may be anywhere.
-        gap = float(np.diff(advance[first:end]).max())
+        gap = float(np.diff(advance[first:end]).max(initial=0.0))
         span = 0.5 * (candidate.width + self._length) + _BEYOND + gap
         # A wall whose one side was not seen may go on there.
         unseen = 0.5 * _WIDTHS[-1]
