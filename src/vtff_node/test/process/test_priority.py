@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import pathlib
 import subprocess
 import sys
+
+import pytest
 
 from vtff_node.process import priority
 
@@ -34,9 +37,10 @@ def test_all_threads_and_the_session_get_it():
     assert done.stdout.splitlines()[1] in ("7", "nice")
 
 
-def test_a_system_that_does_not_permit_it(monkeypatch):
+@pytest.mark.parametrize("error", [errno.EACCES, errno.EPERM, errno.ENOSYS])
+def test_a_system_that_does_not_permit_it(monkeypatch, error):
     def refuse(*_arguments: int) -> None:
-        raise PermissionError
+        raise OSError(error, os.strerror(error))
 
     monkeypatch.setattr(os, "setpriority", refuse)
     session = pathlib.Path("/proc/self/autogroup")

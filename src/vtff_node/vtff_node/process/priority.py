@@ -17,9 +17,9 @@ _SESSION = pathlib.Path("/proc/self/autogroup")
 def set_niceness(niceness: int) -> bool:
     """Give all threads of this process a niceness; return whether the system permits it.
 
-    Threads that begin later inherit it. So does the session of a process that leads one, as those
-    of a run do. Less than the present one needs the right to it: a limit
-    `RLIMIT_NICE` or `CAP_SYS_NICE`.
+    Threads that begin later inherit it. A process that leads a session, as each process of a run
+    does, gives it to the session too. A niceness below the present one needs the limit
+    `RLIMIT_NICE` or the capability `CAP_SYS_NICE`.
 
     Parameters
     ----------
@@ -35,9 +35,9 @@ def set_niceness(niceness: int) -> bool:
             os.setpriority(os.PRIO_PROCESS, thread, niceness)
         except ProcessLookupError:
             continue  # it has ended meanwhile
-        except PermissionError:
+        except OSError:  # no right to it, or a sandbox without the call
             return False
-    if os.getsid(0) == os.getpid() and _SESSION.exists():
-        with contextlib.suppress(OSError):
+    if os.getsid(0) == os.getpid():
+        with contextlib.suppress(OSError):  # a kernel without sched_autogroup has no such file
             _SESSION.write_text(f"{niceness}", encoding="ascii")
     return True
