@@ -56,7 +56,6 @@ class MeasuredFlight:
             TRACK.field_gcrf(number),
             TRACK.field_gcrf(number + 1),
             state[:3] + 2.5 * state[3:],
-            state[3:],
             self.wheel,
             self.wheel,
             np.array(pulses, dtype=float),

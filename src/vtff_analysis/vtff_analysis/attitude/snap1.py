@@ -251,9 +251,7 @@ def fly_dipole_estimation(
         field = step.report.field_body[-1]
         nothing = np.zeros(3)
         estimator.predict(
-            FilterPeriod(
-                track.period, nothing, nothing, nothing, nothing, momentum, momentum, nothing
-            ),
+            FilterPeriod(track.period, nothing, nothing, nothing, momentum, momentum, nothing),
             last,
             field,
         )

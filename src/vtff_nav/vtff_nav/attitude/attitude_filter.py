@@ -54,8 +54,8 @@ class FilterPeriod:
         s.
     field_start_gcrf, field_end_gcrf
         Field of the model at its start and end, T, shape (3,).
-    position_gcrf, velocity_gcrf
-        Orbit in its middle, m and m/s, shape (3,).
+    position_gcrf
+        Position in its middle, m, shape (3,).
     wheel_start, wheel_end
         Momentum of the wheel, N m s.
     pulses
@@ -66,7 +66,6 @@ class FilterPeriod:
     field_start_gcrf: FloatArray
     field_end_gcrf: FloatArray
     position_gcrf: FloatArray
-    velocity_gcrf: FloatArray
     wheel_start: float
     wheel_end: float
     pulses: FloatArray

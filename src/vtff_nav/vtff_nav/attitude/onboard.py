@@ -154,7 +154,6 @@ class OnboardAttitudeEstimator:
                 field_start_gcrf,
                 field_end_gcrf,
                 state_start_gcrf[:3] + 0.5 * report.period * state_start_gcrf[3:],
-                state_start_gcrf[3:],
                 wheel_start,
                 wheel_end,
                 np.asarray(report.pulses, dtype=float),
