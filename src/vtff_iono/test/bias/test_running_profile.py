@@ -143,3 +143,6 @@ def test_compiled_layer_means_and_derivatives_are_those_of_arrays():
         assert profile.mean_density(high, low) == pytest.approx(mean, rel=1e-12)
         means = np.mean(tables[1:], axis=1)
         np.testing.assert_allclose(profile.mean_derivatives(high, low), means, rtol=1e-12)
+    for place in altitude[[0, 50, -1]]:
+        there = [np.interp(place, altitude, row) for row in expected[1:]]
+        np.testing.assert_allclose(profile.mean_derivatives(place, place), there, rtol=1e-12)

@@ -209,7 +209,8 @@ def _mean_between(low, high, altitude, density):  # type: ignore[no-untyped-def]
 @compiled
 def _means_of_samples(low, high, altitude, densities):  # type: ignore[no-untyped-def]
     """Return the means of the rows of densities (k, n) at two altitudes and those between, (k,)."""
-    first, end = np.searchsorted(altitude, low, "right"), np.searchsorted(altitude, high)
+    first = np.searchsorted(altitude, low, "right")
+    end = max(first, np.searchsorted(altitude, high))  # less where both are the same altitude
     ends = np.array([low, high])
     means = np.empty(len(densities))
     for k in range(len(densities)):
