@@ -29,8 +29,8 @@ class GravityTerms(NamedTuple):
     recursion : ndarray, shape (2, M + 2, N + 2)
         Factors of the two harmonics of lower degree.
     weights : ndarray, shape (6, M + 2, N + 2)
-        What the cosine and the sine harmonic of each degree and order add to the acceleration:
-        x by both, y by both, z by both.
+        Acceleration by the cosine and by the sine harmonic of each degree and order: x by both, y
+        by both, z by both.
     """
 
     recursion: FloatArray

@@ -1,4 +1,4 @@
-"""What densities belong together, and the window in which the crossing of an edge is fitted."""
+"""Densities that belong together, and the window in which the crossing of an edge is fitted."""
 
 import types
 

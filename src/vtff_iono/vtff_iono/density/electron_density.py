@@ -196,7 +196,8 @@ class ElectronDensityEstimator:
         self._last_time: float | None = None
         self.slow_errors = SlowErrors()
         self._slow_variance = self.slow_errors.sigma**2
-        # State: b in TECU, a, density in TECU per metre, m of each satellite in TECU.
+        # State: b in TECU, a, density in TECU per metre, shape of the layer (see `DensitySettings`)
+        # and m of each satellite in TECU.
         self._state = np.zeros(COMMON)
         self._covariance = np.zeros((COMMON, COMMON))
         # Index in the state of each satellite, and when it was last observed.

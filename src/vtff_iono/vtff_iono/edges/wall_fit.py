@@ -74,7 +74,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
     samples : ndarray, shape (n, 5)
         Time, s, altitude, m, density and sigmas of its fast and of its common error, 1/m3.
     slow : ndarray, shape (n, m)
-        What one sigma of each slow error adds to the densities, 1/m3.
+        Change of the densities by one sigma of each slow error, 1/m3.
     direction : float
         1 in a climb, -1 in a descent.
     middle, reach : float

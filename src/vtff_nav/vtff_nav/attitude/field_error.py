@@ -6,7 +6,7 @@ error of the field), and it comes again where a later orbit passes near an earli
 tells of the same coefficients, and the filter neither takes the orbits for independent nor forgets
 what it has learned of the field. The coefficients change slowly in time.
 
-Equal mean squares of the degrees 1 to 12 are taken. In orbit an error of IGRF is of these: a
+The degrees 1 to 12 are assumed to have equal mean squares. In orbit they hold the error of IGRF: a
 harmonic of degree n fades with height by (n + 2) times its share of the radius. Degrees that are
 left out would be taken for noise of the sensor, which a minute averages.
 

@@ -48,7 +48,7 @@ def rehearse(estimator: RelativeEstimator, *, is_in_orbit: bool = True) -> Relat
     Returns
     -------
     RelativeSolution
-        That of the last epoch.
+        Solution of the last epoch.
     """
     ephemerides = nominal_gps_constellation(_START, _START + 60.0)
     for ephemeris in ephemerides:

@@ -1,4 +1,4 @@
-"""What the plasma adds to the rays of an epoch, compiled.
+"""Contents of the plasma along the rays of an epoch, compiled.
 
 An array operation on a dozen rays costs twenty times what its arithmetic does.
 """
