@@ -9,7 +9,12 @@ from cdgps_test_support import START, configuration, simulate
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_gcrf_to_itrf
 from vtff_gnss.constants import FLAG_HALF_CYCLE_ADDED
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
-from vtff_nav.relative.cdgps.orbit_filter import AbsoluteFilter, mean_of_receivers
+from vtff_nav.relative.cdgps.orbit_filter import (
+    _QUIET_EVIDENCE,
+    AbsoluteFilter,
+    mean_of_receivers,
+)
+from vtff_nav.relative.cdgps.state import GaussianState
 from vtff_nav.relative.common.measurements import (
     SignalReader,
     compute_geometry,
@@ -161,6 +166,29 @@ def test_range_errors_do_not_average_out(scenario):
     orbit, _ = range_errors(scenario, 3.0)
     sigma = np.sqrt(np.trace(orbit.covariance[:3, :3]))
     assert sigma > 0.5 * orbit.broadcast_sigma
+
+
+@pytest.mark.parametrize(("offset", "is_quiet"), [(0.0, True), (2.0, False)])
+def test_offsets_of_satellites_tell_of_broadcast_errors(offset, is_quiet):
+    """Where ranges as small as biases do not decide; also when the offsets have left."""
+    generator = np.random.default_rng(4)
+    orbit, count = AbsoluteFilter(configuration()), 7
+    ranges, offsets = (
+        [(kind, index) for index in range(count)] for kind in ("range_error", "satellite_offset")
+    )
+    sigmas = np.repeat([orbit._range_sigma, orbit.broadcast_sigma], count)
+    orbit.state = GaussianState([*ranges, *offsets], np.zeros(2 * count), np.diag(sigmas**2))
+    noise = np.repeat([1.5, 0.2], count)
+    values = np.repeat([0.3, offset], count) * generator.standard_normal(2 * count)
+    values += noise * generator.standard_normal(2 * count)
+    design, empty = np.eye(2 * count), np.zeros((2 * count, 0))
+    orbit.state.update(orbit.state.innovation(design, values, noise**2, empty))
+    needed = np.log(_QUIET_EVIDENCE)
+    assert (orbit._quiet_evidence() > needed) == is_quiet
+    orbit.state.remove(offsets)
+    of_ranges = orbit._quiet_evidence() - orbit._offset_evidence
+    assert of_ranges < needed
+    assert (orbit._offset_evidence == needed) == is_quiet
 
 
 @pytest.mark.parametrize("kind", ["code", "phase"])

@@ -109,3 +109,28 @@ def test_contents_change_by_gradients_where_these_show(are_joint, gradient):
     walk = gradient * speed * np.sqrt(2.0 * parameters.plasma_gradient_time * 100.0)
     given = 15.0 * np.sqrt(1.0 - np.exp(-200.0 / parameters.electron_density_time))
     assert content == pytest.approx(min(walk, given) if are_joint else given, rel=0.01)
+
+
+@pytest.mark.parametrize(("true", "smallest", "largest"), [(0.03, 0.03, 0.3), (2.0, 0.8, 2.0)])
+def test_gradients_are_learnt_before_there_are_integers(true, smallest, largest):
+    """From gradients that floats tell to 0.1 TECU/deg; without that, all sigmas are as likely."""
+    parameters = CdgpsConfiguration()
+    generator = np.random.default_rng(2)
+    sigmas = []
+    for _ in range(20):
+        motion = np.concatenate((DEPUTY_5KM - CHIEF, np.zeros(3)))
+        relative = RelativeFilter(parameters, motion, np.eye(9), 0.0)
+        state = relative.state
+        state.join(GaussianState(CHIEF_MOTION, np.zeros(9), np.eye(9)))
+        columns = [k for k, label in enumerate(state.labels) if label[-1] in ("north", "east")]
+        relative._learn_gradients()
+        unknown = relative._gradient_sigma
+        design = np.eye(len(state))[columns]
+        values = np.hypot(true, 0.1) * generator.standard_normal(len(columns))
+        empty = np.zeros((len(columns), 0))
+        state.update(state.innovation(design, values, np.full(len(columns), 0.01), empty))
+        for _ in range(5):
+            relative._learn_gradients()
+        sigmas.append(relative._gradient_sigma)
+    assert unknown > 0.4 * parameters.plasma_gradient_sigma_tecu_per_deg
+    assert smallest < np.median(sigmas) < largest

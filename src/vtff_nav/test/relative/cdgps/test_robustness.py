@@ -215,6 +215,33 @@ def test_coupling_and_reweighing_against_a_batch():
     np.testing.assert_allclose(state.covariance, expected, rtol=1e-9)
 
 
+def test_likelihood_of_other_variances_against_a_batch():
+    """Constants that are estimated with others; a variance may be zero."""
+    random = np.random.default_rng(3)
+    last = np.array([4.0, 9.0, 1.0, 100.0])
+    labels = [("weighed", 0), ("weighed", 1), ("other", 0), ("other", 1)]
+    design, noise = random.standard_normal((7, 4)), np.full(7, 0.2)
+    values = design @ (np.sqrt([0.5, 0.0, 1.0, 100.0]) * random.standard_normal(4))
+    state = GaussianState(labels, np.zeros(4), np.diag(last))
+    for row in range(7):
+        part = slice(row, row + 1)
+        residual = values[part] - design[part] @ state.mean
+        state.update(state.innovation(design[part], residual, noise[part], np.zeros((1, 0))))
+
+    def batch(variances: list[float]) -> float:
+        prior = np.diag([*variances, *last[2:]])
+        covariance = design @ prior @ design.T + np.diag(noise)
+        determinant = np.linalg.slogdet(covariance)[1]
+        return -0.5 * float(values @ np.linalg.solve(covariance, values) + determinant)
+
+    expected = batch([0.3, 0.0]) - batch([2.0, 5.0])
+    likelihoods = [
+        state.log_likelihood(labels[:2], last[:2], np.array(variances))
+        for variances in ([0.3, 0.0], [2.0, 5.0])
+    ]
+    assert likelihoods[0] - likelihoods[1] == pytest.approx(expected, rel=1e-9)
+
+
 @pytest.mark.parametrize("kind", ["attitude_error", "antenna_offset"])
 def test_doubt_about_phases_is_no_doubt_about_what_moves_the_antenna(kind):
     """An antenna that is known to 1 mm, which something moves by 8 mm, and doubt of 5."""

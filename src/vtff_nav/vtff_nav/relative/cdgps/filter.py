@@ -79,9 +79,10 @@ _THRUST_GAIN = 0.2
 _LARGEST_CORRECTION = 6.0
 _VELOCITY_NOISE = 5e-4
 # The sigmas of slow errors and gradients in the state follow their estimates in steps of this
-# factor. The number of quiet gradients that are counted with those of the shells, and their step.
+# factor. The number of quiet gradients that are counted with those of the shells, their step, and
+# the number of sigmas that are weighed before there are integers.
 _SIGMA_STEP = 1.25
-_QUIET_GRADIENTS, _GRADIENT_STEP = 4, 1.1
+_QUIET_GRADIENTS, _GRADIENT_STEP, _GRADIENT_MODELS = 4, 1.1, 8
 # Errors of satellites' positions become states where they change a single difference by more than
 # this, m.
 _SMALLEST_RAY_ERROR = 1e-4
@@ -481,7 +482,11 @@ class RelativeFilter:
         labels = state.labels_of("satellite_offset")
         state.remove([label for label in labels if label[1] not in satellites])
         if sigma * norm(state.mean[:3]) < _SMALLEST_RAY_ERROR * distance:
-            state.remove(labels)
+            # Without offsets all phases so far tell more of the motion.
+            if present := [label for label in labels if label in state]:
+                smallest = _SMALLEST_RAY_ERROR * distance / norm(state.mean[:3])
+                state.reweigh(present, last.sigma**2, smallest**2)
+                state.remove(present)
             return
         if last.sigma != sigma:
             self._satellite_offset = SlowError(sigma, last.correlation_time)
@@ -730,16 +735,27 @@ class RelativeFilter:
         """Adapt the a priori sigma of the horizontal gradients of the plasma to their estimates.
 
         Expectation maximisation (Dempster, Laird and Rubin 1977): the expected squares of the
-        gradients, and those of so many quiet ones, give the variance.
+        gradients, and those of so many quiet ones, give the variance. Without integers they are
+        known too little for that: the variance is then the mean of those between quiet and stated,
+        weighed by their likelihoods (multiple models: Magill 1965), over tens of kilometres, where
+        gradients tell in changes of phases.
         """
-        if len(self.arcs.fixed_groups()) == 0:
-            return
         state, quiet = self.state, self.configuration.plasma_quiet_gradient_tecu_per_deg
+        stated = self.configuration.plasma_gradient_sigma_tecu_per_deg
         labels = [label for label in state.labels if label[-1] in ("north", "east")]
-        columns = [state.index(label) for label in labels]
-        squares = state.mean[columns] ** 2 + np.diagonal(state.covariance)[columns]
-        total = float(squares.sum()) + _QUIET_GRADIENTS * quiet**2
-        sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
+        if self.arcs.fixed_groups():
+            columns = [state.index(label) for label in labels]
+            squares = state.mean[columns] ** 2 + np.diagonal(state.covariance)[columns]
+            total = float(squares.sum()) + _QUIET_GRADIENTS * quiet**2
+            sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
+        elif CHIEF_MOTION[0] in state and 0.0 < quiet < stated:
+            models = np.geomspace(quiet, stated, _GRADIENT_MODELS) ** 2
+            last, *weighed = np.outer([self._gradient_sigma**2, *models], np.ones(len(labels)))
+            likelihood = np.array([state.log_likelihood(labels, last, v) for v in weighed])
+            weight = np.exp(likelihood - likelihood.max())
+            sigma = math.sqrt(float(weight @ models) / float(weight.sum()))
+        else:
+            return
         if not 1.0 / _GRADIENT_STEP < sigma / self._gradient_sigma < _GRADIENT_STEP:
             state.reweigh(labels, self._gradient_sigma**2, sigma**2)
             self._gradient_sigma = sigma

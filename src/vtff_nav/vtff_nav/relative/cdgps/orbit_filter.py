@@ -131,6 +131,8 @@ class AbsoluteFilter:
         self._range_sigma = self._configuration.ephemeris_sigma
         # Whether range errors are biases of codes alone.
         self._is_quiet = False
+        # What offsets of satellites add to the logarithm of the likelihood of that.
+        self._offset_evidence = 0.0
         # Degrees of freedom of that sigma, squared.
         self._freedom = _STATED_FREEDOM
         self.acceleration = AccelerationMonitor(self._configuration.noise_chief)
@@ -390,8 +392,8 @@ class AbsoluteFilter:
 
         A few satellites tell little of a sigma, so that the stated one counts with them or, where
         the errors are too small for broadcast errors, that of the biases of the codes. They are too
-        small where their likelihood with such biases is larger by a factor of `_QUIET_EVIDENCE`:
-        with stated errors that happens to no more than its inverse of all flights, at any of their
+        small where the likelihood of such biases is larger by a factor of `_QUIET_EVIDENCE`: with
+        stated errors that happens to no more than its inverse of all flights, at any of their
         epochs (Ville 1939).
         """
         state, labels = self.state, self._range_errors
@@ -407,14 +409,9 @@ class AbsoluteFilter:
         told, axes = np.linalg.eigh(weight - np.eye(len(columns)) / last)
         told = told.clip(0.0)
         score = axes.T @ (weight @ state.mean[columns])
-
-        def log_likelihood(variance: float) -> float:
-            explained = score**2 * variance / (1.0 + variance * told)
-            return 0.5 * float(np.sum(explained - np.log1p(variance * told)))
-
-        stated, biases = self._configuration.ephemeris_sigma, self._configuration.code_bias_sigma
-        evidence = log_likelihood(biases**2) - log_likelihood(stated**2)
+        evidence = self._quiet_evidence()
         self._is_quiet = evidence > (0.0 if self._is_quiet else math.log(_QUIET_EVIDENCE))
+        stated, biases = self._configuration.ephemeris_sigma, self._configuration.code_bias_sigma
         expected, variance = biases if self._is_quiet else stated, last
         for _ in range(_SIGMA_ITERATIONS):
             gain = variance / (1.0 + variance * told)
@@ -425,6 +422,35 @@ class AbsoluteFilter:
         if not 1.0 / _SIGMA_STEP < sigma / self._range_sigma < _SIGMA_STEP:
             state.reweigh(labels, last, sigma**2)
             self._range_sigma = sigma
+
+    def _quiet_evidence(self) -> float:
+        """Return the log likelihood of biases of codes alone less that of stated broadcast errors.
+
+        Errors of broadcast orbits also move satellites across their rays. Where these offsets are
+        members of the state, differences of phases with integers tell of them at once: over 225 km
+        2 m change a phase by 2 cm. When they have left, what they told counts as far as it decides.
+        """
+        state, ranges, offset_sigma = self.state, self._range_errors, self.broadcast_sigma
+        assert state is not None
+        stated, biases = self._configuration.ephemeris_sigma, self._configuration.code_bias_sigma
+        # Prior sigmas of ranges and of offsets: as they are, without and with broadcast errors.
+        sigmas = ((self._range_sigma, offset_sigma), (biases, 0.0), (stated, stated))
+
+        def evidence(offsets: list[Label]) -> float:
+            counts = (len(ranges), len(offsets))
+            last, quiet, loud = (np.repeat(np.square(pair), counts) for pair in sigmas)
+            labels = [*ranges, *offsets]
+            return state.log_likelihood(labels, last, quiet) - state.log_likelihood(
+                labels, last, loud
+            )
+
+        of_ranges = evidence([])
+        offsets = state.labels_of("satellite_offset")
+        if not offsets or offset_sigma == 0.0:
+            return of_ranges + self._offset_evidence
+        of_all = evidence(offsets)
+        self._offset_evidence = min(of_all - of_ranges, math.log(_QUIET_EVIDENCE))
+        return of_all
 
     def _ambiguities(
         self, time: GpsTime, measured: Combinations, predicted: FloatArray

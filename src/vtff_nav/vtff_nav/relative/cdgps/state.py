@@ -308,6 +308,33 @@ class GaussianState:
             empty = np.zeros((len(columns), 0))
             self.update(self.innovation(design, -self.mean[columns], noise, empty))
 
+    def log_likelihood(
+        self, labels: Sequence[Label], last: FloatArray, variances: FloatArray
+    ) -> float:
+        """Return the log likelihood of all measurements with other prior variances of members.
+
+        Parameters
+        ----------
+        labels : sequence of Label
+            k members that were independent of each other and of zero mean before the measurements.
+        last, variances : ndarray, shape (k,)
+            Prior variances that were assumed, more than zero, and those that are weighed.
+
+        Returns
+        -------
+        float
+            Up to a constant that is the same for all `variances`.
+        """
+        columns = [self._index_of[label] for label in labels]
+        weight = np.linalg.inv(self.covariance[np.ix_(columns, columns)])
+        told, axes = np.linalg.eigh(weight - np.diag(1.0 / last))
+        sigma = np.sqrt(variances)
+        axes = sigma[:, None] * axes
+        total = np.eye(len(columns)) + (axes * told.clip(0.0)) @ axes.T
+        score = sigma * (weight @ self.mean[columns])
+        explained = float(score @ np.linalg.solve(total, score))
+        return 0.5 * (explained - float(np.linalg.slogdet(total)[1]))
+
     def doubt(self, factor: float, columns: Sequence[int], prior: FloatArray) -> None:
         """Divide the information of all measurements by a factor, but not that of the prior.
 
