@@ -48,9 +48,9 @@ def read_signals(  # type: ignore[no-untyped-def]
         wavelengths, m.
     has_ephemeris : ndarray of bool
         Whether a satellite number has an ephemeris.
-    flags, pseudorange, carrier_phase_cycles, pseudorange_sigma, carrier_phase_sigma_cycles,
-    doppler_hz, lock_time
-        Columns of `ObservationEpoch` in that order.
+    flags, ..., lock_time : ndarray, shape (n,)
+        Columns of `ObservationEpoch`: flags, pseudorange, carrier phase, sigmas of both, Doppler
+        shift and lock time.
     sigmas, smallest_sigmas : ndarray, shape (2,)
         Sigmas of code and phase where the receiver states none, and lower limits of those that it
         states, m.
