@@ -64,9 +64,9 @@ def main() -> None:
     options = parser.parse_args()
     scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2)
     print(
-        "| seed | latitude, deg; content at night, in the afternoon, TECU | receiver bias: error,"
+        "| seed | latitude, deg; content at night, in the afternoon, TECU | receiver bias: error, "
+        "sigma, ns; error over sigma | slant content: RMS, TECU; error over sigma, RMS |"
     )
-    print("sigma, ns; error over sigma | slant content: RMS, TECU; error over sigma, RMS |")
     print("|---|---|---|---|")
     ratios, squares = [], []
     for number in range(options.count):
