@@ -39,13 +39,9 @@ def flight(offset):
     return profile, fly(profile, offset, step=2.0)
 
 
-def retrieved(offset, vtec_error=0.5, seed=3, bias=BIAS):
-    """Densities from noisy differences; the absolute content is wrong by 0.5 TECU."""
-    profile, flown = flight(offset)
-    noise = NOISE_ONE_SECOND * np.random.default_rng(seed).standard_normal(flown.stec_chief.shape)
-    observed = flown.stec_deputy - flown.stec_chief + bias + noise
-    estimator = ElectronDensityEstimator()
-    epochs = [
+def estimated(estimator, flown, observed, vtec_tecu, vtec_sigma_tecu):
+    """Epochs of an estimator over a flight; `vtec_tecu` holds the absolute content of each."""
+    return [
         estimator.update(
             flown.time[k],
             flown.altitude_chief[k],
@@ -54,11 +50,20 @@ def retrieved(offset, vtec_error=0.5, seed=3, bias=BIAS):
             flown.elevation_deputy[k],
             observed[k],
             np.full(observed.shape[1], NOISE_ONE_SECOND),
-            flown.vtec_chief[k] + vtec_error,
-            0.5,
+            vtec_tecu[k],
+            vtec_sigma_tecu,
         )
         for k in range(len(flown.time))
     ]
+
+
+def retrieved(offset, vtec_error=0.5, seed=3, bias=BIAS):
+    """Densities from noisy differences; the absolute content is wrong by 0.5 TECU."""
+    profile, flown = flight(offset)
+    noise = NOISE_ONE_SECOND * np.random.default_rng(seed).standard_normal(flown.stec_chief.shape)
+    observed = flown.stec_deputy - flown.stec_chief + bias + noise
+    vtec_tecu = flown.vtec_chief + vtec_error
+    epochs = estimated(ElectronDensityEstimator(), flown, observed, vtec_tecu, 0.5)
     low = np.minimum(flown.altitude_chief, flown.altitude_deputy)
     truth = mean_density(*profile, low, low + abs(offset))
     return epochs, truth
@@ -96,20 +101,7 @@ def test_what_is_above_may_have_another_shape_than_the_model(peak, scale_below, 
         flown = fly(profile, -1000.0, start=2750.0, end=3750.0, step=5.0)
         noise = np.random.default_rng(1).standard_normal(flown.stec_chief.shape)
         observed = flown.stec_deputy - flown.stec_chief + BIAS + NOISE_ONE_SECOND * noise
-        epochs = [
-            estimator.update(
-                flown.time[k],
-                flown.altitude_chief[k],
-                flown.altitude_deputy[k],
-                flown.elevation_chief[k],
-                flown.elevation_deputy[k],
-                observed[k],
-                np.full(observed.shape[1], NOISE_ONE_SECOND),
-                flown.vtec_chief[k],
-                0.5,
-            )
-            for k in range(len(flown.time))
-        ]
+        epochs = estimated(estimator, flown, observed, flown.vtec_chief, 0.5)
         truth = mean_density(*profile, flown.altitude_deputy, flown.altitude_chief)
         error = np.array([epoch.density for epoch in epochs]) - truth
         sigma = np.array([epoch.sigma for epoch in epochs])
@@ -128,30 +120,27 @@ def test_a_layer_of_another_size_with_absolute_contents_that_err(factor, vtec_er
     flown = fly(profile, -1000.0, start=2750.0, end=4250.0, step=5.0)
     noise = np.random.default_rng(1).standard_normal(flown.stec_chief.shape)
     observed = flown.stec_deputy - flown.stec_chief + BIAS + NOISE_ONE_SECOND * noise
-    estimator = ElectronDensityEstimator()
-    epochs = []
-    for k in range(len(flown.time)):
-        told = math.nan
-        if vtec_error is not None and flown.time[k] - flown.time[0] > 600.0:
-            told = flown.vtec_chief[k] + vtec_error
-        epochs.append(
-            estimator.update(
-                flown.time[k],
-                flown.altitude_chief[k],
-                flown.altitude_deputy[k],
-                flown.elevation_chief[k],
-                flown.elevation_deputy[k],
-                observed[k],
-                np.full(observed.shape[1], NOISE_ONE_SECOND),
-                told,
-                5.0,
-            )
-        )
+    told = np.full(len(flown.time), math.nan)
+    if vtec_error is not None:
+        is_late = flown.time - flown.time[0] > 600.0
+        told[is_late] = flown.vtec_chief[is_late] + vtec_error
+    epochs = estimated(ElectronDensityEstimator(), flown, observed, told, 5.0)
     truth = mean_density(*profile, flown.altitude_deputy, flown.altitude_chief)
     error = np.array([epoch.density for epoch in epochs]) - truth
     sigma = np.array([epoch.sigma for epoch in epochs])
     assert math.sqrt(np.mean((error / sigma)[20:] ** 2)) < 1.3
     assert np.abs(error[20:]).mean() <= 2e4 * CM3
+
+
+def test_an_absolute_content_of_unknown_error_tells_nothing():
+    profile, flown = flight(1000.0)
+    observed = flown.stec_deputy - flown.stec_chief + BIAS
+    densities = []
+    for told, sigma in ((flown.vtec_chief, math.inf), (np.full(len(flown.time), math.nan), 1.0)):
+        epochs = estimated(ElectronDensityEstimator(), flown, observed, told, sigma)
+        densities.append([epoch.density for epoch in epochs])
+    assert np.isfinite(densities[0][10:]).all()
+    assert densities[0] == densities[1]
 
 
 def test_single_satellites_agree_with_all():

@@ -223,7 +223,7 @@ class ElectronDensityEstimator:
         Its error is that of the receiver bias and hardly changes: all contents of `content_time`
         together count as one.
         """
-        if not (math.isfinite(vtec_tecu) and sigma_tecu > 0.0 and elapsed > 0.0):
+        if not (math.isfinite(vtec_tecu) and 0.0 < sigma_tecu < math.inf and elapsed > 0.0):
             return
         above = self.profile.slant_contents(np.array([0.5 * math.pi]), altitude)[:, 0]
         design = np.zeros((1, len(self._state)))
