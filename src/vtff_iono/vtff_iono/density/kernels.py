@@ -77,7 +77,7 @@ def pass_time(state, covariance, scale, decay, gained):  # type: ignore[no-untyp
     scale : float
         Factor of the sigmas of b and of the slow errors, which prove larger or smaller.
     decay : float
-        What is left of a slow error.
+        Factor by which a slow error decays.
     gained : ndarray, shape (COMMON + 1,)
         Variance that each common state gains, and that a slow error gains.
     """
@@ -219,7 +219,7 @@ def slow_residuals(observed, common, common_sigma, fast_variance, variance):  # 
     common : ndarray, shape (n, p)
         Derivatives with respect to what is shared.
     common_sigma : ndarray, shape (p,)
-        What is believed of it beforehand; infinite for what only the contents tell.
+        Sigma of what is shared before any content; infinite for what only the contents tell.
     variance : float
         Variance of the slow errors.
 
@@ -233,7 +233,7 @@ def slow_residuals(observed, common, common_sigma, fast_variance, variance):  # 
     """
     count, shared = common.shape
     weight = 1.0 / np.sqrt(fast_variance + variance)
-    # What is believed beforehand are observations too (of zero).
+    # The sigmas before any content are observations too, of zero.
     residual, freedom = np.zeros(count + shared), np.ones(count + shared)
     residual[:count] = observed * weight
     basis = np.zeros((shared, count + shared))

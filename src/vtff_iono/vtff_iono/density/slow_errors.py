@@ -98,7 +98,7 @@ class SlowErrors:
             Derivatives with respect to what all satellites share, and is removed. What is estimated
             from the contents belongs to it: it takes part of the slow errors with it.
         common_sigma : ndarray, shape (p,)
-            What is believed of it beforehand; infinite for what only the contents tell.
+            Sigma of what is shared before any content; infinite for what only the contents tell.
         fast_variance : ndarray, shape (n,)
             Variance of the errors that are independent from epoch to epoch, TECU^2.
         """
