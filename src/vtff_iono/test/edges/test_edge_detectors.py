@@ -14,11 +14,22 @@ from vtff_iono.edges.edge_detectors import (
     edge_position,
     intensity_variance,
 )
-from vtff_iono.edges.wall_fit import fit_wall, smeared_step
+from vtff_iono.edges.wall_fit import fit_wall
 from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
 BOTTOM, TOP = 290e3, 350e3
+
+
+def smeared_step(distance, width, length):
+    """A wall that rises linearly from 0 to 1 over its width, averaged over a length besides."""
+    first, second = max(width, 1e-3), max(length, 1e-3)
+    ends = (first + second, first - second, second - first, -first - second)
+    total = sum(
+        sign * np.maximum(distance + 0.5 * end, 0.0) ** 2
+        for sign, end in zip((1.0, -1.0, -1.0, 1.0), ends, strict=True)
+    )
+    return total / (2.0 * first * second)
 
 
 def bubble():
@@ -144,7 +155,7 @@ def test_the_compiled_fit_is_generalised_least_squares(passes, is_smooth):
             covariance += np.diag([np.mean(samples[g, 3] ** 2) / len(g) for g in groups])
             common = np.array([np.mean(samples[g, 4] ** 2) for g in groups])
             covariance += np.minimum.outer(common, common)
-            wall = smeared_step(distance, width, length, 0) - 0.5
+            wall = smeared_step(distance, width, length) - 0.5
             if is_smooth:
                 wall = (distance / reach) ** 2
             weight = np.linalg.inv(covariance)

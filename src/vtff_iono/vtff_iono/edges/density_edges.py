@@ -305,8 +305,8 @@ class DensityEdgeDetector:
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
         samples = self._profile.samples[first:end]
         slow = self._profile.slow_parts[first:end]
-        is_fitted, level, slope, change, sigma, misfit, freedom = self._fit_shape(
-            samples, slow, middle, reach, width, False
+        is_fitted, level, slope, change, sigma, misfit, freedom = self._fit_wall(
+            samples, slow, middle, reach, width, fewest=self._fewest
         )
         if not is_fitted:
             return
@@ -329,7 +329,9 @@ class DensityEdgeDetector:
             if fall < self._relative_change * change:
                 return
         # Both are fitted as unsurely as the wall is.
-        smooth = self._fit_shape(samples, slow, middle, reach, width, True)
+        smooth = self._fit_wall(
+            samples, slow, middle, reach, width, fewest=self._fewest, is_smooth=True
+        )
         if smooth[0] and smooth[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
             return
         significance = abs(change) / sigma
@@ -351,14 +353,17 @@ class DensityEdgeDetector:
         count = bisect.bisect_left(self._heights, advance)
         return self._falls[count - 1] if count else 0.0
 
-    def _fit_shape(
+    def _fit_wall(
         self,
         samples: FloatArray,
         slow: FloatArray,
         middle: float,
         reach: float,
         width: float,
-        is_smooth: bool,
+        most_means: int = _MEANS,
+        fewest: int = 0,
+        passes: int = 1,
+        is_smooth: bool = False,
     ) -> tuple[bool, float, float, float, float, float, int]:
         """Return a fit of a line and a wall, or of a parabola, to densities; see `fit_wall`."""
         fit: tuple[bool, float, float, float, float, float, int] = fit_wall(
@@ -371,9 +376,9 @@ class DensityEdgeDetector:
             self._length,
             self._slow_time,
             _STEEPEST,
-            _MEANS,
-            self._fewest,
-            1,
+            most_means,
+            fewest,
+            passes,
             is_smooth,
         )
         return fit
@@ -399,20 +404,8 @@ class DensityEdgeDetector:
         freedom = 1
         for row, width_tried in enumerate(_WIDTHS):
             for column, place in enumerate(places.tolist()):
-                is_fitted, level, _, change, sigma, misfit, freedom_of_fit = fit_wall(
-                    samples,
-                    slow,
-                    self._direction,
-                    place,
-                    reach,
-                    width_tried,
-                    self._length,
-                    self._slow_time,
-                    _STEEPEST,
-                    _MEANS_OF_PLACE,
-                    0,
-                    2,
-                    False,
+                is_fitted, level, _, change, sigma, misfit, freedom_of_fit = self._fit_wall(
+                    samples, slow, place, reach, width_tried, _MEANS_OF_PLACE, passes=2
                 )
                 # No density is negative, also where a wall was not seen to its end.
                 is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma

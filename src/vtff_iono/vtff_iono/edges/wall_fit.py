@@ -7,9 +7,8 @@ import math
 import numpy as np
 
 from vtff_dynamics.compiled import compiled
-from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["SAMPLE_COLUMNS", "compile_kernels", "fit_wall", "smeared_step"]
+__all__ = ["SAMPLE_COLUMNS", "compile_kernels", "fit_wall"]
 
 SAMPLE_COLUMNS = 5
 """Columns of the samples of `fit_wall`."""
@@ -18,37 +17,6 @@ SAMPLE_COLUMNS = 5
 _FEWEST_SAMPLES = 6
 # Largest difference of the densities beside a wall over their mean: neither is negative.
 _LARGEST_CONTRAST = 1.9
-
-
-def smeared_step(distance: FloatArray, width: float, length: float, power: int = 1) -> FloatArray:
-    """Return the integral (power 1), or a higher one, of a wall that is averaged over a length.
-
-    Parameters
-    ----------
-    distance : ndarray
-        From the middle of the wall, m.
-    width : float
-        Width over which the wall rises linearly from 0 to 1, m.
-    length : float
-        Length over which it is averaged besides, m.
-    power : int
-        0: the wall itself; 1: its integral over distance.
-    """
-
-    def ramp(argument: FloatArray, order: int) -> FloatArray:
-        return np.asarray(np.maximum(argument, 0.0) ** order / math.factorial(order))
-
-    first, second = max(width, 1e-3), max(length, 1e-3)
-    total = sum(
-        sign * ramp(distance + shift, 2 + power)
-        for sign, shift in (
-            (1.0, 0.5 * (first + second)),
-            (-1.0, 0.5 * (first - second)),
-            (-1.0, 0.5 * (second - first)),
-            (1.0, -0.5 * (first + second)),
-        )
-    )
-    return np.asarray(total / (first * second))
 
 
 @compiled
@@ -149,7 +117,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
         if is_smooth:
             walls[row] = (distance / reach) ** 2
             continue
-        # `smeared_step` of power 0.
+        # A wall that rises linearly over its width, averaged over the length.
         walls[row] = (
             max(distance + 0.5 * (rounded + smeared), 0.0) ** 2
             - max(distance - 0.5 * (rounded - smeared), 0.0) ** 2
