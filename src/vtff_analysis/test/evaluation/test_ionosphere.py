@@ -89,6 +89,16 @@ def edge(seconds, craft, entry, altitude):
     return Boundary(time, "vertical", "density", entry, craft, 255, 0, 0.0, 0.0, altitude)
 
 
+def scintillation_windows(ends, is_strong):
+    """Scintillation of G05 in windows that end `ends` seconds after the start."""
+    return SatelliteColumns(
+        time=START + ends * SECOND,
+        system=np.zeros(len(ends), np.uint8),
+        prn=np.full(len(ends), 5, np.uint8),
+        values={"band": np.ones(len(ends)), "s4_corrected": np.where(is_strong, 0.4, 0.01)},
+    )
+
+
 def made_up_run(error=0.0, late=0.0):
     """Return a run that finds each edge `late` s after its crossing."""
     edges = []
@@ -98,14 +108,8 @@ def made_up_run(error=0.0, late=0.0):
             entry = (altitude == TOP) == (sign < 0.0)
             edges.append(edge(seconds + late, craft, entry, altitude))
     minutes = np.arange(60, 1200, 60)
-    count = len(minutes)
     strong = (minutes > 960) & (minutes <= 1080)
-    scintillation = SatelliteColumns(
-        time=START + minutes * SECOND,
-        system=np.zeros(count, np.uint8),
-        prn=np.full(count, 5, np.uint8),
-        values={"band": np.ones(count), "s4_corrected": np.where(strong, 0.4, 0.01)},
-    )
+    scintillation = scintillation_windows(minutes, strong)
     slant_tec = SatelliteColumns(
         time=START + SECONDS * SECOND,
         system=np.zeros(len(SECONDS), np.uint8),
@@ -201,16 +205,8 @@ def test_minutes_are_counted_from_windows_of_any_length():
     """The truth, too: a window of ten seconds is no false one because no minute ends there."""
     ends = np.arange(10, 1200, 10)
     is_strong = (ends > 960) & (ends <= 1080)
-    windows = SatelliteColumns(
-        time=START + ends * SECOND,
-        system=np.zeros(len(ends), np.uint8),
-        prn=np.full(len(ends), 5, np.uint8),
-        # The first strong window is missed, and one before is false.
-        values={
-            "band": np.ones(len(ends)),
-            "s4_corrected": np.where(is_strong ^ np.isin(ends, (500, 970)), 0.4, 0.01),
-        },
-    )
+    # The first strong window is missed, and one before is false.
+    windows = scintillation_windows(ends, is_strong ^ np.isin(ends, (500, 970)))
     run = dataclasses.replace(made_up_run(), scintillation={"/chief/iono/scintillation": windows})
     found = summarise_ionosphere(run, made_up_truth())
     assert found["ionosphere_chief_scintillating_minutes"] == pytest.approx(2.0)
