@@ -27,7 +27,7 @@ from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.process.callback_watch import CallbackWatch
 from vtff_node.process.leaving import leave_process
 from vtff_node.process.lifeline import watch_lifeline
-from vtff_node.process.priority import set_niceness
+from vtff_node.process.priority import is_niceness_chosen, set_niceness
 from vtff_node.process.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
@@ -98,7 +98,7 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
         node.on_finish = end
         node.begin()
     watch.start()
-    if not any(node.lockstep for node in nodes):
+    if not any(node.lockstep for node in nodes) and not is_niceness_chosen():
         niceness = min(node.niceness for node in nodes)
         if not set_niceness(niceness):
             nodes[0].get_logger().info(f"the system does not permit a niceness of {niceness}")

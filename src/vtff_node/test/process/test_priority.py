@@ -14,13 +14,15 @@ from vtff_node.process import priority
 
 PROGRAM = """
 import os, pathlib, threading
-from vtff_node.process.priority import set_niceness
+from vtff_node.process.priority import is_niceness_chosen, set_niceness
+before = is_niceness_chosen()
 threading.Thread(target=threading.Event().wait, daemon=True).start()
 assert set_niceness(7)
 threads = [int(task.name) for task in pathlib.Path("/proc/self/task").iterdir()]
 print(len(threads), {os.getpriority(os.PRIO_PROCESS, thread) for thread in threads})
 session = pathlib.Path("/proc/self/autogroup")
 print(session.read_text().split()[-1] if session.exists() else 7)
+print(before, is_niceness_chosen())
 """
 
 
@@ -35,6 +37,7 @@ def test_all_threads_and_the_session_get_it():
     count, niceness = done.stdout.splitlines()[0].split(maxsplit=1)
     assert int(count) >= 2 and niceness == "{7}"
     assert done.stdout.splitlines()[1] in ("7", "nice")
+    assert done.stdout.splitlines()[2] == f"{os.nice(0) != 0} True"
 
 
 @pytest.mark.parametrize("error", [errno.EACCES, errno.EPERM, errno.ENOSYS])

@@ -6,12 +6,17 @@ import contextlib
 import os
 import pathlib
 
-__all__ = ["set_niceness"]
+__all__ = ["is_niceness_chosen", "set_niceness"]
 
 _TASKS = pathlib.Path("/proc/self/task")
 # Linux shares the processor among sessions first (sched_autogroup): the niceness of a process
 # counts within its own only.
 _SESSION = pathlib.Path("/proc/self/autogroup")
+
+
+def is_niceness_chosen() -> bool:
+    """Return whether this process was begun with a niceness of its own, by `nice` for example."""
+    return os.getpriority(os.PRIO_PROCESS, 0) != 0
 
 
 def set_niceness(niceness: int) -> bool:
