@@ -234,20 +234,20 @@ def test_models_of_slow_errors():
     )
 
 
-def test_derivatives_of_the_relative_state():
-    """By the difference exactly; by the chief as its frame turns on a circular orbit."""
-    relative = DEPUTY_5KM - CHIEF
-    rotation = rotation_gcrf_to_rtn(CHIEF)
-    state, by_difference, by_chief = derivatives_rtn(CHIEF, relative, rotation)
-    np.testing.assert_allclose(state, relative_state_rtn(CHIEF, DEPUTY_5KM), atol=1e-9)
+@pytest.mark.parametrize("climb", [0.0, 800.0])
+@pytest.mark.parametrize("distance", [5e3, 225e3])
+def test_derivatives_of_the_relative_state(distance, climb):
+    """By central differences; the orbit of a chief that climbs is not circular."""
+    chief = CHIEF + np.concatenate((np.zeros(3), climb * CHIEF[:3] / np.linalg.norm(CHIEF[:3])))
+    relative = (DEPUTY_5KM - CHIEF) * distance / np.linalg.norm((DEPUTY_5KM - CHIEF)[:3])
+    deputy, rotation = chief + relative, rotation_gcrf_to_rtn(chief)
+    state, by_difference, by_chief = derivatives_rtn(chief, relative, rotation)
+    np.testing.assert_allclose(state, relative_state_rtn(chief, deputy), atol=1e-7)
     for column in range(6):
         step = np.zeros(6)
         step[column] = 10.0 if column < 3 else 0.01
-        moved = relative_state_rtn(CHIEF, DEPUTY_5KM + step)
-        np.testing.assert_allclose(
-            (moved - state) / step[column], by_difference[:, column], atol=1e-6
-        )
-        moved = relative_state_rtn(CHIEF + step, DEPUTY_5KM + step)
-        derivative = (moved - state) / step[column]
-        scale = np.linalg.norm(relative[:3]) / np.linalg.norm(CHIEF[3 * (column // 3) :][:3])
-        np.testing.assert_allclose(derivative[:3], by_chief[:3, column], atol=0.02 * scale)
+        for moved, derivative in ((0.0, by_difference), (1.0, by_chief)):
+            after = relative_state_rtn(chief + moved * step, deputy + step)
+            before = relative_state_rtn(chief - moved * step, deputy - step)
+            expected = 0.5 * (after - before) / step[column]
+            np.testing.assert_allclose(derivative[:, column], expected, rtol=1e-5, atol=2e-8)

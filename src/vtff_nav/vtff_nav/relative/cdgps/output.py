@@ -69,12 +69,11 @@ def derivatives_rtn(chief_gcrf, relative_gcrf, rotation):  # type: ignore[no-unt
     chief_gcrf, relative_gcrf : ndarray, shape (6,)
         State of the chief, and deputy less chief, m and m/s.
     rotation : ndarray, shape (3, 3)
-        From GCRF to RTN. The frame turns with h/r2 about N, see `relative_state_rtn`; errors of
-        the chief turn it as on a circular orbit.
+        From GCRF to RTN. The frame turns with h/r2 about N, see `relative_state_rtn`.
     """
     x, y, z, vx, vy, vz = chief_gcrf
     square = x * x + y * y + z * z
-    radius, speed = math.sqrt(square), math.sqrt(vx * vx + vy * vy + vz * vz)
+    radius, climb = math.sqrt(square), (x * vx + y * vy + z * vz) / math.sqrt(square)
     momentum = math.sqrt((y * vz - z * vy) ** 2 + (z * vx - x * vz) ** 2 + (x * vy - y * vx) ** 2)
     rate = momentum / square
     state, from_difference = np.zeros(6), np.zeros((6, 6))
@@ -83,24 +82,32 @@ def derivatives_rtn(chief_gcrf, relative_gcrf, rotation):  # type: ignore[no-unt
             state[i] += rotation[i, j] * relative_gcrf[j]
             state[3 + i] += rotation[i, j] * relative_gcrf[3 + j]
             from_difference[i, j] = from_difference[3 + i, 3 + j] = rotation[i, j]
-    state[3] += rate * state[1]
-    state[4] -= rate * state[0]
-    # The turn of the frame by errors of the chief, about R, T and N.
-    turn = np.zeros((3, 6))
+    a, b, c = state[0], state[1], state[2]
+    va, vb, vc = state[3], state[4], state[5]  # without the rotation of the frame
+    state[3] += rate * b
+    state[4] -= rate * a
+    from_chief = np.empty((6, 6))
     for j in range(3):
         from_difference[3, j] = rate * rotation[1, j]
         from_difference[4, j] = -rate * rotation[0, j]
-        turn[0, 3 + j] = rotation[2, j] / max(speed, 1.0)
-        turn[1, j] = -rotation[2, j] / radius
-        turn[2, j] = rotation[1, j] / radius
-    # In a frame turned by theta a vector appears turned by -theta.
-    from_chief = np.empty((6, 6))
-    for part in (0, 3):
-        a, b, c = state[part], state[part + 1], state[part + 2]
-        for j in range(6):
-            from_chief[part, j] = b * turn[2, j] - c * turn[1, j]
-            from_chief[part + 1, j] = c * turn[0, j] - a * turn[2, j]
-            from_chief[part + 2, j] = a * turn[1, j] - b * turn[0, j]
+    for j in range(6):
+        # Errors of the chief turn the frame, about R, T and N, and change its rate.
+        if j < 3:
+            about_r = -climb * rotation[2, j] / momentum
+            about_t = -rotation[2, j] / radius
+            about_n = rotation[1, j] / radius
+            change = -(rate * rotation[0, j] + climb / radius * rotation[1, j]) / radius
+        else:
+            about_r = radius * rotation[2, j - 3] / momentum
+            about_t = about_n = 0.0
+            change = rotation[1, j - 3] / radius
+        # In a frame turned by theta a vector appears turned by -theta.
+        from_chief[0, j] = b * about_n - c * about_t
+        from_chief[1, j] = c * about_r - a * about_n
+        from_chief[2, j] = a * about_t - b * about_r
+        from_chief[3, j] = vb * about_n - vc * about_t + rate * from_chief[1, j] + change * b
+        from_chief[4, j] = vc * about_r - va * about_n - rate * from_chief[0, j] - change * a
+        from_chief[5, j] = va * about_t - vb * about_r
     return state, from_difference, from_chief
 
 
