@@ -7,7 +7,9 @@ simulator flies is never handed to an estimator: its models are its own paramete
 
 from __future__ import annotations
 
+import ast
 import dataclasses
+import inspect
 import pathlib
 from typing import Any
 
@@ -119,6 +121,47 @@ def test_an_argument_that_feeds_a_parameter_has_the_default_of_that_parameter(pa
                 default = arguments[default.removeprefix("${").rstrip("}")]["default"]
             if default not in (None, "emulator"):
                 assert default == defaults[name], f"{node['executable']}: {name}"
+
+
+#: What receivers and their data feed; the rest of a system may be the simulator or a judge.
+ESTIMATOR_PACKAGES = ("vtff_nav", "vtff_iono")
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        path
+        for path in SYSTEM_FILES
+        if any(node["executable"] == "receiver_driver" for node in nodes_of(path))
+    ],
+    ids=lambda path: path.stem,
+)
+def test_no_truth_reaches_an_estimator_where_there_are_receivers(path):
+    """Neither by the wiring of the system nor by the topics that the nodes hear by themselves."""
+    estimators = [node for node in nodes_of(path) if node["package"] in ESTIMATOR_PACKAGES]
+    assert estimators
+    for node in estimators:
+        kind = node_class(node["package"], node["executable"])
+        source = inspect.getsource(inspect.getmodule(kind))
+        heard = [
+            ast.unparse(call.args[1])
+            for call in ast.walk(ast.parse(source))
+            if isinstance(call, ast.Call)
+            and isinstance(call.func, ast.Attribute)
+            and call.func.attr == "subscribe"
+        ]
+        wired = [*node.get("remaps", {}).values(), *map(str, node.get("parameters", {}).values())]
+        assert not [text for text in (*heard, *wired) if "truth" in text], node["executable"]
+        # `orbit` is a message of the simulator unless another node of the system estimates it.
+        assert "orbit" not in _topics_heard(node, heard), node["executable"]
+
+
+def _topics_heard(node: dict[str, Any], heard: list[str]) -> set[str]:
+    """Return the names of topics that a node hears, as its parameters choose them."""
+    names = {text.strip("'") for text in heard}
+    if node.get("parameters", {}).get("orbit_source") == "navigation":
+        names.discard("orbit")
+    return names
 
 
 def test_simremote_has_one_port():

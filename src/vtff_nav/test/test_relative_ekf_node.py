@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import pathlib
-import time
 from collections.abc import Iterator
 
 import pytest
@@ -12,7 +11,7 @@ import pytest
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 from geometry_msgs.msg import AccelStamped  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from node_bench import NodeBench  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
 
@@ -31,19 +30,13 @@ from vtff_node.stamps import to_stamp  # noqa: E402
 DOMAIN = 117
 SECOND = 10**9
 EPOCH = 1_458_521_983 * SECOND
-PATIENCE = 20.0  # s of wall time, ends a test that would hang
 
 
-class Bench:
+class Bench(NodeBench):
     """The node, and publishers of its thrust and clock."""
 
     def __init__(self, context: rclpy.Context, **parameters: object) -> None:
-        self.node = RelativeEkfNode(
-            context=context,
-            namespace="deputy",
-            parameter_overrides=[Parameter(name, value=v) for name, v in parameters.items()],
-        )
-        self.probe = rclpy.create_node("probe", context=context)
+        super().__init__(context, RelativeEkfNode, **parameters)
         self.thrust = self.probe.create_publisher(
             AccelStamped, "/deputy/propulsion/thrust_applied", qos.PUBLISH
         )
@@ -52,25 +45,11 @@ class Bench:
         self.probe.create_subscription(
             RelativeState, "/deputy/relative_state", self.states.append, qos.subscribe(True)
         )
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(self.node)
-        self.executor.add_node(self.probe)
-
-    def spin_until(self, condition) -> None:
-        end = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < end, "waited too long"
-            self.executor.spin_once(timeout_sec=0.05)
 
     def count(self, name: str) -> int:
         """Return a number of the diagnostics."""
         (status,) = self.node.health()
         return int({pair.key: pair.value for pair in status.values}[name])
-
-    def close(self) -> None:
-        self.executor.shutdown()
-        self.node.destroy_node()
-        self.probe.destroy_node()
 
 
 @pytest.fixture

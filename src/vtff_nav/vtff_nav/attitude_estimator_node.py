@@ -16,8 +16,10 @@ from vtff_dynamics.attitude.orbit_axes import (
 )
 from vtff_dynamics.attitude.quaternion import rotation_matrix
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.frames.rtn import deputy_state_gcrf
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_msgs.msg import AdcsReport, AttitudeState, OrbitState
+from vtff_dynamics.vectors import is_finite
+from vtff_msgs.msg import AdcsReport, AttitudeState, OrbitState, RelativeState
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.determination import DeterminationConfiguration
 from vtff_nav.attitude.observability import dipole_observability
@@ -44,6 +46,11 @@ class AttitudeEstimatorParameters:
     """Parameters of `attitude_estimator`: what it believes of spacecraft and sensor."""
 
     spacecraft: str = parameter("spacecraft", "spacecraft whose attitude is estimated")
+    orbit_source: str = parameter(
+        "orbit",
+        "what tells where the spacecraft is; navigation: its relative_state",
+        choices=("orbit", "navigation"),
+    )
     inertia: list[float] = parameter(
         np.diag(_BODY.inertia_matrix).tolist(), "principal moments, x y z", unit="kg m^2"
     )
@@ -117,9 +124,10 @@ class AttitudeEstimatorParameters:
 class AttitudeEstimatorNode(VtffNode):
     """Attitude of one spacecraft, run in its namespace.
 
-    Subscribes to adcs/report (vtff_msgs/AdcsReport) and orbit (vtff_msgs/OrbitState, in GCRF); for
-    each report it publishes attitude (vtff_msgs/AttitudeState) with the same stamp, once the orbit
-    of that time is there. An orbit that does not come is predicted when the next report has come.
+    Subscribes to adcs/report (vtff_msgs/AdcsReport) and to orbit (vtff_msgs/OrbitState, in GCRF) or
+    relative_state (vtff_msgs/RelativeState); for each report it publishes attitude
+    (vtff_msgs/AttitudeState) with the same stamp, once the orbit of that time is there. An orbit
+    that does not come by the next report, and one without navigation, is predicted.
     """
 
     Parameters = AttitudeEstimatorParameters
@@ -159,6 +167,7 @@ class AttitudeEstimatorNode(VtffNode):
         compile_kernels(body, configuration)
         self._estimator = OnboardAttitudeEstimator(body, configuration, watch)
         self._orbit = OrbitMemory()
+        self._orbit_stamp = -1
         self._order = StampOrder()
         self._waiting: list[AdcsReport] = []
         if len(given.initial_roll_pitch_yaw_deg) != 3:
@@ -167,12 +176,26 @@ class AttitudeEstimatorNode(VtffNode):
         self._known: OnboardAttitude | None = None
         self._counts = {"reports": 0, "without a report": 0, "orbits predicted": 0}
         self._publisher = self.publisher(AttitudeState, "attitude")
-        self.subscribe(OrbitState, "orbit", self._on_orbit)
+        if given.orbit_source == "orbit":
+            self.subscribe(OrbitState, "orbit", self._on_orbit)
+        else:
+            self.subscribe(RelativeState, "relative_state", self._on_relative_state)
         self.subscribe(AdcsReport, "adcs/report", self._on_report)
 
     def _on_orbit(self, message: OrbitState) -> None:
-        stamp = to_nanoseconds(message.header.stamp)
-        self._orbit.add(stamp, np.concatenate((message.position, message.velocity)))
+        self._orbit_stamp = to_nanoseconds(message.header.stamp)
+        self._orbit.add(self._orbit_stamp, np.concatenate((message.position, message.velocity)))
+        self._work()
+
+    def _on_relative_state(self, message: RelativeState) -> None:
+        """Take the orbit of the deputy; a message without a solution says that none comes."""
+        if not self.is_of_deputy(message, self.parameters.spacecraft, "relative_state"):
+            return
+        self._orbit_stamp = to_nanoseconds(message.header.stamp)
+        chief = np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf))
+        relative = np.concatenate((message.position, message.velocity))
+        if message.solution != RelativeState.SOLUTION_NONE and is_finite(chief) and chief.any():
+            self._orbit.add(self._orbit_stamp, deputy_state_gcrf(chief, relative))
         self._work()
 
     def _on_report(self, message: AdcsReport) -> None:
@@ -184,13 +207,12 @@ class AttitudeEstimatorNode(VtffNode):
         self._work()
 
     def _work(self) -> None:
-        """Process the reports whose orbit is there; the last waits for its orbit."""
+        """Process the reports whose orbit has been told; the last waits for its orbit."""
         while self._waiting:
             stamp = to_nanoseconds(self._waiting[0].header.stamp)
-            if not self._orbit.has(stamp):
-                if len(self._waiting) < 2:
-                    return
-                self._counts["orbits predicted"] += 1
+            if self._orbit_stamp < stamp and len(self._waiting) < 2:
+                return
+            self._counts["orbits predicted"] += not self._orbit.has(stamp)
             self._process(self._waiting.pop(0))
 
     def _process(self, message: AdcsReport) -> None:
