@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable
 
 import numpy as np
+import numpy.typing as npt
 from realism.flight import Log, summarise
 from realism.recording import EmulatedFormation
 from realism.worlds import WORLDS
@@ -21,11 +22,13 @@ from vtff_analysis.attitude.snap1 import (
     DIPOLE_FINAL,
     ORBITAL_PERIOD,
     UNLIMITED,
+    ThreeAxisResult,
     fly_dipole_estimation,
     fly_kick,
     fly_three_axis,
     snap1_track,
 )
+from vtff_dynamics.attitude.orbit_track import OrbitTrack
 from vtff_dynamics.attitude.quaternion import (
     conjugate,
     from_rotation_matrix,
@@ -35,9 +38,11 @@ from vtff_dynamics.attitude.quaternion import (
 )
 from vtff_dynamics.attitude.rigid_body import AttitudeState
 from vtff_dynamics.attitude.spacecraft import SpacecraftBody
+from vtff_dynamics.constants import SECONDS_PER_DAY
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.vectors import FloatArray, cross, norm
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
+from vtff_nav.attitude.field_error import FieldErrorModel
 from vtff_nav.relative.common.antenna_correction import Antenna, AntennaPair
 from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
@@ -49,24 +54,92 @@ FIELD_SIGMA = 3e-7
 LEVER_ARM = (0.4, 0.1, -0.2828)
 """Lever arm of the deputy's antenna, m: 0.5 m from the centre of mass, most of it across z."""
 
+_FOREVER = 1e12  # s
 _CONVERGED_DEG = 5.0
 _KNOWN_DEG = 0.1
 _SAMPLES_OF_TEN_MINUTES = 120
 
 
+class BelievedFieldError:
+    """An error of the field drawn from what the filter takes it for: its harmonics, each Gaussian.
+
+    Parameters
+    ----------
+    sigma : float
+        Root mean square of each component, T.
+    seed : int
+    """
+
+    def __init__(self, sigma: float, seed: int) -> None:
+        self._model = FieldErrorModel(sigma)
+        normal = np.random.default_rng((seed, 0xF1)).standard_normal(len(self._model.variances))
+        self._coefficients = np.sqrt(self._model.variances) * normal
+
+    def field_itrf(self, position_itrf: npt.ArrayLike) -> FloatArray:
+        """Return the error at a position (3,), m, in ITRF axes, T, shape (3,)."""
+        partial = self._model.partial(np.asarray(position_itrf, dtype=float), 0.0)
+        error: FloatArray = partial @ self._coefficients
+        return error
+
+
+def _believed_track(seed: int) -> OrbitTrack:
+    """Return the orbit with an error of the field that is drawn from the belief of the filter."""
+    track = snap1_track()
+    return OrbitTrack(
+        track.epoch, track.state_gcrf(0), field_error=BelievedFieldError(FIELD_SIGMA, seed)
+    )
+
+
+def _believed_filter(**others: float) -> AttitudeFilterConfiguration:
+    """Return the filter whose beliefs of field and drift are true: what is drawn once stays."""
+    return AttitudeFilterConfiguration(
+        field_sigma=FIELD_SIGMA, field_time=_FOREVER, dipole_drift_time=_FOREVER, **others
+    )
+
+
 def pointing(seeds: range) -> None:
-    """Fly four hours of pointing with compensation on board; the first 1.5 h do not count."""
-    print("pointing: NEES of attitude, rate, dipole; RMS error, deg; pointing sigma, deg")
-    rows = []
-    for seed in seeds:
-        result = fly_three_axis("estimated", 4.0, FIELD_SIGMA, seed)
-        history, late = result.history, result.history.time > 5400.0
-        rows.append(_nees(history, late))
-        error = np.degrees(np.sqrt((history.rotation_error[late] ** 2).mean(axis=0)))
-        print(
-            seed, rows[-1].round(2), error.round(2), history.angles_deg[late].std(axis=0).round(2)
-        )
-    print("mean", np.mean(rows, axis=0).round(2), flush=True)
+    """Fly eight hours of pointing with compensation on board; the first 1.5 h do not count.
+
+    In three worlds: the dipole stays; it drifts by 10 % a day in a drawn direction; field and drift
+    are drawn from what the filter believes of them, which is the test of its covariance.
+    """
+    print(
+        "pointing: world, seed, NEES of attitude, rate, dipole until 4 h; until 8 h; RMS error of "
+        "roll, pitch, yaw, deg; pointing sigma, deg; largest difference of the wheel, rpm"
+    )
+    for world in ("steady", "drifting", "believed"):
+        rows = []
+        for seed in seeds:
+            result = _fly_pointing(world, seed)
+            history = result.history
+            late = history.time > 1.5 * 3600.0
+            rows.append(
+                [*_nees(history, late & (history.time <= 4.0 * 3600.0)), *_nees(history, late)]
+            )
+            error = np.degrees(np.sqrt((history.rotation_error[late] ** 2).mean(axis=0)))
+            print(
+                world, seed, np.round(rows[-1], 2), error.round(2),
+                history.angles_deg[late].std(axis=0).round(2),
+                round(max(np.abs(result.wheel_variation_rpm))), flush=True,
+            )  # fmt: skip
+        table = np.array(rows)
+        print(f"{world}, {len(table)} flights: mean NEES {table.mean(axis=0).round(2)}", flush=True)
+
+
+def _fly_pointing(world: str, seed: int) -> ThreeAxisResult:
+    normal = np.random.default_rng((seed, 0xD1)).standard_normal(3)
+    if world == "believed":
+        belief = _believed_filter()
+        return fly_three_axis(
+            "estimated", 8.0, FIELD_SIGMA, seed,
+            dipole_rate=SECONDS_PER_DAY * belief.dipole_drift_sigma * normal,
+            track=_believed_track(seed), filter_configuration=belief,
+        )  # fmt: skip
+    drift = 0.1 * norm(DIPOLE_FINAL) * normal / norm(normal)
+    steady = world == "steady"
+    return fly_three_axis(
+        "estimated", 8.0, FIELD_SIGMA, seed, dipole_rate=np.zeros(3) if steady else drift
+    )
 
 
 def _nees(history: AttitudeHistory, rows: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> FloatArray:
@@ -74,12 +147,12 @@ def _nees(history: AttitudeHistory, rows: np.ndarray[tuple[int], np.dtype[np.boo
     return np.array(parts)
 
 
-def robust(seeds: range, wheel_rpm: float = -2700.0) -> None:
+def robust(seeds: range, wheel_rpm: float = -2700.0, believed: bool = False) -> None:
     """Fly three orbits from drawn attitudes: bias 0.5 uT, inertia 5 % wrong, drifting dipole."""
     print("robust: orbits until it stays below 5 deg; RMS of the last orbit, deg; NEES of it")
     rows = []
     for seed in seeds:
-        history = _fly_robust(seed, wheel_rpm)
+        history = _fly_robust(seed, wheel_rpm, believed)
         late = history.time > history.time[-1] - ORBITAL_PERIOD
         off = np.nonzero(~(history.attitude_error_deg < _CONVERGED_DEG))[0]
         converged = (off[-1] + 1) * 5.0 / ORBITAL_PERIOD if len(off) else 0.0
@@ -95,28 +168,34 @@ def robust(seeds: range, wheel_rpm: float = -2700.0) -> None:
     )
 
 
-def _fly_robust(seed: int, wheel_rpm: float) -> AttitudeHistory:
+def _fly_robust(seed: int, wheel_rpm: float, believed: bool) -> AttitudeHistory:
     generator = np.random.default_rng((seed, 0x50))
     quaternion = generator.standard_normal(4)
     rate = 2e-3 * generator.standard_normal(3)
     inertia = np.array([0.055, 0.058, 0.056])
-    wrong = inertia * (1.0 + 0.05 * generator.choice([-1.0, 1.0], 3))
-    bias, drift = (row / norm(row) for row in generator.standard_normal((2, 3)))
-    body = SpacecraftBody(
-        inertia=inertia, dipole=DIPOLE_FINAL, dipole_rate=0.1 * norm(DIPOLE_FINAL) * drift
-    )
+    wrong = 0.05 * generator.choice([-1.0, 1.0], 3)
+    bias, drift = generator.standard_normal((2, 3))
+    if believed:
+        belief = _believed_filter(bias_sigma=0.3e-6, inertia_sigma=0.05)
+        track = _believed_track(seed)
+        wrong = belief.inertia_sigma * generator.standard_normal(3)
+        bias, drift = belief.bias_sigma * bias, SECONDS_PER_DAY * belief.dipole_drift_sigma * drift
+    else:
+        belief = AttitudeFilterConfiguration(
+            field_sigma=FIELD_SIGMA, bias_sigma=0.3e-6, inertia_sigma=0.05
+        )
+        track = snap1_track(FIELD_SIGMA, seed)
+        bias, drift = 0.5e-6 * bias / norm(bias), 0.1 * norm(DIPOLE_FINAL) * drift / norm(drift)
+    body = SpacecraftBody(inertia=inertia, dipole=DIPOLE_FINAL, dipole_rate=drift)
     configuration = LoopConfiguration(
         body=body,
-        believed_body=BodyModel(inertia=wrong),
-        magnetometer=MagnetometerModel(bias=0.5e-6 * bias),
-        filter=AttitudeFilterConfiguration(
-            field_sigma=FIELD_SIGMA, bias_sigma=0.3e-6, inertia_sigma=0.05
-        ),
+        believed_body=BodyModel(inertia=inertia * (1.0 + wrong)),
+        magnetometer=MagnetometerModel(bias=bias),
+        filter=belief,
     )
     start = AttitudeState(
         quaternion / np.linalg.norm(quaternion), rate, body.wheel_momentum(wheel_rpm)
     )
-    track = snap1_track(FIELD_SIGMA, seed)
     mode = "point" if wheel_rpm else "off"
     loop = AttitudeLoop(track, configuration, start, seed, mode, mode)
     return loop.fly(round(3.0 * ORBITAL_PERIOD / track.period))
@@ -125,6 +204,11 @@ def _fly_robust(seed: int, wheel_rpm: float) -> AttitudeHistory:
 def robust_free(seeds: range) -> None:
     """Fly the same without wheel and control."""
     robust(seeds, 0.0)
+
+
+def robust_believed(seeds: range) -> None:
+    """Fly the same with bias, inertia, drift and field drawn from what the filter believes."""
+    robust(seeds, believed=True)
 
 
 def six_states(seeds: range) -> None:
@@ -272,7 +356,8 @@ def _attitude_errors(seed: int, name: str) -> Callable[[int], tuple[FloatArray, 
 
 
 CASES: dict[str, Callable[[range], None]] = {
-    case.__name__: case for case in (pointing, robust, robust_free, six_states, kick, lever_arm)
+    case.__name__: case
+    for case in (pointing, robust, robust_free, robust_believed, six_states, kick, lever_arm)
 }
 
 

@@ -6,6 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
+from scipy.spatial.transform import Rotation
 
 from vtff_analysis.attitude.loop import AttitudeLoop, LoopConfiguration
 from vtff_analysis.attitude.snap1 import (
@@ -25,7 +28,8 @@ from vtff_dynamics.attitude.orbit_axes import (
     rotation_gcrf_to_orbit,
 )
 from vtff_dynamics.attitude.rigid_body import AttitudeState
-from vtff_dynamics.attitude.spacecraft import SpacecraftBody
+from vtff_dynamics.attitude.spacecraft import SpacecraftBody, TorqueWindow
+from vtff_dynamics.constants import GM_EARTH
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration
 
 
@@ -171,6 +175,51 @@ def test_in_a_field_that_stays_the_kick_is_that_of_the_pendulum(monkeypatch):
     monkeypatch.setattr(orbit_track, "magnetic_field_gcrf", lambda *_: field)
     free = fly_kick(damped=False, strengths=(1.0,), seed=51, settled=False)
     assert free.peak_deg[0] == pytest.approx(free.formula_deg[0], rel=3e-3)
+
+
+def test_a_firing_along_the_orbit_is_that_of_another_integration(track):
+    """Euler's equations by DOP853 with other quaternions: IGRF, gravity gradient, three moments."""
+    moment, kick = np.array([0.0, 0.0, -0.2]), np.array([0.0, 1.9e-4, 0.0])
+    body = SpacecraftBody(dipole=moment)
+    field = track.true_field_gcrf(0)
+    turn, _ = Rotation.align_vectors([field], [moment])
+    start = AttitudeState(turn.as_quat(), np.array([1e-3, -2e-3, 5e-4]))
+    loop = AttitudeLoop(
+        track, LoopConfiguration(body=body), start, 1, "off", "off", estimates=False
+    )
+    swings = []
+    for row in range(40):
+        loop.step([TorqueWindow(0.0, 3.0, kick)] if row == 0 else ())
+        swings.append(loop.spacecraft.state.rotation_gcrf_from_body.T)
+    seconds = track.period * np.arange(42)
+    fields = CubicSpline(seconds, [track.true_field_gcrf(number) for number in range(42)])
+    places = CubicSpline(seconds, [track.state_gcrf(number)[:3] for number in range(42)])
+    inertia = np.diag(np.asarray(body.inertia))
+
+    def change(time, state, torque):
+        to_body = Rotation.from_quat(state[:4]).inv()
+        place = to_body.apply(places(time))
+        distance = np.linalg.norm(place)
+        gradient = 3.0 * GM_EARTH / distance**5 * np.cross(place, inertia * place)
+        rate = state[4:]
+        whole = torque + gradient + np.cross(moment, to_body.apply(fields(time)))
+        faster = (whole - np.cross(rate, inertia * rate)) / inertia
+        turned = Rotation.from_quat(state[:4]).as_quat()
+        turned = 0.5 * np.append(turned[3] * rate + np.cross(turned[:3], rate), -turned[:3] @ rate)
+        return np.concatenate((turned, faster))
+
+    settings = {"method": "DOP853", "rtol": 1e-10, "atol": 1e-12}
+    first = np.concatenate((start.quaternion_gcrf, start.rate_body))
+    fired = solve_ivp(change, (0.0, 3.0), first, args=(kick,), **settings).y[:, -1]
+    ends = seconds[1:41]
+    flown = solve_ivp(change, (3.0, 200.0), fired, args=(np.zeros(3),), t_eval=ends, **settings)
+    other = Rotation.from_quat(flown.y[:4].T).inv().as_matrix()
+    difference = Rotation.from_matrix(other @ np.array(swings).transpose(0, 2, 1)).magnitude()
+    assert np.degrees(difference).max() < 0.05
+    along = np.einsum("nij,nj->ni", other, fields(ends))[:, 2] / np.linalg.norm(
+        fields(ends), axis=1
+    )
+    assert np.degrees(np.arccos(-along)).max() > 40.0
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+import numpy.typing as npt
 
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
 from vtff_control.attitude.compensation import (
@@ -309,15 +310,21 @@ def fly_three_axis(
     hours: float = 28.0,
     field_sigma: float = 0.0,
     seed: int = 1,
+    dipole_rate: npt.ArrayLike = (0.0, 0.0, 0.0),
+    track: OrbitTrack | None = None,
+    filter_configuration: AttitudeFilterConfiguration | None = None,
 ) -> ThreeAxisResult:
     """Point at nadir with the paper's compensation (6) or (14), none, or all that vtff has.
 
     The paper's cases have the paper's control: nutation and momentum of the wheel by torquers.
     `estimated` closes the loop on board: the estimated dipole is cancelled, also along the field,
     and the angular momentum is brought to the orbit normal.
+
+    The dipole changes by `dipole_rate`, A m2 in a day. `track` and `filter_configuration` stand in
+    for the orbit with a drawn error of the field and for the filter that counts with its sigma.
     """
-    track = snap1_track(field_sigma, seed)
-    body = SpacecraftBody(dipole=DIPOLE_FINAL)
+    track = track or snap1_track(field_sigma, seed)
+    body = SpacecraftBody(dipole=DIPOLE_FINAL, dipole_rate=dipole_rate)
     moments = {
         "none": (0.0, 0.0, 0.0),
         "first": PAPER_COMPENSATION_FIRST,
@@ -340,7 +347,11 @@ def fly_three_axis(
     )
     loop = AttitudeLoop(
         track,
-        LoopConfiguration(body=body, filter=_filter(field_sigma), control=control),
+        LoopConfiguration(
+            body=body,
+            filter=filter_configuration or _filter(field_sigma),
+            control=control,
+        ),
         start,
         seed,
         first="point",

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Protocol
 
 import brahe
 import numpy as np
@@ -21,12 +22,27 @@ from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["FIRST_YEAR", "LAST_YEAR", "DrawnFieldError", "check_field_year", "magnetic_field_gcrf"]
+__all__ = [
+    "FIRST_YEAR",
+    "LAST_YEAR",
+    "DrawnFieldError",
+    "FieldError",
+    "check_field_year",
+    "magnetic_field_gcrf",
+]
 
 FIRST_YEAR, LAST_YEAR = 1900, 2030
 """Years that IGRF-14 covers, from the start of the first to the start of the last."""
 
 _NANOTESLA = 1e-9
+
+
+class FieldError(Protocol):
+    """True field less that of the model, fixed to the Earth."""
+
+    def field_itrf(self, position_itrf: npt.ArrayLike) -> FloatArray:
+        """Return the error at a position (3,), m, in ITRF axes, T, shape (3,)."""
+        ...
 
 
 def check_field_year(name: str, time: GpsTime) -> None:
@@ -46,7 +62,7 @@ def check_field_year(name: str, time: GpsTime) -> None:
 
 
 def magnetic_field_gcrf(
-    time: GpsTime, position_gcrf: npt.ArrayLike, error: DrawnFieldError | None = None
+    time: GpsTime, position_gcrf: npt.ArrayLike, error: FieldError | None = None
 ) -> FloatArray:
     """Return the magnetic field at a position, in GCRF axes, T, shape (3,).
 
@@ -55,7 +71,7 @@ def magnetic_field_gcrf(
     time : GpsTime
     position_gcrf : array_like, shape (3,)
         Position, m.
-    error : DrawnFieldError, optional
+    error : FieldError, optional
         Added to IGRF.
 
     Raises

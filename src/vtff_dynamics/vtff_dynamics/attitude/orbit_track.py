@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.attitude.magnetic_field import (
-    DrawnFieldError,
+    FieldError,
     check_field_year,
     magnetic_field_gcrf,
 )
@@ -37,7 +37,7 @@ class OrbitTrack:
         Length of an interval, s.
     force_model : ForceModel, optional
         Forces on the orbit; JGM-3 8x8 by default.
-    field_error : DrawnFieldError, optional
+    field_error : FieldError, optional
         True field less IGRF. None: the field is IGRF.
     drag_pressure : float
         Drag force over the square of the speed against the air, N s2/m2: rho C_D A / 2.
@@ -54,7 +54,7 @@ class OrbitTrack:
         state_gcrf: npt.ArrayLike,
         period: float = 5.0,
         force_model: ForceModel | None = None,
-        field_error: DrawnFieldError | None = None,
+        field_error: FieldError | None = None,
         drag_pressure: float = 0.0,
     ) -> None:
         check_field_year("epoch", epoch)
