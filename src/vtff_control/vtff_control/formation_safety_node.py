@@ -164,6 +164,7 @@ class FormationSafetyNode(VtffNode):
         self._told: dict[str, tuple[int, str]] = {}
         self._axes: dict[str, int] = {}
         self._judged = -1
+        self._taken = -1  # step whose states the monitor has, and mostly not yet its commands
         self._steps = 0
         self._incomplete = 0
         self._pair_text = "no relative state yet"
@@ -230,13 +231,14 @@ class FormationSafetyNode(VtffNode):
         self._judge_complete()
 
     def _of_step(self, stamp: int) -> _Pending | None:
-        """Return what has come for a step; None if it has been judged already."""
-        if stamp <= self._judged:
-            if self._judged - stamp < StampOrder.JUMP_BACK:
+        """Return what has come for a step; None if it, or a later one, is judged already."""
+        newest = max(self._judged, self._taken - 1)
+        if stamp <= newest:
+            if newest - stamp < StampOrder.JUMP_BACK:
                 return None
             # The run starts anew.
             self._pending.clear()
-            self._judged = -1
+            self._judged = self._taken = -1
             self._safety.reset()
         if stamp not in self._pending:
             self._pending[stamp] = _Pending(time.monotonic(), {}, {})
@@ -255,6 +257,22 @@ class FormationSafetyNode(VtffNode):
         for stamp in sorted(self._pending):
             if complete and stamp <= max(complete):
                 self._judge(stamp)
+        self._take_complete_states()
+
+    def _take_complete_states(self) -> None:
+        """Let the monitor work on the states of the next step while its commands are computed."""
+        if not self._pending:
+            return
+        stamp = min(self._pending)
+        if all(name in self._pending[stamp].states for name in self.parameters.deputies):
+            self._take_states(stamp)
+
+    def _take_states(self, stamp: int) -> None:
+        """Hand the states of a step to the monitor, once."""
+        if stamp > self._taken:
+            self._taken = stamp
+            states = self._pending[stamp].states
+            self._safety.take_states({name: _state_input(state) for name, state in states.items()})
 
     def _watch(self) -> None:
         """Judge steps for which something is too late; without commands thrust is off anyway."""
@@ -268,11 +286,13 @@ class FormationSafetyNode(VtffNode):
 
     def _judge(self, stamp: int) -> None:
         started = time.perf_counter()
+        self._take_states(stamp)
         pending = self._pending.pop(stamp)
         self._judged = stamp
         self._steps += 1
-        inputs = {name: self._input(name, stamp, pending) for name in self._guarded}
-        result = self._safety.step(inputs)
+        result = self._safety.decide(
+            {name: self._thrust_input(name, stamp, pending) for name in self._guarded}
+        )
         self._decisions = result.decisions
         header_stamp = to_stamp(stamp)
         for name, decision in result.decisions.items():
@@ -291,8 +311,8 @@ class FormationSafetyNode(VtffNode):
         self._publish(stamp, result)
         self.acknowledge_step(header_stamp, started)
 
-    def _input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
-        """Return what is known of a spacecraft at a step; a chief has no state to itself."""
+    def _thrust_input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
+        """Return what is reported of a spacecraft's thrust at a step, and commanded."""
         reports = self._reports[name]
         reported = reports.get(stamp)
         for old in [key for key in reports if key <= stamp]:
@@ -304,16 +324,7 @@ class FormationSafetyNode(VtffNode):
             command_rtn = np.array([linear.x, linear.y, linear.z])
             if not is_finite(command_rtn):
                 command_rtn = None
-        state = pending.states.get(name)
-        if state is None or state.solution == RelativeState.SOLUTION_NONE:
-            return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
-        relative = np.concatenate((state.position, state.velocity))
-        chief = np.concatenate((state.position_chief_gcrf, state.velocity_chief_gcrf))
-        covariance = np.array(state.covariance).reshape(6, 6)
-        if not all(map(is_finite, (relative, chief, covariance))):
-            return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
-        is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
-        return SpacecraftInput(relative, covariance, chief, reported, command_rtn, is_predicted)
+        return SpacecraftInput(reported_rtn=reported, command_rtn=command_rtn)
 
     def _isolate(self, name: str, decision: SpacecraftDecision, stamp: int) -> None:
         """Send the isolation command of a spacecraft where it changes."""
@@ -398,6 +409,19 @@ class FormationSafetyNode(VtffNode):
             },
             hardware_id=name,
         )
+
+
+def _state_input(state: RelativeState) -> SpacecraftInput:
+    """Return what is navigated of a deputy."""
+    if state.solution == RelativeState.SOLUTION_NONE:
+        return SpacecraftInput()
+    relative = np.concatenate((state.position, state.velocity))
+    chief = np.concatenate((state.position_chief_gcrf, state.velocity_chief_gcrf))
+    covariance = np.array(state.covariance).reshape(6, 6)
+    if not all(map(is_finite, (relative, chief, covariance))):
+        return SpacecraftInput()
+    is_predicted = state.solution == RelativeState.SOLUTION_PREDICTED
+    return SpacecraftInput(relative, covariance, chief, is_predicted=is_predicted)
 
 
 NODE_CLASS = FormationSafetyNode

@@ -118,6 +118,46 @@ def test_it_stays_taken_over_until_the_reset():
         safety.reset("nobody")
 
 
+@pytest.mark.parametrize("chief_thrusts", [False, True])
+@pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.0, -1.4, 0.0)])
+def test_commands_may_come_after_the_states(chief_thrusts, command):
+    """What is taken ahead knows no command, and the command counts in full."""
+    at_once, later = (
+        FormationSafety("chief", ("one", "two"), SETTING, chief_thrusts) for _ in range(2)
+    )
+    places = {"one": relative(t=120.0), "two": relative(t=-200.0, n=50.0)}
+    for second in range(3):
+        thrust = command if second == 2 else (0.0, 0.0, 0.0)
+        inputs = {name: heard(state, thrust) for name, state in places.items()}
+        if chief_thrusts:
+            inputs["chief"] = SpacecraftInput(
+                reported_rtn=np.zeros(3), command_rtn=-np.array(thrust)
+            )
+        whole = at_once.step(inputs)
+        later.take_states(
+            {
+                name: SpacecraftInput(
+                    given.relative_rtn, given.covariance_rtn, given.state_chief_gcrf
+                )
+                for name, given in inputs.items()
+            }
+        )
+        parts = later.decide(
+            {
+                name: SpacecraftInput(
+                    reported_rtn=given.reported_rtn, command_rtn=given.command_rtn
+                )
+                for name, given in inputs.items()
+            }
+        )
+        assert whole.pairs == parts.pairs
+        assert {n: d.mode for n, d in whole.decisions.items()} == {
+            n: d.mode for n, d in parts.decisions.items()
+        }
+    is_moved = any(command)
+    assert (parts.decisions["one"].mode == MODE_WATCH) == is_moved
+
+
 def test_a_report_that_nobody_commanded_isolates_the_axis():
     safety = monitor()
     safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0))})

@@ -23,12 +23,18 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
 
 from vtff_control.safety.escape import ClearBounds, find_escape
-from vtff_control.safety.prediction import FreeMotion, PairPrediction, predict_free_motion
+from vtff_control.safety.prediction import (
+    ChiefMotion,
+    FreeMotion,
+    PairPrediction,
+    predict_chief_motion,
+)
 from vtff_control.safety.thrust_monitor import (
     ThrustDifference,
     ThrustMonitor,
@@ -268,8 +274,17 @@ class _Track(_Thruster):
         self.monitor.reset()
 
 
+class _Prepared(NamedTuple):
+    """Motion of the chief without thrust, and covariances (n, 3, 3) of the known deputies."""
+
+    motion: ChiefMotion
+    position_covariances: list[FloatArray]
+
+
 class FormationSafety:
     """Safety monitor of a chief and its deputies; call `step` once a step.
+
+    Or, where commands come later than states, `take_states` and then `decide`.
 
     Parameters
     ----------
@@ -309,6 +324,7 @@ class FormationSafety:
         self._chief_thruster = _Thruster()
         self._chief_thrusts = chief_thrusts
         self._chief: FloatArray | None = None
+        self._prepared: _Prepared | None = None
 
     def reset(self, spacecraft: str | None = None) -> None:
         """Give a spacecraft, or all, back to the controllers, and forget what was isolated.
@@ -325,7 +341,7 @@ class FormationSafety:
             thrusters[name].reset()
 
     def step(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
-        """Decide about the commands of a step.
+        """Decide about the commands of a step whose states come with them.
 
         Parameters
         ----------
@@ -333,7 +349,36 @@ class FormationSafety:
             Inputs of every deputy, and of a chief that thrusts, by name; a deputy that is absent
             is predicted.
         """
-        self._take_states(inputs)
+        self.take_states(inputs)
+        return self.decide(inputs)
+
+    def take_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
+        """Take the navigated states of a step, and predict all that its commands do not change.
+
+        So that little is left to be done when the commands come; `decide` has to follow.
+
+        Parameters
+        ----------
+        inputs
+            As for `step`; reports and commands are not looked at.
+        """
+        self._watch_states(inputs)
+        self._prepared = None
+        if self._chief is not None and not self._chief_thrusts:
+            self._prepared = self._coasting_chief()
+
+    def decide(self, inputs: Mapping[str, SpacecraftInput]) -> SafetyStep:
+        """Decide about the commands of the step whose states were taken last.
+
+        Parameters
+        ----------
+        inputs
+            As for `step`; states are not looked at.
+        """
+        for name, track in self._tracks.items():
+            self._take_report(track, inputs.get(name, SpacecraftInput()))
+        if self._chief_thrusts:
+            self._take_report(self._chief_thruster, inputs.get(self._names[0], SpacecraftInput()))
         if self._chief is None:
             # Nothing has been navigated yet: there is nothing to judge by.
             reason = "not judged: no navigation yet"
@@ -342,23 +387,30 @@ class FormationSafety:
                 for name in self._guarded_names()
             }
             return SafetyStep(unjudged, [])
-        known = [name for name, track in self._tracks.items() if track.relative is not None]
-        start = self._states_after(known, inputs, self._setting.delay_steps, with_command=False)
-        passed = self._states_after(known, inputs, self._setting.delay_steps, with_command=True)
-        motion = self._motion(known, *passed)
+        known = self._known_names()
+        chief, states = self._states_after(known, inputs, with_command=True)
+        prepared = self._prepared
+        if prepared is None:  # the chief goes where its command leads it
+            prepared = self._predict_about(chief)
+        motion = prepared.motion.formation(
+            (self._names[0], *known), states, prepared.position_covariances
+        )
         pairs = self._pairs(motion, self._setting.bounds) if known else []
         decisions = {}
         for name, track in self._tracks.items():
             given = inputs.get(name, SpacecraftInput())
-            decisions[name] = self._decide(name, track, given, known, start, motion, pairs)
+            decisions[name] = self._decide(name, track, given, motion, pairs)
             self._expect(track, given, decisions[name])
         if self._chief_thrusts:
-            chief = self._names[0]
-            decisions[chief] = self._decide_chief(decisions, pairs)
-            self._expect(
-                self._chief_thruster, inputs.get(chief, SpacecraftInput()), decisions[chief]
-            )
+            name_chief = self._names[0]
+            decisions[name_chief] = self._decide_chief(decisions, pairs)
+            given = inputs.get(name_chief, SpacecraftInput())
+            self._expect(self._chief_thruster, given, decisions[name_chief])
         return SafetyStep(decisions, pairs)
+
+    def _known_names(self) -> list[str]:
+        """Return the names of the deputies whose relative state is known."""
+        return [name for name, track in self._tracks.items() if track.relative is not None]
 
     def _guarded_names(self) -> tuple[str, ...]:
         """Return the names of those that thrust."""
@@ -366,7 +418,7 @@ class FormationSafety:
 
     # ---- states ------------------------------------------------------------------------------
 
-    def _take_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
+    def _watch_states(self, inputs: Mapping[str, SpacecraftInput]) -> None:
         """Take what is navigated, predict what is not, and watch the thrusters."""
         step = self._setting.step
         chiefs = (
@@ -407,10 +459,6 @@ class FormationSafety:
             else:
                 track.monitor.reset()
         self._accuse(found)
-        for name, track in self._tracks.items():
-            self._take_report(track, inputs.get(name, SpacecraftInput()))
-        if self._chief_thrusts:
-            self._take_report(self._chief_thruster, inputs.get(self._names[0], SpacecraftInput()))
 
     def _accuse(self, found: Mapping[str, ThrustDifference]) -> None:
         """Isolate the axes of thrusters that do not do what they report."""
@@ -444,9 +492,9 @@ class FormationSafety:
         """Carry the last state of a deputy over a step with the reported thrusts."""
         assert track.relative is not None
         thrust, thrust_chief = track.reported, self._chief_thruster.reported
-        track.relative, _ = _advance(
-            track.relative, chief, thrust, thrust_chief, self._setting.step
-        )
+        step = self._setting.step
+        chief_after = _fly(chief, chief, thrust_chief, step)
+        track.relative = _advance(track.relative, chief, chief_after, thrust, step)
         transition, push = self._step_matrices(chief)
         track.covariance = transition @ track.covariance @ transition.T
         pushes = np.kron(np.eye(3), np.concatenate((thrust, thrust_chief)))
@@ -544,14 +592,11 @@ class FormationSafety:
             track.expected.append(wanted)
 
     def _states_after(
-        self,
-        known: Sequence[str],
-        inputs: Mapping[str, SpacecraftInput],
-        delay_steps: int,
-        with_command: bool,
+        self, known: Sequence[str], inputs: Mapping[str, SpacecraftInput], with_command: bool
     ) -> tuple[FloatArray, list[FloatArray]]:
         """Return the chief and the deputies when a command of now starts, or ends, to act."""
         step, cap = self._setting.step, self._setting.acceleration_cap
+        delay_steps = self._setting.delay_steps
         assert self._chief is not None
 
         def thrusts_of(name: str, thruster: _Thruster) -> list[FloatArray]:
@@ -562,31 +607,42 @@ class FormationSafety:
             reported = [thruster.reported, *([np.zeros(3)] * (delay_steps - 1))][:delay_steps]
             return [*reported, wanted] if with_command else reported
 
-        thrusts_chief = thrusts_of(self._names[0], self._chief_thruster)
-        chief, states = self._chief, []
+        chiefs = [self._chief]
+        for thrust in thrusts_of(self._names[0], self._chief_thruster):
+            chiefs.append(_fly(chiefs[-1], chiefs[-1], thrust, step))
+        states = []
         for name in known:
             track = self._tracks[name]
             assert track.relative is not None
-            relative, chief = track.relative, self._chief
-            for thrust, thrust_chief in zip(thrusts_of(name, track), thrusts_chief, strict=True):
-                relative, chief = _advance(relative, chief, thrust, thrust_chief, step)
+            relative = track.relative
+            for thrust, chief, after in zip(
+                thrusts_of(name, track), chiefs[:-1], chiefs[1:], strict=True
+            ):
+                relative = _advance(relative, chief, after, thrust, step)
             states.append(relative)
-        return chief, states
+        return chiefs[-1], states
 
-    def _motion(
-        self, known: Sequence[str], chief: FloatArray, states: Sequence[FloatArray]
-    ) -> FreeMotion:
+    def _coasting_chief(self) -> _Prepared:
+        """Return the motion from the end of a command of now on, of a chief that never thrusts."""
+        assert self._chief is not None
+        chief = self._chief
+        for _ in range(self._setting.delay_steps + 1):
+            chief = _fly(chief, chief, np.zeros(3), self._setting.step)
+        return self._predict_about(chief)
+
+    def _predict_about(self, chief: FloatArray) -> _Prepared:
+        """Return the motion of a chief, and the covariances of the known deputies about it."""
         setting = self._setting
         floor = np.zeros((6, 6))
         floor[:3, :3] = setting.navigation_sigma**2 * np.eye(3)
+        motion = predict_chief_motion(chief, setting.orbits)
         covariances = []
-        for name in known:
+        for name in self._known_names():
             track = self._tracks[name]
             thrust = setting.thrust_sigma**2 * track.thrust_effect @ track.thrust_effect.T
-            covariances.append(track.covariance + thrust + track.unreported_effect + floor)
-        return predict_free_motion(
-            (self._names[0], *known), chief, states, covariances, setting.orbits
-        )
+            covariance = track.covariance + thrust + track.unreported_effect + floor
+            covariances.append(motion.position_covariances(covariance))
+        return _Prepared(motion, covariances)
 
     def _pairs(self, motion: FreeMotion, bounds: ClearBounds) -> list[PairPrediction]:
         count = len(motion.names)
@@ -605,8 +661,6 @@ class FormationSafety:
         name: str,
         track: _Track,
         given: SpacecraftInput,
-        known: Sequence[str],
-        start: tuple[FloatArray, list[FloatArray]],
         motion: FreeMotion,
         pairs: Sequence[PairPrediction],
     ) -> SpacecraftDecision:
@@ -631,7 +685,7 @@ class FormationSafety:
                 watched = _describe_pair(worst)
                 track.reason = self._reason_to_take_over(name, track, motion, worst, watched)
         if track.reason:
-            return self._take_over(name, track, known, start)
+            return self._take_over(name, track)
         mode = MODE_WATCH if watched else MODE_MONITOR
         return SpacecraftDecision(mode, None, track.isolated.copy(), watched)
 
@@ -676,17 +730,16 @@ class FormationSafety:
         )
         return f"the last way out closes; {watched}" if escape is None else ""
 
-    def _take_over(
-        self,
-        name: str,
-        track: _Track,
-        known: Sequence[str],
-        start: tuple[FloatArray, list[FloatArray]],
-    ) -> SpacecraftDecision:
+    def _take_over(self, name: str, track: _Track) -> SpacecraftDecision:
         """Return the command of the evasive manoeuvre, or zero while every pair is clear."""
         setting = self._setting
         isolated = track.isolated.copy()
-        motion = self._motion(known, *start)
+        known = self._known_names()
+        chief, states = self._states_after(known, {}, with_command=False)
+        start = self._predict_about(chief)
+        motion = start.motion.formation(
+            (self._names[0], *known), states, start.position_covariances
+        )
         index = motion.names.index(name)
         bounds = setting.bounds
         soonest = min(
@@ -741,14 +794,13 @@ class FormationSafety:
 def _advance(
     relative: FloatArray,
     chief: FloatArray,
+    chief_after: FloatArray,
     acceleration_rtn: FloatArray,
-    acceleration_chief_rtn: FloatArray,
     step: float,
-) -> tuple[FloatArray, FloatArray]:
-    """Return relative state and chief after a step with constant thrust."""
+) -> FloatArray:
+    """Return the relative state after a step with constant thrust; the chief is there already."""
     deputy = _fly(deputy_state_gcrf(chief, relative), chief, acceleration_rtn, step)
-    after = _fly(chief, chief, acceleration_chief_rtn, step)
-    return relative_state_rtn(after, deputy), after
+    return relative_state_rtn(chief_after, deputy)
 
 
 def _fly(

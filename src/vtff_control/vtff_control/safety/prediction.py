@@ -31,9 +31,11 @@ from vtff_dynamics.orbit.free_flight import free_flight
 from vtff_dynamics.vectors import FloatArray, skew
 
 __all__ = [
+    "ChiefMotion",
     "FreeMotion",
     "PairPrediction",
     "hermite_position",
+    "predict_chief_motion",
     "predict_free_motion",
     "prediction_times",
     "sigmas_outside",
@@ -178,6 +180,107 @@ class FreeMotion:
         return encounter_probability(state[:3], state[3:], covariance, radius)
 
 
+@dataclass(frozen=True, eq=False)
+class ChiefMotion:
+    """Motion of a chief without thrust, and how differences to it grow.
+
+    Attributes
+    ----------
+    times
+        s from the start, shape (n,).
+    states_gcrf
+        Chief, m and m/s, shape (n, 6).
+    transition
+        From a difference at the start to one later, GCRF axes, shape (n, 6, 6).
+    rotation
+        From GCRF to the chief's RTN axes, shape (n, 3, 3).
+    position_from_relative
+        From a relative state in RTN axes at the start to the position of a difference later, GCRF
+        axes, shape (n, 3, 6).
+    """
+
+    times: FloatArray
+    states_gcrf: FloatArray
+    transition: FloatArray
+    rotation: FloatArray
+    position_from_relative: FloatArray
+
+    def position_covariances(self, covariance_rtn: FloatArray) -> FloatArray:
+        """Return the covariances of a relative position, m2, GCRF axes, shape (n, 3, 3).
+
+        Parameters
+        ----------
+        covariance_rtn
+            Covariance of the relative state at the start, shape (6, 6).
+        """
+        to_position = self.position_from_relative
+        return np.asarray(to_position @ covariance_rtn @ np.swapaxes(to_position, 1, 2))
+
+    def formation(
+        self,
+        names: Sequence[str],
+        relative_states_rtn: Sequence[FloatArray],
+        position_covariances: Sequence[FloatArray],
+    ) -> FreeMotion:
+        """Return the motion of a formation about this chief.
+
+        Parameters
+        ----------
+        names
+            The chief, then the deputies.
+        relative_states_rtn
+            Relative state of each deputy at the start (m, m/s, shape (6,); the frame turns about N
+            alone).
+        position_covariances
+            What `position_covariances` gives for each.
+        """
+        count, samples = len(relative_states_rtn), len(self.times)
+        relative = np.zeros((count + 1, samples, 6))
+        covariances = np.zeros((count + 1, samples, 3, 3))
+        if count:
+            chief = self.states_gcrf[0]
+            deputies = [deputy_state_gcrf(chief, state) for state in relative_states_rtn]
+            flown = free_flight(np.array(deputies), self.times)
+            relative[1:] = np.swapaxes(flown - self.states_gcrf[:, np.newaxis], 0, 1)
+            covariances[1:] = position_covariances
+        return FreeMotion(
+            self.times, tuple(names), relative, covariances, self.transition, self.rotation
+        )
+
+
+def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMotion:
+    """Return the motion of a chief without thrust.
+
+    Parameters
+    ----------
+    state_chief_gcrf
+        m and m/s, shape (6,).
+    orbits
+        Length of the prediction.
+    """
+    chief = np.asarray(state_chief_gcrf, dtype=float)
+    axis = 1.0 / (2.0 / np.linalg.norm(chief[:3]) - float(chief[3:] @ chief[3:]) / GM_EARTH)
+    period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
+    times = prediction_times(period, orbits)
+    flown = free_flight(np.array([chief, *(chief + np.diag(_DISPLACEMENTS))]), times)
+    transition = np.swapaxes(flown[:, 1:] - flown[:, :1], 1, 2) / _DISPLACEMENTS
+
+    rotation_start = rotation_gcrf_to_rtn(chief)
+    momentum = np.cross(chief[:3], chief[3:])
+    rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
+    to_gcrf = np.zeros((6, 6))
+    to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation_start.T
+    to_gcrf[3:, :3] = rotation_start.T @ skew(rate)
+    to_position = np.ascontiguousarray(transition[:, :3]) @ to_gcrf
+
+    states = np.ascontiguousarray(flown[:, 0])
+    radial = states[:, :3] / np.linalg.norm(states[:, :3], axis=1, keepdims=True)
+    normal = np.cross(states[:, :3], states[:, 3:])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    rotation = np.stack((radial, np.cross(normal, radial), normal), axis=1)
+    return ChiefMotion(times, states, transition, rotation, to_position)
+
+
 def predict_free_motion(
     names: Sequence[str],
     state_chief_gcrf: FloatArray,
@@ -199,35 +302,9 @@ def predict_free_motion(
     orbits
         Length of the prediction.
     """
-    chief = np.asarray(state_chief_gcrf, dtype=float)
-    count = len(relative_states_rtn)
-    axis = 1.0 / (2.0 / np.linalg.norm(chief[:3]) - float(chief[3:] @ chief[3:]) / GM_EARTH)
-    period = 2.0 * math.pi * math.sqrt(float(axis) ** 3 / GM_EARTH)
-    times = prediction_times(period, orbits)
-    deputies = [deputy_state_gcrf(chief, state) for state in relative_states_rtn]
-    displaced = chief + np.diag(_DISPLACEMENTS)
-    flown = free_flight(np.array([chief, *deputies, *displaced]), times)
-    relative = np.zeros((count + 1, len(times), 6))
-    relative[1:] = np.swapaxes(flown[:, 1 : count + 1] - flown[:, :1], 0, 1)
-    transition = np.swapaxes(flown[:, count + 1 :] - flown[:, :1], 1, 2) / _DISPLACEMENTS
-
-    rotation_start = rotation_gcrf_to_rtn(chief)
-    momentum = np.cross(chief[:3], chief[3:])
-    rate = np.array([0.0, 0.0, np.linalg.norm(momentum) / float(chief[:3] @ chief[:3])])
-    to_gcrf = np.zeros((6, 6))
-    to_gcrf[:3, :3] = to_gcrf[3:, 3:] = rotation_start.T
-    to_gcrf[3:, :3] = rotation_start.T @ skew(rate)
-    to_position = np.ascontiguousarray(transition[:, :3]) @ to_gcrf
-    covariances = np.zeros((count + 1, len(times), 3, 3))
-    for index, covariance in enumerate(covariances_rtn, start=1):
-        covariances[index] = to_position @ covariance @ np.swapaxes(to_position, 1, 2)
-
-    states = flown[:, 0]
-    radial = states[:, :3] / np.linalg.norm(states[:, :3], axis=1, keepdims=True)
-    normal = np.cross(states[:, :3], states[:, 3:])
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    rotation = np.stack((radial, np.cross(normal, radial), normal), axis=1)
-    return FreeMotion(times, tuple(names), relative, covariances, transition, rotation)
+    chief = predict_chief_motion(state_chief_gcrf, orbits)
+    covariances = [chief.position_covariances(covariance) for covariance in covariances_rtn]
+    return chief.formation(names, relative_states_rtn, covariances)
 
 
 @compiled
