@@ -522,10 +522,19 @@ def test_manoeuvres_at_the_cap(extent_and_seed):
     assert flight.is_fixed[1:].all()
     assert run.wrong_for <= LONGEST_WRONG
 
-    exact = configuration(thrust_relative_sigma=5e-5)
+    exact = configuration(
+        thrust_relative_sigma=5e-5, thrust_scale_sigma=5e-5, thrust_misalignment_sigma_deg=3e-3
+    )
     trusting = fly(dataclasses.replace(scenario, thrust_rtn=rounded_thrust), exact)
     print(f"thrust believed to 5e-5: largest {1e3 * trusting.error[after].max():.2f} mm")
     assert trusting.error[after].max() < BACK_BOUND
+    for _, end, _ in planned:
+        believed, usual = (
+            np.trace(solutions[end + 5].covariance_rtn[:3, :3])
+            for solutions in (trusting.solutions, flight.solutions)
+        )
+        print(f"sigma 5 s after the end {1e3 * np.sqrt([believed, usual])} mm")
+        assert believed < 0.9 * usual
 
 
 @pytest.mark.parametrize("scale", [1.0, 4.0], ids=["250 m", "1 km"])

@@ -704,7 +704,9 @@ class RelativeFilter:
         share = gained / (gained + _VELOCITY_NOISE**2)
         ratio = min(float(change @ change) / expected, _LARGEST_CORRECTION)
         sigma = self.thrust_sigma * math.exp(0.5 * _THRUST_GAIN * share * (ratio - 1.0))
-        self.thrust_sigma = min(max(sigma, _THRUST_SIGMAS[0]), _THRUST_SIGMAS[1])
+        # Thrust that is given as better known than the least sigma is believed so.
+        least = min(_THRUST_SIGMAS[0], self.configuration.thrust_relative_sigma)
+        self.thrust_sigma = min(max(sigma, least), _THRUST_SIGMAS[1])
 
     def _follow_slow_phase(self, slow: SlowError) -> None:
         """Give the slow errors of the phases in the state another sigma and correlation time."""
