@@ -59,6 +59,9 @@ class AttitudeEstimatorParameters:
     )
     wheel_inertia: float = parameter(BodyModel.wheel_inertia, "momentum over rate", unit="kg m^2")
     torquer_moment: float = parameter(BodyModel.torquer_moment, "of a rod that is on", unit="A m^2")
+    torquer_sigma: float = parameter(
+        _FILTER.torquer_sigma, "share by which the moment of a pulse may be wrong", minimum=0.0
+    )
     magnetometer_sigma: float = parameter(
         _FILTER.magnetometer_sigma, "white noise of each axis", unit="T"
     )
@@ -92,6 +95,15 @@ class AttitudeEstimatorParameters:
     )
     torque_noise: float = parameter(
         _FILTER.torque_noise, "white torque that no model knows", unit="N m sqrt(s)", minimum=0.0
+    )
+    torque_sigma: float = parameter(
+        _FILTER.torque_sigma,
+        "torque that lasts, as that of drag, each axis of the body; 0: not estimated",
+        unit="N m",
+        minimum=0.0,
+    )
+    torque_time: float = parameter(
+        _FILTER.torque_time, "time over which that torque stays alike", unit="s", minimum=1.0
     )
     bias_sigma: float = parameter(
         _FILTER.bias_sigma, "magnetometer bias; 0: not estimated", unit="T", minimum=0.0
@@ -149,7 +161,10 @@ class AttitudeEstimatorNode(VtffNode):
                 initial_dipole_sigma=given.initial_dipole_sigma,
                 dipole_drift_sigma=given.dipole_drift_sigma,
                 dipole_drift_time=given.dipole_drift_time,
+                torquer_sigma=given.torquer_sigma,
                 torque_noise=given.torque_noise,
+                torque_sigma=given.torque_sigma,
+                torque_time=given.torque_time,
                 bias_sigma=given.bias_sigma,
                 bias_walk=given.bias_walk,
                 inertia_sigma=given.inertia_sigma,

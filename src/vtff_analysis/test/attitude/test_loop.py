@@ -38,7 +38,7 @@ def track():
     return snap1_track()
 
 
-def pointing_loop(track, seed=1, pitch=0.0, **control):
+def pointing_loop(track, seed=1, pitch=0.0, body=None, filter=None, **control):
     state = track.state_gcrf(0)
     start = AttitudeState(
         quaternion_from_roll_pitch_yaw(0.0, pitch, 0.0, rotation_gcrf_to_orbit(state)),
@@ -46,7 +46,9 @@ def pointing_loop(track, seed=1, pitch=0.0, **control):
         SpacecraftBody().wheel_momentum(-2700.0),
     )
     configuration = LoopConfiguration(
-        body=SpacecraftBody(dipole=DIPOLE_FINAL), control=AttitudeControlConfiguration(**control)
+        body=body or SpacecraftBody(dipole=DIPOLE_FINAL),
+        filter=filter or AttitudeFilterConfiguration(),
+        control=AttitudeControlConfiguration(**control),
     )
     return AttitudeLoop(track, configuration, start, seed, first="point")
 
@@ -64,6 +66,26 @@ def test_estimator_and_controller_point_within_a_degree(pointing):
     assert np.abs(pointing.wheel_speed_rpm[late] + 2700.0).max() < 210.0
     assert pointing.valid[late].all() and pointing.restarts[-1] == 0
     assert 0.05 < pointing.normalised_error_squared(0, 3)[late].mean() < 2.0
+
+
+@pytest.mark.parametrize("is_estimated", [True, False])
+def test_drag_off_the_centre_of_mass_is_estimated_where_asked(is_estimated):
+    """A torque of 4e-8 N m that lasts; a filter that knows of none loses the attitude."""
+    plain = snap1_track()
+    track = orbit_track.OrbitTrack(plain.epoch, plain.state_gcrf(0), drag_pressure=2.2e-14)
+    loop = pointing_loop(
+        track,
+        body=SpacecraftBody(dipole=DIPOLE_FINAL, drag_point=(0.0, 0.01, 0.03)),
+        filter=AttitudeFilterConfiguration(torque_sigma=3e-8 if is_estimated else 0.0),
+    )
+    history = loop.fly(1186)
+    late = history.time > 4200.0
+    if is_estimated:
+        assert history.attitude_error_deg[late].max() < 1.0
+        assert history.restarts[-1] == 0
+        assert 0.1 < history.normalised_error_squared(0, 3)[late].mean() < 2.0
+    else:
+        assert not history.attitude_error_deg[late].max() < 1.0
 
 
 def test_pulses_keep_duty_and_quiet_window(pointing):

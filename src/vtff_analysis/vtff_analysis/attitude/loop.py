@@ -209,8 +209,8 @@ class AttitudeHistory:
     ----------
     time
         s since the start of the loop.
-    angles_deg, estimated_angles_deg
-        True and estimated roll, pitch and yaw; nan without an estimate.
+    angles_deg
+        True roll, pitch and yaw.
     rate_body
         True rate, rad/s.
     field_body
@@ -235,7 +235,6 @@ class AttitudeHistory:
 
     time: FloatArray
     angles_deg: FloatArray
-    estimated_angles_deg: FloatArray
     rate_body: FloatArray
     field_body: FloatArray
     wheel_speed_rpm: FloatArray
@@ -257,7 +256,6 @@ class AttitudeHistory:
 
         return AttitudeHistory(
             period * np.arange(1.0, periods + 1.0),
-            columns(3),
             columns(3),
             columns(3),
             columns(3),
@@ -292,9 +290,6 @@ class AttitudeHistory:
         estimate = step.estimate
         if estimate is None:
             return
-        self.estimated_angles_deg[row] = np.degrees(
-            pointing_errors(estimate.rotation_gcrf_from_body, estimate.rate_body, orbit).angles
-        )
         self.rotation_error[row] = rotation_vector(
             multiply(conjugate(estimate.quaternion_gcrf), truth.quaternion_gcrf)
         )

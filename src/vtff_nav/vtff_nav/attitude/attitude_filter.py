@@ -1,9 +1,10 @@
 """Attitude, rate and dipole from a magnetometer alone: a multiplicative filter.
 
 The field turns along the orbit, so one vector observes the attitude in time, and the torque of the
-dipole on the field makes the dipole observable through the rate. Bias of the magnetometer, inertia
-and the error of the field model can be estimated besides; none of them is by default, and then the
-filter has rotation, rate and dipole, the drift of the dipole and the error of the wheel.
+dipole on the field makes the dipole observable through the rate. Bias of the magnetometer, inertia,
+a torque that lasts and the error of the field model can be estimated besides; none of them is by
+default, and then the filter has rotation, rate and dipole, the drift of the dipole and the error of
+the wheel.
 """
 
 from __future__ import annotations
@@ -33,6 +34,7 @@ from vtff_nav.attitude.kernels import (
     INERTIA,
     RATE,
     ROTATION,
+    TORQUE,
     WHEEL,
     predict_attitude,
     update_by_field,
@@ -91,7 +93,7 @@ class AttitudeEstimate:
         True less model field, T, shape (3,); zero if not estimated.
     covariance
         Covariance of the error state of `vtff_nav.attitude.kernels`, which begins with rotation
-        (rad, body axes), rate and dipole, shape (19, 19), or (187, 187) with an error of the field;
+        (rad, body axes), rate and dipole, shape (22, 22), or (190, 190) with an error of the field;
         zero where not estimated.
     """
 
@@ -168,6 +170,7 @@ class AttitudeFilter:
             sigma[DRIFT:WHEEL] = configuration.dipole_drift_sigma
         sigma[BIAS:INERTIA] = configuration.bias_sigma
         sigma[INERTIA:DRIFT] = configuration.inertia_sigma
+        sigma[TORQUE:FIELD] = configuration.torque_sigma
         sigma[FIELD:] = np.sqrt(variances)
         self._covariance = np.diag(sigma**2)
         self._field_variances = variances

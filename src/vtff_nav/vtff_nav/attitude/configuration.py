@@ -79,6 +79,9 @@ class AttitudeFilterConfiguration:
         A m2.
     torque_noise : float
         White torque that no model knows, N m sqrt(s).
+    torque_sigma, torque_time : float
+        Torque that no model knows and that stays alike for a while, on each axis of the body, N m,
+        and how long, s; that of drag while pointing. A sigma of 0: not estimated.
     dipole_drift_sigma, dipole_drift_time : float
         Change of the dipole in time on each axis, A m2/s, and how long it stays alike, s. By
         default a change by a tenth of 0.15 A m2 in a day is two sigma. 0: the dipole is constant.
@@ -111,6 +114,8 @@ class AttitudeFilterConfiguration:
     estimates_dipole: bool = True
     initial_dipole: npt.ArrayLike = (0.0, 0.0, 0.0)
     torque_noise: float = 1e-8
+    torque_sigma: float = 0.0
+    torque_time: float = 3000.0
     dipole_drift_sigma: float = 5e-8
     dipole_drift_time: float = 86400.0
     bias_sigma: float = 0.0
@@ -127,6 +132,7 @@ class AttitudeFilterConfiguration:
         """Check the numbers."""
         for name in (
             "magnetometer_sigma",
+            "torque_time",
             "dipole_drift_time",
             "field_time",
             "longest_step",
@@ -139,6 +145,7 @@ class AttitudeFilterConfiguration:
             "initial_rate_sigma",
             "initial_dipole_sigma",
             "torque_noise",
+            "torque_sigma",
             "dipole_drift_sigma",
             "bias_sigma",
             "bias_walk",
@@ -152,7 +159,7 @@ class AttitudeFilterConfiguration:
         check_vector("initial_dipole", self.initial_dipole, 3, "A m2")
 
     def noise(self) -> FloatArray:
-        """Return the process noise in the order of the kernels, shape (7,)."""
+        """Return the process noise in the order of the kernels, shape (9,)."""
         return np.array(
             [
                 self.torque_noise,
@@ -162,5 +169,7 @@ class AttitudeFilterConfiguration:
                 self.wheel_sigma,
                 self.torquer_sigma,
                 self.field_time,
+                self.torque_sigma,
+                self.torque_time,
             ]
         )

@@ -1,16 +1,19 @@
 """Compiled steps of the attitude filters: prediction over a period and update by the field.
 
-Error state, 19 numbers and those of the field: small rotation (rad, body axes), rate (rad/s),
+Error state, 22 numbers and those of the field: small rotation (rad, body axes), rate (rad/s),
 residual dipole (A m2), magnetometer bias (T), inertia corrections (share of each diagonal moment),
-drift of the dipole (A m2/s), momentum of the wheel less what it was told (N m s) and, where the
-model of the field has an error, its coefficients (T, see `vtff_nav.attitude.field_error`). What
-else is not estimated has zero variance and zero process noise: its rows and columns stay zero and
-cost little. The true attitude is the estimate times the small rotation, in body axes.
+drift of the dipole (A m2/s), momentum of the wheel less what it was told (N m s), torque that no
+model knows (N m, body axes) and, where the model of the field has an error, its coefficients (T,
+see `vtff_nav.attitude.field_error`). What else is not estimated has zero variance and zero process
+noise: its rows and columns stay zero and cost little. The true attitude is the estimate times the
+small rotation, in body axes.
 
 The dipole follows its drift, a Gauss-Markov process. A random walk of the dipole would have to be
 large to follow a drift that lasts for hours, and would then doubt a dipole that stays. The error of
 the wheel is new in each period: a wheel that follows its command is off by a bounded error, and
-what it gave to the body in a period it takes back in the next.
+what it gave to the body in a period it takes back in the next. The torque is a Gauss-Markov
+process: drag on a spacecraft that points stays alike in its axes, and white noise of its size would
+doubt the rate in every period.
 
 References
 ----------
@@ -36,6 +39,7 @@ __all__ = [
     "INERTIA",
     "RATE",
     "ROTATION",
+    "TORQUE",
     "WHEEL",
     "mean_rod_moment",
     "predict_attitude",
@@ -43,7 +47,7 @@ __all__ = [
     "update_by_field",
 ]
 
-ROTATION, RATE, DIPOLE, BIAS, INERTIA, DRIFT, WHEEL, FIELD = 0, 3, 6, 9, 12, 15, 18, 19
+ROTATION, RATE, DIPOLE, BIAS, INERTIA, DRIFT, WHEEL, TORQUE, FIELD = 0, 3, 6, 9, 12, 15, 18, 19, 22
 """First number of each part of the error state; the mean has no rotation and begins with RATE."""
 
 
@@ -122,13 +126,14 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         Momentum of the wheel, N m s; it changes uniformly.
     pulses : (3,)
         On-times of the rods from the start of the period, s, signed.
-    noise : (7,)
+    noise : (9,)
         Torque (N m sqrt(s)), sigma of the drift of the dipole (A m2/s), its correlation time (s),
         bias walk (T/sqrt(s)), sigma of the momentum of the wheel about its command (N m s), sigma
-        of the moment of a rod (share), correlation time of the error of the field (s).
-    field_partial : (3, n - 19)
+        of the moment of a rod (share), correlation time of the error of the field (s), sigma of the
+        torque that stays alike (N m), its correlation time (s).
+    field_partial : (3, n - 22)
         Derivatives of the field in GCRF by the coefficients of its error.
-    field_variances : (n - 19,)
+    field_variances : (n - 22,)
         Variances of these coefficients without measurements.
     """
     states = len(covariance)
@@ -141,6 +146,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     wheel_begin = wheel_start + mean[WHEEL - RATE]
     wheel_torque = (wheel_end - wheel_begin) / period
     nothing = np.zeros(3)
+    torque_mean = mean[TORQUE - RATE : FIELD - RATE].copy()
     state = np.empty(8)
     state[:4] = quaternion
     state[4:7] = mean[:3]
@@ -192,7 +198,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             moment,
             nothing,
             nothing,
-            nothing,
+            torque_mean,
             rates,
             stage_state,
         )
@@ -256,6 +262,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
                 matrix[3 + i, RATE + j] = by_rate[i, j]
                 matrix[3 + i, DIPOLE + j] = by_dipole[i, j]
                 matrix[3 + i, INERTIA + j] = by_inertia[i, j]
+                matrix[3 + i, TORQUE + j] = inverse[i, j]
             matrix[3 + i, WHEEL] = by_wheel[i] / period - left * turned_wheel[i, 0]
             for j in range(coefficients):
                 matrix[3 + i, FIELD + j] = by_field[i, j]
@@ -274,6 +281,9 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     for i in range(coefficients):
         mean[FIELD - RATE + i] *= known
     mean[WHEEL - RATE] = 0.0
+    lasting = math.exp(-period / noise[8])
+    for i in range(3):
+        mean[TORQUE - RATE + i] *= lasting
     # In a period the drift is too small to be felt: the dipole takes it at the end.
     kept = math.exp(-period / noise[2])
     for i in range(3):
@@ -298,6 +308,11 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     for j in range(states):
         covariance[WHEEL, j] = 0.0
         covariance[j, WHEEL] = 0.0
+    for i in range(TORQUE, FIELD):
+        for j in range(states):
+            covariance[i, j] *= lasting
+            covariance[j, i] *= lasting
+        covariance[i, i] += (1.0 - lasting * lasting) * noise[7] ** 2
     for i in range(FIELD, states):
         for j in range(states):
             covariance[i, j] *= known

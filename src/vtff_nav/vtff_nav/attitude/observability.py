@@ -27,8 +27,6 @@ class DipoleObservability:
         Standard deviation of the dipole on each axis, A m2, shape (3,).
     weakest_direction
         Unit vector in the body along which it is known worst, shape (3,).
-    weakest_sigma
-        Sigma along it, A m2.
     gain
         Initial over present sigma of each axis, shape (3,): 1 where nothing was learnt.
     reason
@@ -37,7 +35,6 @@ class DipoleObservability:
 
     sigma: FloatArray
     weakest_direction: FloatArray
-    weakest_sigma: float
     gain: FloatArray
     reason: str = ""
 
@@ -57,7 +54,7 @@ def dipole_observability(
         Sigma above which an axis is named, A m2.
     """
     sigma = np.sqrt(np.diag(covariance))
-    values, vectors = np.linalg.eigh(covariance)
+    _, vectors = np.linalg.eigh(covariance)
     weak = [
         f"{axis} {1e3 * value:.1f} mA m2"
         for axis, value in zip(_AXES, sigma, strict=True)
@@ -68,7 +65,6 @@ def dipole_observability(
     return DipoleObservability(
         sigma,
         direction * np.sign(direction[largest]),
-        float(np.sqrt(values[-1])),
         initial_sigma / sigma,
         f"dipole weakly observed: sigma {', '.join(weak)}" if weak else "",
     )
