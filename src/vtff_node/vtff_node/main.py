@@ -27,7 +27,7 @@ from vtff_node.plugins.loading import PluginError, help_lines
 from vtff_node.process.callback_watch import CallbackWatch
 from vtff_node.process.leaving import leave_process
 from vtff_node.process.lifeline import watch_lifeline
-from vtff_node.process.priority import is_niceness_chosen, set_niceness
+from vtff_node.process.priority import is_niceness_chosen, set_niceness, yield_to_others
 from vtff_node.process.stop_signals import StopRequest
 
 #: Longest wait of the executor, s. It is finite, because the EventsExecutor of the wheels never
@@ -104,6 +104,9 @@ def spin(nodes: Sequence[VtffNode], stop: StopRequest) -> int:
             nodes[0].get_logger().info(f"the system does not permit a niceness of {niceness}")
     timer = nodes[0].create_timer(SPIN_TIMEOUT, look, clock=nodes[0].steady_clock)
     gather_time = min(node.gather_time for node in nodes)
+    if gather_time:
+        # Else each message interrupts the node that publishes it.
+        yield_to_others()
     patience = NO_PATIENCE if gather_time else SPIN_TIMEOUT
     try:
         while not stop.requested and not any(node.finished for node in nodes):

@@ -66,6 +66,12 @@ class SimgenBridgeParameters(StepSourceParameters):
     simgen_reconnect_timeout: float = parameter(
         10.0, "in lockstep, longest wait for a lost connection to SimGEN", unit="s", minimum=0.1
     )
+    simgen_steps_together: int = parameter(
+        1,
+        "in lockstep, steps whose motion SimGEN gets in one packet; 1 where it has receivers",
+        minimum=1,
+        maximum=100,
+    )
     lockstep_preparing: list[str] = parameter(
         [], "fully qualified nodes that must report ready before the run starts, in any pacing"
     )
@@ -277,6 +283,7 @@ class SimgenBridgeNode(VtffNode):
             self._truth.names,
             reconnect_timeout=given.simgen_reconnect_timeout if self.lockstep else None,
             patience_while_running=None if self.lockstep else REPLY_SHARE * self._scenario.step,
+            steps_together=given.simgen_steps_together if self.lockstep else 1,
         )
 
     def _prepare_simgen(self) -> bool:
@@ -475,7 +482,7 @@ class SimgenBridgeNode(VtffNode):
         self._advance()
 
     def _end(self) -> None:
-        self._receive_replies()
+        self._complete_simgen()
         if self._state == SimulatorStatus.STATE_ERROR:
             return
         self._state = SimulatorStatus.STATE_ENDED
@@ -517,6 +524,15 @@ class SimgenBridgeNode(VtffNode):
             return
         try:
             self._simgen.receive()
+        except SimRemoteError as error:
+            self.fail(str(error))
+
+    def _complete_simgen(self) -> None:
+        """Give SimGEN the motion of the last steps and take its replies."""
+        if self._simgen is None:
+            return
+        try:
+            self._simgen.complete()
         except SimRemoteError as error:
             self.fail(str(error))
 

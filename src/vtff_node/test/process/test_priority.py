@@ -1,4 +1,4 @@
-"""Niceness of all threads of a process, and of the session that it leads."""
+"""Niceness and policy of all threads of a process, and niceness of the session that it leads."""
 
 from __future__ import annotations
 
@@ -26,6 +26,25 @@ print(before, is_niceness_chosen())
 """
 
 
+YIELDING_PROGRAM = """
+import os, pathlib, threading
+from vtff_node.process.priority import yield_to_others
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+yield_to_others()
+threading.Thread(target=threading.Event().wait, daemon=True).start()
+threads = [int(task.name) for task in pathlib.Path("/proc/self/task").iterdir()]
+print(len(threads), {os.sched_getscheduler(thread) for thread in threads} == {os.SCHED_BATCH})
+"""
+
+
+@pytest.mark.skipif(not hasattr(os, "SCHED_BATCH"), reason="a policy of Linux")
+def test_no_thread_interrupts_others():
+    done = subprocess.run(
+        [sys.executable, "-c", YIELDING_PROGRAM], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == ["3", "True"]
+
+
 def test_all_threads_and_the_session_get_it():
     done = subprocess.run(
         [sys.executable, "-c", PROGRAM],
@@ -46,7 +65,9 @@ def test_a_system_that_does_not_permit_it(monkeypatch, error):
         raise OSError(error, os.strerror(error))
 
     monkeypatch.setattr(os, "setpriority", refuse)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse, raising=False)
     session = pathlib.Path("/proc/self/autogroup")
     before = session.read_text() if session.exists() else ""
     assert not priority.set_niceness(-10)
+    priority.yield_to_others()
     assert (session.read_text() if session.exists() else "") == before

@@ -6,7 +6,7 @@ import contextlib
 import os
 import pathlib
 
-__all__ = ["is_niceness_chosen", "set_niceness"]
+__all__ = ["is_niceness_chosen", "set_niceness", "yield_to_others"]
 
 _TASKS = pathlib.Path("/proc/self/task")
 # Linux shares the processor among sessions first (sched_autogroup): the niceness of a process
@@ -31,11 +31,7 @@ def set_niceness(niceness: int) -> bool:
     niceness : int
         -20, the first to run, to 19.
     """
-    try:
-        threads = [int(task.name) for task in _TASKS.iterdir()]
-    except OSError:
-        threads = [0]
-    for thread in threads:
+    for thread in _find_threads():
         try:
             os.setpriority(os.PRIO_PROCESS, thread, niceness)
         except ProcessLookupError:
@@ -46,3 +42,26 @@ def set_niceness(niceness: int) -> bool:
         with contextlib.suppress(OSError):  # a kernel without sched_autogroup has no such file
             _SESSION.write_text(f"{niceness}", encoding="ascii")
     return True
+
+
+def yield_to_others() -> None:
+    """Let no thread of this process interrupt another process when it wakes, where that exists.
+
+    By default the scheduler of Linux stops what runs on a core to run a thread that has just got a
+    message. With the policy SCHED_BATCH the thread gets its share of the processor when the other
+    one waits or has had its own share. Threads that begin later inherit the policy. One that the
+    user has chosen (chrt) stays.
+    """
+    if not hasattr(os, "sched_setscheduler"):  # not Linux
+        return
+    for thread in _find_threads():
+        with contextlib.suppress(OSError):  # it has ended meanwhile, or a sandbox without the call
+            if os.sched_getscheduler(thread) == os.SCHED_OTHER:
+                os.sched_setscheduler(thread, os.SCHED_BATCH, os.sched_param(0))
+
+
+def _find_threads() -> list[int]:
+    try:
+        return [int(task.name) for task in _TASKS.iterdir()]
+    except OSError:
+        return [0]

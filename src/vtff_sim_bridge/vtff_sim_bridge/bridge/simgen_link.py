@@ -20,6 +20,9 @@ from vtff_sim_bridge.simremote.motion import MotionState
 
 LOGGER = logging.getLogger("simgen_link")
 
+#: Time into the run, s, and the motion of each vehicle then.
+_Step = tuple[float, list[tuple[str, MotionState]]]
+
 
 class SimGenLink:
     """Drives the vehicles of one SimGEN run.
@@ -37,6 +40,11 @@ class SimGenLink:
         Longest wait for a reply and for an attempt to connect while the run lasts, s; None for
         that of the client. In real time it is a part of a step, so that a link that is cut makes
         no step late.
+    steps_together
+        Steps whose motion is sent in one packet; the replies are then taken before the next packet.
+        More than one only where nothing waits for what SimGEN does with a step: each exchange wakes
+        two processes, which costs as much as the rest of a step. Steps without a reply are sent
+        again after a lost connection.
 
     Attributes
     ----------
@@ -50,12 +58,16 @@ class SimGenLink:
         spacecraft: Sequence[str],
         reconnect_timeout: float | None,
         patience_while_running: float | None = None,
+        steps_together: int = 1,
     ) -> None:
         self._client = client
         self._vehicles = {name: f"v{number}_m1" for number, name in enumerate(spacecraft, start=1)}
         self._reconnect_timeout = reconnect_timeout
         self._patience = client.timeout
         self._patience_while_running = patience_while_running
+        self._steps_together = steps_together
+        self._unsent: list[_Step] = []
+        self._unanswered: list[_Step] = []
         self._awaited_replies = 0
         self._started = False
         self.problem = ""
@@ -114,31 +126,60 @@ class SimGenLink:
     def send(self, time: float, motions: Mapping[str, npt.NDArray[np.float64]]) -> None:
         """Send the motion of every spacecraft for a time (s into the run), in one packet.
 
+        With `steps_together` the motion waits for that of further steps.
+
         Raises
         ------
         SimRemoteError
-            If the connection is lost and cannot be restored, or SimGEN no longer runs.
+            If the connection is lost and cannot be restored, or SimGEN no longer runs; also where
+            replies to earlier steps are taken, as in `receive`.
         """
         commands = [
             (self._vehicles[name], motion_state(motion)) for name, motion in motions.items()
         ]
-        for attempt in range(2):
-            try:
-                if not self._client.is_connected and not self._connect_again():
-                    return
-                self._awaited_replies = self._client.send_motion(time, commands)
-                return
-            except SimRemoteConnectionError as error:
-                self._note_lost_connection(error, final=attempt > 0)
+        self._unsent.append((time, commands))
+        if len(self._unsent) >= self._steps_together:
+            self._receive_all()
+            self._send_all()
 
     def receive(self) -> None:
-        """Receive the replies to the commands that were sent.
+        """Receive the replies to the commands that were sent, unless several steps go together.
 
         Raises
         ------
         SimRemoteError
             If SimGEN reports an error, or the connection is lost and not restored in time.
         """
+        if self._steps_together == 1:
+            self._receive_all()
+
+    def complete(self) -> None:
+        """Send the motion that waits for further steps, and receive all replies.
+
+        Raises
+        ------
+        SimRemoteError
+            As in `send` and `receive`.
+        """
+        self._receive_all()
+        self._send_all()
+        self._receive_all()
+
+    def _send_all(self) -> None:
+        steps, self._unsent = self._unsent, []
+        if not steps:
+            return
+        for attempt in range(2):
+            try:
+                if not self._client.is_connected and not self._connect_again():
+                    return
+                self._awaited_replies = self._client.send_motions(steps)
+                self._unanswered = steps
+                return
+            except SimRemoteConnectionError as error:
+                self._note_lost_connection(error, final=attempt > 0)
+
+    def _receive_all(self) -> None:
         awaited, self._awaited_replies = self._awaited_replies, 0
         if not awaited:
             return
@@ -146,6 +187,8 @@ class SimGenLink:
             self._client.receive_replies(awaited)
         except SimRemoteConnectionError as error:
             self._note_lost_connection(error, final=False)
+            if self._steps_together > 1:  # alone, a step has been overtaken by the next
+                self._unsent = self._unanswered + self._unsent
 
     def stop(self) -> None:
         """End the run, if it was started, and close the connection.
@@ -158,7 +201,7 @@ class SimGenLink:
         self._client.timeout = self._patience
         try:
             try:
-                self.receive()
+                self._receive_all()
             finally:
                 if self._started and self._client.is_connected:
                     self._client.end()

@@ -212,17 +212,20 @@ class SimRemoteClient:
         return self.receive_replies(1, timeout)[0]
 
     def send_motion(self, time: float, motions: Iterable[tuple[str, MotionState]]) -> int:
-        """Send one MOT command per vehicle, all in one write, without waiting for the replies.
+        """Send one MOT command per vehicle; as `send_motions` for one time."""
+        return self.send_motions([(time, motions)])
+
+    def send_motions(self, steps: Iterable[tuple[float, Iterable[tuple[str, MotionState]]]]) -> int:
+        """Send one MOT command per time and vehicle, all in one write, without awaiting replies.
 
         Numbers are the shortest decimals that read back exactly (at most 17 significant digits,
         no exponent), so a command has some 500 bytes.
 
         Parameters
         ----------
-        time : float
-            Time into the run at which the motions hold, s; kept to the nanosecond.
-        motions : iterable of (str, MotionState)
-            Vehicle id and motion.
+        steps : iterable of (float, iterable of (str, MotionState))
+            Time into the run at which the motions hold, s, kept to the nanosecond; vehicle id and
+            motion of each vehicle then.
 
         Returns
         -------
@@ -234,12 +237,14 @@ class SimRemoteClient:
         SimRemoteConnectionError
             If the connection is lost.
         ValueError
-            If the time is negative or a number is not finite; the message names the field.
+            If a time is negative or a number is not finite; the message names the field.
         """
-        if not 0.0 <= time < float("inf"):
-            raise ValueError(f"time: 0 s or more expected, got {time}")
-        stamp = round(time * NANOSECONDS_PER_SECOND)
-        lines = [format_motion(stamp, vehicle_id, state) for vehicle_id, state in motions]
+        lines = []
+        for time_into_run, motions in steps:
+            if not 0.0 <= time_into_run < float("inf"):
+                raise ValueError(f"time: 0 s or more expected, got {time_into_run}")
+            stamp = round(time_into_run * NANOSECONDS_PER_SECOND)
+            lines += [format_motion(stamp, vehicle_id, state) for vehicle_id, state in motions]
         self._send(lines)
         return len(lines)
 
