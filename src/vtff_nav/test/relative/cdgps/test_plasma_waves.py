@@ -61,6 +61,23 @@ def test_waves_that_begin_in_a_quiet_sky_are_followed():
     assert learnt[:, -1].min() > 0.5 * true[-1]
 
 
+@pytest.mark.parametrize(
+    ("mean", "share"),
+    [(math.nan, 0.5), (0.01, math.nan), (math.inf, 0.5), (0.01, 1.2), (0.01, 1.0 + 1e-9)],
+)
+def test_what_is_no_number_leaves_no_trace_in_the_sigma(mean, share):
+    """Neither an estimate that is not a number nor one of negative variance is a sample."""
+    waves, untouched = PlasmaWaves(STATED, 50e3, TIME), PlasmaWaves(STATED, 50e3, TIME)
+    steady = untouched.sigma_tecu(DISTANCE) ** 2
+    good, variance = np.full(3, 0.03), np.full(3, 0.2 * steady)
+    waves.learn(np.append(good, mean), np.append(variance, (1.0 - share) * steady), DISTANCE, 1.0)
+    untouched.learn(good, variance, DISTANCE, 1.0)
+    waves.learn_changes(np.array([1e3, math.nan]), np.array([1e5, 1e5]), DISTANCE, 1.0)
+    untouched.learn_changes(np.array([1e3]), np.array([1e5]), DISTANCE, 1.0)
+    assert waves.sigma_tecu(DISTANCE) == pytest.approx(untouched.sigma_tecu(DISTANCE), rel=1e-12)
+    assert untouched.sigma_tecu(DISTANCE) != math.sqrt(steady)
+
+
 def test_waves_are_not_felt_by_spacecraft_that_are_near():
     waves = PlasmaWaves(0.012, 50e3, TIME)
     assert not waves.are_felt(5e3)

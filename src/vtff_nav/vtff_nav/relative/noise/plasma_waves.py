@@ -117,8 +117,12 @@ class PlasmaWaves:
     ) -> None:
         """Weigh the models with squares of measured content (multiple models: Magill 1965).
 
-        Its variance is the sum of that of the noise and of the stated one times the factor.
+        Its variance is the sum of that of the noise and of the stated one times the factor. What is
+        not a number, or has a negative variance of its noise, as rounding makes where an estimate
+        explains all of the variance, is no sample: it would spoil the likelihoods for good.
         """
+        is_number = np.isfinite(square) & np.isfinite(noise) & (noise >= 0.0)
+        square, noise = square[is_number], noise[is_number]
         total = _FACTORS[:, None] * stated + noise
         is_sample = square < _LARGEST_SIGMAS**2 * total[-1]
         self._log_likelihood *= math.exp(-elapsed / _MEMORY)
