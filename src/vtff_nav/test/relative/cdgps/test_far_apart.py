@@ -115,3 +115,14 @@ def test_offsets_that_are_not_there_leave_what_phases_told():
     relative.expect_satellite_offsets(0.0, {satellite}, distance)
     assert ("satellite_offset", satellite) not in state
     assert state.sigma(("motion", 0)) < 1.5e-3
+
+
+def test_offsets_stand_in_the_order_of_satellites():
+    """Sums over the state then have the same bits, whatever was in view before."""
+    motion = np.concatenate((DEPUTY - CHIEF, np.zeros(3)))
+    relative = RelativeFilter(configuration(), motion, np.eye(9), 0.0)
+    satellites = [(0, prn) for prn in range(1, 33)]
+    relative.expect_satellite_offsets(2.0, set(reversed(satellites)), 2e7)
+    assert [satellite for _, satellite in relative.state.labels_of("satellite_offset")] == (
+        satellites
+    )

@@ -493,7 +493,7 @@ class RelativeFilter:
             present = [label for label in labels if label in state]
             if present:
                 state.reweigh(present, last.sigma**2, sigma**2)
-        for satellite in satellites:
+        for satellite in sorted(satellites):
             if ("satellite_offset", satellite) not in state:
                 state.add(("satellite_offset", satellite), 0.0, sigma**2)
 
