@@ -13,11 +13,12 @@ from vtff_iono.formation_ionosphere import FormationIonosphere
 DURATION, SLIP = 45.0, 15.0
 
 
-def process(drawn, stale_prn=None):
+def process(drawn, stale_prn=None, prn_without_orbit=None):
     """Return the densities by second; a satellite `stale_prn` keeps the integers of the start."""
     formation = FormationIonosphere()
     for ephemeris in drawn.ephemerides(DURATION):
-        formation.add_ephemeris(ephemeris)
+        if ephemeris.prn != prn_without_orbit:
+            formation.add_ephemeris(ephemeris)
     at_first, densities = None, {}
     for second in drawn.seconds(DURATION, 0.1):
         at_first = at_first or second.integers[0]
@@ -48,3 +49,16 @@ def test_integers_that_a_slip_has_made_wrong_are_refused_and_found_again():
             assert abs(value.item() - true) < 4.0 * sigma.item() < 2e12
     assert used_again and used_again[0] <= 40
     assert used_again == list(range(used_again[0], int(DURATION)))
+
+
+def test_integers_are_found_beside_those_of_a_satellite_without_an_orbit():
+    """Integers of a satellite without an ephemeris tell nothing of those of the others."""
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer())
+    before = process(drawn)[SLIP - 1]
+    prns = before.prn[np.isfinite(before.epoch.density_satellite)].tolist()
+    drawn = dataclasses.replace(drawn, slips={(1, prns[-1]): SLIP})
+    densities = process(drawn, stale_prn=prns[-1], prn_without_orbit=prns[0])
+    last = densities[int(DURATION) - 1]
+    used = last.prn[np.isfinite(last.epoch.density_satellite)].tolist()
+    assert prns[-1] in used
+    assert prns[0] not in used

@@ -396,6 +396,8 @@ class FormationDensity:
         seconds = time / NANOSECONDS_PER_SECOND
         stretches = [self._stretches[number] for number in averages.number.tolist()]
         means = _LinkMeans(stretches, averages.samples, **averages.columns)
+        # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
+        means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
         altitudes = (altitude_chief, altitude_deputy)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
