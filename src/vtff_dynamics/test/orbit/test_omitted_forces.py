@@ -1,9 +1,12 @@
 """Omitted gravity beside the harmonics that real models have."""
 
+import math
+
 import numpy as np
 import pytest
 
-from vtff_dynamics.constants import RADIUS_EARTH_JGM3
+from vtff_dynamics.constants import GM_EARTH, RADIUS_EARTH_JGM3
+from vtff_dynamics.frames.earth_environment import brahe_constants
 from vtff_dynamics.orbit.force_model import ForceModel
 from vtff_dynamics.orbit.omitted_forces import omitted_gravity, other_forces
 from vtff_dynamics.time.timescales import GpsTime
@@ -30,6 +33,34 @@ def test_kaulas_rule_is_near_the_harmonics_of_jgm3(degree):
     assert found.acceleration_sigma == pytest.approx(np.sqrt(np.mean(here**2)), rel=0.3)
     gradient = np.sqrt(np.mean((there - here) ** 2)) / 1e4
     assert found.gradient_sigma == pytest.approx(gradient, rel=0.3)
+
+
+def test_single_arcs_are_up_to_twice_as_rough_as_the_rule():
+    """Gradients along the track by degrees 51 to 120 of EGM2008, on drawn arcs of 900 s."""
+    model_type = brahe_constants.GravityModelType.EGM2008_120
+    model = brahe_constants.GravityModel.from_model_type(model_type)
+    generator, between = np.random.default_rng(1), 20e3
+    rate = math.sqrt(GM_EARTH / RADIUS**3)
+
+    def omitted(first, second, angle):
+        position = RADIUS * (first * math.cos(angle) + second * math.sin(angle))
+        whole = model.compute_spherical_harmonics(position, 120, 120)
+        return np.asarray(whole) - model.compute_spherical_harmonics(position, 50, 50)
+
+    sizes = []
+    for _ in range(100):
+        first, other = generator.standard_normal((2, 3))
+        first /= np.linalg.norm(first)
+        second = np.cross(first, other)
+        second /= np.linalg.norm(second)
+        changes = [
+            omitted(first, second, angle + between / RADIUS) - omitted(first, second, angle)
+            for angle in rate * np.arange(0.0, 900.0, 100.0)
+        ]
+        sizes.append(np.sqrt(np.mean(np.square(changes))) / between)
+    ratios = np.array(sizes) / omitted_gravity(50, RADIUS).gradient_sigma
+    assert np.median(ratios) == pytest.approx(1.0, abs=0.2)
+    assert 0.85 < np.mean(ratios < 2.0) < 0.99
 
 
 def test_less_is_omitted_further_out_and_changes_more_slowly():
