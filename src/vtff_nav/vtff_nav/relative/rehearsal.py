@@ -41,7 +41,7 @@ def rehearse(estimator: RelativeEstimator, *, is_in_orbit: bool = True) -> Relat
     Parameters
     ----------
     estimator : RelativeEstimator
-        One that is not used for anything else.
+        An estimator that is not used for anything else.
     is_in_orbit : bool
         Whether the receivers fly; on the ground otherwise.
 

@@ -277,7 +277,7 @@ def filter_with_plasma_of(sigma_tecu_share: float) -> RelativeFilter:
 
 
 def test_doubt_about_phases_is_doubt_about_the_plasma_that_they_told():
-    """What phases told of the plasma is raised as the position is, not what codes told."""
+    """Variances of the plasma rise as those of the position do, those of code biases do not."""
     filter_ = filter_with_plasma_of(1e-3)
     before = filter_.state.covariance.copy()
     filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))

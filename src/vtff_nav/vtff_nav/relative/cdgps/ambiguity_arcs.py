@@ -191,7 +191,7 @@ def _find_geometry_free_jumps(
 ) -> dict[SignalKey, str]:
     """Return the signals whose difference to another one of the satellite has jumped.
 
-    Those without an arc, and those that have ended for other `reasons`, are left out.
+    Signals without an arc, and signals whose arcs have ended for other `reasons`, are left out.
     """
     jumps: dict[SignalKey, str] = {}
     phase, variance = measured.phase.tolist(), measured.phase_variance.tolist()

@@ -15,22 +15,7 @@ __all__ = ["adjust", "expect_slow_error", "update_models"]
 def adjust(values, sigma, design, prior):  # type: ignore[no-untyped-def]
     """Return the residuals of a least-squares adjustment and the redundancy numbers.
 
-    Parameters
-    ----------
-    values : ndarray, shape (n, k)
-        Measured less predicted, k sets, m.
-    sigma : ndarray, shape (n,)
-        Sigmas of the measurements, m.
-    design : ndarray, shape (n, p)
-        Derivatives by the unknowns.
-    prior : ndarray, shape (p,)
-        Weights of the unknowns' a priori value of 0, inverse variances; 0 for free ones.
-
-    Returns
-    -------
-    residual : ndarray, shape (n, k)
-    number : ndarray, shape (n,)
-        See `Redundancy`.
+    Arguments are those of `Redundancy.of`, results the fields of `Redundancy`.
     """
     count, unknowns, sets = len(values), design.shape[1], values.shape[1]
     whitened, scaled = np.empty((count, unknowns)), np.empty((count, sets))
