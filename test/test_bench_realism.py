@@ -62,6 +62,34 @@ def test_seed_draws_the_geometry(flown):
     np.testing.assert_array_equal(*fixed)
 
 
+def test_errors_that_the_filter_states_are_drawn_with_its_sigmas():
+    """Thrust errors and lever arms of two hundred seeds; those of other worlds are fixed."""
+    from realism.worlds import LEVER_ARM_SIGMA, drawn_lever_arm, drawn_thrust_errors
+
+    from vtff_nav.relative.common.estimator_setting import EstimatorSetting
+    from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+    from vtff_sim_bridge.truth.scenario import load_scenario
+
+    stated, config = EstimatorSetting(), BENCHMARKS.parent / "config"
+    scenario = load_scenario(config / "scenario/reference.yaml")
+    gnss = load_gnss_configuration(config / "gnss/reference.yaml")
+    drawn = [drawn_thrust_errors(dataclasses.replace(scenario, seed=seed)) for seed in range(200)]
+    models = [flown.deputies[0].thruster_errors for flown in drawn]
+    scales = [model.scale - 1.0 for model in models]
+    angles = [model.misalignment_deg for model in models]
+    # The angle of a rotation whose three components have the stated sigma.
+    assert np.std(scales) == pytest.approx(stated.thrust_scale_sigma, rel=0.15)
+    assert np.sqrt(np.mean(np.square(angles)) / 3.0) == pytest.approx(
+        stated.thrust_misalignment_sigma_deg, rel=0.15
+    )
+    change = drawn_lever_arm(LEVER_ARM_SIGMA)
+    arms = [
+        change(dataclasses.replace(gnss, seed=seed)).receivers[1].lever_arm_body
+        for seed in range(200)
+    ]
+    np.testing.assert_allclose(np.std(arms, axis=0), LEVER_ARM_SIGMA, rtol=0.15)
+
+
 def test_filter_flies_and_wrong_integers_are_counted(flown):
     """None is wrong in the ideal world; one that is made wrong in the truth is found."""
     from realism.flight import run_filter, summarise

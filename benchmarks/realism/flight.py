@@ -323,9 +323,7 @@ def summarise(flights: Sequence[Flight], world: World) -> Figures:
         sigma=1e3 * _rms(together[:, _SIGMA]),
         nees_position=_mean(nees),
         nees_velocity=_mean(np.array([_mean(rows[:, _NEES_V]) for rows in counted])),
-        nees_scatter=float(np.std(nees, ddof=1) / math.sqrt(len(nees)))
-        if len(nees) > 1
-        else math.nan,
+        nees_scatter=_standard_error(nees),
         burn_position=_mean(burn[:, _NEES_R]),
         burn_velocity=_mean(burn[:, _NEES_V]),
         outage_position=_mean(outage[:, _NEES_R]),

@@ -174,8 +174,8 @@ class World:
     def make(self, seed: int, seconds: int | None) -> tuple[Scenario, GnssConfiguration]:
         """Return scenario and receivers of a flight; `seconds` replaces its length."""
         scenario = load_scenario(CONFIG / f"scenario/{self.scenario}.yaml")
-        scenario = self.change_scenario(scenario)
         scenario = dataclasses.replace(scenario, seed=seed, duration=float(seconds or self.seconds))
+        scenario = self.change_scenario(scenario)
         chief, *deputies = scenario.spacecraft
         if self.distance is not None:
             state = state_ahead_on_orbit(chief.state_gcrf, self.distance)
@@ -214,6 +214,22 @@ def thrust_errors(scale: float) -> Callable[[Scenario], Scenario]:
         return dataclasses.replace(scenario, spacecraft=(chief, *erring))
 
     return change
+
+
+def drawn_thrust_errors(scenario: Scenario) -> Scenario:
+    """Return a scenario whose thruster has errors drawn with the sigmas that the filter states."""
+    stated = EstimatorSetting()
+    random = np.random.default_rng(np.random.SeedSequence((scenario.seed, 15)))
+    model = ThrusterErrorModel(
+        scale=1.0 + stated.thrust_scale_sigma * float(random.standard_normal()),
+        # About a drawn axis: each component of the rotation has the stated sigma.
+        misalignment_deg=stated.thrust_misalignment_sigma_deg
+        * float(np.linalg.norm(random.standard_normal(3))),
+        noise=stated.thrust_sigma,
+    )
+    chief, deputy = scenario.spacecraft
+    deputy = dataclasses.replace(deputy, thruster_errors=model)
+    return dataclasses.replace(scenario, spacecraft=(chief, deputy))
 
 
 def exact_thrust(scenario: Scenario) -> Scenario:
@@ -318,6 +334,8 @@ def outage_of_approach(gnss: GnssConfiguration) -> GnssConfiguration:
 
 
 LEVER_ARM = (0.12, -0.1, -0.12)  # m, of the deputy; 0.2 m long
+LEVER_ARM_SIGMA = 0.115
+"""On each axis, m: 0.2 m in three axes."""
 _CARRIERS = ("G01", "G02", "G05")
 
 
@@ -454,6 +472,10 @@ WORLDS: dict[str, World] = {
         phase_noise=PhaseNoise(0.001),
         must=Must(0.7),
     ),
+    # What the covariance of thrust errors means: these are drawn with it, those above are fixed.
+    "thrust_drawn": World(
+        distance=None, motion="scenario", change_scenario=drawn_thrust_errors, must=Must(0.7)
+    ),
     "forces": World(
         "realistic", change_scenario=exact_thrust, phase_noise=PhaseNoise(0.001), must=Must(0.45)
     ),
@@ -522,20 +544,28 @@ WORLDS: dict[str, World] = {
         change_setting=given_antennas(calibrated(1, (0, 0, 0), 0.0), calibrated(2, LEVER_ARM, 0.0)),
         must=Must(0.5, fixed_percent=100.0),
     ),
-    # 0.2 m in three axes.
     "lever_arm_sigma": World(
-        change_gnss=drawn_lever_arm(0.115),
-        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=0.115)),
+        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
+        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
         must=Must(fixed_percent=100.0),
     ),
-    # The same with the forces and thrust errors that the filter allows for.
+    # The same under the forces of an orbit. What tells the arm from the position is the motion, as
+    # well as accelerations are known: the filter's sigma of those is that of a real orbit.
+    "lever_arm_forces": World(
+        "realistic",
+        change_scenario=exact_thrust,
+        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
+        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
+        must=Must(fixed_percent=100.0),
+    ),
+    # The realistic world, with thrust errors, too.
     "realistic_lever_arm": World(
         "realistic",
         "realistic",
         distance=None,
         motion="scenario",
-        change_gnss=drawn_lever_arm(0.115),
-        change_setting=calibrated_without_lever_arm(0.115),
+        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
+        change_setting=calibrated_without_lever_arm(LEVER_ARM_SIGMA),
         must=Must(fixed_percent=100.0),
     ),
     # What antennas without calibration may have, stated: 1.8 mm in the mean.
