@@ -29,7 +29,6 @@ __all__ = [
 CM3 = 1e6
 _SETTLED = 60.0
 """s from the start until densities count."""
-_FIRST_ABSOLUTE = 600.0
 # A wall is told if an edge of the right sense is within this distance of it, m, and a half width.
 _NEAR = 2e3
 _STRONG = 5.0
@@ -66,15 +65,16 @@ def density_figures(world: PlasmaWorld, result: ChainResult) -> DensityFigures:
 
 @dataclass(frozen=True)
 class AbsoluteFigures:
-    """Errors of absolute slant contents after the first estimate, TECU; NaN without one."""
+    """Errors of absolute slant contents after a time, TECU; NaN without any; z are over sigmas."""
 
     rms: float
     z_rms: float
 
 
-def absolute_figures(result: ChainResult) -> AbsoluteFigures:
-    """Return the errors of the absolute contents."""
-    rows = result.absolute[result.absolute[:, 0] > _FIRST_ABSOLUTE]
+def absolute_figures(result: ChainResult, first: float, last: float) -> AbsoluteFigures:
+    """Return the errors of the absolute contents between two times into the flight, s."""
+    time = result.absolute[:, 0]
+    rows = result.absolute[(time > first) & (time <= last)]
     if not len(rows):
         return AbsoluteFigures(math.nan, math.nan)
     rms, z = (float(np.sqrt(np.mean(v**2))) for v in (rows[:, 2], rows[:, 2] / rows[:, 3]))

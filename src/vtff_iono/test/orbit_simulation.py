@@ -27,7 +27,7 @@ PROFILES = {
 
 
 @functools.lru_cache(maxsize=4)
-def seen(name, hours, orbit=True, satellites=32, interval=None):
+def seen(name, hours, orbit=True, satellites=32, interval=None, swing=266e3):
     """Time, content, elevation, direction, position and satellite of all rays above 10 deg."""
     generator = np.random.default_rng(1)
     direction = generator.standard_normal((satellites, 3))
@@ -35,7 +35,7 @@ def seen(name, hours, orbit=True, satellites=32, interval=None):
     rate = 2.0 * np.pi / (5500.0 if orbit else 43_000.0)
     rows = []
     for time in np.arange(0.0, hours * 3600.0, interval or (20.0 if orbit else 900.0)):
-        height = 502e3 + 266e3 * math.cos(rate * time) if orbit else 0.0
+        height = 502e3 + swing * math.cos(rate * time) if orbit else 0.0
         receiver = itrf_from_geodetic([0.0, rate * time, height])
         ray = gps - receiver
         ray /= np.linalg.norm(ray, axis=1, keepdims=True)

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 from formation_drawing import DrawnFormation, layer
 
-from vtff_iono.bias.receiver_bias import ReceiverBias
+from vtff_iono.bias.receiver_bias import BiasEstimate, ReceiverBias
 from vtff_iono.formation_ionosphere import SECONDS_TOGETHER, FormationIonosphere, FormationSettings
 from vtff_iono.spacecraft import spacecraft_ionosphere
 from vtff_iono.spacecraft.spacecraft_ionosphere import ObservationBlock, SpacecraftSettings
@@ -33,10 +33,8 @@ def assert_equal(left, right):
 def biases_of(samples):
     """Return receiver biases that tell how many samples they were estimated from."""
     bias = 0.01 * len(samples.time)
-    return [
-        ReceiverBias(bias, 0.5, 0.5, 0.0, (bias,), False, 1)
-        for _ in range(int(samples.group.max()) + 1)
-    ]
+    count = int(samples.group.max()) + 1
+    return BiasEstimate([ReceiverBias(bias, 0.5, 0.5, 0.0, (bias,), False, 1)] * count, None)
 
 
 def test_seconds_together_and_alone_have_the_same_results(monkeypatch):

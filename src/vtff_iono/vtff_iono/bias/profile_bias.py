@@ -14,10 +14,18 @@ estimated from the samples: the stated sigmas do not show how large these errors
 message does not contain C1C - C1W).
 
 The ionosphere also changes along the orbit and across it. To first order the content of a ray is
-then larger by the factor 1 + a(t) + g(t) d, where d is the vector from the receiver to the pierce
-point to the east and north. The scale a and the gradient g are linear between knots; they are
-random effects as well, and their sigmas are estimated from the samples. The noise is taken to be
-correlated as the residuals of arcs are.
+then larger by M (a(t) + g(t) d) + S c, where M is its slant over vertical content, S its content,
+and d the vector from the receiver to the pierce point to the east and north. The vertical content a
+and its gradient g are linear between knots; c is by what part the ionosphere that one arc passes
+differs from that of the others. All are random effects
+as well, and their sigmas are estimated from the samples. Without c the noise of a thousand samples
+would seem to tell the level of an arc to 0.02 TECU, while the shape of the ionosphere is not known
+as well as that. The noise is taken to be correlated as the residuals of arcs are.
+
+The offset of an arc is what its samples are larger by than its contents: the bias of the receiver,
+and the errors of its level and of the satellite bias. The contents of an eccentric orbit tell it
+better than the codes do, whose multipath hardly averages out over an arc and whose line biases
+drift.
 
 The solution is the maximum of the posterior density, reached by damped Gauss-Newton steps; its
 covariance is the inverse of the curvature there. It is repeated for different decreases of the
@@ -47,19 +55,21 @@ from vtff_iono.bias.altitude_shells import (
     shell_paths,
 )
 from vtff_iono.bias.bias_samples import BiasSamples
+from vtff_iono.bias.expected_contents import (
+    ExpectedContents,
+    Knots,
+    pierce_offsets,
+    vertical_paths,
+)
 from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solve_profile
-from vtff_iono.geometry.mapping import pierce_point, shell_height
 
-__all__ = ["ProfileBiases", "knot_weights", "profile_biases"]
+__all__ = ["ProfileBiases", "profile_biases"]
 
 IntArray = npt.NDArray[np.integer]
 
 _TOPSIDES = (TopsideModel(), TopsideModel(exponent=3.0), TopsideModel(exponent=6.0))
 # Largest number of epochs that are used, of evenly thinned samples.
 _MOST_EPOCHS = 540
-# Interval of the knots of scale and gradients, s, and their largest number.
-_KNOT_INTERVAL = 300.0
-_MOST_KNOTS = 36
 # Prior sigma of a receiver bias, TECU: nothing is known about it.
 _GROUP_SIGMA = 1000.0
 # Sigma of the satellite biases at first, TECU: 0.5 ns, the error of navigation messages.
@@ -68,12 +78,13 @@ _SATELLITE_SIGMA = 1.43
 _LEVEL_SIGMA_LEAST = 0.01
 # Sigma of the noise at first, and its smallest value, TECU.
 _NOISE_START, _NOISE_LEAST = 0.05, 0.01
-# Sigmas of the scale (relative to the content) and of the gradients (relative, per 1000 km) at
-# first; and the value that switches both off.
-_GRADIENT_SIGMA = 0.1
+# Number of decimals of offsets, TECU: further ones depend on the number of threads.
+_DIGITS = 3
+# Sigmas at first of the vertical content (TECU) and its gradients (TECU per 1000 km), and of what
+# is particular to an arc (relative to the content); and the value that switches them off.
+_VERTICAL_SIGMA = 0.5
+_ARC_SIGMA = 0.02
 _NO_GRADIENT = 1e-6
-# Unit of the distance of pierce points, m.
-_GRADIENT_UNIT = 1e6
 # Residuals beyond this many sigmas are given less weight (Huber).
 _HUBER = 3.0
 _SMALLEST_RESIDUAL = 1e-12
@@ -103,6 +114,13 @@ class ProfileBiases:
     noise_tecu, satellite_sigma_tecu : float
         Estimated sigmas of single contents and of the satellite biases, TECU; the sigma of the
         satellite biases is NaN without links.
+    arc : ndarray of int, shape (arcs,)
+        Numbers of the arcs of the samples that were used.
+    offset_tecu, offset_sigma_tecu : ndarray, shape (arcs,)
+        What the samples of an arc are larger by than its contents, mean of the models, and its
+        sigma, which contains their spread, TECU.
+    contents : ExpectedContents
+        Contents of rays of other arcs.
     """
 
     bias_tecu: FloatArray
@@ -111,6 +129,10 @@ class ProfileBiases:
     density: FloatArray
     noise_tecu: float
     satellite_sigma_tecu: float
+    arc: IntArray
+    offset_tecu: FloatArray
+    offset_sigma_tecu: FloatArray
+    contents: ExpectedContents
 
 
 def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
@@ -131,25 +153,38 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
     epoch = np.unique(samples.time, return_inverse=True)[1]
     is_used = epoch % (1 + epoch.max() // _MOST_EPOCHS) == 0
     problem = _Problem(samples.select(is_used), altitude[is_used])
-    solution, sigmas = problem.start()
+    log_density, sigmas = problem.start()
     noise, weight = _NOISE_START, np.ones(int(is_used.sum()))
     # The first solution has no gradients, as their columns need a profile.
-    normal = problem.normal(solution, weight / noise**2)
-    level = replace(sigmas, scale=_NO_GRADIENT, gradient=_NO_GRADIENT)
-    solution = problem.solve(normal, _TOPSIDES[0], level, solution)
+    normal = problem.normal(log_density, weight / noise**2)
+    level = replace(sigmas, vertical=_NO_GRADIENT, gradient=_NO_GRADIENT, arc=_NO_GRADIENT)
+    solution = problem.solve(normal, _TOPSIDES[0], level, log_density)
     for _ in range(_NORMAL_ITERATIONS):
         residual = problem.residual(solution)
         previous, noise = noise, _scatter(residual)
         weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(residual), _SMALLEST_RESIDUAL))
         variance = noise**2 * problem.inflation(weight * residual)
-        normal = problem.normal(solution, weight / variance)
+        normal = problem.normal(solution.log_density, weight / variance)
         solution, sigmas = _estimate_sigmas(problem, normal, solution, sigmas)
         if abs(noise / previous - 1.0) < _NOISE_CONVERGED:
             break
     models = []
     for topside in _TOPSIDES:
-        solution = problem.solve(normal, topside, sigmas, solution)
+        solution = problem.solve(normal, topside, sigmas, solution.log_density)
         models.append(solution)
+    of_models = np.array([problem.offsets(model) for model in models])
+    offsets, offset_variances = of_models[:, 0], of_models[:, 1]
+    # The departures of contents from a profile are not independent of each other: their scatter
+    # does not average out. Single contents of the arc scatter as much, too.
+    variance = np.median(offset_variances, axis=0) + np.var(offsets, axis=0, ddof=1)
+    variance += np.maximum(noise**2, problem.squares_of_arcs(problem.residual(solution)))
+    contents = ExpectedContents(
+        problem.edges,
+        np.exp(models[0].log_density),
+        problem.knots,
+        models[0].effects[: problem.gradients.stop],
+        sigmas.arc,
+    ).continued_below()
     return ProfileBiases(
         bias_tecu=np.array([model.effects[problem.groups] for model in models]),
         sigma_tecu=np.sqrt([model.effect_variance[problem.groups] for model in models]),
@@ -157,6 +192,10 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         density=np.exp(models[0].log_density),
         noise_tecu=noise,
         satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
+        arc=problem.arc_numbers,
+        offset_tecu=np.asarray(offsets.mean(axis=0)).round(_DIGITS),
+        offset_sigma_tecu=np.round(np.sqrt(variance), _DIGITS),
+        contents=contents,
     )
 
 
@@ -168,23 +207,28 @@ class _Sigmas:
     ----------
     satellite : float
         Sigma of the satellite biases, TECU.
-    scale : float
-        Sigma of the scale, relative to the content.
-    gradient : float
-        Sigma of the gradients, relative to the content, per 1000 km.
+    vertical, gradient : float
+        Sigmas of the vertical content, TECU, and of its gradients, TECU per 1000 km.
+    arc : float
+        Sigma of what is particular to an arc, relative to the content.
+    level_factor : float
+        Sigmas of the levels over those that are stated, 1 at least: codes that err alike for longer
+        than was assumed, as by multipath, state too little.
     """
 
     satellite: float
-    scale: float
+    vertical: float
     gradient: float
+    arc: float
+    level_factor: float
 
 
 class _Problem:
     """Samples, and the columns of the unknowns: shells, then effects.
 
-    The effects are, in this order: scale, gradients to the east and gradients to the north at the
-    knots; biases of the groups; errors of the levels of the arcs; errors of the satellite biases of
-    the links.
+    The effects are, in this order: vertical content, its gradients to the east and to the north at
+    the knots; what is particular to each arc; biases of the groups; errors of the levels of arcs;
+    errors of the satellite biases of the links.
     """
 
     def __init__(self, samples: BiasSamples, altitude: FloatArray) -> None:
@@ -197,58 +241,72 @@ class _Problem:
         self._paths = shell_paths(
             samples.position_receiver_itrf, samples.direction_itrf, altitude, self.edges
         )
-        self._knot_weights = knot_weights(samples.time)
-        self._pierce_offset = _pierce_offsets(samples, altitude)
-        arc = np.unique(samples.arc, return_inverse=True)[1]
+        self._vertical_paths = vertical_paths(samples.position_receiver_itrf, altitude, self.edges)
+        self.knots = Knots.over(samples.time)
+        self._knot_weights = self.knots.weights(samples.time)
+        self._pierce_offset = pierce_offsets(
+            samples.position_receiver_itrf, samples.direction_itrf, altitude
+        )
+        self.arc_numbers, first_of_arc, arc = np.unique(
+            samples.arc, return_index=True, return_inverse=True
+        )
         stated = np.zeros(len(self.stec))
         if samples.satellite_sigma_tecu is not None:
             stated = samples.satellite_sigma_tecu
         self._largest_satellite_sigma = max(_SATELLITE_SIGMA, float(np.median(stated)))
-        self._level_variance = np.zeros(arc.max() + 1)
+        self._level_variance = np.zeros(len(self.arc_numbers))
         self._level_variance[arc] = np.maximum(
             samples.stec_sigma_tecu**2 - stated**2, _LEVEL_SIGMA_LEAST**2
         )
-        numbers: list[IntArray] = [samples.group, arc]
+        numbers: list[IntArray] = [arc, samples.group, arc]
         if samples.link is not None:
             numbers.append(np.unique(samples.link, return_inverse=True)[1])
-        self._indicators = _indicator_columns(numbers)
-        knots = self._knot_weights.shape[1]
-        self.scales, self.gradients = slice(0, knots), slice(knots, 3 * knots)
-        self.groups = slice(3 * knots, 3 * knots + int(samples.group.max()) + 1)
-        self.levels = slice(self.groups.stop, self.groups.stop + len(self._level_variance))
-        self.links = slice(self.levels.stop, self.groups.start + self._indicators.shape[1])
+        # Ends of the columns of each kind of effect.
+        counts = [3 * self.knots.number, *(int(number.max()) + 1 for number in numbers)]
+        ends = np.cumsum(counts).tolist()
+        self.verticals = slice(0, self.knots.number)
+        self.gradients = slice(self.knots.number, ends[0])
+        self.arcs, self.groups, self.levels = (slice(*ends[k : k + 2]) for k in range(3))
+        self.links = slice(ends[3], ends[-1])
+        # Columns with one element in each row, which follow those of the knots.
+        self._column = np.stack(numbers, axis=-1) + np.array([0, *ends[1:-1]])
+        self._column[:, 1:] -= ends[0]
+        self._columns = ends[-1] - ends[0]
+        self._column_of_arc = self._column[first_of_arc, 1:] + ends[0]
+        self._arc = arc
         # Indices of the samples that follow each other in an arc.
         order = np.lexsort((samples.time, arc))
         is_same_arc = np.diff(arc[order]) == 0
         self._neighbours = order[:-1][is_same_arc], order[1:][is_same_arc]
 
-    def start(self) -> tuple[ProfileSolution, _Sigmas]:
-        """Return the solution and the sigmas that the search begins with."""
+    def start(self) -> tuple[FloatArray, _Sigmas]:
+        """Return the logarithms of densities and the sigmas that the search begins with."""
         log_altitude = np.log(shell_middles(self.edges))
         log_density = np.interp(log_altitude, np.log(_START_ALTITUDE), np.log(_START_DENSITY))
-        sigmas = _Sigmas(self._largest_satellite_sigma, _GRADIENT_SIGMA, _GRADIENT_SIGMA)
-        zeros = np.zeros(self.links.stop)
-        return ProfileSolution(log_density, zeros, zeros), sigmas
+        return log_density, _Sigmas(
+            self._largest_satellite_sigma, _VERTICAL_SIGMA, _VERTICAL_SIGMA, _ARC_SIGMA, 1.0
+        )
 
     def solve(
         self,
         normal: NormalEquations,
         topside: TopsideModel,
         sigmas: _Sigmas,
-        start: ProfileSolution,
+        log_density: FloatArray,
     ) -> ProfileSolution:
         """Return the solution of normal equations for a topside and sigmas of the effects."""
         if topside not in self._priors:
             self._priors[topside] = log_density_prior(self.edges, self._altitude_high, topside)
         prior = self._priors[topside]
-        return solve_profile(normal, *prior, self._precision(sigmas), start.log_density)
+        return solve_profile(normal, *prior, self._precision(sigmas), log_density)
 
     def _precision(self, sigmas: _Sigmas) -> FloatArray:
         """Return one over the variances of the effects."""
         precision = np.full(self.links.stop, 1.0 / _GROUP_SIGMA**2)
-        precision[self.scales] = 1.0 / sigmas.scale**2
+        precision[self.verticals] = 1.0 / sigmas.vertical**2
         precision[self.gradients] = 1.0 / sigmas.gradient**2
-        precision[self.levels] = 1.0 / self._level_variance
+        precision[self.arcs] = 1.0 / sigmas.arc**2
+        precision[self.levels] = 1.0 / (sigmas.level_factor**2 * self._level_variance)
         precision[self.links] = 1.0 / sigmas.satellite**2
         return precision
 
@@ -257,44 +315,62 @@ class _Problem:
         satellite = sigmas.satellite
         if self.links.stop > self.links.start:
             satellite = math.sqrt(float(second_moment[self.links].mean()))
+        level = float(np.mean(second_moment[self.levels] / self._level_variance))
+        vertical, gradient, arc = (
+            math.sqrt(float(second_moment[of_kind].mean()))
+            for of_kind in (self.verticals, self.gradients, self.arcs)
+        )
         return _Sigmas(
             min(satellite, self._largest_satellite_sigma),
-            math.sqrt(float(second_moment[self.scales].mean())),
-            math.sqrt(float(second_moment[self.gradients].mean())),
+            vertical,
+            gradient,
+            arc,
+            max(1.0, math.sqrt(level)),
         )
 
-    def normal(self, solution: ProfileSolution, weight: FloatArray) -> NormalEquations:
+    def normal(self, log_density: FloatArray, weight: FloatArray) -> NormalEquations:
         """Return the normal equations of weighted samples.
 
-        The columns of scale and gradients are those of the contents of `solution`; `weight` has
-        shape (n,).
+        The columns of knots and arcs are those of the contents of `log_density`;
+        `weight` has shape (n,).
         """
-        gradients, indicators = self._gradient_columns(solution), self._indicators
+        gradients, single = self._effect_columns(log_density)
         weighted_paths = self._paths * weight[:, np.newaxis]
         weighted_gradients = gradients * weight[:, np.newaxis]
-        weighted_indicators = indicators.multiply(weight[:, np.newaxis]).tocsr()
-        mixed = weighted_indicators.T @ gradients
+        weighted_single = single.multiply(weight[:, np.newaxis]).tocsr()
+        mixed = weighted_single.T @ gradients
         return NormalEquations(
             density=weighted_paths.T @ self._paths,
             effects=np.block(
                 [
                     [weighted_gradients.T @ gradients, mixed.T],
-                    [mixed, (weighted_indicators.T @ indicators).toarray()],
+                    [mixed, (weighted_single.T @ single).toarray()],
                 ]
             ),
-            mixed=np.vstack((gradients.T @ weighted_paths, indicators.T @ weighted_paths)),
+            mixed=np.vstack((gradients.T @ weighted_paths, single.T @ weighted_paths)),
             density_vector=weighted_paths.T @ self.stec,
             effects_vector=np.concatenate(
-                (weighted_gradients.T @ self.stec, weighted_indicators.T @ self.stec)
+                (weighted_gradients.T @ self.stec, weighted_single.T @ self.stec)
             ),
         )
 
     def residual(self, solution: ProfileSolution) -> FloatArray:
         """Return observed minus explained contents, TECU."""
-        first = self.groups.start
+        gradients, single = self._effect_columns(solution.log_density)
         explained = self._paths @ np.exp(solution.log_density)
-        explained += self._gradient_columns(solution) @ solution.effects[:first]
-        return np.asarray(self.stec - explained - self._indicators @ solution.effects[first:])
+        explained += gradients @ solution.effects[: self.gradients.stop]
+        return np.asarray(self.stec - explained - single @ solution.effects[self.arcs.start :])
+
+    def offsets(self, solution: ProfileSolution) -> tuple[FloatArray, FloatArray]:
+        """Return the offsets of the arcs, TECU, and their variances, shape (arcs,)."""
+        columns = np.zeros((len(self.arc_numbers), self.links.stop))
+        np.put_along_axis(columns, self._column_of_arc, 1.0, axis=1)
+        no_density = np.zeros((len(columns), len(solution.log_density)))
+        return columns @ solution.effects, solution.variance(no_density, columns)
+
+    def squares_of_arcs(self, residual: FloatArray) -> FloatArray:
+        """Return the mean squares of residuals of each arc, shape (arcs,)."""
+        return np.bincount(self._arc, residual**2) / np.bincount(self._arc)
 
     def inflation(self, residual: FloatArray) -> float:
         """Return the factor by which correlation increases the variance of weighted residuals.
@@ -307,53 +383,19 @@ class _Problem:
         correlation = min(max(correlation, 0.0), _LARGEST_CORRELATION)
         return (1.0 + correlation) / (1.0 - correlation)
 
-    def _gradient_columns(self, solution: ProfileSolution) -> FloatArray:
-        """Return the columns of scale and gradients for the contents of a solution."""
-        content = self._paths @ np.exp(solution.log_density)
-        scale = content[:, np.newaxis] * self._knot_weights
+    def _effect_columns(self, log_density: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
+        """Return the columns of the knots, and those of all other effects."""
+        content = self._paths @ np.exp(log_density)
+        mapping = content / (self._vertical_paths @ np.exp(log_density))
+        level = mapping[:, np.newaxis] * self._knot_weights
         east, north = self._pierce_offset[:, :1], self._pierce_offset[:, 1:]
-        return np.hstack((scale, scale * east, scale * north))
-
-
-def _indicator_columns(numbers: list[IntArray]) -> sparse.csr_matrix:
-    """Return one column of zeros and ones for each value of each array of numbers 0, 1, ..."""
-    columns, width = [], 0
-    for number in numbers:
-        columns.append(number + width)
-        width += int(number.max()) + 1
-    count = len(numbers[0])
-    rows = np.tile(np.arange(count), len(numbers))
-    ones = np.ones(len(rows))
-    return sparse.csr_matrix((ones, (rows, np.concatenate(columns))), shape=(count, width))
-
-
-def knot_weights(time: FloatArray) -> FloatArray:
-    """Return the weights of evenly spaced knots at times, linear in between, shape (n, knots).
-
-    The first and the last knot are at the first and the last time (s); between them is a knot each
-    300 s or less, up to 36 knots.
-    """
-    span = max(float(np.ptp(time)), 1.0)
-    intervals = min(math.ceil(span / _KNOT_INTERVAL), _MOST_KNOTS - 1)
-    position = (time - time.min()) / span * intervals
-    distance = np.abs(position[:, np.newaxis] - np.arange(intervals + 1))
-    return np.asarray(np.maximum(0.0, 1.0 - distance))
-
-
-def _pierce_offsets(samples: BiasSamples, altitude: FloatArray) -> FloatArray:
-    """Return the offsets of pierce points from the receivers to the east and north, (n, 2).
-
-    The unit is 1000 km.
-    """
-    receiver = samples.position_receiver_itrf
-    point = pierce_point(receiver, samples.direction_itrf, altitude + 0.5 * shell_height(altitude))
-    offset = (point - receiver) / _GRADIENT_UNIT
-    east = np.cross([0.0, 0.0, 1.0], receiver)
-    east /= np.linalg.norm(east, axis=-1, keepdims=True)
-    north = np.cross(receiver, east)
-    north /= np.linalg.norm(north, axis=-1, keepdims=True)
-    columns = (offset * east).sum(axis=-1), (offset * north).sum(axis=-1)
-    return np.asarray(np.stack(columns, axis=-1))
+        values = np.ones(self._column.shape)
+        values[:, 0] = content
+        ends = np.arange(0, values.size + 1, values.shape[1])
+        single = sparse.csr_matrix(
+            (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
+        )
+        return np.hstack((level, level * east, level * north)), single
 
 
 def _scatter(residual: FloatArray) -> float:
@@ -369,7 +411,7 @@ def _estimate_sigmas(
 ) -> tuple[ProfileSolution, _Sigmas]:
     """Return the solution and the sigmas of the random effects that agree with it."""
     for _ in range(_SIGMA_ITERATIONS):
-        solution = problem.solve(normal, _TOPSIDES[0], sigmas, solution)
+        solution = problem.solve(normal, _TOPSIDES[0], sigmas, solution.log_density)
         second_moment = solution.effects**2 + solution.effect_variance
         previous, sigmas = sigmas, problem.sigmas(second_moment, sigmas)
         ratio = np.array(astuple(sigmas)) / np.array(astuple(previous))

@@ -53,11 +53,37 @@ class NormalEquations:
 
 @dataclass(frozen=True, eq=False)
 class ProfileSolution:
-    """Logarithms of densities (n,), effects and their variances (m,)."""
+    """The most probable densities and effects, and their errors.
+
+    Parameters
+    ----------
+    log_density : ndarray, shape (n,)
+        Logarithms of densities.
+    effects, effect_variance : ndarray, shape (m,)
+    effects_per_log_density : ndarray, shape (m, n)
+        What the effects are less by where the logarithm of a density is more by one.
+    effect_factor, curvature_factor : (ndarray, bool)
+        Cholesky factors of the precision of effects for known densities, and of logarithms.
+    """
 
     log_density: FloatArray
     effects: FloatArray
     effect_variance: FloatArray
+    effects_per_log_density: FloatArray
+    effect_factor: tuple[FloatArray, bool]
+    curvature_factor: tuple[FloatArray, bool]
+
+    def variance(self, per_log_density: FloatArray, per_effect: FloatArray) -> FloatArray:
+        """Return the variances of r linear functions of logarithms (r, n) and effects (r, m)."""
+        by_density = per_log_density - per_effect @ self.effects_per_log_density
+        variance = np.zeros(len(per_effect))
+        for rows, factor in (
+            (by_density, self.curvature_factor),
+            (per_effect, self.effect_factor),
+        ):
+            solved = linalg.cho_solve(factor, rows.T, check_finite=False)
+            variance += np.einsum("ij,ji->i", rows, solved)
+        return variance
 
 
 def solve_profile(
@@ -96,7 +122,7 @@ def solve_profile(
         "ij,ij->i", derivative, linalg.cho_solve(curvature, derivative.T, check_finite=False).T
     )
     effects = effects_without_density - effects_per_density @ density
-    return ProfileSolution(log_density, effects, variance)
+    return ProfileSolution(log_density, effects, variance, derivative, factor, curvature)
 
 
 def _find_maximum(
@@ -116,13 +142,17 @@ def _find_maximum(
     damping, cost = _DAMPING_START, compute_cost(log_density)
     for _ in range(_ITERATIONS):
         density = np.exp(log_density)
-        slope = density * (vector - matrix @ density) + prior_vector - prior_precision @ log_density
+        data_slope = density * (vector - matrix @ density)
+        slope = data_slope + prior_vector - prior_precision @ log_density
         curvature = density[:, np.newaxis] * matrix * density + prior_precision
         factor = linalg.cho_factor(curvature, check_finite=False)
         if float(slope @ linalg.cho_solve(factor, slope, check_finite=False)) < _CONVERGED:
             break
         while damping < _DAMPING_MOST:
-            damped = curvature + damping * np.diag(np.diag(curvature))
+            # Where the data ask for less density, the curvature of the exponential counts too:
+            # without it the steps overshoot back and forth.
+            diagonal = damping * np.diag(curvature) + np.maximum(-data_slope, 0.0)
+            damped = curvature + np.diag(diagonal)
             step = linalg.cho_solve(
                 linalg.cho_factor(damped, check_finite=False), slope, check_finite=False
             )

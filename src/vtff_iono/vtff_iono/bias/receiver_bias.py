@@ -20,8 +20,9 @@ these solutions, the scatter of a jackknife over blocks of time (residuals of ne
 are not independent, so that a formal sigma would be far too small), and the errors of the levels,
 each of which shifts an arc.
 
-An eccentric orbit measures a density profile. That solution replaces the solutions with shells and
-pairs if its sigma is smaller, see `vtff_iono.bias.profile_bias`.
+In orbit, where the arcs are known, the biases are those of a solution with a density profile
+instead, see `vtff_iono.bias.profile_bias`: on a circular orbit too the contents at all elevations
+tell what is above by far better than mapping factors for shells of several heights.
 
 References
 ----------
@@ -35,7 +36,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -55,7 +56,7 @@ from vtff_iono.geometry.mapping import (
 if TYPE_CHECKING:
     from vtff_iono.bias.profile_bias import ProfileBiases
 
-__all__ = ["ReceiverBias", "content_sigma", "estimate_receiver_biases"]
+__all__ = ["BiasEstimate", "ReceiverBias", "content_sigma", "estimate_receiver_biases"]
 
 # Shell heights on the ground, m: from the shell of the Klobuchar model to that of the maps of CODE
 # (506.7 km).
@@ -73,8 +74,6 @@ _SHORTEST_INTERVAL = 20.0
 _FEWEST_INTERVALS = 40.0
 _FEWEST_BLOCKS = 6.0
 _FEWEST_PAIRS = 50
-# Smallest range of altitudes that determines a profile, m.
-_SMALLEST_ALTITUDE_RANGE = 100e3
 # Number of decimals of the results, TECU. Further decimals depend on the number of threads of
 # linear algebra, and reprocessing a recording must give the bytes that were published.
 _DIGITS = 3
@@ -128,6 +127,22 @@ class ReceiverBias:
         return -self.bias_tecu * scale, self.sigma_tecu * scale
 
 
+class BiasEstimate(NamedTuple):
+    """Receiver biases, and what they were estimated with.
+
+    Attributes
+    ----------
+    biases : list of ReceiverBias
+        By the numbers of the groups.
+    profile : ProfileBiases or None
+        The solution with a density profile if the biases are those of it: it also tells the offsets
+        of arcs.
+    """
+
+    biases: list[ReceiverBias]
+    profile: ProfileBiases | None
+
+
 def content_sigma(
     stec_sigma_tecu: FloatArray,
     satellite_sigma_tecu: FloatArray,
@@ -158,7 +173,7 @@ def content_sigma(
     return np.asarray(np.sqrt(remaining + np.nan_to_num(estimated) ** 2 + receiver**2))
 
 
-def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
+def estimate_receiver_biases(samples: BiasSamples) -> BiasEstimate:
     """Return the biases of all groups that make the vertical contents of an epoch agree.
 
     Parameters
@@ -185,14 +200,31 @@ def estimate_receiver_biases(samples: BiasSamples) -> list[ReceiverBias]:
     order = np.argsort(samples.time, kind="stable")
     samples, altitude = samples.select(order), altitude[order]
     first, second = satellite_pairs(samples.time)
-    models = _models(samples, altitude, is_ground)
-    solutions, sigmas = _solve_models(samples, models, first, second, block)
-    profile = None if is_ground else _solve_profile(all_elevations, solutions, sigmas)
-    if profile is None:
-        return _combine_models(samples, solutions, sigmas, len(first))
+    if is_ground or samples.arc is None:
+        models = _models(samples, altitude, is_ground)
+        solutions, sigmas = _solve_models(samples, models, first, second, block)
+        return BiasEstimate(_combine_models(samples, solutions, sigmas, len(first)), None)
+    is_high = samples.elevation >= math.radians(max(_ELEVATIONS_DEG))
+    count = int(np.count_nonzero(is_high[first] & is_high[second]))
+    if count < _FEWEST_PAIRS:
+        raise ReceiverBiasError(_describe_few(count, max(_ELEVATIONS_DEG)))
+    # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
+    from vtff_iono.bias.profile_bias import profile_biases
+
+    altitude = geodetic_from_itrf(all_elevations.position_receiver_itrf)[..., 2]
+    profile = profile_biases(all_elevations, altitude)
     biases = _combine_models(samples, profile.bias_tecu, profile.sigma_tecu, len(first))
     satellite_sigma = round(profile.satellite_sigma_tecu, _DIGITS)
-    return [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]
+    biases = [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]
+    return BiasEstimate(biases, profile)
+
+
+def _describe_few(count: int, elevation_deg: float) -> str:
+    """Return why no bias is estimated from a number of pairs above an elevation."""
+    return (
+        f"receiver bias: only {count} pairs of satellites above {elevation_deg:g} deg; "
+        f"at least {_FEWEST_PAIRS} are needed"
+    )
 
 
 def _solve_models(
@@ -211,40 +243,13 @@ def _solve_models(
             count = len(above.difference)
             if count < _FEWEST_PAIRS or above.block[0] == above.block[-1]:
                 raise ReceiverBiasError(
-                    f"receiver bias: only {count} pairs of satellites above {elevation_deg:g} deg; "
-                    f"at least {_FEWEST_PAIRS} are needed, in two blocks of {block:g} s"
+                    f"{_describe_few(count, elevation_deg)}, in two blocks of {block:g} s"
                 )
             for with_gradients in (False, True):
                 biases, sigma = solve_pairs(above, with_gradients)
                 solutions.append(biases)
                 sigmas.append(sigma)
     return np.array(solutions), np.array(sigmas)
-
-
-def _solve_profile(
-    samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray
-) -> ProfileBiases | None:
-    """Return the solutions with a density profile if their sigmas are smaller than those given.
-
-    None also if the altitude changes too little to determine a profile.
-    """
-    altitude = geodetic_from_itrf(samples.position_receiver_itrf)[..., 2]
-    if samples.arc is None or np.ptp(altitude) < _SMALLEST_ALTITUDE_RANGE:
-        return None
-    # Imported here: sparse matrices of scipy take a while, and a receiver at rest has no profile.
-    from vtff_iono.bias.profile_bias import profile_biases
-
-    profile = profile_biases(samples, altitude)
-    profile_sigma = _total_sigma(profile.bias_tecu, profile.sigma_tecu)
-    if profile_sigma.sum() >= _total_sigma(solutions, sigmas).sum():
-        return None
-    return profile
-
-
-def _total_sigma(solutions: FloatArray, sigmas: FloatArray) -> FloatArray:
-    """Return the sigmas of sampling and spread together, shape (groups,), from all models."""
-    spread = np.std(solutions, axis=0, ddof=1)
-    return np.asarray(np.hypot(np.median(sigmas, axis=0), spread))
 
 
 def _combine_models(

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,9 @@ from vtff_iono.geometry.satellite_geometry import SatelliteGeometry, geometry_fr
 from vtff_iono.geometry.vertical_mapping import vertical_mapping
 from vtff_iono.links.arcs import arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
+
+if TYPE_CHECKING:
+    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = ["AbsoluteTec", "BiasKey", "absolute_tec"]
 
@@ -126,7 +130,7 @@ def absolute_tec(
     )
     is_content = ((rows.rejected & WITHOUT_CONTENT) == 0) & np.isfinite(levels.stec_tecu)
     key_of_link = [(link.system, link.code_first, link.code_second) for link in processor.links]
-    biases, remarks = _receiver_biases(
+    biases, profile, remarks = _receiver_biases(
         rows, levels, direction, position_of_rows, is_content, key_of_link
     )
     # The last element is that of rows without a link, whose number is -1.
@@ -140,6 +144,12 @@ def absolute_tec(
         rows.pairs.link,
     )
     stec = levels.stec_tecu - bias[rows.pairs.link]
+    if profile is not None:
+        keys = arc_keys(rows.pairs.link, rows.arc)
+        index = np.minimum(np.searchsorted(profile.arc, keys), len(profile.arc) - 1)
+        is_known = profile.arc[index] == keys
+        stec = np.where(is_known, levels.stec_tecu - profile.offset_tecu[index], stec)
+        sigma = np.where(is_known, profile.offset_sigma_tecu[index], sigma)
     vertical = vertical_mapping(position_of_rows, direction, rows.elevation)
     return AbsoluteTec(
         links=processor.links,
@@ -165,8 +175,8 @@ def _receiver_biases(
     position: FloatArray,
     is_content: npt.NDArray[np.bool_],
     key_of_link: list[BiasKey],
-) -> tuple[dict[BiasKey, ReceiverBias], tuple[str, ...]]:
-    """Return the biases of all pairs of codes, and remarks on those that have none.
+) -> tuple[dict[BiasKey, ReceiverBias], ProfileBiases | None, tuple[str, ...]]:
+    """Return the biases of all pairs of codes, their profile, and remarks on those without bias.
 
     Samples of a pair of codes of one system share one bias; they are called a group here.
     """
@@ -192,9 +202,9 @@ def _receiver_biases(
         satellite_sigma_tecu=rows.satellite_bias_sigma_tecu[is_primary],
     )
     try:
-        estimates = estimate_receiver_biases(samples)
+        estimates, profile = estimate_receiver_biases(samples)
     except ReceiverBiasError as error:
-        return {}, (f"{error}; contents include the receiver bias",)
+        return {}, None, (f"{error}; contents include the receiver bias",)
     biases = {groups[number]: estimates[index] for number, index in index_of_primary.items()}
     remarks = []
     for number, key in enumerate(groups):
@@ -212,7 +222,7 @@ def _receiver_biases(
             )
         else:
             biases[key] = bias
-    return biases, tuple(remarks)
+    return biases, profile, tuple(remarks)
 
 
 def _primary_groups(groups: list[BiasKey], group: npt.NDArray[np.int64]) -> list[int]:

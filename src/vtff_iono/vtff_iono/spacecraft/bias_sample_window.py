@@ -131,6 +131,10 @@ class BiasSampleWindow:
                 )
             self._forget_older_than(time - self._length)
 
+    def levels(self) -> list[tuple[tuple[int, int], float]]:
+        """Return link and arc, and the level (TECU), of the arcs by their numbers in samples."""
+        return [(arc, self._levels[arc].level) for arc in sorted(self._levels)]
+
     def _forget_older_than(self, time: int) -> None:
         """Forget the samples before a time (ns) and the levels of arcs that have no sample left."""
         if not self._epochs or self._epochs[0].time >= time:

@@ -34,6 +34,7 @@ from vtff_iono.scintillation.indices import (
     ScintillationSettings,
     ScintillationWindow,
 )
+from vtff_iono.spacecraft.arc_offsets import ArcContents, ArcOffsets
 from vtff_iono.spacecraft.bias_sample_window import (
     BIAS_SAMPLE_INTERVAL,
     BiasGroup,
@@ -242,6 +243,7 @@ class SpacecraftIonosphere:
         self._scintillation = ScintillationMonitor(settings.scintillation)
         self._roti = RateOfTecMonitor(settings.roti_interval, settings.scintillation.window)
         self._bias_samples = BiasSampleWindow(settings.bias_window)
+        self._arc_offsets = ArcOffsets()
         self._bias_start: int | None = None
         self._bias_due = 0
         self.receiver_biases: dict[BiasGroup, ReceiverBias] = {}
@@ -410,12 +412,13 @@ class SpacecraftIonosphere:
         """Estimate the receiver biases; an estimate that fails leaves the biases as they are."""
         try:
             groups, samples = self._bias_samples.collect(self.links)
-            biases = estimate_receiver_biases(samples)
+            estimate = estimate_receiver_biases(samples)
         except ReceiverBiasError as error:
             self.bias_error = str(error)
             return
         self.bias_error = None
-        self.receiver_biases = dict(zip(groups, biases, strict=True))
+        self.receiver_biases = dict(zip(groups, estimate.biases, strict=True))
+        self._arc_offsets.renew(estimate.profile, self._bias_samples.levels())
 
     def _epochs(
         self,
@@ -427,7 +430,8 @@ class SpacecraftIonosphere:
     ) -> list[SlantTecEpoch]:
         """Return the contents of epochs from their first to their last rows.
 
-        The receiver biases are removed where they are estimated.
+        The receiver biases are removed where they are estimated; arcs have the levels that a
+        density profile tells.
         """
         if not len(first):
             return []
@@ -452,13 +456,25 @@ class SpacecraftIonosphere:
             rows.stec_sigma_tecu[chosen], rows.satellite_bias_sigma_tecu[chosen], biases, number
         )
         has_bias = np.array([bias is not None for bias in biases], dtype=bool)[number]
+        arc = rows.arc[chosen]
         without_reason = rows.rejected[chosen] & ~np.uint16(Rejection.NO_RECEIVER_BIAS)
-        stec = rows.stec_tecu[chosen] - bias_tecu
+        rejected = np.where(has_bias, without_reason, rows.rejected[chosen])
+        stec, sigma = self._arc_offsets.improve(
+            ArcContents(
+                rows.pairs.time[chosen],
+                number,
+                arc,
+                rejected == 0,
+                rows.stec_phase_tecu[chosen],
+                rows.stec_tecu[chosen] - bias_tecu,
+                sigma,
+                position_itrf[observation],
+                geometry.direction_itrf[observation],
+            )
+        )
         stec_code = rows.stec_code_tecu[chosen] - bias_tecu
         vtec = stec / vertical.factor
         elevation, azimuth = rows.elevation[chosen], geometry.azimuth[observation]
-        arc = rows.arc[chosen]
-        rejected = np.where(has_bias, without_reason, rows.rejected[chosen])
         epochs = []
         for time, begin, end in zip(
             rows.pairs.time[first].tolist(), edges[:-1], edges[1:], strict=True
