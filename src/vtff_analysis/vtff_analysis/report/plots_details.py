@@ -383,7 +383,12 @@ def _compute_sky(history: ReceiverHistory) -> _SkyPoints | None:
     system, prn, cn0 = history.system[rows], history.prn[rows], history.cn0_dbhz[rows]
     nearest = _index_before(history.fix_time[usable], time)
     geometry = satellite_geometry(
-        store, _gps_nanoseconds(time), system, prn, history.fix_position_itrf[usable][nearest]
+        store,
+        _gps_nanoseconds(time),
+        system,
+        prn,
+        history.fix_position_itrf[usable][nearest],
+        compiled=False,  # nothing else in a report needs numba
     )
     computed = np.isfinite(geometry.elevation)
     if not computed.any():

@@ -87,6 +87,8 @@ def lines_of_sight(
     position_receiver_itrf: npt.ArrayLike,
     velocity_receiver_itrf: npt.ArrayLike,
     zenith_itrf: npt.ArrayLike | None = None,
+    *,
+    compiled: bool = True,
 ) -> LineOfSight:
     """Solve the light-time equation of all satellites, receivers and times.
 
@@ -104,6 +106,9 @@ def lines_of_sight(
     zenith_itrf : array_like, shape (..., 3), optional
         Unit vectors that elevation is counted from, for example the boresight of the antenna;
         the ellipsoid normal if absent.
+    compiled : bool
+        Whether compiled code may do it: eight times as fast, equal to 1e-8 m. Where nothing else is
+        compiled, to load numba takes longer than the array form of some thousand epochs.
 
     Notes
     -----
@@ -118,7 +123,8 @@ def lines_of_sight(
     receiver_itrf = np.asarray(position_receiver_itrf, dtype=float)
     epochs = np.asarray(offset, dtype=float)
     if (
-        isinstance(table, EphemerisTable)
+        compiled
+        and isinstance(table, EphemerisTable)
         and zenith_itrf is None
         and epochs.ndim == 1
         and receiver_itrf.shape == (len(epochs), 3)

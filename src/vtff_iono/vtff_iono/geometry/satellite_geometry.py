@@ -59,6 +59,8 @@ def satellite_geometry(
     system: npt.NDArray[np.uint8],
     prn: npt.NDArray[np.uint8],
     position_receiver_itrf: npt.ArrayLike,
+    *,
+    compiled: bool = True,
 ) -> SatelliteGeometry:
     """Return the directions of satellites from a receiver at rest or in motion.
 
@@ -72,6 +74,8 @@ def satellite_geometry(
         Satellite of every observation.
     position_receiver_itrf : array_like, shape (3,) or (n, 3)
         Positions of the receiver, m; the result is NaN where the position is.
+    compiled : bool
+        As in `lines_of_sight`.
     """
     rows = len(system)
     time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
@@ -92,6 +96,7 @@ def satellite_geometry(
             position[starts[first:last]],
             epoch_of_row,
             satellite_number(system[rows_of_epochs], prn[rows_of_epochs]),
+            compiled,
         )
     return result
 
@@ -160,6 +165,7 @@ def _fill_rows(
     position: FloatArray,
     epoch_of_row: npt.NDArray[np.int64],
     satellite: npt.NDArray[np.int64],
+    compiled: bool,
 ) -> None:
     """Fill in the rows of epochs that use the same ephemerides.
 
@@ -181,6 +187,7 @@ def _fill_rows(
         1e-9 * (time - reference),
         np.where(has_position[:, np.newaxis], position, _PLACEHOLDER_POSITION),
         np.zeros(3),
+        compiled=compiled,
     )
     number_of_column = satellite_number(table.system, table.prn)
     order = np.argsort(number_of_column)
