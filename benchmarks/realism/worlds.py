@@ -550,7 +550,7 @@ WORLDS: dict[str, World] = {
         must=Must(fixed_percent=100.0),
     ),
     # The same under the forces of an orbit. What tells the arm from the position is the motion, as
-    # well as accelerations are known: the filter's sigma of those is that of a real orbit.
+    # well as accelerations are known: of those that the filter allows for only drag is there.
     "lever_arm_forces": World(
         "realistic",
         change_scenario=exact_thrust,
