@@ -560,6 +560,8 @@ class RelativeFilter:
                 excluded[key] = "phases contradict each other"
                 self._end_arc(key)
         out = self.jumps.excluded(key.satellite for key in measured.keys)
+        if not out:
+            return np.arange(len(measured))
         kept = [row for row, key in enumerate(measured.keys) if key.satellite not in out]
         is_kept_enough = len({measured.keys[row].satellite for row in kept}) >= self._fewest_fixed
         for key in measured.keys:

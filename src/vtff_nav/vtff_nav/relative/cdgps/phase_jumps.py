@@ -111,12 +111,13 @@ class PhaseJumpDetector:
 
     def excluded(self, satellites: Iterable[tuple[int, int]]) -> set[tuple[int, int]]:
         """Return which of some satellites stay out, and count an epoch for each."""
-        out = set()
-        for satellite in set(satellites):
-            left = self._epochs_out.get(satellite, 0)
-            if left > 0:
-                self._epochs_out[satellite] = left - 1
-                out.add(satellite)
+        if not self._epochs_out:
+            return set()
+        out = self._epochs_out.keys() & set(satellites)
+        for satellite in out:
+            self._epochs_out[satellite] -= 1
+            if self._epochs_out[satellite] == 0:
+                del self._epochs_out[satellite]
         return out
 
     def search(self, changes: PhaseChanges, interval: float) -> JumpSearch:
