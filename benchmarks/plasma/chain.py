@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from dataclasses import dataclass
 
@@ -86,7 +87,9 @@ def _second(recorded: RecordedSecond, choice: NavigationChoice) -> FormationSeco
     time_nanoseconds = recorded.time.nanoseconds
     states, (is_trusted,) = choice.choose(time_nanoseconds, [pair], recorded.fixes_itrf)
     integers = _integers(solution) if is_trusted else {}
-    return FormationSecond(time_nanoseconds, recorded.observations, states, (integers,))
+    is_known = is_trusted and pair is not None
+    sigma = math.sqrt(np.trace(solution.covariance_rtn[:3, :3])) if is_known else math.inf
+    return FormationSecond(time_nanoseconds, recorded.observations, states, (integers,), (sigma,))
 
 
 def run_chain(recording: Recording, world: PlasmaWorld) -> ChainResult:

@@ -92,6 +92,7 @@ class WallError:
     time: FloatArray
     told_time: FloatArray
     time_sigma: FloatArray
+    time_covariance: float
     told_width: float
     speed: float
 
@@ -122,6 +123,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
     for is_upper, altitude in ((False, bubble.altitude_bottom), (True, bubble.altitude_top)):
         times, speed = _crossings(result, altitude)
         told, sigmas, width = np.full(2, np.nan), np.full(2, np.nan), math.nan
+        covariance = math.nan
         for boundary in result.edges:
             craft = boundary.spacecraft
             at = 1e-9 * (boundary.time - result.start)
@@ -129,6 +131,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
             right = boundary.is_entry == (is_upper != world.is_rising)
             if right and far <= _NEAR + 0.5 * bubble.wall_width:
                 told[craft], sigmas[craft], width = at, boundary.time_sigma, boundary.width
+                covariance = boundary.time_covariance
         walls.append(
             WallError(
                 world.name,
@@ -138,6 +141,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
                 times,
                 told,
                 sigmas,
+                covariance,
                 width,
                 speed,
             )
@@ -180,7 +184,8 @@ def _contrast(
     The sigma is that of the measured differential contents of this flight with every integer known,
     which no receiver knows: multipath, noise, and fluctuations that the spacecraft do not share. It
     is what the mean of a segment beside the wall scatters by against that of the other side, for
-    places of the wall up to a minute before and after; satellites are weighted by it.
+    places of the wall up to a minute before and after; satellites are weighted by it. A satellite
+    counts that was measured on both sides of this wall: what it shows elsewhere is not this wall.
     """
     bubble = world.bubble
     assert bubble is not None
@@ -189,32 +194,33 @@ def _contrast(
     apart = segment + (bubble.wall_width + separation) / speed
     information = 0.0
     for rows in result.column_errors.values():
-        changes = _segment_changes(rows, time, segment, apart)
-        if len(changes) >= _PLACES // 2:
+        changes = [
+            _segment_change(rows, time + before, segment, apart)
+            for before in np.linspace(-_AROUND, _AROUND, _PLACES)
+        ]
+        squares = [change**2 for change in changes if change is not None]
+        is_measured = _segment_change(rows, time, segment, apart) is not None
+        if is_measured and len(squares) >= _PLACES // 2:
             path = float(np.mean(rows[:, 2])) * separation
-            information += path**2 / max(float(np.mean(changes**2)), 1e-12)
+            information += path**2 / max(float(np.mean(squares)), 1e-12)
     # Electrons per cubic metre; 1e16 per square metre are a TECU.
     sigma = 1e16 / math.sqrt(information) if information > 0.0 else math.inf
     return bubble.depth * _background_density(world, altitude) / sigma
 
 
-def _segment_changes(rows: FloatArray, time: float, segment: float, apart: float) -> FloatArray:
-    """Return the changes of the mean error from one segment to another, TECU, for many places.
+def _segment_change(rows: FloatArray, middle: float, segment: float, apart: float) -> float | None:
+    """Return the change of the mean error from one segment to the next, TECU.
 
-    `rows` are times, errors, and paths of seconds; segments (s) have their middles `apart` (s). A
-    segment that is not measured for half of its time has no mean.
+    `rows` are times, errors, and paths of seconds; segments (s) have their middles `apart` (s)
+    around a time, s. None if either is not measured for half of its time.
     """
-    changes = []
-    for middle in np.linspace(time - _AROUND, time + _AROUND, _PLACES):
-        means = []
-        for side in (-0.5, 0.5):
-            near = np.abs(rows[:, 0] - middle - side * apart) <= 0.5 * segment
-            if np.count_nonzero(near) < max(1.0, 0.5 * segment):
-                break
-            means.append(float(rows[near, 1].mean()))
-        else:
-            changes.append(means[1] - means[0])
-    return np.array(changes)
+    means = []
+    for side in (-0.5, 0.5):
+        near = np.abs(rows[:, 0] - middle - side * apart) <= 0.5 * segment
+        if np.count_nonzero(near) < max(1.0, 0.5 * segment):
+            return None
+        means.append(float(rows[near, 1].mean()))
+    return means[1] - means[0]
 
 
 def _background_density(world: PlasmaWorld, altitude: float) -> float:
@@ -261,7 +267,8 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
         for wall in of_bubble:
             lag = np.subtract(*(wall.told_time - wall.time))
             error += 0.5 * float(lag) * wall.speed / length
-            variance += 0.25 * float(wall.time_sigma @ wall.time_sigma) * (wall.speed / length) ** 2
+            lag_variance = float(wall.time_sigma @ wall.time_sigma) - 2.0 * wall.time_covariance
+            variance += 0.25 * lag_variance * (wall.speed / length) ** 2
         errors.append(error)
         ratios.append(error / math.sqrt(variance))
     return EdgeFigures(

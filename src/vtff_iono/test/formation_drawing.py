@@ -1,8 +1,8 @@
 """Drawn observations of a formation: two spacecraft above the equator in a known ionosphere.
 
 The satellites are those of the nominal GPS constellation, the contents are integrals along their
-rays, and the noise of codes and phases is drawn. Nothing is emulated: ranges cancel in everything
-that the ionosphere chain computes, so that they are left out but for a constant.
+rays, and the noise of codes and phases is drawn. Receivers are not emulated; their clocks wander
+by metres.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ class DrawnFormation:
     which on the phases of both bands have other integers. `fades` maps prn to begin, end and S4 of
     fades of C/N0, without fluctuations of the phase. `extra_content` maps prn to a function of the
     time at which the chief is at the same place, s, that gives an additional content, TECU.
+    From `fixed_again`, s, relative navigation has all integers, relative to another satellite.
+    `relative_sigma` is what it states of the relative position, m.
     """
 
     altitude: Callable[[np.ndarray], np.ndarray]
@@ -59,6 +61,8 @@ class DrawnFormation:
         default_factory=dict
     )
     without_integers: tuple[int, ...] = ()
+    fixed_again: float = np.inf
+    relative_sigma: float = np.inf
     seed: int = 0
 
     def altitudes(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -113,22 +117,32 @@ class DrawnFormation:
                     tuple(_part(block, end) for block in blocks),
                     (self.state(0, end), self.state(1, end)),
                     (self._integers(float(end), prns, integers, slipped),),
+                    (self.relative_sigma,),
                 )
 
-    def _is_slipped(self, craft: int, prn: np.ndarray, time: np.ndarray) -> np.ndarray:
+    def _is_slipped(self, craft: int, prn: np.ndarray, time: np.ndarray | float) -> np.ndarray:
         since = np.array([self.slips.get((craft, int(p)), np.inf) for p in range(64)])
         return time >= since[prn]
 
     def _integers(self, end, prns, integers, slipped):  # type: ignore[no-untyped-def]
-        """Return the integers that relative navigation has: those before a slip, no others."""
+        """Return the integers that relative navigation has: those after a slip once it fixes again.
+
+        It has another reference satellite then.
+        """
         table = {}
+        fixes_again = end >= self.fixed_again
         for index, (band, attribute, _) in enumerate(SIGNALS):
-            single = integers[1, index] - integers[0, index]
+            of_crafts = [
+                np.where(self._is_slipped(craft, np.arange(64), end), slipped[craft, index], before)
+                for craft, before in enumerate(integers[:, index])
+            ]
+            single = of_crafts[1] - of_crafts[0]
+            reference = single[prns[3 if fixes_again else 0]]
             for prn in prns.tolist():
                 has_slipped = any(end >= self.slips.get((craft, prn), np.inf) for craft in (0, 1))
-                if not has_slipped and prn not in self.without_integers:
+                if (fixes_again or not has_slipped) and prn not in self.without_integers:
                     key = SignalKey(c.SYSTEM_GPS, prn, band, attribute)
-                    table[key] = single[prn] - single[prns[0]]
+                    table[key] = single[prn] - reference
         return table
 
     def _observations(  # type: ignore[no-untyped-def]
@@ -143,6 +157,8 @@ class DrawnFormation:
         )
         up = np.flatnonzero(geometry.elevation > MASK)
         epoch, prn, elevation = epoch[up], prn[up], geometry.elevation[up]
+        clock = 3.0 * np.sin(time / (7.0 + craft) + craft)
+        distance = geometry.range[up] + clock[epoch]
         radius = np.linalg.norm(position, axis=-1)[epoch]
         content = profile_content(elevation, radius, *self.profile)
         seconds = time[epoch]
@@ -163,8 +179,10 @@ class DrawnFormation:
             ambiguity = np.where(
                 has_slipped, slipped[craft, index, prn], integers[craft, index, prn]
             )
-            code[:, index] = 2.2e7 + delay + self.code_sigma * generator.standard_normal(shape[0])
-            phase = 2.2e7 - delay + self.phase_sigma * generator.standard_normal(shape[0])
+            code[:, index] = (
+                distance + delay + self.code_sigma * generator.standard_normal(shape[0])
+            )
+            phase = distance - delay + self.phase_sigma * generator.standard_normal(shape[0])
             cycles[:, index] = phase * frequency / SPEED_OF_LIGHT + ambiguity
         ratio = 1.0 - (c.FREQUENCY_L1 / c.FREQUENCY_L2) ** 2
         code[:, 0] += SPEED_OF_LIGHT * (group_delay[prn] * ratio + self.receiver_bias[craft])

@@ -109,7 +109,13 @@ def second_from_messages(
         _integers_from_message(status) if status is not None and is_trusted else {}
         for status, is_trusted in zip(ambiguities, are_trusted, strict=True)
     ]
-    return FormationSecond(time.nanoseconds, tuple(observations), states, tuple(integers))
+    sigmas = [
+        _relative_sigma(state) if state is not None and is_trusted else math.inf
+        for state, is_trusted in zip(relative, are_trusted, strict=True)
+    ]
+    return FormationSecond(
+        time.nanoseconds, tuple(observations), states, tuple(integers), tuple(sigmas)
+    )
 
 
 def _integers_from_message(message: AmbiguityStatus) -> dict[SignalKey, float]:
@@ -138,6 +144,13 @@ def _states_from_relative_state(message: RelativeState) -> tuple[FloatArray, Flo
     deputy = deputy_state_gcrf(chief, np.concatenate((message.position, message.velocity)))
     states = state_gcrf_to_itrf(time, chief), state_gcrf_to_itrf(time, deputy)
     return states if np.isfinite(states).all() else None
+
+
+def _relative_sigma(message: RelativeState) -> float:
+    """Return the sigma of the relative position, m; infinite without a solution."""
+    variance = float(np.trace(np.reshape(message.covariance, (6, 6))[:3, :3]))
+    has_solution = message.solution != RelativeState.SOLUTION_NONE
+    return math.sqrt(variance) if has_solution and variance >= 0.0 else math.inf
 
 
 def slant_tec_to_message(epoch: SlantTecEpoch, spacecraft: str) -> SlantTec:

@@ -389,6 +389,19 @@ def test_a_density_that_nothing_checks_is_withheld():
         assert epoch.bias_sigma_tecu < 1.0
 
 
+@pytest.mark.parametrize(("noise", "is_told"), [(0.1, True), (0.3, False)])
+def test_satellites_whose_noise_hides_an_integer_check_nothing(noise, is_told):
+    """Four of six satellites fade; the filter knows the constant to less than an integer."""
+    elevation = np.radians([15.0, 20.0, 28.0, 40.0, 60.0, 80.0])
+    estimator = without_layer()
+    for second in range(200):
+        observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
+        sigma = np.where(np.arange(6) < 4, noise if second >= 100 else 0.004, 0.004)
+        epoch = estimator.update(second, 600e3, 601e3, elevation, elevation, observed, sigma)
+    assert estimator.is_bias_known
+    assert math.isfinite(epoch.density) == is_told
+
+
 def test_nothing_is_learned_from_contents_that_nothing_checks():
     """Two satellites that agree on a wrong density, as two wrong integers may."""
     elevation = np.radians(np.linspace(15.0, 80.0, 8))

@@ -1,10 +1,11 @@
-"""Density between two drawn spacecraft when integers of the filter do not belong to the phases."""
+"""Density between two drawn spacecraft whose phases are interrupted."""
 
 from __future__ import annotations
 
 import dataclasses
 
 import numpy as np
+import pytest
 from formation_drawing import START, DrawnFormation, layer
 from formation_simulation import mean_density
 
@@ -62,3 +63,46 @@ def test_integers_are_found_beside_those_of_a_satellite_without_an_orbit():
     used = last.prn[np.isfinite(last.epoch.density_satellite)].tolist()
     assert prns[-1] in used
     assert prns[0] not in used
+
+
+@pytest.mark.parametrize(("relative_sigma", "latest"), [(0.02, 2), (np.inf, 40)])
+def test_relative_navigation_gives_integers_back_at_once(relative_sigma, latest):
+    """After a slip of a satellite that relative navigation does not fix again.
+
+    A wide lane of the codes is off by a third of a cycle; a range is known to centimetres.
+    """
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer(), relative_sigma=relative_sigma)
+    before = process(drawn)[SLIP - 1]
+    prn = int(before.prn[np.flatnonzero(np.isfinite(before.epoch.density_satellite))[-1]])
+    densities = process(dataclasses.replace(drawn, slips={(1, prn): SLIP}))
+    seconds = [
+        second
+        for second, density in densities.items()
+        if second > SLIP and np.isfinite(density.epoch.density_satellite[density.prn == prn]).any()
+    ]
+    assert SLIP + 1 <= seconds[0] <= SLIP + latest
+    assert seconds == list(range(seconds[0], seconds[-1] + 1))
+
+
+def test_the_constant_outlives_an_interruption_of_all_satellites():
+    """Relative navigation fixes the integers of phases that all begin anew, with another reference.
+
+    The density goes on in the same datum, long before patience with integers that nothing connects
+    would end.
+    """
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer(), relative_sigma=0.02)
+    slips = {(1, e.prn): SLIP for e in drawn.ephemerides(DURATION)}
+    drawn = dataclasses.replace(drawn, slips=slips, fixed_again=SLIP + 2.0)
+    densities = {
+        second: density
+        for second, density in process(drawn).items()
+        if np.isfinite(density.epoch.density)
+    }
+    after = [second for second in densities if second > SLIP]
+    assert SLIP + 2 <= after[0] <= SLIP + 5
+    assert len({density.datum for density in densities.values()}) == 1
+    for second in after:
+        density = densities[second]
+        chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
+        true = mean_density(*drawn.profile, deputy, chief)
+        assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma

@@ -220,6 +220,55 @@ def test_beside_a_signal_that_went_on_the_other_integer_is_found_in_a_second(kno
     assert resolve(resolver, *arguments, 0.2, 0.1) is None
 
 
+@pytest.mark.parametrize(
+    ("relative_sigma_cycles", "is_told"), [(0.0, True), (0.05, True), (1.0, False)]
+)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_range_that_is_known_tells_both_integers_in_a_second(
+    seed, relative_sigma_cycles, is_told
+):
+    """The codes are off by a cycle, as in multipath; what relative navigation states counts."""
+    generator = np.random.default_rng(seed)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(100):
+        resolver.add_resolved(generator.normal(0.0, 0.4), 20)
+        resolver.add_geometric([(error, 0.005) for error in generator.normal(0.0, 0.03, 8)])
+    scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT
+    excess = scale * (7.0 / FREQUENCY_L1 + 4.0 / FREQUENCY_L2) + generator.normal(0.0, 0.03)
+    content = FloatingContent(
+        "arc", 12.0, 20, excess, 0.01, geometric_cycles=11.0 + generator.normal(0.0, 0.03)
+    )
+    arguments = ([content], np.array([[0.03**2]]), True, 0.02**2, relative_sigma_cycles)
+    assert resolver.resolve(*arguments) == ({"arc": (7.0, -4.0)} if is_told else {})
+
+
+def test_a_bent_phase_is_no_other_integer():
+    """Half a cycle of L2 moves content and wide lane; integers that fit the content fit neither."""
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(100):
+        resolver.add_resolved(0.0, 20)
+        resolver.add_geometric([(0.02, 0.005), (-0.02, 0.005), (0.01, 0.005), (-0.01, 0.005)])
+    bent = 0.22
+    excess = bent * tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT / FREQUENCY_L2
+    content = FloatingContent("arc", 0.0, 20, excess, 0.25, geometric_cycles=bent)
+    found = resolver.resolve([content], np.array([[0.02**2]]), True, 1e-4, 0.0)
+    assert found in ({}, {"arc": (0.0, 0.0)})
+
+
+@pytest.mark.parametrize(("sigma", "is_told"), [(0.05, True), (0.3, False)])
+def test_the_shift_of_all_links(sigma, is_told):
+    generator = np.random.default_rng(1)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(100):
+        resolver.add_resolved(5.0 + generator.normal(0.0, 0.35), 20)
+    scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2) * SPEED_OF_LIGHT
+    excess = scale * (200.0 / FREQUENCY_L1 + 90.0 / FREQUENCY_L2) + 0.3 * sigma
+    wide_lanes = 5.0 + 290.0 + generator.normal(0.0, 0.35, 8)
+    found = resolver.find_shift(excess, sigma**2, wide_lanes, (None, None))
+    assert found == ((200.0, -90.0) if is_told else None)
+    assert resolver.find_shift(excess, sigma**2, wide_lanes, (200.0, None)) == (200.0, -90.0)
+
+
 def links_without_density(generator, paths, known, sigma=0.01):
     """Contents of links whose predictions err by a density in common, and their true integers.
 

@@ -94,6 +94,22 @@ def test_in_scintillation(seed, slip):
     assert found.lag == pytest.approx(LAG, abs=0.03)
 
 
+def test_the_covariance_of_both_times_is_that_of_their_difference():
+    """What is wrong of the wall is so for both, so that the difference errs by less."""
+    ratios, shared = [], []
+    for seed in range(12):
+        series, true = crossing(seed=seed, width=4e3)
+        found = fit_edge_crossings(TIME, *series, EDGE + 90.0, is_dense_above=False, width=4e3)
+        assert found is not None
+        independent = float(found.time_sigma @ found.time_sigma)
+        variance = independent - 2.0 * found.time_covariance
+        assert 0.0 < variance < independent
+        ratios.append((np.subtract(*(found.time - true))) ** 2 / variance)
+        shared.append(found.time_covariance / independent)
+    assert 0.6 < math.sqrt(np.mean(ratios)) < 1.5
+    assert np.mean(shared) > 0.1
+
+
 @pytest.mark.parametrize("width", [1e3, 2e3, 4e3, 8e3])
 @pytest.mark.parametrize("seed", range(2))
 def test_the_width_of_a_wall(width, seed):

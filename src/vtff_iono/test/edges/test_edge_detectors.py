@@ -14,7 +14,7 @@ from vtff_iono.edges.edge_detectors import (
     edge_position,
     intensity_variance,
 )
-from vtff_iono.edges.wall_fit import fit_wall
+from vtff_iono.edges.wall_fit import LAYER, PARABOLA, WALL, fit_wall
 from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
@@ -97,8 +97,8 @@ def test_an_edge_with_samples_at_its_middle_is_among_them():
     assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
 
 
-@pytest.mark.parametrize(("passes", "is_smooth"), [(1, False), (2, False), (1, True)])
-def test_the_compiled_fit_is_generalised_least_squares(passes, is_smooth):
+@pytest.mark.parametrize(("passes", "kind"), [(1, WALL), (2, WALL), (1, PARABOLA)])
+def test_the_compiled_fit_is_generalised_least_squares(passes, kind):
     """Against the textbook's formulas with the whole covariance, for groups of up to 24 samples."""
     generator = np.random.default_rng(3)
     length, slow_time = 985.0, 100.0
@@ -135,7 +135,7 @@ def test_the_compiled_fit_is_generalised_least_squares(passes, is_smooth):
                 24,
                 3,
                 passes,
-                is_smooth,
+                kind,
             )
             groups = np.array_split(np.arange(count), count)
             if count > 24:
@@ -156,7 +156,7 @@ def test_the_compiled_fit_is_generalised_least_squares(passes, is_smooth):
             common = np.array([np.mean(samples[g, 4] ** 2) for g in groups])
             covariance += np.minimum.outer(common, common)
             wall = smeared_step(distance, width, length) - 0.5
-            if is_smooth:
+            if kind == PARABOLA:
                 wall = (distance / reach) ** 2
             weight = np.linalg.inv(covariance)
             level_sigma = math.sqrt(np.diag(covariance).mean())
@@ -323,6 +323,58 @@ def test_a_layer_below_a_wide_bubble_is_no_wall(seed):
     edges = detected(np.arange(500.0), altitude, density, 8e9, 5e9, separation=3200.0)
     assert all(edge.is_entry for edge in edges if edge.altitude < 330e3)
     assert [edge.altitude for edge in edges if not edge.is_entry] == pytest.approx([380e3], abs=2e3)
+
+
+@pytest.mark.parametrize("wall_width", [12e3, 1e3])
+def test_the_upper_wall_of_a_bubble_in_a_steep_layer_is_told(wall_width):
+    """In a climb below the peak the layer grows as fast as the lower wall takes away."""
+    generator = np.random.default_rng(2)
+    altitude = 295e3 + 240.0 * np.arange(400.0)
+    half = 0.5 * wall_width
+    ends = [313e3 - half, 313e3 + half, 361e3 - half, 361e3 + half]
+    inside = np.interp(altitude, ends, [0.0, 0.45, 0.45, 0.0])
+    density = (1.0 - inside) * chapman(altitude, 1.1e12, 378e3, 35e3)
+    density += 1e10 * generator.standard_normal(len(altitude))
+    edges = detected(np.arange(400.0), altitude, density, 1e10, 5e9, separation=1000.0)
+    assert [e.altitude for e in edges if not e.is_entry] == pytest.approx([361e3], abs=1e3)
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("scale_height", [12e3, 35e3])
+def test_a_layer_is_fitted_where_there_is_one(seed, scale_height):
+    """The misfit of the right kind is that of the noise, that of the other kind far more."""
+    generator = np.random.default_rng(seed)
+    altitude = 340e3 + 240.0 * np.arange(-60.0, 61.0)
+    layer = chapman(altitude, 1e12, 365e3, scale_height)
+    wall = 7e11 + 2e11 * (2.0 * smeared_step(altitude - 340e3, 2e3, 1e3) - 1.0)
+    sigma = 1e10
+    misfits = np.empty((2, 2))
+    for row, density in enumerate((layer, wall)):
+        samples = np.zeros((len(altitude), 5))
+        samples[:, 0], samples[:, 1] = np.arange(len(altitude)), altitude
+        samples[:, 2] = density + sigma * generator.standard_normal(len(altitude))
+        samples[:, 3] = sigma
+        for column, (kind, passes) in enumerate(((LAYER, 6), (WALL, 1))):
+            fit = fit_wall(
+                samples,
+                np.zeros((len(altitude), 0)),
+                1.0,
+                340e3,
+                14e3,
+                2e3,
+                1e3,
+                100.0,
+                1e-4,
+                24,
+                3,
+                passes,
+                kind,
+            )
+            assert fit[0] and fit[6] == 21
+            misfits[row, column] = fit[5]
+    # What a layer of 12 km is besides a parabola of its logarithm is there, too.
+    assert misfits[0, 0] < (60.0 if scale_height > 2e4 else 0.5 * misfits[0, 1])
+    assert misfits[1, 1] < 50.0 and misfits[1, 0] > 10.0 * misfits[1, 1]
 
 
 @pytest.mark.parametrize(("behind", "count"), [(80, 1), (95, 0)])

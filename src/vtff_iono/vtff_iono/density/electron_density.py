@@ -59,6 +59,8 @@ _KEPT = 600.0
 _KNOWN_BIAS = 0.2
 # Electrons per cubic metre; a density may differ from a profile without any by this much.
 _LEAST_SPREAD = 1e11
+# TECU; a cycle of both signals more, 0.52 TECU, is hidden in more noise than this.
+_LARGEST_NOISE = 0.2
 # A size of the layer that is known to this fraction is given to the model.
 _KNOWN_MAPPING = 0.2
 
@@ -101,8 +103,9 @@ class DensitySettings:
     spare_satellites : int
         A density is withheld, and nothing is learned from its contents, unless there are so many
         satellites more than states in common that are not known: a single wrong integer could not
-        be told from the right ones. What the past has told to better than `outlier_tecu` is known,
-        as a rule b and a, once as many satellites as are needed without a past have agreed.
+        be told from the right ones. A satellite whose noise hides a wrong integer does not count.
+        What the past has told to better than `outlier_tecu` is known, as a rule b and a, once as
+        many satellites as are needed without a past have agreed.
     """
 
     elevation_mask: float = math.radians(ELEVATION_MASK_DEG)
@@ -321,7 +324,8 @@ class ElectronDensityEstimator:
         unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
         is_outlier = self._contradictions(residual - contents, spread, unknown)
         kept = ~is_outlier
-        count = int(np.count_nonzero(kept))
+        # Where noise hides a wrong integer, a satellite checks nothing.
+        count = int(np.count_nonzero(kept & (fast_variance < _LARGEST_NOISE**2)))
         has_check = count >= unknown + settings.spare_satellites
         if self._is_checked and not has_check:
             return self._without_density(middle, separation, len(observed))

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import math
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
+from vtff_dynamics.constants import NANOSECONDS_PER_SECOND, SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
@@ -72,6 +72,11 @@ _ENOUGH_PROVED = 4
 # s; for which integers of relative navigation are left aside that nothing connects with the
 # constant.
 _PATIENCE = 10
+# Relative navigation is less sure than it says by this factor: in fades phases bend by more than
+# it expects of them.
+_NAVIGATION_FACTOR = 3.0
+# TECU; sigma of how far all contents may be off together where others are judged.
+_ANY_SHIFT = 100.0
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
@@ -121,6 +126,8 @@ class _LinkMeans:
         Square of its change from one sample to the next, TECU^2.
     wide_lane : ndarray, shape (n,)
         Wide lane of the single difference less its integers, cycles.
+    geometric : ndarray, shape (n,)
+        Wide lane of the phases less that of the ranges, less its integers, cycles.
     elevation_chief, elevation_deputy : ndarray, shape (n,)
         rad.
     """
@@ -132,6 +139,7 @@ class _LinkMeans:
     deviation_squared: FloatArray
     step_squared: FloatArray
     wide_lane: FloatArray
+    geometric: FloatArray
     elevation_chief: FloatArray
     elevation_deputy: FloatArray
 
@@ -145,6 +153,7 @@ class _LinkMeans:
             deviation_squared=self.deviation_squared[chosen],
             step_squared=self.step_squared[chosen],
             wide_lane=self.wide_lane[chosen],
+            geometric=self.geometric[chosen],
             elevation_chief=self.elevation_chief[chosen],
             elevation_deputy=self.elevation_deputy[chosen],
         )
@@ -161,12 +170,14 @@ class _LinkMeans:
         """Return the means with the integers of one link, whose content (TECU) is removed."""
         stretches = list(self.stretches)
         stretches[row] = replace(stretches[row], integers=integers)
-        removed = np.where(np.arange(len(stretches)) == row, content, 0.0)
+        is_row = np.arange(len(stretches)) == row
+        wide_lane = np.where(is_row, integers[0] - integers[1], 0.0)
         return replace(
             self,
             stretches=stretches,
-            stec=self.stec - removed,
-            wide_lane=self.wide_lane - np.where(removed != 0.0, integers[0] - integers[1], 0.0),
+            stec=self.stec - np.where(is_row, content, 0.0),
+            wide_lane=self.wide_lane - wide_lane,
+            geometric=self.geometric - wide_lane,
         )
 
 
@@ -201,6 +212,11 @@ class FormationDensity:
         self._estimator = ElectronDensityEstimator(settings)
         frequencies = carrier_frequency_hz([SYSTEM_GPS] * 2, bands)
         self._frequencies = (float(frequencies[0]), float(frequencies[1]))
+        self._wide_lanes_per_metre = (self._frequencies[0] - self._frequencies[1]) / SPEED_OF_LIGHT
+        # Sigma of the relative position in the second that is under way, in wide lanes.
+        self._relative_sigma_cycles = math.inf
+        # What relative navigation has fixed in that second.
+        self._offered: Mapping[SignalKey, float] = {}
         # Sigma of the difference of two receivers and two signals at one epoch, TECU.
         self._sample_sigma = 2.0 * carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
@@ -241,6 +257,9 @@ class FormationDensity:
             numbers += [self._number_of_link(link) for link in links_of_craft[len(numbers) :]]
         stretches = self._current_stretches(second, results)
         time, number, columns = self._differences(second, results, stretches)
+        sigma = _NAVIGATION_FACTOR * second.relative_sigma
+        self._relative_sigma_cycles = self._wide_lanes_per_metre * sigma
+        self._offered = second.integers
         densities = []
         ended = list(self._average.update(time, number, columns))
         for means in ended:
@@ -364,6 +383,7 @@ class FormationDensity:
                 stretch.origin = float(first_content[number])
             origin_of_link[number] = stretch.origin
         deviation = stec - origin_of_link[link]
+        ranges = _range_difference(results, chosen)
         wide_lane = (
             deputy.pairs.wide_lane_cycles[deputy_row] - chief.pairs.wide_lane_cycles[chief_row]
         )
@@ -373,6 +393,10 @@ class FormationDensity:
             "deviation_squared": deviation * deviation,
             "step_squared": steps,
             "wide_lane": wide_lane - (integers[:, 0] - integers[:, 1]),
+            "geometric": first
+            - second_phase
+            - self._wide_lanes_per_metre * ranges
+            - (integers[:, 0] - integers[:, 1]),
             "elevation_chief": chief.elevation[chief_row],
             "elevation_deputy": deputy.elevation[deputy_row],
         }
@@ -399,6 +423,7 @@ class FormationDensity:
         # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
         means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
+        self._doubt_against_geometry(means, sigma_of_all)
         altitudes = (altitude_chief, altitude_deputy)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers()
@@ -428,9 +453,7 @@ class FormationDensity:
             predicted, covariance = self._predict(seconds, altitudes, means)
             error = means.stec - predicted
             spread = np.sqrt(np.diag(covariance)[has_integers])
-            self._examine_integers(
-                fixed, error[has_integers], np.hypot(spread, sigma), epoch.is_outlier
-            )
+            self._examine_integers(fixed, error[has_integers], spread, sigma, epoch.is_outlier)
             self._measure_fades(fixed, error[has_integers], sigma)
             self._add_changes(means, error)
         if not has_integers.any():
@@ -539,16 +562,21 @@ class FormationDensity:
         self,
         fixed: _LinkMeans,
         errors: FloatArray,
+        spread: FloatArray,
         sigma: FloatArray,
         is_outlier: npt.NDArray[np.bool_],
     ) -> None:
         """Count for each link with integers whether its content agrees with the others.
 
-        `errors` are measured less predicted differential contents with their sigmas, TECU.
+        `errors` are measured less predicted differential contents, `spread` and `sigma` the sigmas
+        of predictions and measurements, TECU.
         """
         settings = self._settings
         wide_lanes, samples = fixed.wide_lane.tolist(), fixed.samples.tolist()
-        is_off = np.abs(errors) > np.maximum(settings.outlier_sigmas * sigma, settings.outlier_tecu)
+        error_sigma = np.hypot(spread, sigma)
+        largest = np.maximum(settings.outlier_sigmas * error_sigma, settings.outlier_tecu)
+        is_off = np.abs(errors) > largest
+        is_off |= self._contradicts_geometry(fixed, is_off | is_outlier, sigma)
         for row, (stretch, off) in enumerate(
             zip(fixed.stretches, (is_off | is_outlier).tolist(), strict=True)
         ):
@@ -559,6 +587,35 @@ class FormationDensity:
             self._judge(stretch, is_wrong)
             if not is_wrong:
                 self._resolver.add_resolved(wide_lanes[row], samples[row])
+
+    def _contradicts_geometry(
+        self, fixed: _LinkMeans, is_off: npt.NDArray[np.bool_], sigma: FloatArray
+    ) -> npt.NDArray[np.bool_]:
+        """Return which links have integers whose wide lane relative navigation contradicts, (n,).
+
+        Those that agree show how well it knows them. Arguments as in `_examine_integers`.
+        """
+        contradicts = np.zeros(len(sigma), dtype=bool)
+        wide_lanes, sigmas = self._geometric_errors(fixed).tolist(), sigma.tolist()
+        known = [
+            row
+            for row, (value, off) in enumerate(zip(wide_lanes, is_off.tolist(), strict=True))
+            if not off and math.isfinite(value + sigmas[row] + self._relative_sigma_cycles)
+        ]
+        if len(known) < _FEWEST_WITNESSES:
+            return contradicts
+        # The median is right while most are.
+        clock = statistics.median([wide_lanes[row] for row in known])
+        errors = []
+        for row in known:
+            error = wide_lanes[row] - clock
+            variance = self._resolver.geometric_variance(sigmas[row], self._relative_sigma_cycles)
+            limit = max(_WRONG_WIDE_LANE_SIGMAS * math.sqrt(variance), _WRONG_WIDE_LANE)
+            contradicts[row] = abs(error) > limit
+            if not contradicts[row]:
+                errors.append((error, sigmas[row]))
+        self._resolver.add_geometric(errors)
+        return contradicts
 
     def _resolve_integers(
         self,
@@ -589,21 +646,30 @@ class FormationDensity:
         # What the links with integers tell of the others.
         floating = np.flatnonzero(~has_integers)
         gain = np.linalg.solve(of_known, covariance[np.ix_(rows, floating)]).T
+        learned = gain @ errors[rows]
+        excess = errors[floating] - learned
+        clock, clock_variance = self._clock(means, rows, sigma)
+        geometric = means.geometric[floating] - clock
+        geometric -= self._resolver.cycles_per_tecu * (predicted[floating] + learned)
         contents = [
             FloatingContent(
                 means.stretches[row].number,
                 float(means.wide_lane[row]),
                 int(means.samples[row]),
-                float(error),
+                float(excess[place]),
                 float(sigma[row]),
                 means.stretches[row].integers,
+                float(geometric[place]),
             )
-            for row, error in zip(
-                floating.tolist(), errors[floating] - gain @ errors[rows], strict=True
-            )
+            for place, row in enumerate(floating.tolist())
         ]
         spread = covariance[np.ix_(floating, floating)] - gain @ covariance[np.ix_(rows, floating)]
-        found = self._resolver.resolve(contents, spread, len(rows) > 0)
+        found = self._resolver.resolve(
+            contents, spread, len(rows) > 0, clock_variance, self._relative_sigma_cycles
+        )
+        if not has_integers.any():
+            stretches = [means.stretches[row] for row in floating]
+            found |= self._connect(stretches, contents, spread)
         result = means
         for row in floating.tolist():
             stretch = means.stretches[row]
@@ -621,6 +687,107 @@ class FormationDensity:
                 if continuity is not None and self._continuity.get(signal) == continuity:
                     self._datum.resolve(signal, cycles, continuity)
         return result
+
+    def _connect(
+        self,
+        stretches: Sequence[PhaseStretch],
+        contents: Sequence[FloatingContent],
+        covariance: FloatArray,
+    ) -> dict[Hashable, tuple[float, float]]:
+        """Return the integers of relative navigation in the datum, by the number of the stretch.
+
+        None has been held, but the constant of all satellites is known: contents with the integers
+        of relative navigation are off by the same two integers for all links.
+        """
+        rows, pairs = [], []
+        known: tuple[float | None, float | None] = (None, None)
+        for row, stretch in enumerate(stretches):
+            offered = tuple(self._offered.get(signal, math.nan) for signal in stretch.signals)
+            is_same = all(
+                continuity is not None and self._continuity.get(signal) == continuity
+                for signal, continuity in zip(stretch.signals, stretch.continuity, strict=True)
+            )
+            if not is_same or not math.isfinite(sum(offered) + contents[row].excess_tecu):
+                continue
+            rows.append(row)
+            pairs.append((offered[0], offered[1]))
+            shifts = [
+                before if held is None else held - cycles
+                for before, held, cycles in zip(known, stretch.integers, offered, strict=True)
+            ]
+            known = (shifts[0], shifts[1])
+        if len(rows) < _ENOUGH_PROVED or not self._estimator.is_bias_known:
+            return {}
+        sigma = np.array([contents[row].sigma_tecu for row in rows])
+        removed = np.array([self._content_of(*pair) for pair in pairs])
+        excess = np.array([contents[row].excess_tecu for row in rows]) - removed
+        spread = covariance[np.ix_(rows, rows)] + np.diag(sigma**2)
+        # What all share is looked for.
+        agree = ~self._estimator.find_outliers(excess - np.median(excess), spread + _ANY_SHIFT**2)
+        if np.count_nonzero(agree) < _ENOUGH_PROVED:
+            return {}
+        weights = np.linalg.solve(spread[np.ix_(agree, agree)], np.ones(np.count_nonzero(agree)))
+        wide_lanes = np.array([contents[row].wide_lane_cycles for row in rows])[agree]
+        wide_lanes = wide_lanes - np.subtract(*np.array(pairs)[agree].T)
+        shift = self._resolver.find_shift(
+            float(weights @ excess[agree] / weights.sum()),
+            float(1.0 / weights.sum()),
+            wide_lanes,
+            known,
+        )
+        if shift is None:
+            return {}
+        return {
+            stretches[row].number: (pair[0] + shift[0], pair[1] + shift[1])
+            for row, pair, agrees in zip(rows, pairs, agree.tolist(), strict=True)
+            if agrees
+        }
+
+    def _doubt_against_geometry(self, means: _LinkMeans, sigma: FloatArray) -> None:
+        """Raise the sigmas (TECU, in place) of contents that geometry shows to fluctuate more.
+
+        A second of samples shows little of slow fades, and the seconds before were quieter. What
+        bends the phases, and with them the contents, bends their wide lanes.
+        """
+        if not math.isfinite(self._relative_sigma_cycles):
+            return
+        shown = self._geometric_errors(means).tolist()
+        rows = [
+            row
+            for row, stretch in enumerate(means.stretches)
+            if stretch.has_integers and math.isfinite(shown[row] + sigma[row])
+        ]
+        fluctuating = [row for row in rows if self._excess[means.stretches[row].signals.prn] > 0.0]
+        if not fluctuating or len(rows) < _FEWEST_WITNESSES:
+            return
+        values = np.array([shown[row] for row in rows])
+        weights = 1.0 / self._resolver.geometric_variance(sigma[rows], self._relative_sigma_cycles)
+        chosen = np.isin(rows, fluctuating)
+        squares = weights * (values - weights @ values / weights.sum()) ** 2
+        # All that fluctuate do so alike. The clock has taken a part of their errors.
+        expected = len(fluctuating) - float(weights[chosen].sum() / weights.sum())
+        ratio = float(squares[chosen].sum()) / max(expected, 0.5)
+        sigma[fluctuating] *= math.sqrt(max(ratio, 1.0))
+
+    def _clock(
+        self, means: _LinkMeans, rows: npt.NDArray[np.intp], sigma: FloatArray
+    ) -> tuple[float, float]:
+        """Return the difference of the receiver clocks, wide lanes, and its variance.
+
+        `rows` are those of links with integers, `sigma` the sigmas of contents, TECU. The clock is
+        NaN where relative navigation has no state, or with no links.
+        """
+        shown = self._geometric_errors(means)[rows]
+        variances = self._resolver.geometric_variance(sigma[rows], self._relative_sigma_cycles)
+        is_known = np.isfinite(shown + variances)
+        if not is_known.any():
+            return math.nan, 0.0
+        weights = 1.0 / variances[is_known]
+        return float(weights @ shown[is_known] / weights.sum()), float(1.0 / weights.sum())
+
+    def _geometric_errors(self, means: _LinkMeans) -> FloatArray:
+        """Return wide lanes by geometry of links with integers: the clocks and errors, (n,)."""
+        return np.asarray(means.geometric - self._resolver.cycles_per_tecu * means.stec)
 
     def _content_of(self, first: float, second: float) -> float:
         """Return the content that two integers make, TECU."""
@@ -652,6 +819,18 @@ def _single_difference(
     chief, deputy = (
         block.columns["carrier_phase_cycles"][getattr(result.rows.pairs, name)[row]]
         for block, result, row in zip(second.observations, results, chosen, strict=True)
+    )
+    return np.asarray(deputy - chief)
+
+
+def _range_difference(
+    results: tuple[SpacecraftResult, SpacecraftResult],
+    chosen: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]],
+) -> FloatArray:
+    """Return the distances of the satellites, deputy less chief, m."""
+    chief, deputy = (
+        result.range[result.rows.pairs.row_first[row]]
+        for result, row in zip(results, chosen, strict=True)
     )
     return np.asarray(deputy - chief)
 

@@ -2,20 +2,25 @@
 
 In scintillation arcs break every minute or so, that of L2 every few seconds, and the relative
 navigation filter cannot fix integers there. Both integers of a new arc follow from two numbers:
-the wide lane from the Melbourne-Wuebbena combination, whose receiver bias other satellites have
-shown, and the differential TEC that is predicted: from the constant between the receivers, the
-level that the satellite had before, and the density between the spacecraft. One cycle more on both
-signals is 0.51 TECU, one wide lane more at least 0.24 TECU and two 0.03 TECU, so that either number
-helps the other. Where one of the signals was not interrupted, its integer is known, and only one is
-looked for: a cycle of L2 alone is 2.3 TECU, so that a second of contents decides, whatever the
-codes say.
+the wide lane, and the differential TEC that is predicted: from the constant between the receivers,
+the level that the satellite had before, and the density between the spacecraft. One cycle more on
+both signals is 0.51 TECU, one wide lane more at least 0.24 TECU and two 0.03 TECU, so that either
+number helps the other. Where one of the signals was not interrupted, its integer is known, and only
+one is looked for: a cycle of L2 alone is 2.3 TECU, so that a second of contents decides, whatever
+the codes say.
+
+The wide lane is seen twice. The range between the spacecraft along each ray is known from relative
+navigation to centimetres, and a wide lane is 0.86 m: beside satellites with integers, which show
+the difference of the receiver clocks, one second of phases tells it to a twentieth of a cycle. The
+codes tell it too (Melbourne-Wuebbena), with a constant bias that satellites with integers have
+shown, but multipath makes it err by a third of a cycle for minutes. How far either is off for
+satellites with integers is measured.
 
 The errors of the predictions have parts in common, above all that of the density where no satellite
 has kept its integers. Therefore the pairs of all satellites are tried together, the covariance of
 the predictions with them: integer least squares, in which the nearest vectors are found satellite
 by satellite, those first whose prediction is best. A pair is accepted when it fits and is the same
-in all vectors that are nearly as good as the best one. Multipath of the codes does not average out
-in a minute: how far wide lanes of fixed satellites are from their common bias shows it.
+in all vectors that are nearly as good as the best one.
 
 References
 ----------
@@ -28,15 +33,18 @@ from __future__ import annotations
 import math
 from collections.abc import Container, Hashable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import ELECTRONS_PER_TECU, IONOSPHERIC_DELAY_CONSTANT
 from vtff_iono.links.geometry_free import tecu_per_metre
 
 __all__ = ["FloatingContent", "IntegerResolver", "WeightedMean"]
+
+_Numbers = TypeVar("_Numbers", float, FloatArray)
 
 # Fewest seconds of data for a decision.
 _FEWEST_SECONDS = 4
@@ -51,13 +59,19 @@ _MOST_TRIED = 40
 # Vectors of some satellites that are kept while others are missing: those that are at most twice
 # the margin worse than the best one.
 _VECTORS_KEPT = 400
-# Smallest sigmas: of the mean wide lane, cycles, and of the lasting error of a prediction, TECU.
-_WIDE_LANE_FLOOR = 0.02
+# Smallest sigmas: of the mean wide lanes by codes and by geometry, cycles, and of the lasting error
+# of a prediction, TECU.
+_WIDE_LANE_FLOOR, _GEOMETRIC_FLOOR = 0.02, 0.02
 _PREDICTION_FLOOR = 0.02
+# Cycles; wide lanes with more noise do not show the errors of the geometry.
+_LARGEST_NOISE = 0.1
 # Sigma of the slow error of a wide lane at first, cycles, and as how many seconds it counts; s over
 # which it is averaged, and after which it has another value.
 _FIRST_WIDE_LANE_SIGMA, _FIRST_SECONDS = 0.1, 10.0
 _WIDE_LANE_MEMORY, _WIDE_LANE_TIME = 3000.0, 200.0
+# The same of the wide lane that the geometry shows, whose memory is that of seconds of a dozen
+# satellites: relative navigation errs more after a fade.
+_FIRST_GEOMETRIC_SIGMA, _GEOMETRIC_MEMORY = 0.05, 300.0
 
 
 @dataclass
@@ -84,6 +98,22 @@ class WeightedMean:
         return math.sqrt(self.squares / self.weight / (self.count - 1))
 
 
+class _MeasuredSigma:
+    """Sigma of errors that are seen one by one."""
+
+    def __init__(self, first: float, memory: float) -> None:
+        self._square, self._count, self._memory = first**2, _FIRST_SECONDS, memory
+
+    @property
+    def sigma(self) -> float:
+        return math.sqrt(self._square)
+
+    def add(self, square: float) -> None:
+        """Add the square of an error."""
+        self._count = min(self._count + 1.0, self._memory)
+        self._square += (square - self._square) / self._count
+
+
 class FloatingContent(NamedTuple):
     """A second of a link without integers.
 
@@ -100,6 +130,8 @@ class FloatingContent(NamedTuple):
         the former. What more it scatters by shows from second to second.
     known : tuple of float or None
         Integers of the signals that were not interrupted, cycles.
+    geometric_cycles : float
+        Wide lane of the phases less that of ranges, predicted content and clocks; NaN without.
     """
 
     arc: Hashable
@@ -108,16 +140,22 @@ class FloatingContent(NamedTuple):
     excess_tecu: float
     sigma_tecu: float
     known: tuple[float | None, float | None] = (None, None)
+    geometric_cycles: float = math.nan
 
 
 class _FloatingErrors(NamedTuple):
-    """Means of a link: wide lane less the common bias, cycles, and excess content, TECU."""
+    """Means of a link: wide lanes by codes and by geometry, cycles, and excess content, TECU.
+
+    The bias of the wide lane by codes is removed. `noise_variance` is that of the noise of the
+    content, TECU^2, which the wide lane by geometry shares; `geometric` is NaN where there is none.
+    """
 
     wide_lane: float
     wide_lane_sigma: float
     excess: float
-    variance: float
+    noise_variance: float
     known: tuple[float | None, float | None]
+    geometric: float
 
 
 class IntegerResolver:
@@ -132,12 +170,20 @@ class IntegerResolver:
     def __init__(self, frequency_first: float, frequency_second: float) -> None:
         scale = tecu_per_metre(frequency_first, frequency_second)
         self._first_tecu = scale * SPEED_OF_LIGHT / frequency_first
-        self._both_tecu = self._first_tecu - scale * SPEED_OF_LIGHT / frequency_second
+        second_tecu = scale * SPEED_OF_LIGHT / frequency_second
+        self._both_tecu = self._first_tecu - second_tecu
+        delay = IONOSPHERIC_DELAY_CONSTANT * ELECTRONS_PER_TECU / SPEED_OF_LIGHT
+        self.cycles_per_tecu = delay * (1.0 / frequency_second - 1.0 / frequency_first)
+        # Noise of the phases of both signals, equal in cycles, in a wide lane, relative to that in
+        # the content: its variance, 1/TECU^2, and its covariance with that, 1/TECU.
+        square = self._first_tecu**2 + second_tecu**2
+        self._noise_square = 2.0 / square
+        self._noise_product = (self._first_tecu + second_tecu) / square
         self._bias = WeightedMean()
-        self._wide_lane_square = _FIRST_WIDE_LANE_SIGMA**2
-        self._wide_lane_count = _FIRST_SECONDS
-        # Mean wide lane and mean excess content of each arc without integers.
-        self._unresolved: dict[Hashable, tuple[WeightedMean, WeightedMean]] = {}
+        self._of_codes = _MeasuredSigma(_FIRST_WIDE_LANE_SIGMA, _WIDE_LANE_MEMORY)
+        self._of_geometry = _MeasuredSigma(_FIRST_GEOMETRIC_SIGMA, _GEOMETRIC_MEMORY)
+        # Mean wide lane, excess content and wide lane by geometry of each arc without integers.
+        self._unresolved: dict[Hashable, tuple[WeightedMean, WeightedMean, WeightedMean]] = {}
 
     def __len__(self) -> int:
         """Return the number of arcs whose samples are kept because they have no integers yet."""
@@ -159,15 +205,35 @@ class IntegerResolver:
             return
         self._bias.add(wide_lane_cycles, float(samples))
         if self._bias.count >= _FEWEST_SECONDS:
-            error = wide_lane_cycles - self._bias.mean
-            self._wide_lane_count = min(self._wide_lane_count + 1.0, _WIDE_LANE_MEMORY)
-            change = error * error - self._wide_lane_square
-            self._wide_lane_square += change / self._wide_lane_count
+            self._of_codes.add((wide_lane_cycles - self._bias.mean) ** 2)
 
     @property
     def wide_lane_sigma(self) -> float:
-        """Sigma of the wide lane of a second of a satellite with integers, cycles."""
-        return math.sqrt(self._wide_lane_square)
+        """Sigma of the wide lane of a second of a satellite with integers, by codes, cycles."""
+        return self._of_codes.sigma
+
+    def geometric_variance(self, content_sigma: _Numbers, relative_sigma_cycles: float) -> _Numbers:
+        """Return the variance of wide lanes by geometry of a second, cycles^2.
+
+        `content_sigma` is that of the contents, TECU; `relative_sigma_cycles` is that of the
+        position of one spacecraft from the other.
+        """
+        lasting = self._of_geometry.sigma**2 + relative_sigma_cycles**2
+        return self._noise_square * content_sigma**2 + lasting
+
+    def add_geometric(self, errors: Sequence[tuple[float, float]]) -> None:
+        """Add what wide lanes by geometry are off for satellites with integers in a second.
+
+        `errors` are those less their median, which is the difference of the clocks, cycles, and the
+        sigmas of the contents, TECU.
+        """
+        if len(errors) < 2:
+            return
+        share = (len(errors) - 1) / len(errors)
+        for error, content_sigma in errors:
+            noise = self._noise_square * content_sigma**2
+            if noise < _LARGEST_NOISE**2:
+                self._of_geometry.add(max(error * error / share - noise, 0.0))
 
     def wide_lane_error(self, wide_lane_cycles: float) -> float:
         """Return how far a wide lane less its integers is from the common bias; NaN at first."""
@@ -180,6 +246,8 @@ class IntegerResolver:
         contents: Sequence[FloatingContent],
         covariance: FloatArray,
         is_density_known: bool = True,
+        clock_variance: float = 0.0,
+        relative_sigma_cycles: float = 0.0,
     ) -> dict[Hashable, tuple[float, float]]:
         """Add a second of links without integers; return the integers that are certain, by arc.
 
@@ -191,6 +259,11 @@ class IntegerResolver:
         is_density_known : bool
             Whether the density of this second is known from links with integers. If not, the
             errors of the predictions are of this second alone and are not averaged.
+        clock_variance : float
+            Variance of the difference of the clocks that was removed from wide lanes by geometry,
+            cycles^2.
+        relative_sigma_cycles : float
+            As in `geometric_variance`.
         """
         chosen: list[int] = []
         errors: list[_FloatingErrors] = []
@@ -202,7 +275,11 @@ class IntegerResolver:
             if error is not None:
                 chosen.append(row)
                 errors.append(error)
-        found = self._search(errors, covariance[np.ix_(chosen, chosen)])
+        lasting = self._of_geometry.sigma**2 + relative_sigma_cycles**2
+        joint = self._joint_covariance(
+            errors, covariance[np.ix_(chosen, chosen)], clock_variance, lasting
+        )
+        found = self._search(errors, joint)
         result: dict[Hashable, tuple[float, float]] = {}
         for index, pair in found.items():
             arc = contents[chosen[index]].arc
@@ -210,17 +287,53 @@ class IntegerResolver:
             del self._unresolved[arc]
         return result
 
+    def find_shift(
+        self,
+        excess_tecu: float,
+        variance: float,
+        wide_lanes: FloatArray,
+        known: tuple[float | None, float | None],
+    ) -> tuple[float, float] | None:
+        """Return the two integers by which all links are off, if these are certain.
+
+        Parameters
+        ----------
+        excess_tecu, variance : float
+            What all contents exceed their predictions by, TECU, and its variance.
+        wide_lanes : ndarray, shape (n,)
+            Mean wide lanes of a second, less the integers that are off, cycles.
+        known : tuple of float or None
+            Either integer if it is known.
+        """
+        if self._bias.count < _FEWEST_SECONDS or not np.isfinite(wide_lanes).all():
+            return None
+        scatter = max(self.wide_lane_sigma, float(np.std(wide_lanes)), _WIDE_LANE_FLOOR)
+        errors = _FloatingErrors(
+            float(np.mean(wide_lanes)) - self._bias.mean,
+            math.hypot(scatter / math.sqrt(len(wide_lanes)), self._bias.sigma()),
+            excess_tecu,
+            variance,
+            known,
+            math.nan,
+        )
+        joint = self._joint_covariance([errors], np.zeros((1, 1)), 0.0, 0.0)
+        return self._search([errors], joint).get(0)
+
     def _errors(self, content: FloatingContent, is_density_known: bool) -> _FloatingErrors | None:
         """Add a second of a link; return its means, or None if they are too few for a decision."""
-        wide_lane, excess = self._unresolved.setdefault(
-            content.arc, (WeightedMean(), WeightedMean())
+        wide_lane, excess, by_geometry = self._unresolved.setdefault(
+            content.arc, (WeightedMean(), WeightedMean(), WeightedMean())
         )
         wide_lane.add(content.wide_lane_cycles, float(content.samples))
+        geometric = content.geometric_cycles
         if is_density_known:
             excess.add(content.excess_tecu)
-        has_known = content.known != (None, None)
+        if math.isfinite(geometric):
+            by_geometry.add(geometric)
+            geometric = by_geometry.mean
+        is_told = content.known != (None, None) or math.isfinite(geometric)
         has_wide_lane = self._bias.count >= _FEWEST_SECONDS
-        if not has_known and (wide_lane.count < _FEWEST_SECONDS or not has_wide_lane):
+        if not is_told and (wide_lane.count < _FEWEST_SECONDS or not has_wide_lane):
             return None
         mean, sigma = content.excess_tecu, content.sigma_tecu
         if is_density_known:
@@ -233,15 +346,19 @@ class IntegerResolver:
                 max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR), self._bias.sigma()
             )
             wide_error = wide_lane.mean - self._bias.mean
-        variance = sigma**2 + _PREDICTION_FLOOR**2
-        return _FloatingErrors(wide_error, wide_sigma, mean, variance, content.known)
+        return _FloatingErrors(wide_error, wide_sigma, mean, sigma**2, content.known, geometric)
 
     def _pairs(
-        self, errors: _FloatingErrors, excess: FloatArray, spread: float
+        self,
+        errors: _FloatingErrors,
+        middle_of_wide_lanes: float,
+        excess: FloatArray,
+        spread: float,
     ) -> tuple[FloatArray, FloatArray]:
         """Return pairs of integers (m, p, 2) near to contents (m), TECU, and their contents (m, p).
 
-        `spread` is the distance from the contents within which pairs are looked for, TECU.
+        `spread` is the distance from the contents within which pairs are looked for, TECU, and
+        `middle_of_wide_lanes` the wide lane around which they are looked for, cycles.
         """
         second_tecu = self._first_tecu - self._both_tecu
         first, second = errors.known
@@ -259,7 +376,9 @@ class IntegerResolver:
             seconds = np.full_like(firsts, second)
         else:
             # S = K (l1 n1 - l2 n2) with n1 = wide + n2.
-            wide = round(errors.wide_lane) + np.arange(-_WIDE_LANES_TRIED, _WIDE_LANES_TRIED + 1.0)
+            wide = round(middle_of_wide_lanes) + np.arange(
+                -_WIDE_LANES_TRIED, _WIDE_LANES_TRIED + 1.0
+            )
             middle = (excess[:, np.newaxis] - self._first_tecu * wide) / self._both_tecu
             seconds = around(middle, self._both_tecu)
             firsts = (seconds + wide[:, np.newaxis]).reshape(len(excess), -1)
@@ -269,19 +388,42 @@ class IntegerResolver:
             self._first_tecu * firsts - second_tecu * seconds,
         )
 
+    def _joint_covariance(
+        self,
+        errors: list[_FloatingErrors],
+        covariance: FloatArray,
+        clock_variance: float,
+        lasting_variance: float,
+    ) -> FloatArray:
+        """Return the covariance of contents and of wide lanes by geometry, shape (2, n, 2, n).
+
+        An error of the predicted content is one of the wide lane from which it was removed, and
+        noise of the phases is in both. `covariance` is that of the predictions, TECU^2; those of
+        the clocks and of what lasts of the errors of wide lanes are in cycles^2.
+        """
+        noise = np.diag([error.noise_variance for error in errors])
+        floor = _PREDICTION_FLOOR**2 * np.eye(len(errors))
+        joint = np.empty((2, len(errors), 2, len(errors)))
+        joint[0, :, 0] = covariance + noise + floor
+        product = self.cycles_per_tecu * covariance + self._noise_product * noise
+        joint[0, :, 1] = joint[1, :, 0] = product
+        joint[1, :, 1] = self.cycles_per_tecu**2 * covariance + self._noise_square * noise
+        joint[1, :, 1] += clock_variance
+        joint[1, :, 1] += (lasting_variance + _GEOMETRIC_FLOOR**2) * np.eye(len(errors))
+        return joint
+
     def _search(
-        self, errors: list[_FloatingErrors], covariance: FloatArray
+        self, errors: list[_FloatingErrors], joint: FloatArray
     ) -> dict[int, tuple[float, float]]:
         """Return the pairs of integers that are certain, by the index of their link.
 
         A link whose content no integers explain beside the others is left out, and the rest tried
-        again.
+        again. `joint` is that of `_joint_covariance`.
         """
-        covariance = covariance + np.diag([error.variance for error in errors])
-        links = np.argsort(np.diag(covariance), kind="stable")
+        links = np.argsort(np.diag(joint[0, :, 0]), kind="stable")
         while len(links):
             chosen = [errors[link] for link in links.tolist()]
-            pairs, squares = self._nearest_vectors(chosen, covariance[np.ix_(links, links)])
+            pairs, squares = self._nearest_vectors(chosen, joint[:, links][:, :, :, links])
             worst = int(np.argmax(squares[0]))
             if squares[0, worst] > _LARGEST_SQUARE:
                 links = np.delete(links, worst)
@@ -297,32 +439,49 @@ class IntegerResolver:
         return {}
 
     def _nearest_vectors(
-        self, errors: list[_FloatingErrors], covariance: FloatArray
+        self, errors: list[_FloatingErrors], joint: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the vectors of pairs of integers (m, n, 2) with the smallest squares, best first.
 
-        The squares are told for each link, (m, n): of its content, given those of the links before
-        it, over its sigma, and of its wide lane.
+        The squares are told for each link, (m, n): of its content and of its wide lane by geometry,
+        given those of the links before it, over their sigmas, and of its wide lane by codes.
+        `joint` is that of `_joint_covariance`.
         """
-        lower = np.linalg.cholesky(covariance)
         count = len(errors)
+        # A content and a wide lane by geometry for each link, where it has one.
+        has_geometry = np.isfinite([error.geometric for error in errors])
+        place_of_content = np.arange(count) + np.cumsum(has_geometry) - has_geometry
+        size = count + int(has_geometry.sum())
+        order = np.empty(size, dtype=np.int64)
+        order[place_of_content] = np.arange(count)
+        order[place_of_content[has_geometry] + 1] = count + np.flatnonzero(has_geometry)
+        table = joint.reshape(2 * count, 2 * count)
+        lower = np.linalg.cholesky(table[np.ix_(order, order)])
         pairs, squares = np.zeros((1, count, 2)), np.zeros((1, count))
-        normalized = np.zeros((1, count))
+        normalized = np.zeros((1, size))
         for link, error in enumerate(errors):
-            sigma = float(lower[link, link])
-            excess = error.excess - normalized[:, :link] @ lower[link, :link]
-            tried, content = self._pairs(error, excess, _SIGMAS_TRIED * sigma)
+            place = int(place_of_content[link])
+            sigma = float(lower[place, place])
+            excess = error.excess - normalized[:, :place] @ lower[place, :place]
+            middle = error.geometric if has_geometry[link] else error.wide_lane
+            tried, content = self._pairs(error, middle, excess, _SIGMAS_TRIED * sigma)
             of_content = (excess[:, np.newaxis] - content) / sigma
-            of_wide_lane = (
-                error.wide_lane - (tried[..., 0] - tried[..., 1])
-            ) / error.wide_lane_sigma
-            square = of_content**2 + of_wide_lane**2
+            wide_lane = tried[..., 0] - tried[..., 1]
+            square = of_content**2 + ((error.wide_lane - wide_lane) / error.wide_lane_sigma) ** 2
+            if has_geometry[link]:
+                row = lower[place + 1]
+                rest = error.geometric - normalized[:, :place] @ row[:place]
+                of_geometry = rest[:, np.newaxis] - wide_lane - row[place] * of_content
+                of_geometry /= row[place + 1]
+                square = square + of_geometry**2
             total = (squares.sum(axis=1)[:, np.newaxis] + square).ravel()
-            order = np.argsort(total, kind="stable")[:_VECTORS_KEPT]
-            order = order[total[order] <= total[order[0]] + 2.0 * _MARGIN]
-            before, which = np.divmod(order, square.shape[1])
+            best = np.argsort(total, kind="stable")[:_VECTORS_KEPT]
+            best = best[total[best] <= total[best[0]] + 2.0 * _MARGIN]
+            before, which = np.divmod(best, square.shape[1])
             pairs, squares, normalized = (rows[before] for rows in (pairs, squares, normalized))
             pairs[:, link] = tried[before, which]
             squares[:, link] = square[before, which]
-            normalized[:, link] = of_content[before, which]
+            normalized[:, place] = of_content[before, which]
+            if has_geometry[link]:
+                normalized[:, place + 1] = of_geometry[before, which]
         return pairs, squares

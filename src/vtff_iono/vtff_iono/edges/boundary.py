@@ -55,6 +55,9 @@ class Boundary:
     width, width_sigma : float
         Width over which the density changes at a vertical edge, and its sigma, m; NaN for a ray
         and where the contents do not show it.
+    time_covariance : float
+        Covariance of the time with that at which the other spacecraft crosses the same vertical
+        edge, s^2; 0 for a ray.
     """
 
     kind: BoundaryKind
@@ -69,3 +72,4 @@ class Boundary:
     confidence: float
     width: float = math.nan
     width_sigma: float = math.nan
+    time_covariance: float = 0.0

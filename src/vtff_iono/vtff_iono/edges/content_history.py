@@ -103,6 +103,15 @@ class ContentHistory:
             self._trajectory = times[is_known], positions[is_known]
         return self._trajectory
 
+    def vertical_speed(self) -> float:
+        """Return the mean vertical speed, m/s; NaN with fewer than two positions."""
+        times, positions = self.trajectory()
+        if len(times) < 2:
+            return math.nan
+        altitudes = geodetic_from_itrf(positions[[0, -1]])[:, 2]
+        duration = (times[-1] - times[0]) / NANOSECONDS_PER_SECOND
+        return float(np.diff(altitudes)[0]) / float(duration)
+
     def time_at_altitude(self, altitude: float) -> int | None:
         """Return when the spacecraft was at an altitude (m), ns.
 

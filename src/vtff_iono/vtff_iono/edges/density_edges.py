@@ -7,8 +7,9 @@ widths; the separation of the spacecraft smears each of them. A wall is told if 
   same satellites are used, and errors that all seconds share until more is known of them: of these
   the difference between two seconds is what the estimator has learned between them,
 - a part of the density beside it, and
-- no part of a smooth rise: against a straight line the wall stands out, a parabola fits worse, and
-  in a climb plasma that grows no faster than below the peak of a layer has been less dense before.
+- no part of a smooth rise: against a straight line the wall stands out, and neither a parabola fits
+  nearly as well nor a layer, whose logarithm is a parabola and which is no steeper and no thinner
+  than layers are.
 
 In fades densities end near walls as a rule. Where they have ended, or begin, a wall is told by what
 was seen of it. The place of a wall is the mean over all places and widths that fit, each as likely
@@ -18,7 +19,6 @@ where it lies in a gap. No density is negative, which limits what was not seen.
 
 from __future__ import annotations
 
-import bisect
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +27,7 @@ import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_detectors import Edge
-from vtff_iono.edges.wall_fit import SAMPLE_COLUMNS, fit_wall
+from vtff_iono.edges.wall_fit import LAYER, PARABOLA, SAMPLE_COLUMNS, WALL, fit_wall
 
 __all__ = ["DensityEdgeDetector"]
 
@@ -58,10 +58,9 @@ _SHAPE = 0.3
 # Where the straight line goes against the wall, the whole window changes in the sense of the wall:
 # the foot of a wider wall beside it is no wall.
 _SHAPE_AGAINST = 1.0
-# A parabola fits the window worse than the wall by this sum of squares over their sigmas.
-_STANDS_OUT = 16.0
-# Sigmas of two densities by which one is surely less.
-_DENSER = 3.0
+# A parabola and a layer fit the window worse than the wall by this sum of squares over sigmas; how
+# often the fit of a layer, which is not linear, is improved.
+_STANDS_OUT, _PASSES_OF_LAYER = 16.0, 6
 # A wall is told when densities reach over this many times the half window of its fit.
 _CONFIRMED = 1.5
 
@@ -176,11 +175,6 @@ class DensityEdgeDetector:
         self._told: list[_Candidate] = []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         self._fewest = _FEWEST_SAMPLES
-        # Heights of this climb or descent, how much the density has surely fallen up to each of
-        # them, and the highest density.
-        self._heights: list[float] = []
-        self._falls: list[float] = []
-        self._highest = 0.0
 
     def update(
         self,
@@ -222,17 +216,9 @@ class DensityEdgeDetector:
             direction = math.copysign(1.0, altitude - last_altitude)
             if direction != self._direction or time - last_time > _LONGEST_GAP:
                 edges += self.flush()
-            if direction != self._direction:
-                self._direction = direction
-                self._heights, self._falls, self._highest = [], [], 0.0
+            self._direction = direction
         self._profile.add((time, altitude, density, fast_sigma, common_sigma), slow_parts or {})
         self._length, self._slow_time = max(abs(separation), _NARROWEST), slow_time
-        self._heights.append(self._direction * altitude)
-        noise = _DENSER * fast_sigma
-        self._highest = max(self._highest, density - noise)
-        self._falls.append(
-            max(self._falls[-1] if self._falls else 0.0, self._highest - density - noise)
-        )
         reaches = {window: _reach(*window, self._length) for window in self._windows}
         self._profile.forget_beyond(2.5 * max(reaches.values()))
         last = self._direction * altitude
@@ -256,8 +242,6 @@ class DensityEdgeDetector:
             self._fewest = _FEWEST_SAMPLES
         edges = self._confirmed(math.inf)
         self._profile = _Profile()
-        # What the densities have done in a gap is not known.
-        self._heights, self._falls = [-math.inf], [math.inf]
         self._candidates, self._told = [], []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         return edges
@@ -321,19 +305,13 @@ class DensityEdgeDetector:
             and abs(change) >= shape * 2.0 * abs(slope)
         ):
             return
-        # Below its peak a layer is as steep as the upper wall of a bubble, if that is wide; but who
-        # rises through a layer alone has met no less dense plasma above denser one.
-        is_gentle = abs(change) < _STEEPEST * (width + self._length) * level
-        if is_gentle and self._direction > 0.0 and change > 0.0:
-            fall = self._fall_below(middle - 0.5 * (width + self._length))
-            if fall < self._relative_change * change:
+        # All are fitted as unsurely as the wall is.
+        for kind, passes in ((PARABOLA, 1), (LAYER, _PASSES_OF_LAYER)):
+            smooth = self._fit_wall(
+                samples, slow, middle, reach, width, fewest=self._fewest, passes=passes, kind=kind
+            )
+            if smooth[0] and smooth[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
                 return
-        # Both are fitted as unsurely as the wall is.
-        smooth = self._fit_wall(
-            samples, slow, middle, reach, width, fewest=self._fewest, is_smooth=True
-        )
-        if smooth[0] and smooth[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
-            return
         significance = abs(change) / sigma
         climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
         edge = Edge(
@@ -348,11 +326,6 @@ class DensityEdgeDetector:
         )
         self._candidates.append(_Candidate(significance, middle, width, reach, edge))
 
-    def _fall_below(self, advance: float) -> float:
-        """Return by how much the density has fallen in this climb before a height, 1/m3."""
-        count = bisect.bisect_left(self._heights, advance)
-        return self._falls[count - 1] if count else 0.0
-
     def _fit_wall(
         self,
         samples: FloatArray,
@@ -363,9 +336,9 @@ class DensityEdgeDetector:
         most_means: int = _MEANS,
         fewest: int = 0,
         passes: int = 1,
-        is_smooth: bool = False,
+        kind: int = WALL,
     ) -> tuple[bool, float, float, float, float, float, int]:
-        """Return a fit of a line and a wall, or of a parabola, to densities; see `fit_wall`."""
+        """Return a fit of a line and a wall, or of what is smooth, to densities; see `fit_wall`."""
         fit: tuple[bool, float, float, float, float, float, int] = fit_wall(
             samples,
             slow,
@@ -379,7 +352,7 @@ class DensityEdgeDetector:
             most_means,
             fewest,
             passes,
-            is_smooth,
+            kind,
         )
         return fit
 

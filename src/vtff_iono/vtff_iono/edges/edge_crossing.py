@@ -97,6 +97,8 @@ class EdgeCrossing:
     ----------
     time, time_sigma : ndarray, shape (2,)
         Times of the crossings, counted as the times of the samples are, and their sigmas, s.
+    time_covariance : float
+        Covariance of both times, s^2: what is wrong of the wall is so for both.
     altitude : ndarray, shape (2,)
         Altitudes of the crossings, m.
     density : float
@@ -113,6 +115,7 @@ class EdgeCrossing:
 
     time: FloatArray
     time_sigma: FloatArray
+    time_covariance: float
     altitude: FloatArray
     density: float
     significance: float
@@ -199,7 +202,7 @@ def fit_edge_crossings(
     fitted = _fit(satellites, altitude, width, dense_side, samples)
     if fitted is None:
         return None
-    altitudes, sigma, fitted_width, width_sigma, change, significance = fitted
+    altitudes, covariance, fitted_width, width_sigma, change, significance = fitted
     # Contents are those above a spacecraft: they fall while it climbs.
     density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
     far = float(np.abs(altitudes - altitude).max())
@@ -212,9 +215,13 @@ def fit_edge_crossings(
     speeds = [_speed(instants, track, at) for track, at in zip(tracks, times, strict=True)]
     if not np.isfinite(times + speeds).all():
         return None
+    # The model is wrong by the same for both.
+    covariance = covariance + (_MODEL_SIGMA + _SHAPE_SIGMA * fitted_width) ** 2
+    covariance /= np.outer(speeds, speeds)
     return EdgeCrossing(
         time=np.array(times),
-        time_sigma=np.hypot(sigma, _MODEL_SIGMA + _SHAPE_SIGMA * fitted_width) / np.abs(speeds),
+        time_sigma=np.sqrt(np.diag(covariance)),
+        time_covariance=float(covariance[0, 1]),
         altitude=altitudes,
         density=density,
         significance=significance,
@@ -343,9 +350,9 @@ def _fit(
     dense_side: float,
     samples: tuple[int, ...],
 ) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
-    """Return altitudes of the crossings and sigmas, width and sigma, change per km, significance.
+    """Return altitudes of crossings and their covariance, width and sigma, change, significance.
 
-    The contents depend on the square of the width where it is small.
+    The change is for 1 km. The contents depend on the square of the width where it is small.
     """
     # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
     from scipy.optimize import least_squares
@@ -376,11 +383,11 @@ def _fit(
         return None
     at, fitted_width = place(parameters)
     _, change, significance = _solution(satellites, sigma, at, fitted_width, dense_side)
-    spread = np.sqrt(np.diag(np.linalg.inv(information)))
+    spread = np.linalg.inv(information)
     # d(W^2) = 2 W dW; the square itself where W is below its sigma.
-    square_sigma = float(spread[2]) * _DEPTH_UNIT**2
+    square_sigma = math.sqrt(spread[2, 2]) * _DEPTH_UNIT**2
     width_sigma = min(math.sqrt(square_sigma), 0.5 * square_sigma / max(fitted_width, 1.0))
-    return at, _ALTITUDE_UNIT * spread[:2], fitted_width, width_sigma, change, significance
+    return at, _ALTITUDE_UNIT**2 * spread[:2, :2], fitted_width, width_sigma, change, significance
 
 
 def _width_of(square: float) -> float:

@@ -37,6 +37,9 @@ _LARGEST_LAG = 5.0
 # s; contents that are kept: those before a wall of 20 km, the time that it takes to be told, and
 # those behind it.
 _HISTORY = 360.0
+# m; sigma of the altitude of a wall at one of the spacecraft, if it is known at the other, and m/s:
+# vertical speeds are counted as at least this.
+_ALTITUDE_SIGMA, _SLOWEST = 5.0, 1e-2
 # Number of edges whose times are kept.
 _EDGES_KEPT = 8
 
@@ -123,20 +126,27 @@ class VerticalEdgeFinder:
         times = [guess for guess in guesses if guess is not None]
         if len(times) == len(guesses):
             crossing = self._fit_crossing(edge, sum(times) // len(times))
+        # The density tells the altitude, and so both times, by which these err together.
+        own_sigma = _ALTITUDE_SIGMA / self._vertical_speed()
+        sigmas = [math.hypot(edge.time_sigma, own_sigma)] * len(guesses)
+        covariance = edge.time_sigma**2
+        width, width_sigma = edge.width, edge.width_sigma
+        # Contents tell more than the density, unless L2 is lost too often.
+        if crossing is not None:
+            origin, fit = crossing
+            if float(fit.time_sigma @ fit.time_sigma) < math.fsum(s**2 for s in sigmas):
+                guesses = [
+                    origin + round(time * NANOSECONDS_PER_SECOND) for time in fit.time.tolist()
+                ]
+                sigmas, covariance = fit.time_sigma.tolist(), fit.time_covariance
+            if not width_sigma < fit.width_sigma:
+                width, width_sigma = fit.width, fit.width_sigma
         boundaries = []
-        for craft, (history, guess) in enumerate(zip(self._histories, guesses, strict=True)):
-            if guess is None:
+        for craft, (history, time, sigma) in enumerate(
+            zip(self._histories, guesses, sigmas, strict=True)
+        ):
+            if time is None:
                 continue
-            time, sigma = guess, edge.time_sigma
-            width, width_sigma = edge.width, edge.width_sigma
-            # Contents tell more than the density, unless L2 is lost too often.
-            if crossing is not None:
-                origin, fit = crossing
-                if fit.time_sigma[craft] < sigma:
-                    time = origin + round(float(fit.time[craft]) * NANOSECONDS_PER_SECOND)
-                    sigma = float(fit.time_sigma[craft])
-                if not width_sigma < fit.width_sigma:
-                    width, width_sigma = fit.width, fit.width_sigma
             boundaries.append(
                 Boundary(
                     kind=BoundaryKind.VERTICAL,
@@ -151,9 +161,15 @@ class VerticalEdgeFinder:
                     confidence=edge.confidence,
                     width=width,
                     width_sigma=width_sigma,
+                    time_covariance=covariance,
                 )
             )
         return boundaries
+
+    def _vertical_speed(self) -> float:
+        """Return how fast the spacecraft climb or fall, m/s."""
+        speeds = (abs(history.vertical_speed()) for history in self._histories)
+        return max(_SLOWEST, *(speed for speed in speeds if math.isfinite(speed)), _SLOWEST)
 
     def _fit_crossing(self, edge: Edge, origin: int) -> tuple[int, EdgeCrossing] | None:
         """Return the fit of an edge near a time, ns, and that time as the origin of its times."""
@@ -186,12 +202,8 @@ class VerticalEdgeFinder:
     def _half_window(self, edge: Edge) -> float:
         """Return for how long before and after an edge contents are fitted, s."""
         crossing = 0.0
-        times, positions = self._histories[0].trajectory()
-        if len(times) > 1 and math.isfinite(edge.width):
-            altitudes = geodetic_from_itrf(positions[[0, -1]])[:, 2]
-            climb = abs(float(np.diff(altitudes)[0]))
-            duration = (times[-1] - times[0]) / NANOSECONDS_PER_SECOND
-            crossing = min(0.5 * edge.width * duration / max(climb, 1.0), _CROSSING_WINDOW)
+        if math.isfinite(edge.width):
+            crossing = min(0.5 * edge.width / self._vertical_speed(), _CROSSING_WINDOW)
         return crossing + choose_half_window(edge.time, self._edge_times)
 
 

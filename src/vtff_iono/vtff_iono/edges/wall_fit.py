@@ -8,7 +8,10 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 
-__all__ = ["SAMPLE_COLUMNS", "compile_kernels", "fit_wall"]
+__all__ = ["LAYER", "PARABOLA", "SAMPLE_COLUMNS", "WALL", "compile_kernels", "fit_wall"]
+
+WALL, PARABOLA, LAYER = range(3)
+"""Kinds of `fit_wall`."""
 
 SAMPLE_COLUMNS = 5
 """Columns of the samples of `fit_wall`."""
@@ -17,6 +20,8 @@ SAMPLE_COLUMNS = 5
 _FEWEST_SAMPLES = 6
 # Largest difference of the densities beside a wall over their mean: neither is negative.
 _LARGEST_CONTRAST = 1.9
+# Largest change of the logarithm of a density in a pass, and largest logarithm (1/m3).
+_LARGEST_STEP, _LARGEST_POWER = 1.0, 40.0
 
 
 @compiled
@@ -33,7 +38,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
     most_means,
     fewest,
     passes,
-    is_smooth,
+    kind,
 ):
     """Fit a line and a wall to densities by generalised least squares.
 
@@ -61,8 +66,9 @@ def fit_wall(  # type: ignore[no-untyped-def]
     passes : int
         1: the line goes on behind the wall; 2: its slope is in proportion to the density there,
         which the first pass tells.
-    is_smooth : bool
-        Whether a parabola is fitted instead of the wall.
+    kind : int
+        `WALL`, or what is fitted instead: `PARABOLA`, or `LAYER`, a density whose logarithm is a
+        parabola, no steeper and no thinner than layers are, which is fitted in `passes`.
 
     Returns
     -------
@@ -114,7 +120,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
         before += distance < -half_length
         behind += distance > half_length
         mean_density += means[row, 2] / groups
-        if is_smooth:
+        if kind != WALL:
             walls[row] = (distance / reach) ** 2
             continue
         # A wall that rises linearly over its width, averaged over the length.
@@ -149,6 +155,12 @@ def fit_wall(  # type: ignore[no-untyped-def]
             else:
                 return nothing
     slope_sigma = steepest * reach * (abs(mean_density) + math.sqrt(mean_variance))
+    # A layer begins as a constant; its parameters are the logarithm of the density, how that
+    # changes over `reach`, and its curvature.
+    layer = np.zeros(3)
+    layer[0] = math.log(max(mean_density, math.sqrt(mean_variance)))
+    log_slope_sigma = steepest * reach
+    log_curvature_sigma = 0.25 * log_slope_sigma**2
     solution, ratio = np.zeros(3), 0.0
     table = np.empty((groups, 4))  # columns of the design, and the density
     variance = 0.0
@@ -158,6 +170,12 @@ def fit_wall(  # type: ignore[no-untyped-def]
             table[row, 1] = means[row, 1] / reach * (1.0 + ratio * walls[row])
             table[row, 2] = walls[row]
             table[row, 3] = means[row, 2]
+            if kind == LAYER:
+                power = layer[0] + layer[1] * table[row, 1] + layer[2] * table[row, 2]
+                density = math.exp(min(power, _LARGEST_POWER))
+                table[row, 3] -= density
+                for column in range(3):
+                    table[row, column] *= density
             for column in range(4):
                 total = table[row, column]
                 for other in range(row):
@@ -168,7 +186,12 @@ def fit_wall(  # type: ignore[no-untyped-def]
             for column in range(3):
                 for other in range(4):
                     normal[column, other] += table[row, column] * table[row, other]
-        normal[1, 1] += 1.0 / slope_sigma**2
+        if kind == LAYER:
+            for column, known in ((1, log_slope_sigma), (2, log_curvature_sigma)):
+                normal[column, column] += 1.0 / known**2
+                normal[column, 3] -= layer[column] / known**2
+        else:
+            normal[1, 1] += 1.0 / slope_sigma**2
         # The cofactors of the symmetric normal matrix, whose last column gives the change.
         a, b, c = normal[0, 0], normal[0, 1], normal[0, 2]
         d, e, f = normal[1, 1], normal[1, 2], normal[2, 2]
@@ -187,10 +210,15 @@ def fit_wall(  # type: ignore[no-untyped-def]
             for column in range(3):
                 solution[row] += inverse[row, column] * normal[column, 3] / determinant
         variance = inverse[2, 2] / determinant
-        if solution[0] > 0.0:
+        if kind == LAYER:
+            for row in range(3):
+                layer[row] += min(max(solution[row], -_LARGEST_STEP), _LARGEST_STEP)
+        elif solution[0] > 0.0:
             ratio = solution[2] / solution[0]
             ratio = min(max(ratio, -_LARGEST_CONTRAST), _LARGEST_CONTRAST)
     misfit = (solution[1] / slope_sigma) ** 2
+    if kind == LAYER:
+        misfit = (layer[1] / log_slope_sigma) ** 2 + (layer[2] / log_curvature_sigma) ** 2
     for row in range(groups):
         residual = table[row, 3]
         for column in range(3):
@@ -205,4 +233,4 @@ def fit_wall(  # type: ignore[no-untyped-def]
 def compile_kernels() -> None:
     """Compile `fit_wall`, which takes seconds without a cache and would delay the first wall."""
     samples, slow = np.zeros((0, SAMPLE_COLUMNS)), np.zeros((0, 0))
-    fit_wall(samples, slow, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1, 0, 1, False)
+    fit_wall(samples, slow, 1.0, 0.0, 1.0, 0.0, 1.0, 1.0, 1.0, 1, 0, 1, WALL)

@@ -46,11 +46,20 @@ class SatelliteGeometry:
         east, rad.
     direction_itrf : ndarray, shape (n, 3)
         Unit vectors towards the satellites, in the Earth-fixed axes of reception.
+    range : ndarray, shape (n,)
+        m; distance that the signals have travelled.
     """
 
     elevation: FloatArray
     azimuth: FloatArray
     direction_itrf: FloatArray
+    range: FloatArray
+
+    @classmethod
+    def unknown(cls, rows: int) -> SatelliteGeometry:
+        """Return the geometry of satellites without ephemerides."""
+        nothing = np.full((6, rows), np.nan)
+        return cls(nothing[0], nothing[1], nothing[2:5].T, nothing[5])
 
 
 def satellite_geometry(
@@ -80,9 +89,7 @@ def satellite_geometry(
     rows = len(system)
     time = np.broadcast_to(np.asarray(time, dtype=np.int64), (rows,))
     position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (rows, 3))
-    result = SatelliteGeometry(
-        np.full(rows, np.nan), np.full(rows, np.nan), np.full((rows, 3), np.nan)
-    )
+    result = SatelliteGeometry.unknown(rows)
     starts = np.flatnonzero(np.diff(time, prepend=time[:1] - 1)) if rows else np.zeros(0, int)
     ends = np.append(starts[1:], rows)
     for first, last, table in _epochs_of_tables(store, time[starts]):
@@ -142,9 +149,7 @@ def geometry_from_stores(
         As in `satellite_geometry`.
     """
     position = np.broadcast_to(np.asarray(position_receiver_itrf, dtype=float), (len(prn), 3))
-    result = SatelliteGeometry(
-        np.full(len(prn), np.nan), np.full(len(prn), np.nan), np.full((len(prn), 3), np.nan)
-    )
+    result = SatelliteGeometry.unknown(len(prn))
     for number, store in stores.items():
         rows = np.flatnonzero(system == number)
         if len(rows) and len(store):
@@ -154,6 +159,7 @@ def geometry_from_stores(
             result.elevation[rows] = geometry.elevation
             result.azimuth[rows] = geometry.azimuth
             result.direction_itrf[rows] = geometry.direction_itrf
+            result.range[rows] = geometry.range
     return result
 
 
@@ -202,3 +208,4 @@ def _fill_rows(
     result.elevation[target] = sight.elevation[epoch_and_column]
     result.azimuth[target] = sight.azimuth[epoch_and_column]
     result.direction_itrf[target] = sight.direction_itrf[epoch_and_column]
+    result.range[target] = sight.range[epoch_and_column]

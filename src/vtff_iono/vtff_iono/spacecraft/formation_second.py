@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -29,11 +30,15 @@ class PairSecond:
     integers : mapping of SignalKey to float
         Integers of single differences, deputy less chief, that are fixed at `time`, cycles
         relative to a reference satellite of each group of signals.
+    relative_sigma : float
+        Sigma of the position of the deputy relative to the chief, m; infinite where that is not
+        of relative navigation.
     """
 
     time: int
     observations: tuple[ObservationBlock, ObservationBlock]
     integers: Mapping[SignalKey, float]
+    relative_sigma: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,17 +56,23 @@ class FormationSecond:
         None where unknown.
     integers : tuple of mapping of SignalKey to float
         For each deputy as in `PairSecond`.
+    relative_sigmas : tuple of float, optional
+        For each deputy as in `PairSecond`; by default no state is of relative navigation.
     """
 
     time: int
     observations: tuple[ObservationBlock, ...]
     states_itrf: tuple[FloatArray | None, ...]
     integers: tuple[Mapping[SignalKey, float], ...]
+    relative_sigmas: tuple[float, ...] = ()
 
     def pair(self, deputy: int) -> PairSecond:
         """Return the measurements of the chief and a deputy, counted from 0."""
         return PairSecond(
-            self.time, (self.observations[0], self.observations[deputy + 1]), self.integers[deputy]
+            self.time,
+            (self.observations[0], self.observations[deputy + 1]),
+            self.integers[deputy],
+            self.relative_sigmas[deputy] if self.relative_sigmas else math.inf,
         )
 
 

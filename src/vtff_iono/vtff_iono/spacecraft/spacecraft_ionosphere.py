@@ -166,6 +166,8 @@ class SpacecraftResult:
         Contents of all epochs, receiver biases not removed.
     direction_itrf : ndarray, shape (n, 3)
         Unit vectors to the satellites of all observations.
+    range : ndarray, shape (n,)
+        Distances of the satellites of all observations, m; NaN where unknown.
     epoch : SlantTecEpoch or None
         Contents of the last epoch of the block; None without observations.
     scintillation : tuple of (ScintillationWindow, ndarray)
@@ -174,6 +176,7 @@ class SpacecraftResult:
 
     rows: SlantTecRows
     direction_itrf: FloatArray
+    range: FloatArray
     epoch: SlantTecEpoch | None
     scintillation: tuple[tuple[ScintillationWindow, FloatArray], ...]
 
@@ -333,6 +336,7 @@ class SpacecraftIonosphere:
                 SpacecraftResult(
                     rows if len(blocks) == 1 else rows.part(first, last, begin),
                     geometry.direction_itrf[begin:end],
+                    geometry.range[begin:end],
                     epoch,
                     tuple(scintillation[number]),
                 )
