@@ -50,15 +50,11 @@ def set_mode(
     with running_graph() as (node, executor, stop):
         from vtff_msgs.srv import SetGuidanceMode
 
-        client = node.create_client(SetGuidanceMode, MODE_SERVICE)
-        waiter = GraphWaiter(console, node, executor, stop, NODE)
-        waiter.wait_until(client.service_is_ready)
         request = SetGuidanceMode.Request(
             mode=mode, formation=formation, angle_deg=angle_deg, orbits=orbits
         )
-        future = client.call_async(request)
-        waiter.wait_until(future.done, ANSWER_WAIT)
-        answer = future.result()
+        waiter = GraphWaiter(console, node, executor, stop, NODE)
+        answer = waiter.call_service(SetGuidanceMode, MODE_SERVICE, request, ANSWER_WAIT)
     if not answer.success:
         raise exit_with_error(console, answer.message, EXIT_FAILURE)
     console.print(f"mode {mode} {formation}".rstrip(), markup=False)

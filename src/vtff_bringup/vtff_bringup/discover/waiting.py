@@ -21,8 +21,8 @@ if TYPE_CHECKING:
 __all__ = ["WAIT", "GraphWaiter"]
 
 WAIT = 10.0  # s of wall time for a node
-#: s of wall time for the result of a node that is no longer in the graph: it may be on its way.
-_LAST_RESULT_WAIT = 1.0
+#: s of wall time for the answer of a node that is no longer in the graph: it may be on its way.
+_LAST_ANSWER_WAIT = 1.0
 
 
 class GraphWaiter:
@@ -48,7 +48,11 @@ class GraphWaiter:
         self._awaited = awaited
 
     def wait_until(
-        self, is_done: Callable[[], bool], patience: float = WAIT, lacking: str = "no answer of"
+        self,
+        is_done: Callable[[], bool],
+        patience: float = WAIT,
+        lacking: str = "no answer of",
+        is_there: Callable[[], bool] = lambda: True,
     ) -> None:
         """Spin until something is done.
 
@@ -60,20 +64,43 @@ class GraphWaiter:
             Longest wait, s of wall time.
         lacking
             Words of the error for what the awaited node did not do in time.
+        is_there
+            Whether the awaited node is in the graph.
 
         Raises
         ------
         typer.Exit
-            On a signal, or with one line when the patience (s of wall time) is over.
+            On a signal, or with one line when the patience is over or the node has left.
         """
-        deadline = time.monotonic() + patience
-        while not is_done():
+        self._spin(lambda: is_done() or self._stop.requested, patience, is_there)
+        if not is_done():
             if self._stop.requested:
                 raise typer.Exit(EXIT_INTERRUPTED)
-            if time.monotonic() > deadline:
-                text = f"{lacking} {self._awaited} in {domain_text()} within {patience:g} s"
-                raise exit_with_error(self._console, text, EXIT_FAILURE)
-            self._executor.spin_once(timeout_sec=0.1)
+            raise self._give_up(patience, lacking)
+
+    def call_service(self, service: Any, name: str, request: Any, patience: float = WAIT) -> Any:
+        """Return the response of a service of the awaited node.
+
+        Parameters
+        ----------
+        service, name
+            Type and name of the service.
+        request
+            Request message.
+        patience
+            Longest wait for the response, s of wall time.
+
+        Raises
+        ------
+        typer.Exit
+            On a signal, or with one line if there is no response, or if the node leaves the graph
+            before it.
+        """
+        client = self._node.create_client(service, name)
+        self.wait_until(client.service_is_ready)
+        future = client.call_async(request)
+        self.wait_until(future.done, patience, is_there=client.service_is_ready)
+        return future.result()
 
     def follow_goal(
         self, action: Any, name: str, goal: Any, take_feedback: Callable[[Any], None]
@@ -105,22 +132,55 @@ class GraphWaiter:
         client = ActionClient(self._node, action, name)
         self.wait_until(client.server_is_ready, lacking="no")
         sent = client.send_goal_async(goal, feedback_callback=take_feedback)
-        self.wait_until(sent.done)
+        # No signal ends this wait: the goal may be flown by now. It is cancelled below.
+        self._spin(sent.done, WAIT, client.server_is_ready)
+        if not sent.done():
+            raise self._give_up(WAIT)
         handle = sent.result()
         future = handle.get_result_async()
-        is_cancelled = is_gone = False
-        deadline = math.inf
+        is_cancelled = False
         with contextlib.suppress(KeyboardInterrupt):
-            while not future.done() and time.monotonic() <= deadline:
-                self._executor.spin_once(timeout_sec=0.1)
-                if not is_gone and not client.server_is_ready():
-                    is_gone, deadline = True, time.monotonic() + _LAST_RESULT_WAIT
-                elif self._stop.requested and not is_gone and not is_cancelled:
-                    handle.cancel_goal_async()
-                    is_cancelled, deadline = True, time.monotonic() + WAIT
+            self._spin(
+                lambda: future.done() or self._stop.requested, math.inf, client.server_is_ready
+            )
+            if not future.done():
+                handle.cancel_goal_async()
+                is_cancelled = True
+                self._spin(future.done, WAIT, client.server_is_ready)
         if not future.done():
             text = f"no answer of {self._awaited} to the cancellation"
-            if is_gone:
-                text = f"{self._awaited} has left {domain_text()}: the run ended before the goal"
             raise exit_with_error(self._console, text, EXIT_FAILURE)
         return future.result().result, is_cancelled
+
+    def _spin(
+        self, is_done: Callable[[], bool], patience: float, is_there: Callable[[], bool]
+    ) -> None:
+        """Spin until something is done, the patience is over, or the awaited node has left.
+
+        Parameters
+        ----------
+        is_done
+            Whether it is done.
+        patience
+            Longest wait, s of wall time.
+        is_there
+            Whether the awaited node is in the graph.
+
+        Raises
+        ------
+        typer.Exit
+            With one line when the node has left and nothing more has come of it.
+        """
+        deadline = time.monotonic() + patience
+        is_gone = False
+        while not is_done() and time.monotonic() <= deadline:
+            self._executor.spin_once(timeout_sec=0.1)
+            if not is_gone and not is_there():
+                is_gone, deadline = True, time.monotonic() + _LAST_ANSWER_WAIT
+        if is_gone and not is_done():
+            text = f"{self._awaited} has left {domain_text()}: the run has ended"
+            raise exit_with_error(self._console, text, EXIT_FAILURE)
+
+    def _give_up(self, patience: float, lacking: str = "no answer of") -> typer.Exit:
+        text = f"{lacking} {self._awaited} in {domain_text()} within {patience:g} s"
+        return exit_with_error(self._console, text, EXIT_FAILURE)
