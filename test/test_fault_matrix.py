@@ -19,6 +19,7 @@ import time
 
 import can
 import pytest
+from domain_coordinator import domain_id
 from fault_injection import (
     CAN_GROUP,
     FLIGHTS,
@@ -365,14 +366,15 @@ def test_clock_of_the_day_jumps(jump, pacing, tmp_path, fault_table):
 @pytest.mark.slow
 def test_restart(tmp_path, fault_table):
     """A run begins at once after one whose node was killed, on the same domain."""
-    environment = {"ROS_DOMAIN_ID": str(os.getpid() % 90 + 5)}
-    first = Flight(tmp_path / "first", *ENDLESS, environment=environment)
-    first.wait_for_steps()
-    with first.fault():
-        first.send("deputy__relative_ekf", signal.SIGKILL)
-    check(first.end(), "deputy__relative_ekf")
-    second = Flight(tmp_path / "second", "--duration", 5, environment=environment)
-    outcome = second.end()
+    with domain_id() as domain:
+        environment = {"ROS_DOMAIN_ID": str(domain)}
+        first = Flight(tmp_path / "first", *ENDLESS, environment=environment)
+        first.wait_for_steps()
+        with first.fault():
+            first.send("deputy__relative_ekf", signal.SIGKILL)
+        check(first.end(), "deputy__relative_ekf")
+        second = Flight(tmp_path / "second", "--duration", 5, environment=environment)
+        outcome = second.end()
     fault_table("run after a killed node", "restart", outcome)
     check_complete(outcome)
 

@@ -385,7 +385,10 @@ PUBLISHER = textwrap.dedent(
 def ros_environment():
     pytest.importorskip("rclpy")
     pytest.importorskip("vtff_msgs")
-    return {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
+    from domain_coordinator import domain_id
+
+    with domain_id() as domain:
+        yield {**os.environ, "ROS_DOMAIN_ID": str(domain)}
 
 
 def start(arguments, environment):
@@ -540,12 +543,12 @@ def test_full_disk_ends_the_node_with_an_error_and_a_readable_bag(tmp_path, ros_
         ros_environment,
     )
     try:
-        _, errors = recorder.communicate(timeout=60)
+        recorder.wait(timeout=60)
     finally:
         for process in (source, recorder):
             process.kill()
-            process.communicate()
-    assert recorder.returncode == 1
+        source_errors, errors = (process.communicate()[1] for process in (source, recorder))
+    assert recorder.returncode == 1, source_errors
     assert "Traceback" not in errors
     assert f"recording ends: {bag}/bag_0.mcap: cannot write: File too large" in errors
     assert recover(bag).message_count > 0
