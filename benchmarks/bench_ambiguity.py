@@ -7,6 +7,7 @@ position, and 1 mm / 0.3 m of noise. Compilation is timed on its own, without an
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -77,7 +78,13 @@ def seconds_of_new_process(cache: str) -> tuple[float, float]:
 
 def main() -> None:
     """Measure and print."""
-    repetitions = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "repetitions", type=int, nargs="?", default=300, help="searches (%(default)s)"
+    )
+    repetitions = parser.parse_args().repetitions
     with tempfile.TemporaryDirectory() as cache:
         for label in ("without cache", "with cache"):
             imported, compiled = seconds_of_new_process(cache)

@@ -12,6 +12,7 @@ Run with the workspace environment on an idle machine:
 
 from __future__ import annotations
 
+import argparse
 import contextlib
 import importlib
 import os
@@ -223,7 +224,13 @@ def main() -> None:
         "scheduler": measure_scheduler,
         "thousand": measure_thousand,
     }
-    chosen = sys.argv[1:] or ["library", "run", "scheduler"]
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("measure", nargs="*", help=f"of {', '.join(measures)}")
+    chosen = parser.parse_args().measure or ["library", "run", "scheduler"]
+    if unknown := set(chosen) - set(measures):
+        parser.error(f"measure: {' '.join(sorted(unknown))} is none of {', '.join(measures)}")
     with tempfile.TemporaryDirectory() as folder:
         for name in chosen:
             print(name, flush=True)

@@ -12,6 +12,7 @@ Python and numpy work, by which machines can be compared.
 
 from __future__ import annotations
 
+import argparse
 import os
 import sys
 import time
@@ -87,7 +88,11 @@ def decoded(content: bytes, to_messages: bool) -> tuple[float, int]:
 
 def main() -> None:
     """Print the table."""
-    seconds = int(sys.argv[1]) if len(sys.argv) > 1 else 120
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("seconds", type=int, nargs="?", default=120, help="simulated (%(default)s)")
+    seconds = parser.parse_args().seconds
     print(f"yardstick {yardstick():.2f} ms; {seconds} s, {os.cpu_count()} CPUs, one thread")
     print(f"{'configuration':14} {'ms per receiver-second':>23} {'median':>8} {'bytes/s':>9}")
     for name in ("benchmark", "reference"):

@@ -11,6 +11,7 @@ rate through DDS it prints the rate of the bag writer alone and of reading the b
 
 from __future__ import annotations
 
+import argparse
 import os
 import signal
 import subprocess
@@ -28,6 +29,7 @@ MAXIMUM_LAG = 50  # steps
 def publish(steps: int) -> float:
     """Publish all steps and return the messages a second."""
     import rclpy
+    from rclpy.duration import Duration
     from rclpy.serialization import serialize_message
     from rosgraph_msgs.msg import Clock
 
@@ -76,6 +78,8 @@ def publish(steps: int) -> float:
     while newest[0] < last:
         executor.spin_once(timeout_sec=1.0)
     elapsed = time.perf_counter() - begun
+    for publisher in (clock, *publishers):
+        publisher.wait_for_all_acked(Duration(seconds=10.0))
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
@@ -87,32 +91,35 @@ def through_dds(bag: Path, steps: int, compression: str) -> tuple[float, int, fl
 
     Returns messages a second, messages in the bag, and peak memory of the recorder in MB.
     """
+    from domain_coordinator import domain_id
+
     from vtff_bag.file.reader import BagReader
 
-    environment = {**os.environ, "ROS_DOMAIN_ID": str(1 + os.getpid() % 100)}
-    command = [sys.executable, "-m", "vtff_bag.bag_recorder_node", "--ros-args"]
-    for setting in (
-        f"output:={bag}",
-        "lockstep:=true",
-        "acknowledge_steps:=true",
-        f"compression:={compression}",
-    ):
-        command += ["-p", setting]
-    command += ["-p", "wait_for_nodes:=['/bench_source']"]
-    recorder = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
-    try:
-        output = subprocess.run(
-            [sys.executable, __file__, "publish", str(steps)],
-            env=environment,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout
-        memory = peak_memory(recorder.pid)
-        recorder.send_signal(signal.SIGINT)
-        recorder.wait(timeout=30)
-    finally:
-        recorder.kill()
+    with domain_id() as domain:
+        environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
+        command = [sys.executable, "-m", "vtff_bag.bag_recorder_node", "--ros-args"]
+        for setting in (
+            f"output:={bag}",
+            "lockstep:=true",
+            "acknowledge_steps:=true",
+            f"compression:={compression}",
+        ):
+            command += ["-p", setting]
+        command += ["-p", "wait_for_nodes:=['/bench_source']"]
+        recorder = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
+        try:
+            output = subprocess.run(
+                [sys.executable, __file__, "--publish", str(steps)],
+                env=environment,
+                check=True,
+                capture_output=True,
+                text=True,
+            ).stdout
+            memory = peak_memory(recorder.pid)
+            recorder.send_signal(signal.SIGINT)
+            recorder.wait(timeout=30)
+        finally:
+            recorder.kill()
     counts = BagReader(bag).topics
     recorded = sum(
         topic.message_count
@@ -159,10 +166,16 @@ def reading(bag: Path) -> float:
 
 def main() -> None:
     """Print the table."""
-    if sys.argv[1:2] == ["publish"]:
-        print(publish(int(sys.argv[2])))
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("steps", type=int, nargs="?", default=2000, help="of /clock (%(default)s)")
+    parser.add_argument("--publish", action="store_true", help=argparse.SUPPRESS)
+    arguments = parser.parse_args()
+    steps = arguments.steps
+    if arguments.publish:
+        print(publish(steps))
         return
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 2000
     print(f"{TOPICS} topics, {PAYLOAD} B payload, {steps} steps, {os.cpu_count()} CPUs")
     print(
         f"{'compression':12} {'recorder':>12} {'lost':>6} {'memory':>9} {'writer alone':>14} "

@@ -7,9 +7,9 @@ tells what the filter costs; the median also what else the machine was doing.
 
 from __future__ import annotations
 
+import argparse
 import os
 import pathlib
-import sys
 import time
 
 import numpy as np
@@ -28,9 +28,13 @@ WARM_UP = 30
 
 def main() -> None:
     """Measure and print."""
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 300
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("epochs", type=int, nargs="?", default=300, help="(%(default)s)")
+    count = parser.parse_args().epochs
     if count <= WARM_UP:
-        sys.exit(f"bench_relative_filter.py: more than {WARM_UP} epochs expected, got {count}")
+        parser.error(f"epochs: more than {WARM_UP} expected, got {count}")
     if not DATA.exists():
         print(f"{DATA} is absent: nothing measured")
         return

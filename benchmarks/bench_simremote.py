@@ -6,6 +6,7 @@ runs as a process of its own; the figure contains writing and reading the number
 
 from __future__ import annotations
 
+import argparse
 import subprocess
 import sys
 import tempfile
@@ -61,9 +62,15 @@ def measure(client: SimRemoteClient, steps: int, vectors: int) -> list[float]:
 
 def main() -> None:
     """Measure and print."""
-    steps = int(sys.argv[1]) if len(sys.argv) > 1 else 5_000
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "steps", type=int, nargs="?", default=5000, help="in lockstep (%(default)s)"
+    )
+    steps = parser.parse_args().steps
     if not 2 * WARM_UP_STEPS <= steps <= 80_000:
-        raise SystemExit(f"steps: {2 * WARM_UP_STEPS} to 80000 expected, got {steps}")
+        parser.error(f"steps: {2 * WARM_UP_STEPS} to 80000 expected, got {steps}")
     print("round trip of two MOT commands in us   median  99th percentile  longest")
     with tempfile.TemporaryDirectory() as folder:
         port_file = Path(folder) / "port"
