@@ -235,10 +235,7 @@ def test_likelihood_of_other_variances_against_a_batch():
         return -0.5 * float(values @ np.linalg.solve(covariance, values) + determinant)
 
     expected = batch([0.3, 0.0]) - batch([2.0, 5.0])
-    likelihoods = [
-        state.log_likelihood(labels[:2], last[:2], np.array(variances))
-        for variances in ([0.3, 0.0], [2.0, 5.0])
-    ]
+    likelihoods = state.log_likelihoods(labels[:2], last[:2], np.array([[0.3, 0.0], [2.0, 5.0]]))
     assert likelihoods[0] - likelihoods[1] == pytest.approx(expected, rel=1e-9)
 
 

@@ -754,8 +754,10 @@ class RelativeFilter:
             sigma = math.sqrt(total / (len(labels) + _QUIET_GRADIENTS))
         elif CHIEF_MOTION[0] in state and 0.0 < quiet < stated:
             models = np.geomspace(quiet, stated, _GRADIENT_MODELS) ** 2
-            last, *weighed = np.outer([self._gradient_sigma**2, *models], np.ones(len(labels)))
-            likelihood = np.array([state.log_likelihood(labels, last, v) for v in weighed])
+            ones = np.ones(len(labels))
+            likelihood = state.log_likelihoods(
+                labels, self._gradient_sigma**2 * ones, np.outer(models, ones)
+            )
             weight = np.exp(likelihood - likelihood.max())
             sigma = math.sqrt(float(weight @ models) / float(weight.sum()))
         else:

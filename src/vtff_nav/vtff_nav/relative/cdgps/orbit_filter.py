@@ -439,10 +439,8 @@ class AbsoluteFilter:
         def evidence(offsets: list[Label]) -> float:
             counts = (len(ranges), len(offsets))
             last, quiet, loud = (np.repeat(np.square(pair), counts) for pair in sigmas)
-            labels = [*ranges, *offsets]
-            return state.log_likelihood(labels, last, quiet) - state.log_likelihood(
-                labels, last, loud
-            )
+            both = state.log_likelihoods([*ranges, *offsets], last, np.array([quiet, loud]))
+            return float(both[0] - both[1])
 
         of_ranges = evidence([])
         offsets = state.labels_of("satellite_offset")

@@ -308,32 +308,37 @@ class GaussianState:
             empty = np.zeros((len(columns), 0))
             self.update(self.innovation(design, -self.mean[columns], noise, empty))
 
-    def log_likelihood(
+    def log_likelihoods(
         self, labels: Sequence[Label], last: FloatArray, variances: FloatArray
-    ) -> float:
-        """Return the log likelihood of all measurements with other prior variances of members.
+    ) -> FloatArray:
+        """Return the log likelihoods of all measurements with other prior variances of members.
 
         Parameters
         ----------
         labels : sequence of Label
             k members that were independent of each other and of zero mean before the measurements.
-        last, variances : ndarray, shape (k,)
-            Prior variances that were assumed, more than zero, and those that are weighed.
+        last : ndarray, shape (k,)
+            Prior variances that were assumed, more than zero.
+        variances : ndarray, shape (m, k)
+            Prior variances that are weighed.
 
         Returns
         -------
-        float
+        ndarray, shape (m,)
             Up to a constant that is the same for all `variances`.
         """
         columns = [self._index_of[label] for label in labels]
         weight = np.linalg.inv(self.covariance[np.ix_(columns, columns)])
         told, axes = np.linalg.eigh(weight - np.diag(1.0 / last))
-        sigma = np.sqrt(variances)
-        axes = sigma[:, None] * axes
-        total = np.eye(len(columns)) + (axes * told.clip(0.0)) @ axes.T
-        score = sigma * (weight @ self.mean[columns])
-        explained = float(score @ np.linalg.solve(total, score))
-        return 0.5 * (explained - float(np.linalg.slogdet(total)[1]))
+        told = told.clip(0.0)
+        score = weight @ self.mean[columns]
+        result = np.empty(len(variances))
+        for row, sigma in enumerate(np.sqrt(variances)):
+            scaled_axes, scaled_score = sigma[:, None] * axes, sigma * score
+            total = np.eye(len(columns)) + (scaled_axes * told) @ scaled_axes.T
+            explained = float(scaled_score @ np.linalg.solve(total, scaled_score))
+            result[row] = 0.5 * (explained - float(np.linalg.slogdet(total)[1]))
+        return result
 
     def doubt(self, factor: float, columns: Sequence[int], prior: FloatArray) -> None:
         """Divide the information of all measurements by a factor, but not that of the prior.
