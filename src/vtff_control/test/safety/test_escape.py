@@ -5,20 +5,14 @@ import math
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from safety_samples import CHIEF, COVARIANCE, relative
+from safety_samples import CHIEF, predict_formation, relative
 
 from vtff_control.safety.escape import ClearBounds, find_escape
-from vtff_control.safety.prediction import predict_free_motion
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.free_flight import free_flight
 
 BOUNDS = ClearBounds(30.0, 32.0, 3.7)
 CAP = 1.4
-
-
-def motion_of(*states):
-    names = ("chief", *(f"deputy{index}" for index in range(len(states))))
-    return predict_free_motion(names, CHIEF, states, [COVARIANCE] * len(states), 1.0)
 
 
 def fly(state, escape, start, acceleration, duration):
@@ -53,7 +47,7 @@ def test_escape_restores_the_bound(distance, side, height, speed, miss):
                       math.sin(height)])  # fmt: skip
     across = np.cross(sight, [0.0, 0.0, 1.0])
     state = np.concatenate((distance * sight + miss * across, -speed * sight))
-    motion = motion_of(state)
+    motion = predict_formation([state])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
     assert escape is not None
     assert np.abs(escape.velocity_rtn).max() <= 50.0
@@ -62,16 +56,15 @@ def test_escape_restores_the_bound(distance, side, height, speed, miss):
 
 
 def test_drift_is_stopped_where_that_is_enough():
-    escape = find_escape(
-        motion_of(relative(t=900.0, vt=-20.0)), 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0
-    )
+    motion = predict_formation([relative(t=900.0, vt=-20.0)])
+    escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
     np.testing.assert_allclose(escape.velocity_rtn[1], 20.0, atol=0.5)
 
 
 def test_axes_without_thrust_are_not_used():
     available = np.array([CAP, 0.0, CAP])
     escape = find_escape(
-        motion_of(relative(t=400.0, vt=-20.0)), 1, BOUNDS, available, 50.0, 2.0, 600.0
+        predict_formation([relative(t=400.0, vt=-20.0)]), 1, BOUNDS, available, 50.0, 2.0, 600.0
     )
     assert escape.velocity_rtn[1] == 0.0
     assert np.linalg.norm(escape.velocity_rtn) > 1.0
@@ -79,25 +72,23 @@ def test_axes_without_thrust_are_not_used():
 
 def test_a_deputy_that_cannot_is_told():
     available = np.full(3, 1e-4)
-    assert (
-        find_escape(motion_of(relative(t=200.0, vt=-5.0)), 1, BOUNDS, available, 50.0, 2.0, 600.0)
-        is None
-    )
+    motion = predict_formation([relative(t=200.0, vt=-5.0)])
+    assert find_escape(motion, 1, BOUNDS, available, 50.0, 2.0, 600.0) is None
 
 
 def test_other_deputies_are_kept_clear_of_too():
     """Another deputy stands where a braked one would come to rest: the way round it is taken."""
     state = relative(t=700.0, vt=-30.0)
-    alone = find_escape(motion_of(state), 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
+    alone = find_escape(predict_formation([state]), 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
     np.testing.assert_allclose(alone.velocity_rtn[1], 30.0, atol=0.5)
-    motion = motion_of(state, relative(t=300.0))
+    motion = predict_formation([state, relative(t=300.0)])
     around = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 2.0, 600.0)
     assert np.abs(around.velocity_rtn[[0, 2]]).max() > 1.0
 
 
 def test_a_small_evasion_turns_the_relative_vectors():
     """A follower that drifts towards the chief over an orbit: centimetres per second do."""
-    motion = motion_of(relative(t=300.0, vt=0.0, r=-10.0, vr=0.0))
+    motion = predict_formation([relative(t=300.0, vt=0.0, r=-10.0, vr=0.0)])
     horizon = float(motion.times[-1])
     escape = find_escape(motion, 1, BOUNDS, np.full(3, CAP), 50.0, 0.0, horizon)
     assert 0.0 < np.linalg.norm(escape.velocity_rtn) < 0.2

@@ -121,7 +121,7 @@ def test_it_stays_taken_over_until_the_reset():
 @pytest.mark.parametrize("chief_thrusts", [False, True])
 @pytest.mark.parametrize("command", [(0.0, 0.0, 0.0), (0.0, -1.4, 0.0)])
 def test_commands_may_come_after_the_states(chief_thrusts, command):
-    """What is taken ahead knows no command, and the command counts in full."""
+    """The prediction made ahead knows no command, and the command counts in full."""
     at_once, later = (
         FormationSafety("chief", ("one", "two"), SETTING, chief_thrusts) for _ in range(2)
     )

@@ -4,9 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from safety_samples import CHIEF, COVARIANCE, relative
+from safety_samples import CHIEF, COVARIANCE, predict_formation, relative
 
-from vtff_control.safety.prediction import predict_free_motion
 from vtff_dynamics.frames.rtn import deputy_state_gcrf, rotation_gcrf_to_rtn
 from vtff_dynamics.orbit.propagator import ForceModel, Propagator
 from vtff_dynamics.relative.designs import helix, projected_circular_track_normal
@@ -17,10 +16,7 @@ EPOCH = parse_epoch("2016-03-21T01:00:00 GPS")
 
 
 def predict(states, covariances=None, orbits=2.0, hard_radius=30.0, clear_radius=32.0):
-    names = ("chief", *(f"deputy{index}" for index in range(len(states))))
-    motion = predict_free_motion(
-        names, CHIEF, states, covariances or [COVARIANCE] * len(states), orbits
-    )
+    motion = predict_formation(states, covariances, orbits)
     return motion, motion.predict_pair(0, 1, hard_radius, clear_radius, 3.7)
 
 

@@ -36,7 +36,6 @@ __all__ = [
     "PairPrediction",
     "hermite_position",
     "predict_chief_motion",
-    "predict_free_motion",
     "prediction_times",
     "sigmas_outside",
 ]
@@ -232,7 +231,7 @@ class ChiefMotion:
             Relative state of each deputy at the start (m, m/s, shape (6,); the frame turns about N
             alone).
         position_covariances
-            What `position_covariances` gives for each.
+            Covariances of the positions of each deputy, by `position_covariances`.
         """
         count, samples = len(relative_states_rtn), len(self.times)
         relative = np.zeros((count + 1, samples, 6))
@@ -279,32 +278,6 @@ def predict_chief_motion(state_chief_gcrf: FloatArray, orbits: float) -> ChiefMo
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     rotation = np.stack((radial, np.cross(normal, radial), normal), axis=1)
     return ChiefMotion(times, states, transition, rotation, to_position)
-
-
-def predict_free_motion(
-    names: Sequence[str],
-    state_chief_gcrf: FloatArray,
-    relative_states_rtn: Sequence[FloatArray],
-    covariances_rtn: Sequence[FloatArray],
-    orbits: float,
-) -> FreeMotion:
-    """Return the motion of a formation without thrust.
-
-    Parameters
-    ----------
-    names
-        The chief, then the deputies.
-    state_chief_gcrf
-        m and m/s, shape (6,).
-    relative_states_rtn, covariances_rtn
-        Relative state of each deputy (m, m/s, shape (6,); the frame turns about N alone) and its
-        covariance, shape (6, 6).
-    orbits
-        Length of the prediction.
-    """
-    chief = predict_chief_motion(state_chief_gcrf, orbits)
-    covariances = [chief.position_covariances(covariance) for covariance in covariances_rtn]
-    return chief.formation(names, relative_states_rtn, covariances)
 
 
 @compiled
