@@ -95,7 +95,7 @@ def test_in_scintillation(seed, slip):
 
 
 def test_the_covariance_of_both_times_is_that_of_their_difference():
-    """What is wrong of the wall is so for both, so that the difference errs by less."""
+    """Errors of the wall are common to both times, so that their difference errs by less."""
     ratios, shared = [], []
     for seed in range(12):
         series, true = crossing(seed=seed, width=4e3)

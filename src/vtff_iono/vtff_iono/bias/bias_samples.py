@@ -9,7 +9,14 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["BiasSamples", "ReceiverBiasError"]
+__all__ = ["DECIMALS_TECU", "BiasSamples", "ReceiverBiasError"]
+
+DECIMALS_TECU = 3
+"""Decimals of biases and levels, TECU.
+
+Further decimals depend on the number of threads of linear algebra, and reprocessing a recording
+must give the bytes that were published.
+"""
 
 
 class ReceiverBiasError(ValueError):

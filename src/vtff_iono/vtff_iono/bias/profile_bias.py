@@ -17,10 +17,10 @@ The ionosphere also changes along the orbit and across it. To first order the co
 then larger by M (a(t) + g(t) d) + S c, where M is its slant over vertical content, S its content,
 and d the vector from the receiver to the pierce point to the east and north. The vertical content a
 and its gradient g are linear between knots; c is by what part the ionosphere that one arc passes
-differs from that of the others. All are random effects
-as well, and their sigmas are estimated from the samples. Without c the noise of a thousand samples
-would seem to tell the level of an arc to 0.02 TECU, while the shape of the ionosphere is not known
-as well as that. The noise is taken to be correlated as the residuals of arcs are.
+differs from that of the others. All are random effects as well, and their sigmas are estimated from
+the samples. Without c the noise of a thousand samples would seem to tell the level of an arc to
+0.02 TECU, while the shape of the ionosphere is not known as well as that. The noise is taken to be
+correlated as the residuals of arcs are.
 
 The offset of an arc is what its samples are larger by than its contents: the bias of the receiver,
 and the errors of its level and of the satellite bias. The contents of an eccentric orbit tell it
@@ -41,6 +41,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import astuple, dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -54,7 +55,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_middles,
     shell_paths,
 )
-from vtff_iono.bias.bias_samples import BiasSamples
+from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
     ExpectedContents,
     Knots,
@@ -78,8 +79,6 @@ _SATELLITE_SIGMA = 1.43
 _LEVEL_SIGMA_LEAST = 0.01
 # Sigma of the noise at first, and its smallest value, TECU.
 _NOISE_START, _NOISE_LEAST = 0.05, 0.01
-# Number of decimals of offsets, TECU: further ones depend on the number of threads.
-_DIGITS = 3
 # Sigmas at first of the vertical content (TECU) and its gradients (TECU per 1000 km), and of what
 # is particular to an arc (relative to the content); and the value that switches them off.
 _VERTICAL_SIGMA = 0.5
@@ -156,15 +155,16 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
     log_density, sigmas = problem.start()
     noise, weight = _NOISE_START, np.ones(int(is_used.sum()))
     # The first solution has no gradients, as their columns need a profile.
-    normal = problem.normal(log_density, weight / noise**2)
+    normal = problem.normal(problem.effect_columns(log_density), weight / noise**2)
     level = replace(sigmas, vertical=_NO_GRADIENT, gradient=_NO_GRADIENT, arc=_NO_GRADIENT)
     solution = problem.solve(normal, _TOPSIDES[0], level, log_density)
     for _ in range(_NORMAL_ITERATIONS):
-        residual = problem.residual(solution)
+        columns = problem.effect_columns(solution.log_density)
+        residual = problem.residual(solution, columns)
         previous, noise = noise, _scatter(residual)
         weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(residual), _SMALLEST_RESIDUAL))
         variance = noise**2 * problem.inflation(weight * residual)
-        normal = problem.normal(solution.log_density, weight / variance)
+        normal = problem.normal(columns, weight / variance)
         solution, sigmas = _estimate_sigmas(problem, normal, solution, sigmas)
         if abs(noise / previous - 1.0) < _NOISE_CONVERGED:
             break
@@ -177,7 +177,8 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
     # The departures of contents from a profile are not independent of each other: their scatter
     # does not average out. Single contents of the arc scatter as much, too.
     variance = np.median(offset_variances, axis=0) + np.var(offsets, axis=0, ddof=1)
-    variance += np.maximum(noise**2, problem.squares_of_arcs(problem.residual(solution)))
+    residual = problem.residual(solution, problem.effect_columns(solution.log_density))
+    variance += np.maximum(noise**2, problem.squares_of_arcs(residual))
     contents = ExpectedContents(
         problem.edges,
         np.exp(models[0].log_density),
@@ -193,8 +194,8 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         noise_tecu=noise,
         satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
         arc=problem.arc_numbers,
-        offset_tecu=np.asarray(offsets.mean(axis=0)).round(_DIGITS),
-        offset_sigma_tecu=np.round(np.sqrt(variance), _DIGITS),
+        offset_tecu=np.asarray(offsets.mean(axis=0)).round(DECIMALS_TECU),
+        offset_sigma_tecu=np.round(np.sqrt(variance), DECIMALS_TECU),
         contents=contents,
     )
 
@@ -221,6 +222,21 @@ class _Sigmas:
     gradient: float
     arc: float
     level_factor: float
+
+
+class _EffectColumns(NamedTuple):
+    """Columns of the effects in the equations of n samples.
+
+    Attributes
+    ----------
+    knots : ndarray, shape (n, 3 knots)
+        Columns of the vertical contents and their gradients at the knots.
+    single : csr_matrix
+        Columns of all other effects.
+    """
+
+    knots: FloatArray
+    single: sparse.csr_matrix
 
 
 class _Problem:
@@ -328,13 +344,23 @@ class _Problem:
             max(1.0, math.sqrt(level)),
         )
 
-    def normal(self, log_density: FloatArray, weight: FloatArray) -> NormalEquations:
-        """Return the normal equations of weighted samples.
+    def effect_columns(self, log_density: FloatArray) -> _EffectColumns:
+        """Return the columns of effects for the contents of logarithms of densities."""
+        content = self._paths @ np.exp(log_density)
+        mapping = content / (self._vertical_paths @ np.exp(log_density))
+        level = mapping[:, np.newaxis] * self._knot_weights
+        east, north = self._pierce_offset[:, :1], self._pierce_offset[:, 1:]
+        values = np.ones(self._column.shape)
+        values[:, 0] = content
+        ends = np.arange(0, values.size + 1, values.shape[1])
+        single = sparse.csr_matrix(
+            (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
+        )
+        return _EffectColumns(np.hstack((level, level * east, level * north)), single)
 
-        The columns of knots and arcs are those of the contents of `log_density`;
-        `weight` has shape (n,).
-        """
-        gradients, single = self._effect_columns(log_density)
+    def normal(self, columns: _EffectColumns, weight: FloatArray) -> NormalEquations:
+        """Return the normal equations of weighted samples; `weight` has shape (n,)."""
+        gradients, single = columns
         weighted_paths = self._paths * weight[:, np.newaxis]
         weighted_gradients = gradients * weight[:, np.newaxis]
         weighted_single = single.multiply(weight[:, np.newaxis]).tocsr()
@@ -354,9 +380,9 @@ class _Problem:
             ),
         )
 
-    def residual(self, solution: ProfileSolution) -> FloatArray:
-        """Return observed minus explained contents, TECU."""
-        gradients, single = self._effect_columns(solution.log_density)
+    def residual(self, solution: ProfileSolution, columns: _EffectColumns) -> FloatArray:
+        """Return observed minus explained contents, TECU; the columns are of its densities."""
+        gradients, single = columns
         explained = self._paths @ np.exp(solution.log_density)
         explained += gradients @ solution.effects[: self.gradients.stop]
         return np.asarray(self.stec - explained - single @ solution.effects[self.arcs.start :])
@@ -382,20 +408,6 @@ class _Problem:
         correlation = float(residual[before] @ residual[after]) / total if total > 0.0 else 0.0
         correlation = min(max(correlation, 0.0), _LARGEST_CORRELATION)
         return (1.0 + correlation) / (1.0 - correlation)
-
-    def _effect_columns(self, log_density: FloatArray) -> tuple[FloatArray, sparse.csr_matrix]:
-        """Return the columns of the knots, and those of all other effects."""
-        content = self._paths @ np.exp(log_density)
-        mapping = content / (self._vertical_paths @ np.exp(log_density))
-        level = mapping[:, np.newaxis] * self._knot_weights
-        east, north = self._pierce_offset[:, :1], self._pierce_offset[:, 1:]
-        values = np.ones(self._column.shape)
-        values[:, 0] = content
-        ends = np.arange(0, values.size + 1, values.shape[1])
-        single = sparse.csr_matrix(
-            (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
-        )
-        return np.hstack((level, level * east, level * north)), single
 
 
 def _scatter(residual: FloatArray) -> float:

@@ -61,7 +61,7 @@ class ProfileSolution:
         Logarithms of densities.
     effects, effect_variance : ndarray, shape (m,)
     effects_per_log_density : ndarray, shape (m, n)
-        What the effects are less by where the logarithm of a density is more by one.
+        Decrease of the effects where the logarithm of a density increases by one.
     effect_factor, curvature_factor : (ndarray, bool)
         Cholesky factors of the precision of effects for known densities, and of logarithms.
     """

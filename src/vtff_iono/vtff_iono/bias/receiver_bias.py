@@ -44,7 +44,7 @@ import numpy.typing as npt
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
+from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples, ReceiverBiasError
 from vtff_iono.bias.pair_equations import IntArray, PairEquations, satellite_pairs, solve_pairs
 from vtff_iono.geometry.mapping import (
     LOWEST_ORBIT,
@@ -74,9 +74,6 @@ _SHORTEST_INTERVAL = 20.0
 _FEWEST_INTERVALS = 40.0
 _FEWEST_BLOCKS = 6.0
 _FEWEST_PAIRS = 50
-# Number of decimals of the results, TECU. Further decimals depend on the number of threads of
-# linear algebra, and reprocessing a recording must give the bytes that were published.
-_DIGITS = 3
 # Fraction of the contents that may be negative for another reason than the bias.
 _NEGATIVE_FRACTION = 0.01
 
@@ -214,7 +211,7 @@ def estimate_receiver_biases(samples: BiasSamples) -> BiasEstimate:
     altitude = geodetic_from_itrf(all_elevations.position_receiver_itrf)[..., 2]
     profile = profile_biases(all_elevations, altitude)
     biases = _combine_models(samples, profile.bias_tecu, profile.sigma_tecu, len(first))
-    satellite_sigma = round(profile.satellite_sigma_tecu, _DIGITS)
+    satellite_sigma = round(profile.satellite_sigma_tecu, DECIMALS_TECU)
     biases = [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]
     return BiasEstimate(biases, profile)
 
@@ -268,8 +265,8 @@ def _combine_models(
         spread = float(np.std(values, ddof=1))
         results.append(
             ReceiverBias(
-                bias_tecu=round(bias, _DIGITS),
-                sigma_tecu=round(math.hypot(sampling, spread), _DIGITS),
+                bias_tecu=round(bias, DECIMALS_TECU),
+                sigma_tecu=round(math.hypot(sampling, spread), DECIMALS_TECU),
                 sampling_sigma_tecu=sampling,
                 spread_tecu=spread,
                 model_tecu=tuple(values.tolist()),

@@ -593,7 +593,7 @@ class FormationDensity:
     ) -> npt.NDArray[np.bool_]:
         """Return which links have integers whose wide lane relative navigation contradicts, (n,).
 
-        Those that agree show how well it knows them. Arguments as in `_examine_integers`.
+        The links that agree show how well it knows them. Arguments as in `_examine_integers`.
         """
         contradicts = np.zeros(len(sigma), dtype=bool)
         wide_lanes, sigmas = self._geometric_errors(fixed).tolist(), sigma.tolist()

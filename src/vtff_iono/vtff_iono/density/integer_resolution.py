@@ -299,7 +299,7 @@ class IntegerResolver:
         Parameters
         ----------
         excess_tecu, variance : float
-            What all contents exceed their predictions by, TECU, and its variance.
+            Excess of all contents over their predictions, TECU, and its variance.
         wide_lanes : ndarray, shape (n,)
             Mean wide lanes of a second, less the integers that are off, cycles.
         known : tuple of float or None

@@ -169,7 +169,7 @@ class VerticalEdgeFinder:
     def _vertical_speed(self) -> float:
         """Return how fast the spacecraft climb or fall, m/s."""
         speeds = (abs(history.vertical_speed()) for history in self._histories)
-        return max(_SLOWEST, *(speed for speed in speeds if math.isfinite(speed)), _SLOWEST)
+        return max([_SLOWEST, *(speed for speed in speeds if math.isfinite(speed))])
 
     def _fit_crossing(self, edge: Edge, origin: int) -> tuple[int, EdgeCrossing] | None:
         """Return the fit of an edge near a time, ns, and that time as the origin of its times."""

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 from vtff_dynamics.vectors import FloatArray
+from vtff_iono.bias.bias_samples import DECIMALS_TECU
 
 if TYPE_CHECKING:
     from vtff_iono.bias.expected_contents import ExpectedContents
@@ -27,8 +28,6 @@ __all__ = ["ArcContents", "ArcOffsets"]
 _INTERVAL = 20 * NANOSECONDS_PER_SECOND
 # Fewest other arcs, so that their differences have a scatter.
 _FEWEST = 3
-# Number of decimals of levels, TECU: further ones depend on the number of threads.
-_DIGITS = 3
 
 
 class ArcContents(NamedTuple):
@@ -61,7 +60,7 @@ class ArcContents(NamedTuple):
 
 
 class _Level(NamedTuple):
-    """What is to be added to the phases of an arc, and its sigma, TECU."""
+    """The level to add to the phases of an arc, and its sigma, TECU."""
 
     value: float
     sigma: float
@@ -180,5 +179,5 @@ class ArcOffsets:
                 growth = max(1.0, (factor**2 - 1.0) / mean_tangent) + 1.0 / len(solved)
                 of_value = math.sqrt(spread * growth * factor**2 + common + particular**2)
                 value = content - float(rows.stec_phase_tecu[row])
-                levels[row] = _Level(round(value, _DIGITS), round(of_value, _DIGITS))
+                levels[row] = _Level(round(value, DECIMALS_TECU), round(of_value, DECIMALS_TECU))
         return levels
