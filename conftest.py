@@ -6,6 +6,7 @@ import gc
 import os
 import pathlib
 import sys
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -73,6 +74,19 @@ class Omissions:
                 f"{self._deselected} tests deselected ({marks or 'by name'}); "
                 "make test PYTEST_ARGUMENTS='-m slow' runs the slow ones"
             )
+
+
+@pytest.fixture
+def ros_context() -> Iterator[Any]:
+    """Yield a context of rclpy in a ROS domain that nothing else on this machine uses."""
+    import rclpy
+    from domain_coordinator import domain_id
+
+    context = rclpy.Context()
+    with domain_id() as domain:
+        rclpy.init(context=context, domain_id=domain)
+        yield context
+        rclpy.try_shutdown(context=context)
 
 
 def pytest_configure(config: pytest.Config) -> None:

@@ -17,7 +17,6 @@ from vtff_nav.attitude_estimator_node import AttitudeEstimatorNode  # noqa: E402
 from vtff_node import qos  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 
-DOMAIN = 129
 SECOND = 10**9
 EPOCH = 1_458_521_983 * SECOND
 CHIEF = np.array([7.0e6, 0.0, 0.0, 0.0, 5.3e3, 5.3e3])
@@ -59,16 +58,13 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    made = Bench(context)
+def bench(ros_context: rclpy.Context) -> Iterator[Bench]:
+    made = Bench(ros_context)
     publishers = (made.states, made.reports)
     made.spin_until(lambda: all(one.get_subscription_count() for one in publishers))
     made.spin_until(lambda: made.probe.count_publishers("/deputy/attitude"))
     yield made
     made.close()
-    rclpy.shutdown(context=context)
 
 
 def test_the_orbit_is_that_of_relative_navigation(bench):

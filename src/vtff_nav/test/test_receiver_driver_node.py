@@ -10,7 +10,6 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
 import rclpy
 import rclpy.executors
-from domain_coordinator import domain_id
 from encoder_test_support import receiver_log
 from rclpy.parameter import Parameter
 
@@ -22,17 +21,6 @@ from vtff_nav.receiver_driver_node import ReceiverDriverNode
 from vtff_node import diagnostics, qos
 from vtff_node.conversions.gnss import ephemeris_from_message
 from vtff_node.parameters import ParameterError
-
-
-@pytest.fixture()
-def ros():
-    """A context of this test alone, in a DDS domain that no other process uses."""
-    context = rclpy.Context()
-    with domain_id() as free_domain:
-        rclpy.init(context=context, domain_id=free_domain)
-        yield context
-        rclpy.shutdown(context=context)
-
 
 SECONDS = 100
 
@@ -59,17 +47,17 @@ def run_to_end(node):
     pytest.fail("the node did not end")
 
 
-def test_a_late_subscriber_gets_every_current_ephemeris(ros, log):
-    node = driver(ros, "late_chief", port=str(log), replay_rate=0.0)
+def test_a_late_subscriber_gets_every_current_ephemeris(ros_context, log):
+    node = driver(ros_context, "late_chief", port=str(log), replay_rate=0.0)
     run_to_end(node)
     assert node.exit_code == 0
     received = []
-    listener = rclpy.create_node("listener", context=ros)
+    listener = rclpy.create_node("listener", context=ros_context)
     listener.create_subscription(
         GnssEphemeris, "/late_chief/gnss/ephemeris", received.append, qos.subscribe(True)
     )
     expected = [event for event in read_log(log) if isinstance(event, BroadcastEphemeris)]
-    executor = rclpy.executors.SingleThreadedExecutor(context=ros)
+    executor = rclpy.executors.SingleThreadedExecutor(context=ros_context)
     executor.add_node(listener)
     deadline = time.monotonic() + 20.0
     while len(received) < len(expected) and time.monotonic() < deadline:
@@ -81,8 +69,8 @@ def test_a_late_subscriber_gets_every_current_ephemeris(ros, log):
     assert len(expected) == 3
 
 
-def test_without_lockstep_the_wall_clock_paces(ros, log):
-    node = driver(ros, "slow", port=str(log), replay_rate=1e-6)
+def test_without_lockstep_the_wall_clock_paces(ros_context, log):
+    node = driver(ros_context, "slow", port=str(log), replay_rate=1e-6)
     for _ in range(50):
         node._feed.pump()
     assert not node.finished
@@ -93,8 +81,8 @@ def test_without_lockstep_the_wall_clock_paces(ros, log):
     node.destroy_node()
 
 
-def test_a_follower_waits_for_the_clock_and_says_so(ros, log):
-    node = driver(ros, "follower", port=str(log), lockstep=True, start_timeout=0.1)
+def test_a_follower_waits_for_the_clock_and_says_so(ros_context, log):
+    node = driver(ros_context, "follower", port=str(log), lockstep=True, start_timeout=0.1)
     node._feed.pump()
     assert not node.finished
     time.sleep(0.15)
@@ -113,12 +101,12 @@ def fix_in_the_middle(content):
     return start + 40
 
 
-def test_health(ros, log, tmp_path):
+def test_health(ros_context, log, tmp_path):
     damaged = bytearray(log.read_bytes())
     damaged[fix_in_the_middle(damaged)] ^= 0xFF
     path = tmp_path / "damaged.gps"
     path.write_bytes(damaged)
-    node = driver(ros, "health", port=str(path), replay_rate=0.0)
+    node = driver(ros_context, "health", port=str(path), replay_rate=0.0)
     assert node.health()[0].message == "reading"
     while not node._feed.at_end and not node._stream.counters.frames_crc_bad:
         node._feed.pump()
@@ -142,10 +130,10 @@ def test_health(ros, log, tmp_path):
         (b"\r\n<OK\r\n[COM1]", "(1 logs or answers without a time)"),
     ],
 )
-def test_a_file_without_logs_fails_in_one_line(ros, tmp_path, content, expected):
+def test_a_file_without_logs_fails_in_one_line(ros_context, tmp_path, content, expected):
     path = tmp_path / "other.bin"
     path.write_bytes(content)
-    node = driver(ros, "wrong", port=f"file://{path}")
+    node = driver(ros_context, "wrong", port=f"file://{path}")
     run_to_end(node)
     assert node.exit_code == 1
     message = node.health()[0].message
@@ -155,6 +143,6 @@ def test_a_file_without_logs_fails_in_one_line(ros, tmp_path, content, expected)
     node.destroy_node()
 
 
-def test_a_missing_log_is_a_wrong_parameter(ros):
+def test_a_missing_log_is_a_wrong_parameter(ros_context):
     with pytest.raises(ParameterError, match="nowhere.gps: No such file"):
-        driver(ros, "missing", port="file://nowhere.gps")
+        driver(ros_context, "missing", port="file://nowhere.gps")

@@ -27,7 +27,6 @@ from vtff_node import qos  # noqa: E402
 from vtff_node.parameters import ParameterError  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 
-DOMAIN = 117
 SECOND = 10**9
 EPOCH = 1_458_521_983 * SECOND
 
@@ -53,13 +52,10 @@ class Bench(NodeBench):
 
 
 @pytest.fixture
-def bench() -> Iterator[Bench]:
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    made = Bench(context, estimator="paper", patience=0.01)
+def bench(ros_context: rclpy.Context) -> Iterator[Bench]:
+    made = Bench(ros_context, estimator="paper", patience=0.01)
     yield made
     made.close()
-    rclpy.shutdown(context=context)
 
 
 def test_thrust_that_is_not_finite_is_refused(bench: Bench):
@@ -81,16 +77,11 @@ def test_integrator_reaches_the_filter():
     assert (configuration.integrator, configuration.longest_step) == ("euler", 0.5)
 
 
-def test_wrong_integrator_is_refused():
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    try:
-        with pytest.raises(ParameterError, match="integrator"):
-            RelativeEkfNode(
-                context=context, parameter_overrides=[Parameter("integrator", value="rk5")]
-            )
-    finally:
-        rclpy.shutdown(context=context)
+def test_wrong_integrator_is_refused(ros_context):
+    with pytest.raises(ParameterError, match="integrator"):
+        RelativeEkfNode(
+            context=ros_context, parameter_overrides=[Parameter("integrator", value="rk5")]
+        )
 
 
 def written_antex(folder: pathlib.Path) -> str:
@@ -173,16 +164,11 @@ def test_wrong_antennas_are_refused(tmp_path, values, text):
         antenna_pair(RelativeEkfParameters(**values))
 
 
-def test_antenna_without_a_carrier_is_refused_in_one_line(tmp_path):
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
+def test_antenna_without_a_carrier_is_refused_in_one_line(tmp_path, ros_context):
     values = {"antex_file": written_antex(tmp_path), "chief_antenna": "PATCH NONE"}
-    try:
-        with pytest.raises(ParameterError, match="'PATCH NONE' has no frequency G02") as refusal:
-            RelativeEkfNode(
-                context=context,
-                parameter_overrides=[Parameter(name, value=v) for name, v in values.items()],
-            )
-        assert "\n" not in str(refusal.value)
-    finally:
-        rclpy.shutdown(context=context)
+    with pytest.raises(ParameterError, match="'PATCH NONE' has no frequency G02") as refusal:
+        RelativeEkfNode(
+            context=ros_context,
+            parameter_overrides=[Parameter(name, value=v) for name, v in values.items()],
+        )
+    assert "\n" not in str(refusal.value)

@@ -7,6 +7,7 @@ import dataclasses
 import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
+from domain_coordinator import domain_id  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
 from vtff_node import parameters  # noqa: E402
@@ -27,9 +28,10 @@ class Table:
 @pytest.fixture(scope="module")
 def context():
     context = rclpy.Context()
-    rclpy.init(context=context, domain_id=101)
-    yield context
-    rclpy.try_shutdown(context=context)
+    with domain_id() as domain:
+        rclpy.init(context=context, domain_id=domain)
+        yield context
+        rclpy.try_shutdown(context=context)
 
 
 def declared(context, *given):

@@ -65,14 +65,10 @@ def recording(tmp_path_factory):
 
 
 @pytest.fixture
-def graph():
-    context = rclpy.Context()
-    with domain_id() as free_domain:
-        rclpy.init(context=context, domain_id=free_domain)
-        graph = Graph(context)
-        yield graph
-        graph.close()
-        rclpy.shutdown(context=context)
+def graph(ros_context):
+    graph = Graph(ros_context)
+    yield graph
+    graph.close()
 
 
 class Graph:

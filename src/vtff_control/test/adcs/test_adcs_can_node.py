@@ -14,10 +14,9 @@ from vtff_control.adcs_can_node import AdcsCanNode  # noqa: E402
 from vtff_node.can_bus import node_bus  # noqa: E402
 
 DBC_FILE = pathlib.Path(__file__).resolve().parents[4] / "config" / "can" / "vtff_adcs.dbc"
-DOMAIN = 104
 
 
-def test_it_is_ready_once_its_bus_is_open(monkeypatch):
+def test_it_is_ready_once_its_bus_is_open(monkeypatch, ros_context):
     events = []
     open_bus = node_bus.open_bus
 
@@ -29,15 +28,10 @@ def test_it_is_ready_once_its_bus_is_open(monkeypatch):
     monkeypatch.setattr(node_bus, "open_bus", open_noted)
     monkeypatch.setattr(AdcsCanNode, "report_ready", lambda node: events.append("ready"))
     values = {"dbc_file": str(DBC_FILE), "interface": "virtual", "channel": "ready"}
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    try:
-        node = AdcsCanNode(
-            context=context,
-            parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
-        )
-        node.on_stop()
-        node.destroy_node()
-    finally:
-        rclpy.shutdown(context=context)
+    node = AdcsCanNode(
+        context=ros_context,
+        parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
+    )
+    node.on_stop()
+    node.destroy_node()
     assert events == ["bus open", "ready"]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Iterator
 
@@ -11,7 +10,6 @@ import pytest
 
 rclpy = pytest.importorskip("rclpy", reason="ROS 2 is not installed")
 
-from domain_coordinator import domain_id  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from rclpy.experimental import EventsExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
@@ -44,11 +42,8 @@ wide:
 
 
 @pytest.fixture
-def make_node(tmp_path) -> Iterator:
+def make_node(tmp_path, ros_context) -> Iterator:
     """A function that makes a node in lockstep, and the list of messages of each topic."""
-    stack = contextlib.ExitStack()
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=stack.enter_context(domain_id()))
     nodes = []
     (tmp_path / "formations.yaml").write_text(FORMATIONS)
 
@@ -63,7 +58,7 @@ def make_node(tmp_path) -> Iterator:
             **parameters,
         }
         node = FormationGuidanceNode(
-            context=context,
+            context=ros_context,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         nodes.append(node)
@@ -76,8 +71,6 @@ def make_node(tmp_path) -> Iterator:
     yield make
     for node in nodes:
         node.destroy_node()
-    rclpy.shutdown(context=context)
-    stack.close()
 
 
 def state(step, solution=RelativeState.SOLUTION_TRUTH):

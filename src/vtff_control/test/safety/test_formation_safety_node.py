@@ -20,7 +20,6 @@ from vtff_node import diagnostics  # noqa: E402
 from vtff_node.parameters import ParameterError  # noqa: E402
 from vtff_node.stamps import to_nanoseconds, to_stamp  # noqa: E402
 
-DOMAIN = 171
 EPOCH = 1_458_521_983 * 10**9
 
 Published = dict[str, list[object]]
@@ -28,10 +27,8 @@ NodeMaker = Callable[..., tuple[FormationSafetyNode, Published]]
 
 
 @pytest.fixture
-def make_node() -> Iterator[NodeMaker]:
+def make_node(ros_context: rclpy.Context) -> Iterator[NodeMaker]:
     """A function that makes a node in lockstep, and lists of what it publishes by topic."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
     nodes: list[FormationSafetyNode] = []
 
     def make(**parameters: object) -> tuple[FormationSafetyNode, Published]:
@@ -43,7 +40,7 @@ def make_node() -> Iterator[NodeMaker]:
             **parameters,
         }
         node = FormationSafetyNode(
-            context=context,
+            context=ros_context,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         nodes.append(node)
@@ -56,7 +53,6 @@ def make_node() -> Iterator[NodeMaker]:
     yield make
     for node in nodes:
         node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def state(second: int, values: np.ndarray, solution: int = RelativeState.SOLUTION_FIXED):

@@ -25,7 +25,6 @@ from vtff_node.stamps import to_nanoseconds, to_stamp  # noqa: E402
 from vtff_sim_bridge.thruster.can_thruster_emulator import CanThruster, serve  # noqa: E402
 
 DBC_FILE = pathlib.Path(__file__).resolve().parents[4] / "config" / "can" / "vtff_thruster.dbc"
-DOMAIN = 103
 SECOND = 10**9
 EPOCH = 1_458_521_983 * SECOND
 PATIENCE = 20.0  # s of wall time, ends a test that would hang
@@ -105,20 +104,17 @@ BenchMaker = Callable[..., Bench]
 
 
 @pytest.fixture
-def make_bench(request: pytest.FixtureRequest) -> Iterator[BenchMaker]:
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
+def make_bench(request: pytest.FixtureRequest, ros_context: rclpy.Context) -> Iterator[BenchMaker]:
     benches: list[Bench] = []
 
     def make(**parameters: object) -> Bench:
         parameters = {"acknowledge_steps": bool(parameters.get("lockstep", False)), **parameters}
-        benches.append(Bench(context, request.node.name, **parameters))
+        benches.append(Bench(ros_context, request.node.name, **parameters))
         return benches[-1]
 
     yield make
     for bench in benches:
         bench.close()
-    rclpy.shutdown(context=context)
 
 
 @pytest.fixture

@@ -20,7 +20,6 @@ from vtff_msgs.msg import RelativeState  # noqa: E402
 from vtff_node import diagnostics  # noqa: E402
 from vtff_node.stamps import to_stamp  # noqa: E402
 
-DOMAIN = 118
 EPOCH = 1_458_521_983 * 10**9
 CHIEF = ClassicalElements(6928137.0, 1e-9, np.pi / 3.0, 0.0, 0.0, 0.0).to_state()
 TARGET = np.array([0.0, 100.0, 0.0, 0.0, 0.0, 0.0])
@@ -30,16 +29,14 @@ NodeMaker = Callable[..., tuple[SdreControllerNode, list[AccelStamped]]]
 
 
 @pytest.fixture
-def make_node(monkeypatch: pytest.MonkeyPatch) -> Iterator[NodeMaker]:
+def make_node(monkeypatch: pytest.MonkeyPatch, ros_context: rclpy.Context) -> Iterator[NodeMaker]:
     """A function that makes a node in lockstep, and the list of its commands."""
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
     nodes: list[SdreControllerNode] = []
 
     def make(**parameters: object) -> tuple[SdreControllerNode, list[AccelStamped]]:
         values = {"lockstep": True, "acceleration_cap": 1.4, **parameters}
         node = SdreControllerNode(
-            context=context,
+            context=ros_context,
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
         nodes.append(node)
@@ -50,7 +47,6 @@ def make_node(monkeypatch: pytest.MonkeyPatch) -> Iterator[NodeMaker]:
     yield make
     for node in nodes:
         node.destroy_node()
-    rclpy.shutdown(context=context)
 
 
 def state(second: int, solution: int, sigma: float, age: float = 0.0) -> RelativeState:
