@@ -99,7 +99,7 @@ class AttitudeFilterConfiguration:
     gate : float
         Samples with a normalised innovation squared (3 numbers) above it are not used.
     longest_step : float
-        Longest step of the prediction, s.
+        Longest step of the prediction, s; steps end too where a pulse does.
 
     Raises
     ------
