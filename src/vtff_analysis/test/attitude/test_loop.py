@@ -245,18 +245,22 @@ def test_a_firing_along_the_orbit_is_that_of_another_integration(track):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [101, 102, 103])
+@pytest.mark.parametrize("seed", [51, 52, 64, 101, 102, 103])
 def test_kick_from_rest_is_that_of_the_pendulum(seed):
+    """Until the peak the field grows by a tenth, and turns: to the kick or away from it."""
     free = fly_kick(damped=False, strengths=(1.0,), seed=seed, settled=False)
-    assert free.peak_deg[0] == pytest.approx(free.formula_deg[0], rel=0.05)
+    assert free.peak_deg[0] == pytest.approx(free.formula_deg[0], rel=0.06)
+    assert free.peak_deg[0] == pytest.approx(free.mean_field_formula_deg[0], rel=0.026)
+    # The field grows by a tenth until the peak, and the swing goes with the root of its root.
+    assert free.formula_deg[0] / free.mean_field_formula_deg[0] == pytest.approx(1.029, abs=3e-3)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [101, 102, 103])
 def test_what_is_left_of_the_swing_before_a_firing_explains_its_peak(seed):
-    """The rest, some 2 %, is the field that grows by 9 % until the peak: B to the power of -1/4."""
+    """The rest, some 2 %, is the field, which turns faster over the equator than at the firing."""
     free = fly_kick(damped=False, strengths=(1.0,), seed=seed)
-    assert free.peak_deg[0] == pytest.approx(free.actual_deg[0], rel=0.06)
+    assert free.peak_deg[0] == pytest.approx(free.actual_deg[0], rel=0.04)
 
 
 @pytest.mark.slow

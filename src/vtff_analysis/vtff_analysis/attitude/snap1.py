@@ -373,9 +373,11 @@ class KickResult:
         Largest swing after each firing.
     formula_deg
         Undamped pendulum at rest, with the field at the place of the firing: 2 asin(w / 2 w_d).
+    mean_field_formula_deg
+        The same with the mean strength of the field from the firing to the peak of the swing.
     actual_deg
         Undamped pendulum from the state just after each firing, with the swing that was left before
-        it and the turn of the field along the orbit.
+        it, the turn of the field along the orbit, and its mean strength until the peak.
     after_an_orbit_deg
         Swing that is left one orbit after the first firing; nan without damping.
     swing_deg
@@ -386,6 +388,7 @@ class KickResult:
 
     peak_deg: FloatArray
     formula_deg: FloatArray
+    mean_field_formula_deg: FloatArray
     actual_deg: FloatArray
     after_an_orbit_deg: float
     swing_deg: FloatArray
@@ -422,45 +425,74 @@ def fly_kick(
     firings = [number + orbits_between * orbit * index for index in range(len(strengths))]
     periods = firings[-1] + round(1.2 * orbit)
     history = AttitudeHistory.empty(periods, track.period)
-    swing, formula, actual = np.empty(periods), [], []
-    inertia = float(np.asarray(body.inertia)[1, 1])
+    swing, fired = np.empty(periods), []
+    strength = [norm(track.true_field_gcrf(row)) for row in range(periods + 1)]
     for row in range(periods):
         windows = []
         if row in firings:
             kick = strengths[firings.index(row)] * torque
             windows = [TorqueWindow(0.0, 3.0, np.array([0.0, kick, 0.0]))]
-            strength = norm(track.true_field_gcrf(row))
-            swing_rate = math.sqrt(strength * 0.2 / inertia)
-            ratio = min(kick * 3.0 / inertia / swing_rate / 2.0, 1.0)
-            formula.append(2.0 * math.degrees(math.asin(ratio)))
         if not damped and row == max(firings[0] - 1, 0):
             loop.controller.request("off")
         history.set_row(row, loop, loop.step(windows))
         if row in firings:
-            actual.append(math.degrees(_swing_peak_now(loop)))
+            fired.append(_swing_now(loop))
         field = loop.spacecraft.state.rotation_gcrf_from_body.T @ track.true_field_gcrf(row + 1)
         swing[row] = math.degrees(math.acos(max(-1.0, min(1.0, -field[2] / norm(field)))))
-    peaks = np.array([swing[first : first + orbit // 5].max() for first in firings])
+    until = [first + int(swing[first : first + orbit // 5].argmax()) for first in firings]
+    there = [strength[first] for first in firings]
+    means = [float(np.mean(strength[a : b + 2])) for a, b in zip(firings, until, strict=True)]
+    formula, mean_formula = (
+        [
+            _peak_from_rest_deg(body, 3.0 * share * torque, field_strength)
+            for share, field_strength in zip(strengths, fields, strict=True)
+        ]
+        for fields in (there, means)
+    )
+    actual = [_swing_peak_deg(body, *now, mean) for now, mean in zip(fired, means, strict=True)]
     after = swing[firings[0] + orbit : firings[0] + orbit + orbit // 10]
     left = float(after.max()) if damped and len(after) else math.nan
-    return KickResult(peaks, np.array(formula), np.array(actual), left, swing, history)
+    return KickResult(
+        peak_deg=swing[until],
+        formula_deg=np.array(formula),
+        mean_field_formula_deg=np.array(mean_formula),
+        actual_deg=np.array(actual),
+        after_an_orbit_deg=left,
+        swing_deg=swing,
+        history=history,
+    )
 
 
-def _swing_peak_now(loop: AttitudeLoop) -> float:
-    """Return how far the dipole along -z swings from now on without damping, rad."""
+def _peak_from_rest_deg(body: SpacecraftBody, momentum: float, field_strength: float) -> float:
+    """Return how far a dipole at rest along a constant field swings after a kick about y, deg."""
+    inertia = float(np.asarray(body.inertia)[1, 1])
+    swing_rate = math.sqrt(field_strength * norm(np.asarray(body.dipole)) / inertia)
+    return 2.0 * math.degrees(math.asin(min(momentum / inertia / swing_rate / 2.0, 1.0)))
+
+
+def _swing_now(loop: AttitudeLoop) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return direction of the dipole along -z, rate against the turning field, and field; GCRF."""
     track, number = loop.track, loop.number
     before, now, after = (track.true_field_gcrf(number + step) for step in (-1, 0, 1))
     # The field turns along the orbit: twice in an orbit and faster over the equator.
     turn = cross(before / norm(before), after / norm(after)) / (2.0 * track.period)
     rotation = loop.spacecraft.state.rotation_gcrf_from_body
-    inertia = np.asarray(loop.spacecraft.body.inertia)
-    return swing_peak(
-        -rotation[:, 2],
-        rotation @ loop.spacecraft.state.rate_body - turn,
-        now,
-        norm(loop.spacecraft.dipole),
-        0.5 * float(inertia[0, 0] + inertia[1, 1]),
-    )
+    return -rotation[:, 2], rotation @ loop.spacecraft.state.rate_body - turn, now
+
+
+def _swing_peak_deg(
+    body: SpacecraftBody,
+    direction: FloatArray,
+    rate: FloatArray,
+    field: FloatArray,
+    field_strength: float,
+) -> float:
+    """Return how far a dipole swings without damping in a field of that strength, deg."""
+    inertia = np.asarray(body.inertia)
+    across = 0.5 * float(inertia[0, 0] + inertia[1, 1])
+    along = field * (field_strength / norm(field))
+    dipole = norm(np.asarray(body.dipole, dtype=float))
+    return math.degrees(swing_peak(direction, rate, along, dipole, across))
 
 
 @dataclass(frozen=True)
