@@ -178,11 +178,11 @@ def test_error_of_an_attitude_moves_the_antenna_across_its_lever_arm() -> None:
             moved = moved - rotation @ antenna.lever_arm_body
             change = -sign * directions @ moved  # a range shrinks as its antenna comes nearer
             np.testing.assert_allclose(1e-6 * columns[:, axis], change, atol=1e-12)
-        known = pair.attitude_variances((attitude, attitude))
-        assert list(known) == [("attitude_error", receiver, axis) for axis in range(3)]
-        assert list(known.values()) == [1e-6, 2e-6, 3e-6]
-        unknown = pair.attitude_variances((None, None))
-        assert min(unknown.values()) >= 1.0
+        known = pair.attitude_covariances((attitude, attitude))
+        assert list(known) == [receiver]
+        np.testing.assert_array_equal(known[receiver], np.diag([1e-6, 2e-6, 3e-6]))
+        unknown = pair.attitude_covariances((None, None))
+        np.testing.assert_array_equal(unknown[receiver], np.eye(3))
         # Where the attitude is not known the antenna may be anywhere about the centre of mass.
         columns = pair.attitude_columns(directions, np.array([rotation, rotation]), (None, None))
         length = np.linalg.norm(antenna.lever_arm_body)
@@ -225,3 +225,27 @@ def test_an_attitude_counts_from_the_next_epoch_on_and_not_for_ever() -> None:
     assert inputs._attitudes_at(TIME + 60.0) == (attitude, attitude)
     with pytest.raises(ValueError, match="covariance"):
         BodyAttitude(TIME, attitude.quaternion_gcrf, attitude.rate_body, np.zeros(3))
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "text"),
+    [
+        (1, 1, -1e-9, "variances 0 or more"),
+        (0, 1, 1e-7, "symmetric"),
+        (0, 1, float("nan"), "finite"),
+        (2, 2, float("inf"), "finite"),
+    ],
+)
+def test_wrong_covariances_of_attitudes_are_refused(row, column, value, text) -> None:
+    _, attitude = estimated(TIME)
+    covariance = attitude.covariance.copy()
+    covariance[row, column] = value
+    with pytest.raises(ValueError, match=text):
+        dataclasses.replace(attitude, covariance=covariance)
+
+
+def test_correlations_beyond_one_are_refused() -> None:
+    _, attitude = estimated(TIME)
+    covariance = attitude.covariance + 2e-6 * (np.ones((3, 3)) - np.eye(3))
+    with pytest.raises(ValueError, match="no correlation beyond 1"):
+        dataclasses.replace(attitude, covariance=covariance)

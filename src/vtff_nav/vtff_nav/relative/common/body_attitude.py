@@ -20,6 +20,8 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["BodyAttitude"]
 
+_ROUNDING = 1e-6  # of a covariance, as a share of its trace
+
 
 @dataclass(frozen=True, eq=False)
 class BodyAttitude:
@@ -53,9 +55,16 @@ class BodyAttitude:
         object.__setattr__(self, "quaternion_gcrf", quaternion)
         object.__setattr__(self, "rate_body", check_vector("rate_body", self.rate_body, 3, "rad/s"))
         covariance = np.array(self.covariance, dtype=float)
-        if covariance.shape != (3, 3) or not (np.diagonal(covariance) >= 0.0).all():
-            raise ValueError("covariance: 3 x 3 numbers (rad2), variances 0 or more, expected")
-        object.__setattr__(self, "covariance", covariance)
+        is_finite = covariance.shape == (3, 3) and bool(np.isfinite(covariance).all())
+        if not is_finite or np.diagonal(covariance).min() < 0.0:
+            raise ValueError(
+                "covariance: 3 x 3 finite numbers (rad2), variances 0 or more, expected"
+            )
+        rounding = _ROUNDING * float(np.trace(covariance))
+        is_symmetric = np.abs(covariance - covariance.T).max() <= rounding
+        if not is_symmetric or np.linalg.eigvalsh(covariance)[0] < -rounding:
+            raise ValueError("covariance: symmetric, no correlation beyond 1, expected")
+        object.__setattr__(self, "covariance", 0.5 * (covariance + covariance.T))
 
     def rotation_gcrf_from_body(self, time: GpsTime) -> FloatArray:
         """Return the rotation R with ``vector_gcrf = R @ vector_body`` at a time, shape (3, 3)."""
