@@ -496,21 +496,13 @@ def test_without_navigation_the_thrust_of_the_chief_is_in_the_prediction():
 
 
 COMPILED_BEFORE_THE_FIRST_STEP = """
-import gc
 import numpy as np
-from numba.core.registry import CPUDispatcher
 from safety_samples import CHIEF, SETTING, heard, relative
 from vtff_control.safety.formation_safety import MODE_EVADE, FormationSafety, compile_kernels
-
-def signatures():
-    return {
-        item.py_func.__qualname__: len(item.signatures)
-        for item in gc.get_objects()
-        if isinstance(item, CPUDispatcher) and item.signatures
-    }
+from vtff_dynamics.compiled import count_compiled_forms
 
 compile_kernels(SETTING)
-before = signatures()
+before = count_compiled_forms()
 safety = FormationSafety("chief", ("deputy",), SETTING)
 modes = set()
 state = relative(t=600.0, vt=-20.0)
@@ -518,7 +510,7 @@ for _ in range(40):
     modes.add(safety.step({"deputy": heard(state)}).decisions["deputy"].mode)
     state[1] -= 20.0
 assert MODE_EVADE in modes, modes
-assert before and signatures() == before, (before, signatures())
+assert before and count_compiled_forms() == before, (before, count_compiled_forms())
 """
 
 

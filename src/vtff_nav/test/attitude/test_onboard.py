@@ -4,22 +4,14 @@ import subprocess
 import sys
 
 COMPILED_BEFORE_THE_FIRST_SAMPLE = """
-import gc
 import numpy as np
-from numba.core.registry import CPUDispatcher
+from vtff_dynamics.compiled import count_compiled_forms
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.onboard import ModuleReport, OnboardAttitudeEstimator, compile_kernels
 
-def signatures():
-    return {
-        item.py_func.__qualname__: len(item.signatures)
-        for item in gc.get_objects()
-        if isinstance(item, CPUDispatcher) and item.signatures
-    }
-
 body, configuration = BodyModel(), AttitudeFilterConfiguration()
 compile_kernels(body, configuration)
-before = signatures()
+before = count_compiled_forms()
 estimator = OnboardAttitudeEstimator(body, configuration)
 state = np.array([0.0, 7.0e6, 0.0, 0.0, 0.0, 7.5e3])
 for number in range(100):
@@ -29,7 +21,7 @@ for number in range(100):
     report = ModuleReport(5.0, samples, (0.8, 0.0), -200.0, -210.0, np.array([0.0, 0.5, -0.1]))
     known = estimator.process(report, state, field, field)
 assert known.estimate is not None and known.field_is_valid
-assert before and signatures() == before, (before, signatures())
+assert before and count_compiled_forms() == before, (before, count_compiled_forms())
 """
 
 

@@ -2,16 +2,10 @@
 
 from __future__ import annotations
 
-import importlib
-import pkgutil
-from types import ModuleType
-
 import pytest
 from cdgps_test_support import configuration, fly, simulate
 
-import vtff_nav.relative
-from vtff_dynamics.orbit import harmonics
-from vtff_gnss.orbits import compiled_sight
+from vtff_dynamics.compiled import count_compiled_forms
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.dynamics import DYNAMICS
@@ -22,31 +16,15 @@ from vtff_nav.relative.paper.estimator import PaperEstimator
 from vtff_nav.relative.rehearsal import rehearse
 
 
-def compiled_forms() -> dict[str, int]:
-    """Return how many forms of each compiled function there are."""
-    modules: list[ModuleType] = [harmonics, compiled_sight]
-    for found in pkgutil.walk_packages(vtff_nav.relative.__path__, "vtff_nav.relative."):
-        modules.append(importlib.import_module(found.name))
-    forms = {}
-    for module in modules:
-        for name, value in vars(module).items():
-            signatures = getattr(value, "signatures", None)
-            if signatures is None and hasattr(value, "find_dispatcher"):
-                signatures = value.find_dispatcher().signatures
-            if isinstance(signatures, list):
-                forms[f"{module.__name__}.{name}"] = len(signatures)
-    return forms
-
-
 def test_nothing_is_compiled_after_a_rehearsal():
     compile_kernels()
     rehearse(CdgpsEstimator(configuration()))
     scenario = simulate(30)
-    before = compiled_forms()
+    before = count_compiled_forms()
     assert before["vtff_nav.relative.kernels.motion.advance_pair"] > 0
     assert before["vtff_nav.relative.kernels.noise.update_models"] > 0
     fly(scenario, configuration())
-    assert compiled_forms() == before
+    assert count_compiled_forms() == before
 
 
 @pytest.mark.parametrize("dynamics", DYNAMICS)

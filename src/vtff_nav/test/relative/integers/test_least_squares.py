@@ -4,10 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import pathlib
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -15,7 +12,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from shared_data import needs_shared, shared_folder
 
-from vtff_nav.relative.integers import kernels
 from vtff_nav.relative.integers.least_squares import (
     IntegerStatus,
     bootstrapped_success_rate,
@@ -283,24 +279,3 @@ def test_bootstrapping_succeeds_as_often_as_predicted():
         for sample in samples
     )
     assert searched >= bootstrapped - 4.0 * np.sqrt(draws) * 0.1
-
-
-def test_works_where_nothing_can_be_cached(tmp_path):
-    """A read-only source folder and no home folder: compiled without a cache, not refused."""
-    copied = tmp_path / "kernels_without_cache.py"
-    source = pathlib.Path(kernels.__file__)
-    copied.write_text(source.read_text(encoding="utf-8"), encoding="utf-8")
-    code = (
-        "import numba.core.caching as caching\n"
-        "for locator in list(caching.CacheImpl._locator_classes):\n"
-        "    locator.from_function = classmethod(lambda *arguments: None)\n"
-        "import kernels_without_cache as kernels\n"
-        "print(type(kernels.search.find_dispatcher()).__name__)\n"
-    )
-    search_path = os.pathsep.join([str(tmp_path), os.environ.get("PYTHONPATH", "")])
-    environment = {**os.environ, "PYTHONPATH": search_path}
-    done = subprocess.run(
-        [sys.executable, "-c", code], env=environment, capture_output=True, text=True, timeout=120
-    )
-    assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == "CPUDispatcher"
