@@ -12,7 +12,7 @@ import numpy as np
 from vtff_analysis.tec.errors import TecError
 from vtff_analysis.tec.receiver_orbit import ReceiverOrbit, orbit_from_fixes
 from vtff_gnss.ephemeris import BroadcastEphemeris
-from vtff_gnss.files.observation_files import open_observations
+from vtff_gnss.files.observation_files import ObservationFile, open_observations
 from vtff_gnss.fix import Fix
 from vtff_gnss.observation_table import ObservationTable
 
@@ -24,6 +24,7 @@ __all__ = [
     "bag_receivers",
     "from_bag",
     "from_file",
+    "from_observations",
     "is_bag",
 ]
 
@@ -77,7 +78,18 @@ def from_file(path: pathlib.Path, partial: bool = False, systems: str | None = N
     TecError
         If no satellite has a second frequency.
     """
-    file = open_observations(path, systems, partial=partial)
+    return from_observations(open_observations(path, systems, partial=partial))
+
+
+def from_observations(file: ObservationFile) -> TecSource:
+    """Return the source of an observation file that has been read.
+
+    Raises
+    ------
+    TecError
+        If no satellite has a second frequency.
+    """
+    path = file.path
     columns = file.table.columns
     bands = np.unique(np.stack((columns["system"], columns["band"])), axis=1)
     if bands.shape[1] == len(np.unique(bands[0])):

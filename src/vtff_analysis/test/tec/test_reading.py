@@ -1,0 +1,63 @@
+"""Observations that another process reads: the same, with the same errors."""
+
+import subprocess
+import sys
+
+import pytest
+from sample_files import export_sample
+
+READ_BESIDE = """
+import pathlib, signal, sys
+import multiprocessing
+from vtff_analysis.tec.reading import begin_reading
+
+path, expected = pathlib.Path(sys.argv[1]), sys.argv[2]
+reading = begin_reading(path, "G")
+assert reading is not None
+if expected == "killed":
+    (child,) = multiprocessing.active_children()
+    child.kill()
+    child.join()
+from vtff_gnss.files.observation_files import ObservationFileError, open_observations
+try:
+    found = reading()
+except (OSError, ObservationFileError) as error:
+    assert type(error).__name__ == expected, error
+    assert path.name in str(error)
+    sys.exit()
+assert not multiprocessing.active_children()
+same = open_observations(path, "G")
+assert len(same.table) > 10 and found.format_name == same.format_name
+assert set(found.table.columns) == set(same.table.columns)
+for name, column in same.table.columns.items():
+    assert found.table.columns[name].dtype == column.dtype
+    assert found.table.columns[name].tobytes() == column.tobytes(), name
+assert (found.table.time_nanoseconds == same.table.time_nanoseconds).all()
+"""
+
+
+@pytest.mark.parametrize("ending", ["read", "killed", "FileNotFoundError", "ObservationFileError"])
+def test_reading_beside_is_reading(tmp_path, ending):
+    """In a process of its own: tests may have started threads here."""
+    path = tmp_path / "absent.rnx"
+    if ending in ("read", "killed"):
+        path = export_sample(tmp_path)[0]
+    elif ending == "ObservationFileError":
+        path.write_text("no observations\n")
+    done = subprocess.run(
+        [sys.executable, "-c", READ_BESIDE, str(path), ending], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def test_a_process_with_threads_is_not_copied():
+    program = (
+        "import pathlib, threading\n"
+        "from vtff_analysis.tec.reading import begin_reading\n"
+        "end = threading.Event()\n"
+        "threading.Thread(target=end.wait).start()\n"
+        "print(begin_reading(pathlib.Path('any.rnx')))\n"
+        "end.set()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert done.stdout.strip() == "None", done.stderr
