@@ -33,6 +33,7 @@ from vtff_sim_bridge.truth.scenario import load_scenario
 
 STEP = 10.0  # s
 ASKED, DURATION = 30.0, 4560.0  # s: when the reconfiguration is asked for, and its length
+PUSH_TIME, PUSH_LENGTH = 3600.0, 100.0  # s after the arrival, s
 
 
 class KeepingFlight:
@@ -44,9 +45,12 @@ class KeepingFlight:
         Errors of navigation; each deputy has its own seed.
     stated
         Stated sigma over the true one.
+    push
+        Velocity along the track that the first deputy gets an hour after the arrival, m/s, in
+        100 s; the guidance is not told.
     """
 
-    def __init__(self, model: NavigationErrorModel, stated: float) -> None:
+    def __init__(self, model: NavigationErrorModel, stated: float, push: float = 0.0) -> None:
         scenario = load_scenario(share_file("vtff_bringup", "config/scenario/fflas.yaml"))
         scenario = dataclasses.replace(scenario, step=STEP, seed=model.seed)
         self.truth = scenario.formation_truth()
@@ -65,6 +69,7 @@ class KeepingFlight:
             for number, name in enumerate(names[1:])
         }
         self.stated = stated
+        self.push = push
         self.pending = np.zeros((len(names), 3))
 
     def fly(self, end: float) -> tuple[FloatArray, FloatArray, FloatArray, float]:
@@ -97,7 +102,10 @@ class KeepingFlight:
             elif len(before):
                 closest = min(closest, _closest(np.array([before, positions])))
             before, steps = positions, steps + 1
-            self.truth.advance(dict(zip(self.names, self.pending, strict=True)))
+            thrust = self.pending.copy()
+            if 0.0 <= len(rows) * STEP - PUSH_TIME < PUSH_LENGTH:
+                thrust[1, 1] += self.push / PUSH_LENGTH
+            self.truth.advance(dict(zip(self.names, thrust, strict=True)))
             self.pending = np.array([target.acceleration_rtn for target in targets])
         flown, deviations, thrusts = (np.array(column) for column in zip(*rows, strict=True))
         return flown, deviations, thrusts, closest
@@ -132,13 +140,15 @@ def main() -> None:
     parser.add_argument("--velocity", type=float, default=15.0, help="sigma of each axis, um/s")
     parser.add_argument("--correlation", type=float, default=300.0, help="of the errors, s")
     parser.add_argument("--stated", type=float, default=1.0, help="stated sigma over the true one")
+    parser.add_argument("--push", type=float, default=0.0, help="mm/s that nobody commanded")
     parser.add_argument("--spans", action="store_true", help="each half hour on its own, too")
     given = parser.parse_args()
     for seed in given.seeds:
         model = NavigationErrorModel(
             1e-3 * given.position, 1e-6 * given.velocity, given.correlation, seed=seed
         )
-        *flown, closest = KeepingFlight(model, given.stated).fly(3600.0 * given.hours)
+        flight = KeepingFlight(model, given.stated, 1e-3 * given.push)
+        *flown, closest = flight.fly(3600.0 * given.hours)
         positions, deviations, thrust = flown
         print(f"seed {seed}: {describe(*flown)}; before the arrival {closest:.2f} m", flush=True)
         samples = int(1800.0 / STEP)

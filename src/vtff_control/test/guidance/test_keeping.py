@@ -192,3 +192,47 @@ def test_nothing_is_commanded_before_a_state_and_the_engine_is_checked():
     assert math.isnan(keeper.estimator.time)
     with pytest.raises(ValueError, match="in this order"):
         KeepingEngine(1e-3, 2e-3, 1e-4)
+
+
+def flown_after_a_push(push_rtn, hours):
+    """Return deviations from the design (m, shape (k, 6)) and thrust (m/s2, (k, 3)) after a push.
+
+    The push takes place in no time and is not noted; the ion engine gives it in minutes.
+    """
+    generator = np.random.default_rng(5)
+    sigma = np.array([1.5e-3] * 3 + [1.5e-5] * 3)
+    design, mass, step = helix(50.0, 80.0, 0.3), 1600.0, 10.0
+    estimator = ElementsEstimator(correlation_time=0.0)
+    keeper = FormationKeeper(design, T5_ENGINE, mass, step, estimator=estimator)
+    elements = design.copy()
+    deviations, thrusts = [], []
+    for time in np.arange(0.0, 3600.0 * hours, step):
+        mean = propagate_mean_elements(CHIEF, time)
+        if time % 60.0 == 0.0:
+            relative = relative_state_of_mean_elements(mean, elements)
+            chief = state_from_elements(osculating_elements(mean))
+            noisy = relative + sigma * generator.standard_normal(6)
+            estimator.update(time, chief, noisy, np.diag(sigma**2))
+        thrust = keeper.command(time)
+        estimator.add_thrust(thrust, step, time % 60.0 + 0.5 * step)
+        change = step * thrust + np.multiply(push_rtn, time == 600.0)
+        latitude = mean[1] + 0.5 * step * estimator.mean_motion
+        half = j2_transition_matrix(mean, 0.5 * step)
+        moved = control_matrix(estimator.mean_motion, latitude) @ change
+        elements = half @ (half @ elements + moved)
+        deviations.append(elements - design)
+        thrusts.append(thrust)
+    return np.array(deviations), np.array(thrusts)
+
+
+@pytest.mark.parametrize(
+    ("push_rtn", "cost"),
+    [((0.0, 0.01, 0.0), 0.035), ((0.01, -0.003, 0.004), 0.035)],
+)
+def test_an_engine_too_weak_for_a_return_at_once_takes_its_time(push_rtn, cost):
+    """A push that the engine needs ten minutes for neither swings up nor costs much more."""
+    deviations, thrusts = flown_after_a_push(push_rtn, 5.0)
+    assert np.abs(deviations).max() > 5.0
+    assert (np.abs(deviations[-360:]) < 0.6).all()
+    assert np.abs(thrusts).sum() * 10.0 < cost
+    assert np.abs(thrusts).max() <= T5_ENGINE.largest / 1600.0

@@ -11,7 +11,7 @@ a quarter of an orbit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +33,14 @@ _LAST_PLANNING = 0.3
 """Part of an interval that has to be left for that: in less, pulses come where they are dear."""
 _DEVIATION_PRICE = 2.0
 """See `least_impulses`: of all pulses that cost the least, the earliest."""
+_PATIENT_PRICE = 0.01
+"""The same where an engine is too weak for a return at once: propellant counts, then time."""
+_QUICK_DUTY, _LARGEST_DUTY = 0.03, 0.25
+"""Part of a span in which an axis thrusts at most, in a return at once and in a patient one.
+
+Plans are of impulses, and are flown by pulses: where those are long, they come too late."""
+_LONGEST_SPAN = 8.0
+"""Longest span of a plan, in intervals, for an engine that is too weak for a return in one."""
 
 
 @dataclass(frozen=True)
@@ -193,7 +201,6 @@ class FormationKeeper:
         begins = may_begin and not self._has_decided
         if begins or time >= self._ends:
             self._has_decided = True
-            self._ends = time + span
             self._decide(time, span)
         elif (
             self._has_decided
@@ -204,8 +211,32 @@ class FormationKeeper:
         return self._schedule.pop(round(time / self._step), np.zeros(3))
 
     def _decide(self, time: float, span: float) -> None:
-        """Plan the pulses from a time on for a span, s."""
+        """Plan the pulses from a time on for a span, s, or a longer one if the engine is weak."""
         self._decided = time
+        impulses = self._plan(span, _DEVIATION_PRICE)
+        if not self._can_fly(impulses, _QUICK_DUTY * span):
+            span = self._span
+            impulses = self._plan(span, _PATIENT_PRICE)
+            while not self._can_fly(impulses, _LARGEST_DUTY * span):
+                if span >= _LONGEST_SPAN * self._span:
+                    break
+                span *= 2.0
+                impulses = self._plan(span, _PATIENT_PRICE)
+        self._ends = time + span
+        latitude = float(self.estimator.chief_mean[1])
+        self._schedule.clear()
+        free_from = [math.ceil(time / self._step)] * 3
+        for impulse in impulses:
+            moment = time + (impulse.mean_latitude - latitude) / self.estimator.mean_motion
+            self._add_pulses(impulse, moment, free_from)
+
+    def _can_fly(self, impulses: Sequence[Impulse], time: float) -> bool:
+        """Whether the engine gives impulses in that time of thrust on each axis, s."""
+        size = np.sum([np.abs(impulse.velocity_rtn) for impulse in impulses], axis=0)
+        return float(np.max(size)) * self._mass <= time * self._engine.largest
+
+    def _plan(self, span: float, price: float) -> list[Impulse]:
+        """Return the impulses that lead back to the design within a span from now, s."""
         estimator = self.estimator
         # The offset of the semi-major axis under which the mean longitude stays.
         centred = self.design.copy()
@@ -217,20 +248,15 @@ class FormationKeeper:
         change = centred - transition @ (estimator.elements - self.centre)
         latitude = float(estimator.chief_mean[1])
         turn = span * estimator.mean_motion
-        impulses = least_impulses(
+        return least_impulses(
             change,
             estimator.mean_motion,
             latitude,
             latitude + turn,
             samples=61,
-            deviation_price=_DEVIATION_PRICE,
+            deviation_price=price,
             drift=drift,
         )
-        self._schedule.clear()
-        free_from = [math.ceil(time / self._step)] * 3
-        for impulse in impulses:
-            moment = time + (impulse.mean_latitude - latitude) / turn * span
-            self._add_pulses(impulse, moment, free_from)
 
     def _add_pulses(self, impulse: Impulse, moment: float, free_from: list[int]) -> None:
         """Put the pulses of an impulse about a moment into the schedule.
@@ -238,14 +264,18 @@ class FormationKeeper:
         The pulses of an axis follow one another; `free_from` is the step after the last pulse of
         each axis.
         """
-        smallest, step = self._engine.smallest / self._mass, self._engine.step / self._mass
+        engine = self._engine
+        limits = (engine.smallest, engine.step, engine.largest)
+        smallest, step, strongest = (limit / self._mass for limit in limits)
         commanded = np.linalg.solve(np.eye(3) + self.engine_errors, impulse.velocity_rtn)
         for axis, size in enumerate(commanded.tolist()):
             count = min(self._longest, int(abs(size) / (smallest * self._step)))
             if count == 0:
                 continue  # less than the smallest pulse: the next decision sees it again
+            # Rather a longer pulse than less than planned.
+            count = max(count, math.ceil(abs(size) / (strongest * self._step)))
             level = step * round(abs(size) / (count * self._step) / step)
-            level = min(max(level, smallest), self._engine.largest / self._mass)
+            level = min(max(level, smallest), strongest)
             first = round((moment - 0.5 * count * self._step) / self._step)
             first = max(first, free_from[axis])
             free_from[axis] = first + count
