@@ -52,7 +52,7 @@ def test_a_sensor_that_sees_nothing_leaves_its_chaser_without_neighbours(tmp_pat
 @pytest.mark.parametrize(
     ("setting", "reason"),
     [
-        ("cluster_guidance.timeline:=['0 keep']", "gather, free_drift"),
+        ("cluster_guidance.timeline:=['0 keep']", "gather, orbits, free_drift"),
         ("on_board_emulator.outage:=[10.0]", "two numbers"),
         ("on_board_emulator.dropout:=1.5", "dropout"),
     ],
