@@ -16,6 +16,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_edges,
     shell_middles,
     shell_paths,
+    vertical_paths,
 )
 from vtff_iono.geometry.mapping import distance_to_altitude, profile_content
 
@@ -41,6 +42,8 @@ def test_paths_are_the_integrals_of_a_spherical_ionosphere():
             elevation, WGS84_SEMI_MAJOR_AXIS + altitude, table, np.repeat(density, 2)
         )
         assert paths @ density == pytest.approx(expected, rel=2e-4)
+        (vertical,) = vertical_paths(np.array([altitude]), edges)
+        assert vertical == pytest.approx(paths[3], rel=1e-9)
 
 
 @given(

@@ -18,7 +18,14 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
 from vtff_iono.geometry.mapping import distance_to_altitude
 
-__all__ = ["TopsideModel", "log_density_prior", "shell_edges", "shell_middles", "shell_paths"]
+__all__ = [
+    "TopsideModel",
+    "log_density_prior",
+    "shell_edges",
+    "shell_middles",
+    "shell_paths",
+    "vertical_paths",
+]
 
 # Thickness of the thin shells, m.
 _STEP = 5e3
@@ -96,6 +103,12 @@ def shell_paths(
     # An edge within metres above the receiver may be an ellipsoid that passes below it.
     distance = np.where(is_below | np.isnan(distance), 0.0, distance)
     return np.asarray(np.diff(distance, axis=1) / ELECTRONS_PER_TECU)
+
+
+def vertical_paths(altitude: FloatArray, edges: FloatArray) -> FloatArray:
+    """Return vertical content per density in shells above altitudes (n,), as `shell_paths`."""
+    height = np.maximum(edges - altitude[:, np.newaxis], 0.0)
+    return np.asarray(np.diff(height, axis=1) / ELECTRONS_PER_TECU)
 
 
 def log_density_prior(

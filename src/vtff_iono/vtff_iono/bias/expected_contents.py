@@ -14,10 +14,10 @@ import numpy as np
 
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
-from vtff_iono.bias.altitude_shells import shell_middles, shell_paths
+from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_paths
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
-__all__ = ["ExpectedContents", "Knots", "pierce_offsets", "vertical_paths"]
+__all__ = ["ExpectedContents", "Knots", "pierce_offsets"]
 
 # Longest interval of knots, s, and their largest number.
 _KNOT_INTERVAL = 300.0
@@ -115,20 +115,12 @@ class ExpectedContents:
         altitude = geodetic_from_itrf(position_receiver_itrf)[:, 2]
         paths = shell_paths(position_receiver_itrf, direction_itrf, altitude, self.edges)
         content = paths @ self.density
-        vertical = vertical_paths(position_receiver_itrf, altitude, self.edges) @ self.density
+        vertical = vertical_paths(altitude, self.edges) @ self.density
         offset = pierce_offsets(position_receiver_itrf, direction_itrf, altitude)
         weights = self.knots.weights(time)
         factors = np.hstack((weights, weights * offset[:, :1], weights * offset[:, 1:]))
         mapping = content / vertical
         return content + mapping * (factors @ self.vertical_tecu), mapping
-
-
-def vertical_paths(
-    position_receiver_itrf: FloatArray, altitude: FloatArray, edges: FloatArray
-) -> FloatArray:
-    """Return vertical content per density in shells, TECU m^3, as `shell_paths` (n, shells)."""
-    up = position_receiver_itrf / np.linalg.norm(position_receiver_itrf, axis=1, keepdims=True)
-    return shell_paths(position_receiver_itrf, up, altitude, edges)
 
 
 def pierce_offsets(

@@ -54,13 +54,13 @@ from vtff_iono.bias.altitude_shells import (
     shell_edges,
     shell_middles,
     shell_paths,
+    vertical_paths,
 )
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
     ExpectedContents,
     Knots,
     pierce_offsets,
-    vertical_paths,
 )
 from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solve_profile
 
@@ -257,7 +257,7 @@ class _Problem:
         self._paths = shell_paths(
             samples.position_receiver_itrf, samples.direction_itrf, altitude, self.edges
         )
-        self._vertical_paths = vertical_paths(samples.position_receiver_itrf, altitude, self.edges)
+        self._vertical_paths = vertical_paths(altitude, self.edges)
         self.knots = Knots.over(samples.time)
         self._knot_weights = self.knots.weights(samples.time)
         self._pierce_offset = pierce_offsets(
