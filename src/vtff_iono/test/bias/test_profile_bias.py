@@ -2,14 +2,15 @@
 
 import numpy as np
 import pytest
+from formation_simulation import RADIUS
 from orbit_simulation import BIAS, PER_NS, PROFILES, samples, seen
 
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_iono.bias.bias_samples import BiasSamples
-from vtff_iono.bias.expected_contents import Knots
+from vtff_iono.bias.expected_contents import Knots, pierce_offsets
 from vtff_iono.bias.profile_bias import profile_biases
 from vtff_iono.bias.receiver_bias import estimate_receiver_biases
-from vtff_iono.geometry.mapping import pierce_point
+from vtff_iono.geometry.mapping import pierce_point, profile_content
 
 PHASE_NOISE = 0.0135
 LEVEL_SIGMA, SATELLITE_SIGMA = 0.1, 0.13
@@ -89,6 +90,22 @@ def test_horizontal_gradients_are_told_from_the_bias(amplitude):
         sigmas.append(sigma)
     assert np.abs(errors).max() <= 0.15 * PER_NS
     assert np.sqrt(np.mean((np.array(errors) / sigmas) ** 2)) < 2.0
+
+
+@pytest.mark.parametrize("gradient", [0.0, 0.3, 1.0])
+def test_gradients_are_told_by_direction(gradient):
+    """TECU per 1000 km to the north; the rays do not tell less than some 0.05."""
+    rows = seen("chapman", 1.0).copy()
+    altitude = altitude_of(rows)
+    zenith = np.full(len(rows), 0.5 * np.pi)
+    mapping = rows[:, 1] / profile_content(zenith, RADIUS + altitude, *PROFILES["chapman"])
+    north = pierce_offsets(rows[:, 6:9], rows[:, 3:6], altitude)[:, 1]
+    rows[:, 1] += mapping * gradient * north
+    found = profile_biases(noisy(rows, 0), altitude)
+    of_east, of_north = 1e6 * found.gradient_sigma
+    assert of_north == pytest.approx(gradient, rel=0.15, abs=0.08)
+    assert of_east < max(0.08, 0.3 * gradient)
+    assert 0.0 < found.vertical_sigma_tecu < 0.2
 
 
 def test_profile_noise_and_satellites_are_found():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from formation_simulation import RADIUS
 
-from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.bias.running_profile import CONSTANT, SHAPE, SIZE, RunningProfile
 from vtff_iono.geometry.mapping import profile_content
 
 
@@ -74,15 +74,40 @@ def test_what_is_measured_is_not_resized():
     profile = RunningProfile()
     profile.resize(30.0 / profile.content_above(300e3))
     assert profile.content_above(300e3) == pytest.approx(30.0)
-    assert not profile.is_measured_above(300e3)
     profile.absorb(395e3, 405e3, 5e11, 1e10)
-    assert profile.is_measured_above(400e3) and not profile.is_measured_above(410e3)
     is_measured = profile.density == 5e11
     assert is_measured.sum() == 11
     before = profile.density.copy()
+    size = profile.densities()[SIZE]
     profile.resize(1.2)
     assert np.array_equal(profile.density[is_measured], before[is_measured])
     assert profile.density[~is_measured] == pytest.approx(1.2 * before[~is_measured])
+    assert profile.density - before == pytest.approx(0.2 * size)
+
+
+def test_what_was_measured_follows_the_constant():
+    """Means of measurements with their weights; what the constant drifted by is none of theirs."""
+    profile = RunningProfile()
+    before = profile.density.copy()
+    profile.absorb(410e3, 410e3, 4e11, 3e10, -5e12)
+    profile.absorb(410e3, 410e3, 8e11, 1e10, -1e12)
+    profile.absorb(420e3, 420e3, 1e11, 1e10, -5e12)
+    per_constant = profile.densities()[CONSTANT]
+    assert np.flatnonzero(per_constant).tolist() == [310, 320]
+    assert per_constant[310] == pytest.approx(-1e12 - 0.1 * 4e12)
+    mean = profile.density[310]
+    profile.move_constant(-0.1)
+    assert profile.density[310] == pytest.approx(mean + 1.4e11)
+    assert profile.density[320] == pytest.approx(6e11)
+    # No density is negative.
+    profile.move_constant(0.2)
+    assert profile.density[320] == 0.0
+    profile.loosen_constant(0.5)
+    assert profile.densities()[CONSTANT, 310] == pytest.approx(-0.7e12)
+    profile.move_constant(-0.1)
+    assert profile.density[310] == pytest.approx(mean - 1.4e11 + 0.7e11)
+    is_model = np.delete(np.arange(len(before)), [310, 320])
+    assert np.array_equal(profile.density[is_model], before[is_model])
 
 
 @pytest.mark.parametrize("place", range(3))
@@ -90,17 +115,17 @@ def test_shape_densities_are_derivatives(place):
     profile, other = RunningProfile(), RunningProfile()
     change = np.zeros(3)
     change[place] = 1e-4
-    derivative = profile.densities()[1 + place]
+    derivative = profile.densities()[SHAPE][place]
     other.reshape(change)
     assert (other.density - profile.density) / 1e-4 == pytest.approx(
         derivative, abs=2e-3 * np.abs(derivative).max()
     )
-    slant = profile.slant_contents(np.array([0.3, 1.2]), 300e3)[1 + place]
+    slant = profile.slant_contents(np.array([0.3, 1.2]), 300e3)[SHAPE][place]
     expected = other.slant_contents(np.array([0.3, 1.2]), 300e3)[0]
     expected = (expected - profile.slant_contents(np.array([0.3, 1.2]), 300e3)[0]) / 1e-4
     assert slant == pytest.approx(expected, abs=2e-3 * np.abs(expected).max() + 1e-6)
     between = (other.mean_density(300e3, 310e3) - profile.mean_density(300e3, 310e3)) / 1e-4
-    mean = profile.mean_derivatives(310e3, 300e3)[place]
+    mean = profile.mean_derivatives(310e3, 300e3)[SHAPE.start - 1 + place]
     assert mean == pytest.approx(between, rel=5e-3, abs=1e6)
 
 
@@ -122,7 +147,7 @@ def test_what_was_measured_keeps_its_shape_and_the_model_its_limits():
 def test_compiled_layer_means_and_derivatives_are_those_of_arrays():
     profile = RunningProfile(380e3, 50e3, 70e3)
     profile.resize(30.0 / profile.content_above(300e3))
-    profile.absorb(421e3, 419e3, 3e11, 1e10)
+    profile.absorb(421e3, 419e3, 3e11, 1e10, -2e12)
     altitude, density = profile.altitude, profile.density
     height = np.where(altitude < 380e3, 50e3, 70e3)
     argument = (altitude - 380e3) / height
@@ -130,9 +155,11 @@ def test_compiled_layer_means_and_derivatives_are_those_of_arrays():
     of_height = argument * slope
     expected = [
         density,
+        np.where(density == 3e11, 0.0, density),
         np.where(argument < 0.0, of_height, 0.0),
         np.where(argument < 0.0, 0.0, of_height),
         slope * 100e3 / height,
+        np.where(density == 3e11, -2e12, 0.0),
     ]
     np.testing.assert_allclose(profile.densities(), expected, rtol=1e-12)
     for low, high in ((400.2e3, 400.7e3), (417.5e3, 423.1e3), (399e3, 401e3)):

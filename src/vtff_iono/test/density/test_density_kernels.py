@@ -15,10 +15,11 @@ def draw_filter(seed, satellites=9, known=7):
     generator = np.random.default_rng(seed)
     size = COMMON + known
     root = generator.standard_normal((size, size))
-    scale = np.array([2.0, 0.3, 0.01, 0.1, 0.1, 0.1, *[0.03] * known])
+    scale = np.array([2.0, 0.3, 0.01, *[0.1] * (COMMON - 3), *[0.03] * known])
     covariance = root @ root.T / size * np.outer(scale, scale)
     state = scale * generator.standard_normal(size)
-    common = generator.standard_normal((satellites, COMMON)) * [0.0, 1.0, -1e3, 0.3, 0.3, 0.3]
+    sizes = [0.0, 1.0, -1e3, *[0.3] * (COMMON - 3)]
+    common = generator.standard_normal((satellites, COMMON)) * sizes
     common[:, 0] = 1.0
     places = np.append(generator.permutation(known) + COMMON, np.full(satellites - known, -1))
     return generator, state, covariance, common, places
@@ -42,13 +43,13 @@ def close(actual, expected):
 def test_time_passes(seed):
     generator, state, covariance, _, _ = draw_filter(seed)
     gained = generator.random(COMMON + 1)
-    factor = np.full(len(state), 1.3 * 0.7)
-    factor[:COMMON] = 1.0
-    factor[0] = 1.3
+    scale = 0.5 + generator.random(COMMON + 1)
+    factor = np.full(len(state), 0.7 * scale[COMMON])
+    factor[:COMMON] = scale[:COMMON]
     gains = np.append(gained[:COMMON], np.full(len(state) - COMMON, gained[COMMON]))
     expected = np.outer(factor, factor) * covariance + np.diag(gains)
     moved = np.where(np.arange(len(state)) < COMMON, state, 0.7 * state)
-    kernels.pass_time(state, covariance, 1.3, 0.7, gained)
+    kernels.pass_time(state, covariance, scale, 0.7, gained)
     close(covariance, expected)
     close(state, moved)
 

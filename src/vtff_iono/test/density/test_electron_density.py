@@ -9,6 +9,7 @@ import pytest
 from formation_simulation import NOISE_ONE_SECOND, chapman, fly, mean_density, plumex_like
 from link_simulation import START
 
+from vtff_dynamics.frames.geodetic import itrf_from_geodetic
 from vtff_iono.bias.running_profile import RunningProfile
 from vtff_iono.density.density_profile import (
     DEPARTURE_LEVEL_DB,
@@ -18,7 +19,7 @@ from vtff_iono.density.density_profile import (
     model_profile,
     wavenumber_spectrum,
 )
-from vtff_iono.density.differential_tec import SecondAverage, differential_stec
+from vtff_iono.density.differential_tec import SecondAverage, differential_stec, horizontal_sigma
 from vtff_iono.density.electron_density import DensitySettings, ElectronDensityEstimator
 
 CM3 = 1e6
@@ -132,6 +133,33 @@ def test_a_layer_of_another_size_with_absolute_contents_that_err(factor, vtec_er
     assert np.abs(error[20:]).mean() <= 2e4 * CM3
 
 
+def test_what_was_measured_first_is_corrected_when_the_constant_is_known():
+    """Falling; multipath of 0.03 TECU lets the first densities err together by more than later."""
+    altitude = np.arange(100e3, 2000e3, 400.0)
+    profile = altitude, chapman(altitude, 9e11, 378e3, 55e3, 35e3)
+    flown = fly(profile, -1000.0, satellites=36, start=600.0, end=1700.0, step=10.0)
+    low, high = flown.altitude_deputy, flown.altitude_chief
+    truth = mean_density(*profile, low, high)[:15]
+    decay, shape = math.exp(-0.1), flown.stec_chief.shape
+    first, corrected = [], []
+    for seed in range(6):
+        generator = np.random.default_rng(seed)
+        observed = flown.stec_deputy - flown.stec_chief + BIAS
+        observed += NOISE_ONE_SECOND * generator.standard_normal(shape)
+        slow = generator.standard_normal(shape[1])
+        for row in range(len(observed)):
+            observed[row] += 0.03 * slow
+            drawn = generator.standard_normal(shape[1])
+            slow = decay * slow + math.sqrt(1.0 - decay**2) * drawn
+        estimator, nothing = ElectronDensityEstimator(), np.full(len(observed), math.nan)
+        epochs = estimated(estimator, flown, observed, nothing, 1.0)[:15]
+        first.append([epoch.density for epoch in epochs] - truth)
+        between = zip(low[:15], high[:15], strict=True)
+        corrected.append([estimator.profile.mean_density(*pair) for pair in between] - truth)
+    sizes = [math.sqrt(np.mean(np.square(errors))) for errors in (first, corrected)]
+    assert sizes[1] < 0.45 * sizes[0]
+
+
 def test_an_absolute_content_of_unknown_error_tells_nothing():
     profile, flown = flight(1000.0)
     observed = flown.stec_deputy - flown.stec_chief + BIAS
@@ -206,6 +234,17 @@ def test_differential_content_of_fixed_integers():
     second = 12345.6 * f2 / light - delay / f2 / light - 3_000_000
     result = differential_stec(first, second, 5_000_000, -3_000_000, f1, f2)
     assert result == pytest.approx(content, abs=1e-6)
+
+
+def test_gradients_count_over_the_horizontal_distance():
+    """A degree of latitude 60 deg east, and the same with a kilometre of altitude."""
+    chief = itrf_from_geodetic([0.0, math.radians(60.0), 400e3])
+    for height in (400e3, 399e3):
+        deputy = itrf_from_geodetic([math.radians(1.0), math.radians(60.0), height])
+        arc = math.radians(1.0) * 6.74e6
+        for gradient, expected in (([0.0, 1e-6], 1e-6 * arc), ([1e-6, 0.0], 0.0)):
+            sigma = horizontal_sigma(np.array(gradient), chief, deputy)
+            assert sigma == pytest.approx(expected, rel=0.01, abs=1e-9)
 
 
 def test_one_second_of_20_hz_samples_is_good_to_5_milli_tecu():
@@ -373,6 +412,25 @@ def test_a_satellite_that_leaves_its_level_is_left_out():
     assert outliers[500:, 2].all() and outliers[700:, 5].all()
     assert not outliers[:500].any() and not outliers[:, [0, 1, 3, 4, 6, 7]].any()
     assert np.abs(error / sigma).max() < 4.0
+
+
+def test_a_fade_that_begins_is_no_density():
+    """Contents leave their level by less than an integer makes, and by more than they say."""
+    elevation = np.radians([15.0, 25.0, 35.0, 45.0, 60.0, 80.0])
+    estimator, generator, ratios = without_layer(), np.random.default_rng(1), []
+    for second in range(600):
+        observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
+        observed += 0.004 * generator.standard_normal(6)
+        is_fading = second >= 100 and second % 10 == 0
+        if is_fading:
+            observed[second // 10 % 6] += 0.07 * (-1.0) ** (second // 60)
+        epoch = estimator.update(
+            second, 600e3, 601e3, elevation, elevation, observed, np.full(6, 0.004)
+        )
+        assert not epoch.is_outlier.any()
+        if is_fading:
+            ratios.append((epoch.density - 5e11) / epoch.sigma)
+    assert math.sqrt(np.mean(np.square(ratios))) < 1.3
 
 
 def test_a_density_that_nothing_checks_is_withheld():

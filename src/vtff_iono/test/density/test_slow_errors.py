@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from vtff_iono.density.slow_errors import SlowErrors
+from vtff_iono.density.slow_errors import SlowErrors, scale_of_learned
 
 SATELLITES, TIME = 9, 100.0
 
@@ -42,3 +42,13 @@ def test_the_sigma_contains_that_it_is_known_from_few_samples(sigma, seconds, le
 def test_a_correlation_time_is_learned():
     times = [measured(0.1, 600, seed).correlation_time for seed in range(20)]
     assert 60.0 < np.median(times) < 140.0
+
+
+@pytest.mark.parametrize("ratio", [0.25, 1.0, 9.0])
+def test_states_are_known_as_well_as_measurements_tell(ratio):
+    """Least squares with another variance; what no measurement told is known as before."""
+    first, measured_variance = np.array([4.0, 0.01, 1.0]), np.array([0.01, 0.04, math.inf])
+    believed = 1.0 / (1.0 / first + 1.0 / measured_variance)
+    expected = 1.0 / (1.0 / first + 1.0 / (ratio * measured_variance))
+    scale = scale_of_learned(ratio, believed, first)
+    np.testing.assert_allclose(believed * scale**2, expected, rtol=1e-12)

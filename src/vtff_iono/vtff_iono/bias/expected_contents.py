@@ -17,13 +17,14 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_paths
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
-__all__ = ["ExpectedContents", "Knots", "pierce_offsets"]
+__all__ = ["GRADIENT_UNIT", "ExpectedContents", "Knots", "pierce_offsets"]
+
+GRADIENT_UNIT = 1e6
+"""Unit of the distance of pierce points, m."""
 
 # Longest interval of knots, s, and their largest number.
 _KNOT_INTERVAL = 300.0
 _MOST_KNOTS = 36
-# Unit of the distance of pierce points, m.
-_GRADIENT_UNIT = 1e6
 # By how much a profile is continued downwards, and the part of it that tells how, m.
 _CONTINUED, _LOWEST_PART = 100e3, 50e3
 
@@ -137,7 +138,7 @@ def pierce_offsets(
     """
     receiver = position_receiver_itrf
     point = pierce_point(receiver, direction_itrf, altitude + 0.5 * shell_height(altitude))
-    offset = (point - receiver) / _GRADIENT_UNIT
+    offset = (point - receiver) / GRADIENT_UNIT
     east = np.cross([0.0, 0.0, 1.0], receiver)
     east /= np.linalg.norm(east, axis=-1, keepdims=True)
     north = np.cross(receiver, east)

@@ -58,6 +58,7 @@ from vtff_iono.bias.altitude_shells import (
 )
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
+    GRADIENT_UNIT,
     ExpectedContents,
     Knots,
     pierce_offsets,
@@ -113,6 +114,11 @@ class ProfileBiases:
     noise_tecu, satellite_sigma_tecu : float
         Estimated sigmas of single contents and of the satellite biases, TECU; the sigma of the
         satellite biases is NaN without links.
+    vertical_sigma_tecu : float
+        Sigma of the vertical content that is not of the profile, TECU.
+    gradient_sigma : ndarray, shape (2,)
+        Root of the expected squares of the gradients of the vertical content to the east and to the
+        north, TECU/m.
     arc : ndarray of int, shape (arcs,)
         Numbers of the arcs of the samples that were used.
     offset_tecu, offset_sigma_tecu : ndarray, shape (arcs,)
@@ -128,6 +134,8 @@ class ProfileBiases:
     density: FloatArray
     noise_tecu: float
     satellite_sigma_tecu: float
+    vertical_sigma_tecu: float
+    gradient_sigma: FloatArray
     arc: IntArray
     offset_tecu: FloatArray
     offset_sigma_tecu: FloatArray
@@ -193,6 +201,8 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         density=np.exp(models[0].log_density),
         noise_tecu=noise,
         satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
+        vertical_sigma_tecu=round(sigmas.vertical, DECIMALS_TECU),
+        gradient_sigma=problem.gradient_sigma(solution),
         arc=problem.arc_numbers,
         offset_tecu=np.asarray(offsets.mean(axis=0)).round(DECIMALS_TECU),
         offset_sigma_tecu=np.round(np.sqrt(variance), DECIMALS_TECU),
@@ -393,6 +403,12 @@ class _Problem:
         np.put_along_axis(columns, self._column_of_arc, 1.0, axis=1)
         no_density = np.zeros((len(columns), len(solution.log_density)))
         return columns @ solution.effects, solution.variance(no_density, columns)
+
+    def gradient_sigma(self, solution: ProfileSolution) -> FloatArray:
+        """Return the roots of the expected squares of gradients to east and north, TECU/m, (2,)."""
+        squares = solution.effects**2 + solution.effect_variance
+        of_direction = squares[self.gradients].reshape(2, self.knots.number)
+        return np.asarray(np.sqrt(of_direction.mean(axis=1)).round(DECIMALS_TECU) / GRADIENT_UNIT)
 
     def squares_of_arcs(self, residual: FloatArray) -> FloatArray:
         """Return the mean squares of residuals of each arc, shape (arcs,)."""

@@ -11,10 +11,14 @@ from vtff_dynamics.constants import WGS84_SEMI_MAJOR_AXIS
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.geometry.mapping import profile_content
 
-__all__ = ["PEAK_UNIT", "RunningProfile"]
+__all__ = ["CONSTANT", "PEAK_UNIT", "SHAPE", "SIZE", "RunningProfile"]
 
 PEAK_UNIT = 100e3
 """Unit of a change of the altitude of the peak, m."""
+
+SIZE, SHAPE, CONSTANT = 1, slice(2, 5), 5
+"""Rows of `RunningProfile.densities`, derivatives with respect to the size and the shape of the
+model, and to the constant of all contents."""
 
 # Altitudes of the table, m: fine steps up to the highest orbits, coarse steps above.
 _STEP, _TOP_STEP = 1e3, 20e3
@@ -36,6 +40,9 @@ class RunningProfile:
     The model is a Chapman layer whose size and shape can be changed (`resize`, `reshape`). It only
     serves to map slant rays; where spacecraft have measured the density, the measurement replaces
     it.
+
+    Densities are measured from contents that have a constant in common, which is at first not known
+    well. As it becomes better known, what was measured before is corrected (`move_constant`).
 
     Parameters
     ----------
@@ -68,6 +75,8 @@ class RunningProfile:
         self._scale = _CONTENT_TECU / self.content_above(_LOWEST)
         self.density = self._layer()
         self._weight = np.zeros(len(self.altitude))
+        # By how much what was measured is more where the constant is more by 1 TECU, 1/m3.
+        self._per_constant = np.zeros(len(self.altitude))
         # `densities`, and the density that they are of.
         self._densities = np.zeros((0, len(self.altitude)))
         self._described: FloatArray | None = None
@@ -78,14 +87,17 @@ class RunningProfile:
         return self._scale * layer
 
     def densities(self) -> FloatArray:
-        """Return the density, and by how much a change of shape, of one unit, changes it, (4, n).
+        """Return the density and its derivatives, shape (6, n).
 
-        The units are those of `reshape`; where the density was measured it does not change.
+        The derivatives are those with respect to the logarithm of the size of the model (row
+        `SIZE`), to its shape in the units of `reshape` (`SHAPE`), both zero where the density was
+        measured, and to the constant of the contents that were measured, TECU (`CONSTANT`), zero
+        elsewhere.
         """
         # Each change makes another array of the density.
         if self._described is not self.density:
             self._densities = _with_derivatives(
-                self.altitude, self.density, self._weight, self._shape
+                self.altitude, self.density, self._weight, self._shape, self._per_constant
             )
             self._described = self.density
         return self._densities
@@ -111,7 +123,7 @@ class RunningProfile:
         return float(profile_content(0.5 * np.pi, radius, self.altitude, self.density))
 
     def slant_contents(self, elevation: FloatArray, altitude: float) -> FloatArray:
-        """Return the contents of rays from an altitude (m) at elevations (rad), TECU, (4, ...).
+        """Return the contents of rays from an altitude (m) at elevations (rad), TECU, (6, ...).
 
         They are those of each of `densities`.
         """
@@ -124,24 +136,50 @@ class RunningProfile:
         return float(_mean_between(low, high, self.altitude, self.density))
 
     def mean_derivatives(self, altitude_first: float, altitude_second: float) -> FloatArray:
-        """Return the means of the derivatives of `densities` between two altitudes (m), (3,)."""
+        """Return the means of the derivatives of `densities` between two altitudes (m), (5,)."""
         low, high = sorted((altitude_first, altitude_second))
         means: FloatArray = _means_of_samples(low, high, self.altitude, self.densities()[1:])
         return means
-
-    def is_measured_above(self, altitude: float) -> bool:
-        """Return whether a density above an altitude (m) was measured."""
-        return bool((self._weight[self.altitude > altitude + _STEP] > 0.0).any())
 
     def resize(self, factor: float) -> None:
         """Multiply the modelled densities by a factor."""
         self._scale *= factor
         self.density = np.where(self._weight > 0.0, self.density, self.density * factor)
 
+    def move_constant(self, change: float) -> None:
+        """Correct what was measured: the constant is more by a change, TECU, than was believed."""
+        if change != 0.0:
+            self.density = np.maximum(self.density + change * self._per_constant, 0.0)
+
+    def loosen_constant(self, part: float) -> None:
+        """Let only a part of what the constant proves to be off be so since the measurements.
+
+        The part is that of the variance of the constant before it has drifted; it is zero where
+        another constant takes its place.
+        """
+        self._per_constant *= part
+        self._described = None
+
     def absorb(
-        self, altitude_first: float, altitude_second: float, density: float, sigma: float
+        self,
+        altitude_first: float,
+        altitude_second: float,
+        density: float,
+        sigma: float,
+        per_constant: float = 0.0,
     ) -> None:
-        """Add a measured mean density between two altitudes (m), with its sigma, 1/m3."""
+        """Add a measured mean density between two altitudes.
+
+        Parameters
+        ----------
+        altitude_first, altitude_second : float
+            m.
+        density, sigma : float
+            Mean density and its sigma, electrons per cubic metre.
+        per_constant : float
+            By how much the density is more where the constant of the contents is more, electrons
+            per cubic metre and TECU.
+        """
         low, high = sorted((altitude_first, altitude_second))
         middle, half_width = 0.5 * (low + high), 0.5 * max(high - low, _STEP)
         between = slice(
@@ -154,6 +192,8 @@ class RunningProfile:
         change = max(density, 0.0) - self.density[between]
         self.density = self.density.copy()
         self.density[between] += sample_weight / weight * change
+        change_per_constant = per_constant - self._per_constant[between]
+        self._per_constant[between] += sample_weight / weight * change_per_constant
         self._weight[between] = weight
 
 
@@ -173,22 +213,24 @@ def _chapman_layer(altitude, shape):  # type: ignore[no-untyped-def]
 
 
 @compiled
-def _with_derivatives(altitude, density, weight, shape):  # type: ignore[no-untyped-def]
-    """Return densities (n,) and their derivatives with respect to the shape, (4, n).
+def _with_derivatives(altitude, density, weight, shape, per_constant):  # type: ignore[no-untyped-def]
+    """Return densities (n,) and their derivatives, (6, n), see `RunningProfile.densities`.
 
     `weight` is positive where the density was measured; `shape` is as in `_chapman_layer`.
     """
-    result = np.zeros((1 + len(shape), len(altitude)))
+    result = np.zeros((6, len(altitude)))
     for row in range(len(altitude)):
         result[0, row] = density[row]
         if weight[row] > 0.0:
+            result[CONSTANT, row] = per_constant[row]
             continue
+        result[SIZE, row] = density[row]
         is_bottom = altitude[row] < shape[2]
         height = shape[0] if is_bottom else shape[1]
         argument = (altitude[row] - shape[2]) / height
         slope = 0.5 * density[row] * (1.0 - math.exp(-argument))
-        result[1 if is_bottom else 2, row] = argument * slope
-        result[3, row] = slope * PEAK_UNIT / height
+        result[2 if is_bottom else 3, row] = argument * slope
+        result[4, row] = slope * PEAK_UNIT / height
     return result
 
 

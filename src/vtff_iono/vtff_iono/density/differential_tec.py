@@ -10,11 +10,18 @@ import numpy.typing as npt
 
 from vtff_dynamics.compiled import compiled
 from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_dynamics.frames.geodetic import rotation_itrf_to_enu
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.links.geometry_free import tecu_per_metre
 from vtff_iono.links.windows import WindowBuffer
 
-__all__ = ["SecondAverage", "SecondMeans", "compile_kernels", "differential_stec"]
+__all__ = [
+    "SecondAverage",
+    "SecondMeans",
+    "compile_kernels",
+    "differential_stec",
+    "horizontal_sigma",
+]
 
 
 def differential_stec(
@@ -44,6 +51,25 @@ def differential_stec(
         SPEED_OF_LIGHT / frequency_second
     )
     return np.asarray(ranges * tecu_per_metre(frequency_first, frequency_second))
+
+
+def horizontal_sigma(
+    gradient_sigma: FloatArray,
+    position_chief_itrf: FloatArray,
+    position_deputy_itrf: FloatArray,
+) -> float:
+    """Return the sigma of what vertical contents differ by from one receiver to the other, TECU.
+
+    Parameters
+    ----------
+    gradient_sigma : ndarray, shape (2,)
+        Sigmas of the gradients of the vertical content to the east and north, TECU/m.
+    position_chief_itrf, position_deputy_itrf : ndarray, shape (3,)
+        Positions of the receivers, m.
+    """
+    rotation = rotation_itrf_to_enu(position_chief_itrf)
+    distance = rotation[:2] @ (position_deputy_itrf - position_chief_itrf)
+    return float(np.linalg.norm(gradient_sigma * distance))
 
 
 class SecondMeans(NamedTuple):

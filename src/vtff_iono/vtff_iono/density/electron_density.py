@@ -3,12 +3,12 @@
 The deputy flies dh above the chief (below it for a negative dh). The slant content of a satellite
 differs between them for three reasons:
 
-    S_deputy - S_chief = b + (1 + a) G - N dh / sin(E) + m.
+    S_deputy - S_chief = b + (1 + c) (G + a G') - N dh / sin(E) + m.
 
 - b is one constant for all satellites: inter-frequency phase biases of the receivers, and integers
   of the reference satellite.
 - G is the difference that the layer above makes, because the two spacecraft see a satellite at
-  different elevations.
+  different elevations; G' is the part of it that has not been measured.
 - The last term contains the electrons between the two altitudes. A layer that begins at the
   receiver is crossed at the elevation E of the ray there, along dh / sin(E), and not along the
   mapping factor of everything above.
@@ -16,12 +16,14 @@ differs between them for three reasons:
 - m is a slow error of each satellite, such as multipath.
 
 G is computed through the running profile: measured densities where the orbit has been, a layer
-model elsewhere. The error of G is modelled as a common factor 1 + a, as another shape of the model
-layer (its scale heights and the altitude of its peak), which are estimated, and as a noise in
-proportion to G. Absolute contents above the chief tell of the layer as well, with their sigma. A
-Kalman filter estimates b, which drifts with the temperature of the receivers, a, the shape and m,
-which change slowly, and N, which is new each second. Low satellites separate b from N; satellites
-ahead and behind show a. How large m is and how fast it changes is measured
+model elsewhere. The model layer has another size, by the factor 1 + a, and another shape (its scale
+heights and the altitude of its peak), which are estimated. What was measured has the error that b
+had then: all of it is corrected as b becomes better known, and the filter knows that G changes with
+b. The ionosphere of another time and place differs by a common factor 1 + c; what else G errs by is
+a noise in proportion to it. Absolute contents above the chief tell of the layer as well, with their
+sigma. A Kalman filter estimates b, which drifts with the temperature of the receivers, a, c, the
+shape and m, which change slowly, and N, which is new each second. Low satellites separate b from N;
+satellites ahead and behind show a and c. How large m is and how fast it changes is measured
 (`vtff_iono.density.slow_errors`), so that the sigma of N is that of the data.
 
 A satellite whose content is not what all others and its own past predict is left out: its integers
@@ -39,18 +41,20 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
-from vtff_iono.bias.running_profile import RunningProfile
+from vtff_iono.bias.running_profile import CONSTANT, SHAPE, SIZE, RunningProfile
 from vtff_iono.density import kernels
 from vtff_iono.density.kernels import COMMON, DENSITY
-from vtff_iono.density.slow_errors import SlowErrors
+from vtff_iono.density.slow_errors import SlowErrors, scale_of_learned
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 
 __all__ = ["DensityEpoch", "DensitySettings", "ElectronDensityEstimator", "compile_kernels"]
 
-# Places of the shape of the layer in the state, and how many common states have no past at first.
-_SHAPE = slice(3, 6)
+# Places of the shape of the layer and of c in the state, those of all that describes the layer, and
+# how many common states have no past at first.
+_SHAPE, _CHANGE = slice(3, 6), 6
+_LAYER = np.array([1, 3, 4, 5, 6])
 _WITHOUT_PAST = 3
-# Sigma of the shape of the layer, in its units, of which only the contents tell.
+# Sigma of the shape of the layer, in its units, and of c, of which only the contents tell.
 _ANY_SHAPE = 1.0
 # s; a satellite that was not observed for longer has no slow error that is remembered.
 _KEPT = 600.0
@@ -77,7 +81,9 @@ class DensitySettings:
         Sigma of b at first, TECU, and its random walk, TECU per square root of s. Lines of two
         receivers and two signals that drift smoothly by 0.5 mm in a quarter of an orbit.
     mapping_sigma, mapping_walk : float
-        Sigma of a at first, and its random walk per square root of s.
+        Sigma of a at first, and the random walk of a and c per square root of s.
+    change_sigma : float
+        Sigma of c, which never exceeds it.
     content_time : float
         Time over which the error of absolute contents is the same, s: that of the receiver bias.
     shape_sigma, shape_walk : float
@@ -91,7 +97,8 @@ class DensitySettings:
     negative_sigmas : float
         A density this many sigmas below zero is impossible.
     gradient_sigma_tecu_per_deg : float
-        Horizontal gradient of the vertical content between the spacecraft, along their track.
+        Horizontal gradient of the vertical content between the spacecraft, along their track,
+        until the contents of all directions have shown how large gradients are.
     outlier_sigmas, outlier_tecu : float
         A content that is off by more than both is none of this satellite with these integers: a
         cycle of both signals is 0.5, other pairs of small integers are 0.24 TECU and more.
@@ -113,6 +120,7 @@ class DensitySettings:
     bias_walk_tecu: float = 1e-4
     mapping_sigma: float = 2.0
     mapping_walk: float = 0.002
+    change_sigma: float = 0.1
     content_time: float = 3600.0
     shape_sigma: float = 0.15
     shape_walk: float = 0.003
@@ -148,7 +156,7 @@ class DensityEpoch:
         By how much one sigma of the slow error of each satellite moves the density, electrons per
         cubic metre: where other satellites are used, the slow error is another one at once.
     common_sigma : float
-        Sigma of the rest, which all epochs share: errors of b, a and of the shape of the layer.
+        Sigma of the rest, which all epochs share: errors of b, a, c and of the shape of the layer.
     density_satellite, sigma_satellite : ndarray
         Density from each satellite alone, with the common b and a, and its sigma; NaN for a
         satellite that is not used.
@@ -199,21 +207,27 @@ class ElectronDensityEstimator:
         self._last_time: float | None = None
         self.slow_errors = SlowErrors()
         self._slow_variance = self.slow_errors.sigma**2
-        # State: b in TECU, a, density in TECU per metre, shape of the layer (see `DensitySettings`)
-        # and m of each satellite in TECU.
+        # State: b in TECU, a, density in TECU per metre, shape of the layer (see
+        # `DensitySettings`), c, and m of each satellite in TECU.
         self._state = np.zeros(COMMON)
         self._covariance = np.zeros((COMMON, COMMON))
         # Index in the state of each satellite, and when it was last observed.
         self._index: dict[int, int] = {}
         self._seen: dict[int, float] = {}
-        self._covariance[1, 1] = settings.mapping_sigma**2
-        self._covariance[_SHAPE, _SHAPE] = settings.shape_sigma**2 * np.eye(3)
+        sigmas = [settings.mapping_sigma, *[settings.shape_sigma] * 3, settings.change_sigma]
+        # Variances of what describes the layer before any content.
+        self._first_variance = np.array(sigmas) ** 2
+        self._covariance[_LAYER, _LAYER] = self._first_variance
+        # Sigmas of common states of which only the contents tell.
+        self._loose_sigma = np.full(COMMON, math.inf)
+        self._loose_sigma[_LAYER] = settings.mapping_sigma, *[_ANY_SHAPE] * 4
         self.reset_bias()
 
     def reset_bias(self) -> None:
         """Forget b, because the integers have another datum."""
         self._is_bias_new = True
         self._is_checked = False
+        self.profile.loosen_constant(0.0)
         self._state[0] = 0.0
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
@@ -230,25 +244,34 @@ class ElectronDensityEstimator:
             return
         above = self.profile.slant_contents(np.array([0.5 * math.pi]), altitude)[:, 0]
         design = np.zeros((1, len(self._state)))
-        design[0, 1] = above[0]
-        design[0, _SHAPE] = (1.0 + self._state[1]) * above[1:]
+        design[0, :COMMON] = self._layer_design(above)
+        modelled = above[0] - above[CONSTANT] * self._state[0]
         repeated = max(1.0, 2.0 * self._settings.content_time / elapsed)
-        kernels.correct(
-            self._state,
-            self._covariance,
-            design,
-            np.array([vtec_tecu - above[0]]),
-            np.array([repeated * sigma_tecu**2]),
+        self._correct(
+            design, np.array([vtec_tecu - modelled]), np.array([repeated * sigma_tecu**2])
         )
 
-    def _update_model(self, altitude: float) -> None:
+    def _correct(
+        self, design: FloatArray, residual: FloatArray, variance: FloatArray
+    ) -> FloatArray:
+        """Update state, covariance and what was measured with the same constant; return the gain.
+
+        Arguments as in `kernels.correct`.
+        """
+        before = float(self._state[0])
+        gain: FloatArray = kernels.correct(
+            self._state, self._covariance, design, residual, variance
+        )
+        self.profile.move_constant(float(self._state[0]) - before)
+        return gain
+
+    def _update_model(self) -> None:
         """Let the model layer have the size and the shape that are estimated."""
         self.profile.reshape(self._state[_SHAPE])
         self._state[_SHAPE] = 0.0
-        # Where densities above were measured, a is also of them, and the model keeps its size.
         factor = 1.0 + float(self._state[1])
         is_known = self._covariance[1, 1] < (_KNOWN_MAPPING * factor) ** 2
-        if is_known and factor > 0.0 and not self.profile.is_measured_above(altitude):
+        if is_known and factor > 0.0:
             self.profile.resize(factor)
             self._state[1] = 0.0
             self._covariance[1, :] /= factor
@@ -304,16 +327,15 @@ class ElectronDensityEstimator:
         )
         if not used.any() or abs(separation) < settings.separation_minimum:
             return self._without_density(middle, separation, len(observed))
+        elapsed = self._predict(time, numbers[used].tolist())
+        self._add_content(altitude_chief, vtec_chief_tecu, vtec_sigma_tecu, elapsed)
         common = self._common_design(elevations[:, used], altitude_chief, altitude_deputy)
-        geometric = common[:, 1]
-        residual = observed[used] - geometric
-        fast_variance = sigma[used] ** 2 + (settings.mapping_noise * geometric) ** 2
+        residual = observed[used] - self._modelled(common)
+        fast_variance = sigma[used] ** 2 + (settings.mapping_noise * common[:, _CHANGE]) ** 2
         if self._is_bias_new:
             # It contains integers and may be anything: the first contents tell where it is.
             self._is_bias_new = False
             self._state[0] = float(np.median(residual))
-        elapsed = self._predict(time, numbers[used].tolist())
-        self._add_content(altitude_chief, vtec_chief_tecu, vtec_sigma_tecu, elapsed)
         design, contents, spread = kernels.compare(
             common,
             self._places(numbers[used].tolist()),
@@ -324,6 +346,9 @@ class ElectronDensityEstimator:
         unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
         is_outlier = self._contradictions(residual - contents, spread, unknown)
         kept = ~is_outlier
+        if self._is_checked:
+            innovation, spread = (residual - contents)[kept], spread[np.ix_(kept, kept)]
+            fast_variance[kept] += self._unsaid_variance(innovation, spread, unknown)
         # Where noise hides a wrong integer, a satellite checks nothing.
         count = int(np.count_nonzero(kept & (fast_variance < _LARGEST_NOISE**2)))
         has_check = count >= unknown + settings.spare_satellites
@@ -334,12 +359,10 @@ class ElectronDensityEstimator:
             numbers[used][kept],
             residual[kept],
             common[kept],
-            np.where(np.arange(COMMON) < _WITHOUT_PAST, np.inf, _ANY_SHAPE),
+            self._loose_sigma,
             fast_variance[kept],
         )
-        gain = kernels.correct(
-            self._state, self._covariance, design[kept], residual[kept], fast_variance[kept]
-        )
+        gain = self._correct(design[kept], residual[kept], fast_variance[kept])
         self._keep_positive()
         outliers = np.zeros(len(observed), dtype=bool)
         outliers[np.flatnonzero(used)[is_outlier]] = True
@@ -362,12 +385,19 @@ class ElectronDensityEstimator:
         common_variance = max(variance - fast - min(left, 1.0) * float(parts @ parts), 0.0)
         total = variance + (horizontal_sigma_tecu / separation) ** 2
         density = float(self._state[DENSITY]) * ELECTRONS_PER_TECU
-        self._update_model(min(altitude_chief, altitude_deputy))
+        per_constant = float(self._covariance[DENSITY, 0] / self._covariance[0, 0])
+        self._update_model()
         density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
         self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
         is_told = has_check and density_sigma <= settings.largest_sigma
         if is_told:
-            self.profile.absorb(altitude_chief, altitude_deputy, density, density_sigma)
+            self.profile.absorb(
+                altitude_chief,
+                altitude_deputy,
+                density,
+                density_sigma,
+                per_constant * ELECTRONS_PER_TECU,
+            )
         return DensityEpoch(
             altitude=middle,
             separation=separation,
@@ -417,10 +447,10 @@ class ElectronDensityEstimator:
         common = self._common_design(elevations, altitude_chief, altitude_deputy)
         places = self._places(numbers.tolist())
         own = np.where(places < 0, self.slow_errors.sigma**2, 0.0)
-        own += (self._settings.mapping_noise * common[:, 1]) ** 2
+        own += (self._settings.mapping_noise * common[:, _CHANGE]) ** 2
         state, covariance = self._with_likely_density(altitude_chief, altitude_deputy)
         _, contents, spread = kernels.compare(common, places, state, covariance, own)
-        return common[:, 1] + contents, spread
+        return self._modelled(common) + contents, spread
 
     def _with_likely_density(
         self, altitude_chief: float, altitude_deputy: float
@@ -435,9 +465,9 @@ class ElectronDensityEstimator:
     def _common_design(
         self, elevations: FloatArray, altitude_chief: float, altitude_deputy: float
     ) -> FloatArray:
-        """Return the derivatives of the contents with respect to b, a, density and shape, (n, 6).
+        """Return the derivatives of the contents with respect to the common states, (n, COMMON).
 
-        The derivative with respect to a is the modelled content: G, and the density of the profile
+        The derivative with respect to c is the modelled content: G, and the density of the profile
         between the spacecraft.
         """
         altitudes = (altitude_chief, altitude_deputy)
@@ -448,11 +478,30 @@ class ElectronDensityEstimator:
         between[0] = self.profile.mean_density(*altitudes)
         between[1:] = self.profile.mean_derivatives(*altitudes)
         contents += between[:, np.newaxis] / ELECTRONS_PER_TECU * path
-        common = np.empty((len(path), COMMON))
-        common[:, 0], common[:, 1], common[:, DENSITY] = 1.0, contents[0], -path
-        # What is above is the model, its shape changed, times 1 + a.
-        common[:, _SHAPE] = (1.0 + self._state[1]) * contents[1:].T
+        common = self._layer_design(contents)
+        common[:, 0] += 1.0
+        common[:, DENSITY] = -path
         return common
+
+    def _layer_design(self, contents: FloatArray) -> FloatArray:
+        """Return the derivatives of contents of the layer with respect to the common states.
+
+        `contents` are those of `RunningProfile.densities`, (6, ...); the result is (..., COMMON).
+        """
+        design = np.zeros((*contents.shape[1:], COMMON))
+        design[..., 0], design[..., 1] = contents[CONSTANT], contents[SIZE]
+        # What is not measured is the model, its shape changed, times 1 + a.
+        design[..., _SHAPE] = (1.0 + self._state[1]) * np.moveaxis(contents[SHAPE], 0, -1)
+        design[..., _CHANGE] = contents[0]
+        return design
+
+    def _modelled(self, common: FloatArray) -> FloatArray:
+        """Return the contents, TECU, (n,), of a state that is zero but for the profile's own b.
+
+        `common` is that of `_common_design`: what of the profile changes with b is in the product
+        of derivative and state, too.
+        """
+        return np.asarray(common[:, _CHANGE] - (common[:, 0] - 1.0) * self._state[0])
 
     def _count_unknown(self, common: FloatArray) -> int:
         """Return how many of b, a and density the past does not tell to the size of an outlier."""
@@ -473,21 +522,25 @@ class ElectronDensityEstimator:
         self._seen |= dict.fromkeys(satellites, time)
         self._arrange(time)
         variance = self.slow_errors.sigma**2
-        # Where errors prove larger or smaller than was believed, so does what they have done to b
-        # and m so far.
-        scale = math.sqrt(variance / self._slow_variance)
+        # Where errors prove larger or smaller than was believed, so does what they have done so far
+        # to b and m, and to what describes the layer.
+        ratio = variance / self._slow_variance
         self._slow_variance = variance
+        scale = np.full(COMMON + 1, math.sqrt(ratio))
+        known = self._covariance[_LAYER, _LAYER]
+        scale[_LAYER] = scale_of_learned(ratio, known, self._first_variance)
         decay = math.exp(-elapsed / self.slow_errors.correlation_time)
         gained = np.zeros(COMMON + 1)
         gained[0] = settings.bias_walk_tecu**2 * elapsed
-        gained[1] = settings.mapping_walk**2 * elapsed
+        gained[1] = gained[_CHANGE] = settings.mapping_walk**2 * elapsed
         gained[_SHAPE] = settings.shape_walk**2 * elapsed
         gained[COMMON] = variance * (1.0 - decay * decay)
+        # What the constant has drifted by since is no error of what was measured before.
+        known = float(self._covariance[0, 0])
+        self.profile.loosen_constant(known / (known + float(gained[0])))
         kernels.pass_time(self._state, self._covariance, scale, decay, gained)
-        for place in range(_SHAPE.start, _SHAPE.stop):
-            known = min(self._covariance[place, place], settings.shape_sigma**2)
-            self._covariance[place, place] = known
-        self._covariance[1, 1] = min(self._covariance[1, 1], settings.mapping_sigma**2)
+        known_layer = self._covariance[_LAYER, _LAYER]
+        self._covariance[_LAYER, _LAYER] = np.minimum(known_layer, self._first_variance)
         # The density is new at each epoch.
         self._state[DENSITY] = 0.0
         self._covariance[DENSITY, :] = self._covariance[:, DENSITY] = 0.0
@@ -544,15 +597,30 @@ class ElectronDensityEstimator:
         )
         return found
 
+    def _unsaid_variance(
+        self, innovation: FloatArray, covariance: FloatArray, unknown: int
+    ) -> FloatArray:
+        """Return the variances that contents must have beside those they came with, TECU^2, (n,).
+
+        A content that contradicts the others by less than any integer makes has begun to fluctuate:
+        within a second a fade that begins hardly shows. Arguments as in `_contradictions`.
+        """
+        variance = np.zeros(len(innovation))
+        sigmas = self._settings.outlier_sigmas
+        is_off = kernels.find_contradictions(innovation, covariance, unknown, sigmas, 0.0)
+        if is_off.any():
+            of_others = covariance[np.ix_(~is_off, ~is_off)]
+            gain = np.linalg.solve(of_others, covariance[np.ix_(~is_off, is_off)]).T
+            variance[is_off] = (innovation[is_off] - gain @ innovation[~is_off]) ** 2
+        return variance
+
     def _keep_positive(self) -> None:
         """Pull an impossible density to zero."""
         sigma = math.sqrt(self._covariance[DENSITY, DENSITY])
         if self._state[DENSITY] < -self._settings.negative_sigmas * sigma:
             design = np.zeros((1, len(self._state)))
             design[0, DENSITY] = 1.0
-            kernels.correct(
-                self._state, self._covariance, design, np.zeros(1), np.array([sigma**2])
-            )
+            self._correct(design, np.zeros(1), np.array([sigma**2]))
 
     def _without_density(self, altitude: float, separation: float, count: int) -> DensityEpoch:
         nothing = np.full(count, np.nan)

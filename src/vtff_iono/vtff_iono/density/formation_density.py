@@ -22,7 +22,12 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
 from vtff_iono.density.common_samples import NO_LINK, common_samples, squared_steps
-from vtff_iono.density.differential_tec import SecondAverage, SecondMeans, differential_stec
+from vtff_iono.density.differential_tec import (
+    SecondAverage,
+    SecondMeans,
+    differential_stec,
+    horizontal_sigma,
+)
 from vtff_iono.density.electron_density import (
     DensityEpoch,
     DensitySettings,
@@ -430,10 +435,6 @@ class FormationDensity:
         fixed = means.select(has_integers)
         satellites = [stretch.signals.prn for stretch in fixed.stretches]
         sigma = sigma_of_all[has_integers]
-        # The Earth-centred angle between both spacecraft; a gradient across it is no density.
-        radii = np.linalg.norm(positions, axis=1)
-        cosine = float(positions[0] @ positions[1] / radii.prod())
-        angle_deg = math.degrees(math.acos(min(1.0, cosine)))
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
@@ -447,7 +448,7 @@ class FormationDensity:
             sigma,
             *_vertical_content(chief),
             satellites,
-            self._settings.gradient_sigma_tecu_per_deg * angle_deg,
+            self._horizontal_sigma(chief, positions),
         )
         if math.isfinite(epoch.slow_time):
             predicted, covariance = self._predict(seconds, altitudes, means)
@@ -616,6 +617,17 @@ class FormationDensity:
                 errors.append((error, sigmas[row]))
         self._resolver.add_geometric(errors)
         return contradicts
+
+    def _horizontal_sigma(self, chief: SpacecraftResult, positions: FloatArray) -> float:
+        """Return the sigma of what the vertical contents at two positions differ by, TECU.
+
+        `positions` have shape (2, 3), m.
+        """
+        gradient = np.full(2, math.nan) if chief.epoch is None else chief.epoch.gradient_sigma
+        if not np.isfinite(gradient).all():
+            per_deg = self._settings.gradient_sigma_tecu_per_deg
+            gradient = np.full(2, math.degrees(per_deg / float(np.linalg.norm(positions[0]))))
+        return horizontal_sigma(gradient, *positions)
 
     def _resolve_integers(
         self,
@@ -848,4 +860,6 @@ def _vertical_content(result: SpacecraftResult) -> tuple[float, float]:
         return math.nan, math.nan
     vertical = epoch.vtec_tecu[good]
     sigma = epoch.stec_sigma_tecu[good] * np.abs(vertical / epoch.stec_tecu[good])
-    return statistics.median(vertical.tolist()), statistics.median(sigma.tolist())
+    # Content that is not of the layer does not tell of it.
+    of_layer = math.hypot(statistics.median(sigma.tolist()), epoch.vertical_sigma_tecu)
+    return statistics.median(vertical.tolist()), of_layer

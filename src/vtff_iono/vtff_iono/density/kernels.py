@@ -26,8 +26,8 @@ __all__ = [
     "slow_residuals",
 ]
 
-COMMON = 6
-"""States that all satellites share: b, a, the density, and the shape of the layer."""
+COMMON = 7
+"""States that all satellites share: b, a, the density, the shape of the layer, and c."""
 
 DENSITY = 2
 """Place of the density in the state."""
@@ -74,19 +74,20 @@ def pass_time(state, covariance, scale, decay, gained):  # type: ignore[no-untyp
     Parameters
     ----------
     state, covariance : ndarray, shapes (m,), (m, m)
-    scale : float
-        Factor of the sigmas of b and of the slow errors, which prove larger or smaller.
+    scale : ndarray, shape (COMMON + 1,)
+        Factors of the sigmas of the common states, and of the slow errors: errors that prove
+        larger or smaller than was believed.
     decay : float
         Factor by which a slow error decays.
     gained : ndarray, shape (COMMON + 1,)
         Variance that each common state gains, and that a slow error gains.
     """
     size = len(state)
-    factor = np.ones(size)
-    factor[0] = scale
+    factor = np.empty(size)
+    factor[:COMMON] = scale[:COMMON]
     for place in range(COMMON, size):
         state[place] *= decay
-        factor[place] = scale * decay
+        factor[place] = scale[COMMON] * decay
     for row in range(size):
         for column in range(size):
             covariance[row, column] *= factor[row] * factor[column]

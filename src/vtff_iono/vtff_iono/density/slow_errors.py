@@ -19,7 +19,7 @@ import numpy.typing as npt
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.density import kernels
 
-__all__ = ["SlowErrors"]
+__all__ = ["SlowErrors", "scale_of_learned"]
 
 # What is taken to be until it is measured: sigma, TECU (1.5 mm on each of four phases), and
 # correlation time, s, and as how many satellite-seconds of measurements they count; those of the
@@ -145,3 +145,20 @@ class SlowErrors:
                 self._product += weight * now[satellite] * before[satellite]
                 squares = 0.5 * (now[satellite] ** 2 + before[satellite] ** 2)
                 self._of_product += weight * max(squares - variance, 0.0)
+
+
+def scale_of_learned(ratio: float, variance: FloatArray, first_variance: FloatArray) -> FloatArray:
+    """Return the factors of the sigmas of states that measurements have told, shape (n,).
+
+    One over the variance of a state is that before any measurement and that of the measurements.
+    The latter were believed to have another variance.
+
+    Parameters
+    ----------
+    ratio : float
+        Variance of the measurements over that which was believed.
+    variance, first_variance : ndarray, shape (n,)
+        Variances of the states now, and before any measurement.
+    """
+    part = np.maximum(1.0 - variance / first_variance, 0.0)
+    return np.asarray(1.0 / np.sqrt(1.0 + part * (1.0 / ratio - 1.0)))

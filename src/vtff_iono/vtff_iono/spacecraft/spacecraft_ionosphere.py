@@ -140,6 +140,12 @@ class SlantTecEpoch:
         Number of the arc within its link.
     rejected : ndarray of uint16
         Bits of `Rejection`; 0 for a good content.
+    vertical_sigma_tecu : float
+        Sigma of the vertical content that is not of one layer, TECU; zero until the samples have
+        shown it.
+    gradient_sigma : ndarray, shape (2,)
+        Sigmas of the gradients of the vertical content to the east and north that the samples have
+        shown, TECU/m; NaN until they have.
     """
 
     time: int
@@ -154,6 +160,8 @@ class SlantTecEpoch:
     pierce_longitude: FloatArray
     arc: npt.NDArray[np.int64]
     rejected: npt.NDArray[np.uint16]
+    vertical_sigma_tecu: float
+    gradient_sigma: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,6 +255,8 @@ class SpacecraftIonosphere:
         self._roti = RateOfTecMonitor(settings.roti_interval, settings.scintillation.window)
         self._bias_samples = BiasSampleWindow(settings.bias_window)
         self._arc_offsets = ArcOffsets()
+        self._vertical_sigma_tecu = 0.0
+        self._gradient_sigma = np.full(2, np.nan)
         self._bias_start: int | None = None
         self._bias_due = 0
         self.receiver_biases: dict[BiasGroup, ReceiverBias] = {}
@@ -422,6 +432,9 @@ class SpacecraftIonosphere:
             return
         self.bias_error = None
         self.receiver_biases = dict(zip(groups, estimate.biases, strict=True))
+        profile = estimate.profile
+        self._vertical_sigma_tecu = 0.0 if profile is None else profile.vertical_sigma_tecu
+        self._gradient_sigma = np.full(2, np.nan) if profile is None else profile.gradient_sigma
         self._arc_offsets.renew(estimate.profile, self._bias_samples.levels())
 
     def _epochs(
@@ -498,6 +511,8 @@ class SpacecraftIonosphere:
                     pierce_longitude=vertical.pierce_longitude[part],
                     arc=arc[part],
                     rejected=rejected[part],
+                    vertical_sigma_tecu=self._vertical_sigma_tecu,
+                    gradient_sigma=self._gradient_sigma,
                 )
             )
         return epochs
