@@ -30,6 +30,7 @@ __all__ = ["run_snap1"]
 
 # The averaging method is tried from so many drawn attitudes, over so many hours each.
 _AVERAGING_STARTS, _AVERAGING_HOURS = 3, 4.0
+_FINDING_SECONDS = 1800.0  # within which the attitude is found and taken up
 
 
 def run_snap1(
@@ -219,6 +220,12 @@ def _kick_rows(damped: KickResult, free: KickResult) -> list[ComparisonRow]:
         ),
         ComparisonRow(
             subject,
+            "pendulum with the mean of the field until the peak",
+            "-",
+            _numbers(free.mean_field_formula_deg, "deg", 1),
+        ),
+        ComparisonRow(
+            subject,
             "pendulum from the state after the firing",
             "-",
             _numbers(free.actual_deg, "deg", 1),
@@ -337,8 +344,12 @@ def _write_lines(
     history: AttitudeHistory,
     panels: Sequence[tuple[str, FloatArray, Sequence[str]]],
     last: float | None = None,
+    limits: tuple[float, float] | None = None,
 ) -> None:
-    """Draw columns over hours, one panel each; `last` keeps the last so many hours."""
+    """Draw columns over hours, one panel each; `last` keeps the last so many hours.
+
+    `limits` are those of all panels, where what lies beyond them is not to be seen.
+    """
     figure = make_figure(1.5 + 3.2 * len(panels))
     late = history.time >= (0.0 if last is None else history.time[-1] - 3600.0 * last)
     for number, (label, values, names) in enumerate(panels):
@@ -352,6 +363,7 @@ def _write_lines(
                 label=name,
             )
         axes.set_ylabel(label)
+        axes.set_ylim(limits)
         if len(names) > 1:
             axes.legend(loc="upper right", ncols=len(names))
     axes.set_xlabel("time (h)")
@@ -362,18 +374,21 @@ def _write_three_axis(
     result: ThreeAxisResult, name: str, figures: tuple[int, int], folder: Path
 ) -> None:
     history = result.history
-    _write_lines(
-        folder / f"figure_{figures[0]}.png",
-        f"Figure {figures[0]}: attitude with {name}",
-        history,
-        [("angle (deg)", history.angles_deg, ("roll", "pitch", "yaw"))],
+    panels: tuple[tuple[str, str, FloatArray, Sequence[str]], ...] = (
+        ("attitude", "angle (deg)", history.angles_deg, ("roll", "pitch", "yaw")),
+        ("wheel", "speed (rpm)", history.wheel_speed_rpm[:, None], ("wheel",)),
     )
-    _write_lines(
-        folder / f"figure_{figures[1]}.png",
-        f"Figure {figures[1]}: wheel with {name}",
-        history,
-        [("speed (rpm)", history.wheel_speed_rpm[:, None], ("wheel",))],
-    )
+    for number, (subject, label, values, names) in zip(figures, panels, strict=True):
+        # The first half hour, in which the attitude is found, would hide what the paper shows.
+        settled = values[history.time > _FINDING_SECONDS]
+        margin = 0.25 * float(settled.max() - settled.min())
+        _write_lines(
+            folder / f"figure_{number}.png",
+            f"Figure {number}: {subject} with {name}",
+            history,
+            [(label, values, names)],
+            limits=(float(settled.min()) - margin, float(settled.max()) + margin),
+        )
 
 
 def _write_dipole(result: DipoleResult, path: Path) -> None:

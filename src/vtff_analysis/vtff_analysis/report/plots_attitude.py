@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pathlib
 from typing import Any
 
@@ -30,6 +31,7 @@ from vtff_analysis.recordings.attitude import AttitudeRecording
 __all__ = ["plot_attitude", "plot_dipole"]
 
 _PULSE_STEP = 0.01  # s
+_NAME_WIDTH = 0.08  # of a mode, as a share of the width of the plot
 
 
 def plot_attitude(
@@ -68,15 +70,25 @@ def plot_attitude(
 
 
 def _draw_errors(axis: Any, seconds: Any, errors: AttitudeErrors) -> None:
-    known = np.where(errors.sigma_deg > 0.0, 1.0, np.nan)
-    axis.plot(seconds, known * errors.angle_deg, color=STATE_COLOUR, label="error")
-    axis.plot(
-        seconds,
-        known * errors.sigma_deg,
-        color=ESTIMATE_COLOUR,
-        linestyle="--",
-        label="one sigma of the estimate",
-    )
+    """Draw errors and sigmas; those of an attitude that may not steer are faint."""
+    is_known = errors.sigma_deg > 0.0
+    for drawn, opacity in ((is_known & ~errors.valid, 0.25), (is_known & errors.valid, 1.0)):
+        shown, label = np.where(drawn, 1.0, np.nan), "" if opacity == 1.0 else "_"
+        axis.plot(
+            seconds,
+            shown * errors.angle_deg,
+            color=STATE_COLOUR,
+            alpha=opacity,
+            label=label + "error",
+        )
+        axis.plot(
+            seconds,
+            shown * errors.sigma_deg,
+            color=ESTIMATE_COLOUR,
+            linestyle="--",
+            alpha=opacity,
+            label=label + "one sigma of the estimate",
+        )
     axis.set_yscale("log")
     axis.set_ylabel("attitude error (deg)")
     axis.legend(loc="upper right")
@@ -156,16 +168,22 @@ def _draw_axes(axis: Any, time: Any, values: Any, names: tuple[str, ...]) -> Non
 def _mark_modes(
     axis: Any, recording: AttitudeRecording, start_time: int, factor: float, *, named: bool
 ) -> None:
+    """Draw a line at each change of mode; names that would lie on another go below it."""
+    low, high = axis.get_xlim()
+    last, row = -math.inf, 0
     for time, mode in mode_times(recording):
         at = (time - start_time) * factor
+        row = row + 1 if at - last < _NAME_WIDTH * (high - low) else 0
+        last = at
         axis.axvline(at, color=MARK_COLOUR, lw=1.0, linestyle=":")
         if named:
             axis.annotate(
                 mode,
                 (at, 1.0),
                 xycoords=("data", "axes fraction"),
-                xytext=(3, -12),
+                xytext=(3, -12 - 13 * row),
                 textcoords="offset points",
                 fontsize=10,
                 color=MARK_COLOUR,
+                bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0},
             )

@@ -60,6 +60,30 @@ def test_a_filter_that_does_not_explain_the_samples_starts_anew():
     assert np.degrees(np.linalg.norm(other.errors(determination.estimate)[:3])) < 2.0
 
 
+def test_a_solution_may_steer_once_it_has_explained_samples():
+    """A filter that is sure of a wrong attitude says so by its innovations alone."""
+    flight, other = MeasuredFlight(3), MeasuredFlight(5)
+    determination = AttitudeDetermination(BodyModel(), AttitudeFilterConfiguration())
+    reason = ""
+    while not reason.startswith("attitude not yet confirmed"):
+        other.fly()
+        status = determination.process(*flight.fly())
+        assert not status.valid
+        reason = status.reason
+    # Sure, and not yet confirmed: what follows are samples of another attitude.
+    statuses = [determination.process(*other.fly()) for _ in range(50)]
+    assert not any(status.valid for status in statuses)
+    assert np.degrees(determination.estimate.rotation_sigma) < 5.0
+
+
+def test_an_attitude_that_is_told_may_steer_at_once():
+    flight = MeasuredFlight(3)
+    settings = AttitudeFilterConfiguration(initial_rotation_sigma_deg=1.0, initial_rate_sigma=1e-4)
+    determination = AttitudeDetermination(BodyModel(), settings)
+    determination.expect(flight.state.quaternion_gcrf, flight.state.rate_body)
+    assert determination.process(*flight.fly()).valid
+
+
 def test_a_tumbling_spacecraft_is_not_started_on():
     flight = MeasuredFlight(4)
     determination = AttitudeDetermination(BodyModel(), AttitudeFilterConfiguration())

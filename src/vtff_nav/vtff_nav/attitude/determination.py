@@ -44,6 +44,13 @@ class DeterminationConfiguration:
     largest_innovation : float
         Mean of the normalised innovation squared of the window, for each of its three numbers,
         above which the filter starts anew.
+    confirming_samples : int
+        Samples after a solution that it must have explained before it may steer: whole turns
+        between samples, and turns about the field, leave solutions that are far off and sure.
+    largest_confirming_innovation : float
+        Mean of their normalised innovation squared, for each of its three numbers, up to which they
+        are explained; one wild sample counts as `largest_single_innovation` at most.
+    largest_single_innovation : float
     members : int
         Turns about the field that a start tries.
     converged_deg : float
@@ -63,6 +70,9 @@ class DeterminationConfiguration:
     stuck_samples: int = 3
     window: int = 60
     largest_innovation: float = 3.0
+    confirming_samples: int = 10
+    largest_confirming_innovation: float = 2.0
+    largest_single_innovation: float = 9.0
     members: int = 24
     converged_deg: float = 5.0
     starting_rate: float = 0.03
@@ -121,6 +131,8 @@ class AttitudeDetermination:
         self._configuration = configuration or DeterminationConfiguration()
         self._bank: AttitudeFilterBank | None = None
         self._innovations: deque[float] = deque(maxlen=self._configuration.window)
+        self._recent: deque[float] = deque(maxlen=self._configuration.confirming_samples)
+        self._is_confirmed = False
         self._last = np.full(3, math.nan)
         self._equal = 0
         self._restarts = 0
@@ -174,6 +186,7 @@ class AttitudeDetermination:
             self._end_search(self._bank)
         # One wild sample is an outlier and no reason for a new start.
         self._innovations.append(min(innovation, 100.0))
+        self._confirm(innovation)
         limit = self._configuration.largest_innovation
         full = len(self._innovations) == self._configuration.window
         if full and sum(self._innovations) / len(self._innovations) > limit:
@@ -202,6 +215,7 @@ class AttitudeDetermination:
             self._bank = AttitudeFilterBank(
                 [AttitudeFilter(self._body, self._filter_configuration, quaternion_gcrf, rate_body)]
             )
+            self._is_confirmed = True
 
     def note_wheel(self, momentum: float) -> None:
         """Take it that the wheel had another momentum than was believed, by so much, N m s."""
@@ -225,8 +239,21 @@ class AttitudeDetermination:
             [AttitudeFilter(self._body, configuration, found.quaternion_gcrf, found.rate_body)]
         )
 
+    def _confirm(self, innovation: float) -> None:
+        """Judge a solution by the samples that came after it was there."""
+        if not self._is_known:
+            self._recent.clear()
+            return
+        settings = self._configuration
+        self._recent.append(min(innovation, settings.largest_single_innovation))
+        mean = sum(self._recent) / len(self._recent)
+        is_enough = len(self._recent) == settings.confirming_samples
+        self._is_confirmed |= is_enough and mean <= settings.largest_confirming_innovation
+
     def _start(self, sample: FloatArray, field: FloatArray) -> None:
         self._innovations.clear()
+        self._recent.clear()
+        self._is_confirmed = False
         self._searches = self._filter_configuration.field_sigma > 0.0
         self._bank = AttitudeFilterBank.about_field(
             self._body,
@@ -263,11 +290,21 @@ class AttitudeDetermination:
             return DeterminationStatus(
                 False, used, 0, self._restarts, innovation, reason or "no sample yet"
             )
-        sigma = math.degrees(self._bank.estimate.rotation_sigma)
-        limit = self._configuration.converged_deg
-        valid = sigma <= limit and math.degrees(self._bank.spread) <= limit
+        valid = self._is_known and self._is_confirmed
         if not valid and not reason:
+            sigma = math.degrees(self._bank.estimate.rotation_sigma)
+            samples = self._configuration.confirming_samples
             reason = f"attitude not yet known: {self._bank.members} starts left, {sigma:.1f} deg"
+            if self._is_known:
+                reason = f"attitude not yet confirmed: {samples} samples have to be explained"
         return DeterminationStatus(
             valid, used, self._bank.members, self._restarts, innovation, reason
         )
+
+    @property
+    def _is_known(self) -> bool:
+        """Whether the filters that are left agree, and are sure enough to steer by."""
+        if self._bank is None:
+            return False
+        uncertain = max(self._bank.estimate.rotation_sigma, self._bank.spread)
+        return math.degrees(uncertain) <= self._configuration.converged_deg
