@@ -91,8 +91,9 @@ def from_observations(file: ObservationFile) -> TecSource:
     """
     path = file.path
     columns = file.table.columns
-    bands = np.unique(np.stack((columns["system"], columns["band"])), axis=1)
-    if bands.shape[1] == len(np.unique(bands[0])):
+    systems = columns["system"].astype(np.int64)
+    bands = np.unique(systems << 8 | columns["band"])
+    if len(bands) == len(np.unique(systems)):
         raise TecError(f"{path}: no second frequency: TEC needs two bands of a satellite")
     return TecSource(
         description=f"{path.name}, {file.format_name}",

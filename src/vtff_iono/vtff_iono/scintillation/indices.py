@@ -28,6 +28,7 @@ from vtff_gnss.constants import FLAG_LOCK_LOST, FLAG_PHASE_VALID
 from vtff_gnss.signals import carrier_wavelength, signal_number
 from vtff_iono.geometry.mapping import LOWEST_ORBIT
 from vtff_iono.links.windows import Columns, WindowBuffer
+from vtff_iono.scintillation.high_pass import HIGH_PASS_ORDER, filter_high_pass
 
 __all__ = [
     "GROUND_PHASE_CUTOFF_HZ",
@@ -61,8 +62,6 @@ _COLUMNS = (
     "carrier_phase_cycles",
     "flags",
 )
-# Forward and backward filtering doubles the order: sixth order, as ground receivers have it.
-_HALF_ORDER = 3
 _POLYNOMIAL_DEGREE = 5
 # The median of fewer signals than this would contain too much of the scintillation itself.
 _FEWEST_FOR_MEDIAN = 4
@@ -188,21 +187,15 @@ def phase_deviation(phase: npt.ArrayLike, sample_rate_hz: float, cutoff_hz: floa
     A polynomial of degree 5 removes the motion; the sixth-order high-pass filter runs forward and
     backward, so that it adds no delay.
     """
-    # Imported here: scipy.signal takes a second, and the first window is complete after a minute.
-    from scipy import signal
-
-    phase = np.asarray(phase, dtype=float)
+    values = np.asarray(phase, dtype=float)
     # The cut-off is 3 dB after both passes: each is 1.5 dB down there.
-    ratio = (np.sqrt(2.0) - 1.0) ** (1.0 / (2.0 * _HALF_ORDER))
-    sections = signal.butter(
-        _HALF_ORDER, cutoff_hz * ratio, "highpass", fs=sample_rate_hz, output="sos"
-    )
-    abscissa = np.linspace(-1.0, 1.0, phase.shape[-1])
+    ratio = (np.sqrt(2.0) - 1.0) ** (1.0 / (2.0 * HIGH_PASS_ORDER))
+    abscissa = np.linspace(-1.0, 1.0, values.shape[-1])
     basis, _ = np.linalg.qr(np.polynomial.legendre.legvander(abscissa, _POLYNOMIAL_DEGREE))
     # The first sample is subtracted first: a phase of 1e8 cycles would cost digits.
-    phase = phase - phase[..., :1]
-    phase = phase - (phase @ basis) @ basis.T
-    return np.asarray(signal.sosfiltfilt(sections, phase, axis=-1))
+    values = values - values[..., :1]
+    values = values - (values @ basis) @ basis.T
+    return filter_high_pass(values, sample_rate_hz, cutoff_hz * ratio)
 
 
 class ScintillationMonitor:

@@ -1,10 +1,13 @@
 """Gauss-Markov processes: variance, correlation time and independence of their streams."""
 
+import math
+
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from vtff_sim_bridge.noise.gauss_markov import GaussMarkovField, SlowGaussMarkov
-from vtff_sim_bridge.noise.random_streams import Effect
+from vtff_sim_bridge.noise.random_streams import Effect, generator
 
 COUNT = 400
 """Processes of a field; each is an independent sample."""
@@ -71,3 +74,16 @@ def test_slow_processes_have_their_variance_and_correlation_time_and_no_steps() 
     assert np.abs(steps).max() < 0.01
     later = SlowGaussMarkov(1, Effect.ORBIT_DRIFT, (0, 0), 4, period)
     np.testing.assert_array_equal(later.at([40000.0]), sources[0].at([40000.0]))
+
+
+def test_processes_are_those_of_a_recursive_filter_to_the_last_bit() -> None:
+    """Recorded runs depend on the order of the sums."""
+    address, decay = (3,), math.exp(-1.0 / 24.0)
+    expected = [generator(5, Effect.ORBIT_DRIFT, *address, 0).standard_normal((1, 4))]
+    for block in (1, 2):
+        draws = generator(5, Effect.ORBIT_DRIFT, *address, block).standard_normal((64, 4))
+        gain = math.sqrt(1.0 - decay**2)
+        knots, _ = lfilter([gain], [1.0, -decay], draws, axis=0, zi=decay * expected[-1][-1:])
+        expected.append(knots)
+    process = SlowGaussMarkov(5, Effect.ORBIT_DRIFT, address, 4, 24.0)
+    assert process.at(np.arange(128.0)).tobytes() == np.concatenate(expected)[:128].tobytes()

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from vtff_dynamics.compiled import compiled
 from vtff_dynamics.vectors import FloatArray
 from vtff_sim_bridge.noise.random_streams import EPOCHS_PER_SECOND, Effect, generator
 
@@ -65,20 +66,14 @@ class GaussMarkovField:
 
     def _go_to_block(self, row: int, block: int) -> None:
         """Compute the processes of a block from those of the blocks before."""
-        # Imported here: scipy.signal takes a second, and many receivers have no such process.
-        from scipy.signal import lfilter
-
         if block < self._block[row]:
             self._block[row] = -1
         for number in range(int(self._block[row]) + 1, block + 1):
             stream = generator(self._seed, self._effect, *self._addresses[row], number)
             before = self._numbers[row, -1] if number else stream.standard_normal()
-            self._numbers[row], _ = lfilter(
-                [self._gain],
-                [1.0, -self._decay],
-                stream.standard_normal(_BLOCK_EPOCHS),
-                zi=[self._decay * before],
-            )
+            draws = stream.standard_normal((_BLOCK_EPOCHS, 1))
+            _continue_processes(draws, np.array([before]), self._decay, self._gain)
+            self._numbers[row] = draws[:, 0]
         self._block[row] = block
 
 
@@ -129,16 +124,21 @@ class SlowGaussMarkov:
 
     def _add_block(self) -> None:
         """Compute the next knots."""
-        from scipy.signal import lfilter
-
         number = (len(self._knots) - 1) // _BLOCK_KNOTS + 1
         stream = generator(self._seed, self._effect, *self._address, number)
         draws = stream.standard_normal((_BLOCK_KNOTS, self._knots.shape[1]))
-        knots, _ = lfilter(
-            [math.sqrt(1.0 - self._decay**2)],
-            [1.0, -self._decay],
-            draws,
-            axis=0,
-            zi=self._decay * self._knots[-1:],
-        )
-        self._knots = np.concatenate((self._knots, knots))
+        gain = math.sqrt(1.0 - self._decay**2)
+        _continue_processes(draws, self._knots[-1].copy(), self._decay, gain)
+        self._knots = np.concatenate((self._knots, draws))
+
+
+@compiled
+def _continue_processes(draws, before, decay, gain):  # type: ignore[no-untyped-def]
+    """Replace normal draws (n, m) by processes, whose values before these are given, shape (m,).
+
+    scipy.signal.lfilter gives the same bits, but takes a second to import.
+    """
+    for row in draws:
+        for place in range(len(row)):
+            before[place] = gain * row[place] + decay * before[place]
+            row[place] = before[place]
