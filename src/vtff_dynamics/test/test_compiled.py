@@ -129,6 +129,20 @@ def test_without_a_compiler_numba_compiles(tmp_path):
     assert found[1:3] == interpreted()[1:]
 
 
+def test_a_compiler_that_fails_is_none(tmp_path):
+    """A cache folder of its own: the parts that all share are not there yet."""
+    for name in ("cc", "c++", "gcc", "g++"):
+        path = tmp_path / name
+        path.write_text("#!/bin/sh\nexit 1\n")
+        path.chmod(0o755)
+    cache = tmp_path / "cache"
+    found = call_in_new_process(
+        tmp_path, PATH=str(tmp_path), CC="cc", CXX="c++", NUMBA_CACHE_DIR=str(cache)
+    )
+    assert found[3] and not list(cache.glob("*.so"))
+    np.testing.assert_allclose(found[0], interpreted()[0], rtol=1e-15)
+
+
 def test_works_where_nothing_can_be_kept(tmp_path):
     """Neither in the chosen folder nor in that of numba: its name is that of a file."""
     taken = tmp_path / "taken"

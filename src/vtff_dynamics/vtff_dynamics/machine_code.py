@@ -321,7 +321,7 @@ def build_machine_code(
 
     compiler = shutil.which("cc")
     header = pathlib.Path(sysconfig.get_paths()["include"]) / "Python.h"
-    if compiler is None or not header.is_file():
+    if compiler is None or shutil.which("c++") is None or not header.is_file():
         return False
     import numba
     from numba.core.typing.templates import signature
@@ -331,6 +331,9 @@ def build_machine_code(
             warnings.simplefilter("ignore")  # a successor of numba.pycc is promised
             from numba.pycc.compiler import ExportEntry, ModuleCompiler
     except ImportError:  # needs setuptools
+        return False
+    base = _base_object(compiler)
+    if base is None:
         return False
     module = ModuleCompiler(
         [ExportEntry(_FUNCTION, signature(None, *map(numba.typeof, arguments)), function)],
@@ -344,10 +347,7 @@ def build_machine_code(
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
             compiled, linked = os.path.join(folder, "code.o"), os.path.join(folder, "code.so")
             module.write_native_object(compiled, wrap=True)
-            _run(
-                *(compiler, "-shared", "-s", "-pthread", "-o", linked),
-                *(compiled, _base_object(compiler), "-lm"),
-            )
+            _run(compiler, "-shared", "-s", "-pthread", "-o", linked, compiled, base, "-lm")
             os.replace(linked, path)
     except OSError:
         return False
@@ -359,30 +359,29 @@ def build_machine_code(
     return True
 
 
-def _base_object(compiler: str) -> str:
+@functools.cache
+def _base_object(compiler: str) -> str | None:
     """Return the object file with the parts of numba that each machine code needs; make it once.
 
-    Raises
-    ------
-    OSError
-        If it cannot be compiled.
+    None if it cannot be compiled.
     """
     path = _cached(__file__, f"{_MODULE}.{_hash(_environment())}.o")
-    if not path.is_file():
-        import tempfile
+    if path.is_file():
+        return str(path)
+    import tempfile
 
-        from numba.pycc.cc import CC
+    from numba.pycc.cc import CC
 
+    try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
-            try:
-                # Private, as numba makes no files of these parts alone, which take two seconds.
-                objects = CC(_MODULE, source_module=sys.modules[__name__])._compile_mixins(folder)
-            except Exception as error:  # setuptools has errors of its own
-                raise OSError(f"{compiler}: {error}") from error
+            # Private, as numba makes no files of these parts alone, which take two seconds.
+            objects = CC(_MODULE, source_module=sys.modules[__name__])._compile_mixins(folder)
             joined = os.path.join(folder, "base.o")
             _run(compiler, "-r", "-nostdlib", "-o", joined, *objects)
             os.replace(joined, path)
+    except Exception:  # setuptools has errors of its own
+        return None
     return str(path)
 
 
