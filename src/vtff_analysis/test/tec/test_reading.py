@@ -61,3 +61,21 @@ def test_a_process_with_threads_is_not_copied():
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert done.stdout.strip() == "None", done.stderr
+
+
+def test_the_reading_process_ends_with_the_other(tmp_path):
+    """Its result is larger than a pipe holds: without a reader it would wait for ever."""
+    path = export_sample(tmp_path)[0]
+    program = (
+        "import multiprocessing, os, pathlib, sys\n"
+        "from vtff_analysis.tec.reading import begin_reading\n"
+        "reading = begin_reading(pathlib.Path(sys.argv[1]))\n"
+        "print(multiprocessing.active_children()[0].pid, flush=True)\n"
+        "os._exit(0)\n"
+    )
+    # The output stays open until the last process that holds it has ended.
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(path)], capture_output=True, text=True, timeout=60
+    )
+    assert int(done.stdout) > 0
+    assert not done.stderr

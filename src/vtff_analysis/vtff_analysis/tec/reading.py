@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -37,7 +38,8 @@ def begin_reading(
         return None
     context = multiprocessing.get_context("fork")
     receiver, sender = context.Pipe(duplex=False)
-    process = context.Process(target=_read, args=(sender, path, systems, partial), daemon=True)
+    arguments = (receiver, sender, path, systems, partial)
+    process = context.Process(target=_read, args=arguments, daemon=True)
     process.start()
     sender.close()
 
@@ -63,16 +65,20 @@ def _has_one_thread() -> bool:
 
 
 def _read(
+    receiver: multiprocessing.connection.Connection,
     sender: multiprocessing.connection.Connection,
     path: pathlib.Path,
     systems: str | None,
     partial: bool,
 ) -> None:
     signal.signal(signal.SIGINT, signal.SIG_DFL)  # Ctrl-C ends this process without a word
+    receiver.close()  # so that nobody reads, and sending fails, once the other process has ended
     try:
-        sender.send(_open(path, systems, partial))
+        found: ObservationFile | Exception = _open(path, systems, partial)
     except Exception as error:
-        sender.send(error)
+        found = error
+    with contextlib.suppress(BrokenPipeError):
+        sender.send(found)
 
 
 def _open(path: pathlib.Path, systems: str | None, partial: bool) -> ObservationFile:
