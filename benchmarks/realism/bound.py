@@ -20,7 +20,7 @@ from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz, satellite_number
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
 from vtff_nav.relative.cdgps.output import relative_rtn
-from vtff_nav.relative.common.dynamics import MotionNoise
+from vtff_nav.relative.common.dynamics import AccelerationNoise, MotionNoise
 from vtff_nav.relative.common.measurements import compute_geometry, satellite_numbers
 from vtff_nav.relative.kernels.motion import empirical_noise, transition_matrix
 from vtff_nav.relative.kernels.sky import DENSITY_UNIT, plasma_paths, shell_paths
@@ -90,7 +90,7 @@ def bound_rms(
     epochs = list(
         _epochs(used, recording, interval, plasma, noise, ranges, gradient_tecu_per_deg, motions)
     )
-    sigma, sigma_of_chief = (motion.empirical_sigma for motion in motions)
+    sigma, sigma_of_chief = (motion.sigma.item(0) for motion in motions)
     density_time = plasma.electron_density_time
     if ranges.broadcast_sigma > 0.0:
         # The error of a satellite across the ray turns it; both receivers have half the variance.
@@ -131,10 +131,11 @@ def bound_rms(
 
 def _unknown_motions(
     omitted_degree: int | None, radius: float, distance: float
-) -> tuple[MotionNoise, MotionNoise]:
+) -> tuple[AccelerationNoise, AccelerationNoise]:
     """Return the accelerations that nobody knows, of the difference and of the chief."""
     if omitted_degree is None:
-        return MotionNoise(_FORCES_SIGMA), MotionNoise(_FORCES_SIGMA)
+        known = MotionNoise(_FORCES_SIGMA).at_distance(0.0)
+        return known, known
     gravity = omitted_gravity(omitted_degree, radius)
     of_difference = MotionNoise(
         _FORCES_SIGMA, gradient_sigma=gravity.gradient_sigma, gradient_time=gravity.gradient_time
@@ -142,7 +143,7 @@ def _unknown_motions(
     sigma, others = gravity.acceleration_sigma, other_forces(radius)
     rate = sigma**2 / gravity.acceleration_time + others**2 / _OTHER_FORCES_TIME
     variance = sigma**2 + others**2
-    return of_difference, MotionNoise(math.sqrt(variance), variance / rate)
+    return of_difference, MotionNoise(math.sqrt(variance), variance / rate).at_distance(0.0)
 
 
 def _by_satellite(sky: PhaseSky) -> PhaseSky:
@@ -188,7 +189,7 @@ def _epochs(
     noise: PhaseNoise,
     ranges: RangeErrors,
     gradient: float,
-    motions: tuple[MotionNoise, MotionNoise],
+    motions: tuple[AccelerationNoise, AccelerationNoise],
 ) -> Iterator[_Epoch]:
     """Yield the sky of each epoch, and the motion to it."""
     # One sigma for all layers: the paths are scaled by it.
@@ -234,8 +235,8 @@ def _epochs(
         step = float(interval)
         of_difference, of_chief = (
             (
-                transition_matrix(chief_gcrf[:3], to_gcrf, step, forces.empirical_time),
-                empirical_noise(forces.empirical_sigma, forces.empirical_time, to_gcrf, step),
+                transition_matrix(chief_gcrf[:3], to_gcrf, step, forces.time),
+                empirical_noise(forces.sigma, forces.time, to_gcrf, step),
             )
             for forces in motions
         )

@@ -232,6 +232,26 @@ def drawn_thrust_errors(scenario: Scenario) -> Scenario:
     return dataclasses.replace(scenario, spacecraft=(chief, deputy))
 
 
+def drawn_spacecraft(scenario: Scenario) -> Scenario:
+    """Return a scenario with drawn thrust errors and a deputy unlike the chief.
+
+    Its drag differs by some 50 %, the radiation on it by some 20 % (one sigma each).
+    """
+    random = np.random.default_rng(np.random.SeedSequence((scenario.seed, 16)))
+    forces = scenario.force_model
+    own = dataclasses.replace(
+        forces,
+        drag_coefficient=forces.drag_coefficient * math.exp(0.4 * random.standard_normal()),
+        radiation_coefficient=forces.radiation_coefficient
+        * math.exp(0.2 * random.standard_normal()),
+    )
+    scenario = drawn_thrust_errors(scenario)
+    chief, deputy = scenario.spacecraft
+    return dataclasses.replace(
+        scenario, spacecraft=(chief, dataclasses.replace(deputy, force_model=own))
+    )
+
+
 def exact_thrust(scenario: Scenario) -> Scenario:
     """Return a scenario whose thrusters give what they report."""
     spacecraft = tuple(
@@ -554,6 +574,15 @@ WORLDS: dict[str, World] = {
     "lever_arm_forces": World(
         "realistic",
         change_scenario=exact_thrust,
+        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
+        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
+        must=Must(fixed_percent=100.0),
+    ),
+    # With thrust errors of the sigmas that the filter states and other spacecraft, too: all that
+    # the filter counts is drawn.
+    "lever_arm_drawn": World(
+        "realistic",
+        change_scenario=drawn_spacecraft,
         change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
         change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
         must=Must(fixed_percent=100.0),

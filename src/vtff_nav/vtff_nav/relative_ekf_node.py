@@ -140,7 +140,13 @@ class RelativeEkfParameters:
     use_receiver_sigmas: bool = parameter(True, "take the sigmas that the receiver states")
     empirical_acceleration_sigma: float = parameter(
         CdgpsConfiguration.noise_relative.empirical_sigma,
-        "cdgps: unmodelled relative acceleration, Gauss-Markov on each axis",
+        "cdgps: unmodelled relative acceleration along the track, Gauss-Markov",
+        unit="m/s^2",
+        minimum=0.0,
+    )
+    empirical_across_sigma: float = parameter(
+        EstimatorSetting.empirical_across_sigma,
+        "cdgps: the same on the radial and on the normal axis",
         unit="m/s^2",
         minimum=0.0,
     )
@@ -358,6 +364,7 @@ def estimator_setting(given: RelativeEkfParameters) -> EstimatorSetting:
         integrator=given.integrator,
         longest_step=given.longest_step,
         empirical_acceleration_sigma=given.empirical_acceleration_sigma,
+        empirical_across_sigma=given.empirical_across_sigma,
         empirical_gradient_sigma=given.empirical_gradient_sigma,
         thrust_sigma=given.thrust_sigma,
         thrust_scale_sigma=given.thrust_scale_sigma,

@@ -33,6 +33,7 @@ def make_cdgps(setting: EstimatorSetting) -> CdgpsEstimator:
         noise_relative=MotionNoise(
             setting.empirical_acceleration_sigma,
             gradient_sigma=setting.empirical_gradient_sigma,
+            across_sigma=setting.empirical_across_sigma,
         ),
         thrust_relative_sigma=setting.thrust_sigma,
         thrust_scale_sigma=setting.thrust_scale_sigma,

@@ -332,8 +332,9 @@ def test_doubt_about_phases_is_doubt_about_the_plasma_that_they_told():
 def test_doubt_makes_nothing_less_known_than_before_all_measurements():
     """Plasma and accelerations are not raised beyond their processes."""
     filter_ = filter_with_plasma_of(0.9)
-    acceleration = filter_.configuration.noise_relative.at_distance(250.0).empirical_sigma ** 2
-    filter_.state.covariance[6:9, 6:9] = acceleration * np.eye(3)
+    filter_.expect_accelerations(MotionNoise(5e-8, across_sigma=1e-8))
+    accelerations = np.array([1e-8, 5e-8, 1e-8]) ** 2
+    filter_.state.covariance[6:9, 6:9] = np.diag(accelerations)
     prior = [
         filter_._prior_variance(label)
         for label in filter_.state.labels_of("plasma", "plasma_shell")
@@ -341,7 +342,7 @@ def test_doubt_makes_nothing_less_known_than_before_all_measurements():
     filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))
     variances = np.diagonal(filter_.state.covariance)
     assert (variances[filter_.state.columns("plasma", "plasma_shell")] <= prior).all()
-    np.testing.assert_allclose(variances[6:9], acceleration, rtol=1e-3)
+    np.testing.assert_allclose(variances[6:9], accelerations, rtol=1e-3)
 
 
 def test_doubt_divides_the_information_of_the_measurements():

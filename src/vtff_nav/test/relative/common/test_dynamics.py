@@ -19,7 +19,8 @@ from vtff_nav.relative.common.dynamics import (
 from vtff_nav.relative.kernels.motion import empirical_noise, white_acceleration_noise
 
 NOISE = MotionNoise(empirical_sigma=1e-6)
-PROCESS = (NOISE.empirical_sigma, NOISE.empirical_time)
+PROCESS = (np.array([1e-6, 3e-6, 2e-7]), np.array([900.0, 600.0, 100.0]))
+"""Sigmas and times of accelerations that differ between the axes."""
 
 
 def motion(model: ForceModel = J2) -> OrbitalMotion:
@@ -168,7 +169,7 @@ def test_empirical_acceleration_is_integrated_three_times(step):
     drift, density = np.zeros((9, 9)), np.zeros((9, 9))
     drift[:3, 3:6] = np.eye(3)
     drift[3:6, 6:] = axes
-    density[6:, 6:] = 2.0 * NOISE.empirical_sigma**2 / NOISE.empirical_time * np.eye(3)
+    density[6:, 6:] = np.diag(2.0 * PROCESS[0] ** 2 / PROCESS[1])
     expected = integrated_noise(drift, density, step)
     noise = empirical_noise(*PROCESS, axes, step)
     np.testing.assert_allclose(noise, expected, rtol=1e-9, atol=1e-9 * density.max())
@@ -178,11 +179,33 @@ def test_empirical_acceleration_is_integrated_three_times(step):
 def test_gradients_change_faster_than_the_other_accelerations():
     """Variance and spectral density are the sums of those of both processes."""
     noise = MotionNoise(3e-8, empirical_time=900.0, gradient_sigma=1e-11, gradient_time=100.0)
-    assert noise.at_distance(0.0) == noise
-    together = noise.at_distance(4e3)
-    assert together.empirical_sigma == pytest.approx(5e-8)
-    density = 2.0 * together.empirical_sigma**2 / together.empirical_time
-    assert density == pytest.approx(2.0 * (3e-8**2 / 900.0 + 4e-8**2 / 100.0))
+    alone, together = noise.at_distance(0.0), noise.at_distance(4e3)
+    np.testing.assert_allclose(alone.sigma, 3e-8)
+    np.testing.assert_allclose(alone.time, 900.0)
+    np.testing.assert_allclose(together.sigma, 5e-8)
+    density = 2.0 * together.sigma**2 / together.time
+    np.testing.assert_allclose(density, 2.0 * (3e-8**2 / 900.0 + 4e-8**2 / 100.0))
+    np.testing.assert_allclose(noise.at_distance(4e3, factor=2.0).sigma, 2.0 * together.sigma)
+    np.testing.assert_allclose(noise.at_distance(4e3, factor=2.0).time, together.time)
+
+
+def test_accelerations_across_the_track_are_those_stated_for_it():
+    noise = MotionNoise(5e-8, gradient_sigma=1e-11, gradient_time=100.0, across_sigma=6e-9)
+    np.testing.assert_allclose(noise.at_distance(0.0).sigma, [6e-9, 5e-8, 6e-9])
+    np.testing.assert_allclose(noise.at_distance(800.0).sigma, [1e-8, np.hypot(5e-8, 8e-9), 1e-8])
+    # Gradients are more of what acts across the track, so that it changes faster.
+    times = noise.at_distance(800.0).time
+    assert times[0] == times[2] < times[1] < 900.0
+    model = OrbitalMotion(ForceModel(gravity="two_body"), MotionNoise(0.0), noise)
+    predicted = model.predict(START, 1.0, nine(CHIEF), np.zeros(9))
+    expected = 2.0 / 900.0 * np.array([6e-9, 5e-8, 6e-9]) ** 2
+    np.testing.assert_allclose(np.diagonal(predicted.noise_relative)[6:], expected, rtol=1e-9)
+
+
+def test_no_acceleration_has_a_time_too():
+    noise = MotionNoise(0.0, empirical_time=700.0).at_distance(1e3)
+    np.testing.assert_array_equal(noise.sigma, np.zeros(3))
+    np.testing.assert_array_equal(noise.time, np.full(3, 700.0))
 
 
 @pytest.mark.parametrize(("distance", "time"), [(0.0, 900.0), (2e5, 100.0)])

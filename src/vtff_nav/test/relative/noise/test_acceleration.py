@@ -32,6 +32,32 @@ def test_the_sigma_at_a_distance_is_the_measure():
     assert learnt(1e-5, 0.0, distance=1e4) == pytest.approx(1.0, rel=0.1)
 
 
+def test_axes_count_by_what_measurements_tell_of_them():
+    """An axis of which nothing is known does not hide that another is five times as large."""
+    noise = MotionNoise(1e-6, across_sigma=1e-9)
+    monitor, generator = AccelerationMonitor(noise), np.random.default_rng(3)
+    covariance, kept = np.diag([1.0] * 6 + [1e-18, 0.0, 1e-18]), np.exp(-2.0 / 900.0)
+    for _ in range(3600):
+        mean = np.zeros(9)
+        mean[7] = 5e-6 * generator.standard_normal()
+        # What is known of the others is the process, which follows its sigma.
+        across = kept * covariance[6, 6] + (1.0 - kept) * monitor.sigma(0.0)[0] ** 2
+        covariance[6, 6] = covariance[8, 8] = across
+        monitor.learn(mean, covariance, 0.0, 1.0)
+    assert monitor.factor == pytest.approx(5.0, rel=0.1)
+    np.testing.assert_allclose(monitor.sigma(0.0), monitor.factor * np.array([1e-9, 1e-6, 1e-9]))
+
+
+def test_axes_without_noise_do_not_count():
+    monitor = AccelerationMonitor(MotionNoise(1e-6, across_sigma=0.0))
+    for _ in range(600):
+        monitor.learn(np.zeros(9), np.zeros((9, 9)), 0.0, 1.0)
+    assert monitor.factor < 0.5
+    still = AccelerationMonitor(MotionNoise(0.0))
+    still.learn(np.zeros(9), np.zeros((9, 9)), 0.0, 1.0)
+    assert still.factor == 1.0
+
+
 def test_the_factor_has_limits():
     assert learnt(0.0, 0.0) == pytest.approx(0.05)
     assert learnt(1e-3, 0.0) == pytest.approx(20.0)

@@ -148,6 +148,7 @@ class CdgpsConfiguration:
     noise_relative: MotionNoise = MotionNoise(
         empirical_sigma=EstimatorSetting.empirical_acceleration_sigma,
         gradient_sigma=EstimatorSetting.empirical_gradient_sigma,
+        across_sigma=EstimatorSetting.empirical_across_sigma,
     )
     thrust_relative_sigma: float = EstimatorSetting.thrust_sigma
     thrust_scale_sigma: float = EstimatorSetting.thrust_scale_sigma

@@ -264,7 +264,7 @@ class CdgpsEstimator(EstimatorInputs):
                 velocity = state_itrf_to_gcrf(received, state_deputy)[3:]
                 mean[3:6] = velocity - self._absolute.mean[3:6]
             noise = self.configuration.noise_relative.at_distance(norm(mean[:3]))
-            covariance[6:, 6:] = noise.empirical_sigma**2 * np.eye(3)
+            covariance[6:, 6:] = np.diag(noise.sigma**2)
         clock = point.clock / SPEED_OF_LIGHT - self._absolute.clock
         self._relative = RelativeFilter(self.configuration, mean, covariance, clock)
         return []

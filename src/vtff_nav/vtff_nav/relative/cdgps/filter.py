@@ -221,9 +221,13 @@ class RelativeFilter:
         """Have unmodelled accelerations with another a priori noise."""
         distance = norm(self.state.mean[:3])
         last, self.acceleration = self.acceleration, AccelerationMonitor(noise)
-        sigma, last_sigma = self.acceleration.sigma(distance), last.sigma(distance)
-        if sigma > 0.0 and last_sigma > 0.0:
-            self.state.reweigh(RELATIVE_MOTION[6:], last_sigma**2, sigma**2)
+        variances = self.acceleration.sigma(distance) ** 2
+        variances_before = last.sigma(distance) ** 2
+        for label, before, now in zip(
+            RELATIVE_MOTION[6:], variances_before.tolist(), variances.tolist(), strict=True
+        ):
+            if before > 0.0 and now > 0.0:
+                self.state.reweigh([label], before, now)
 
     def expect_attitude_errors(
         self, covariances: Mapping[int, FloatArray], turns: Mapping[int, FloatArray]
@@ -817,7 +821,8 @@ class RelativeFilter:
         """Return the variance of a member without measurements; None where there is no prior."""
         configuration, kind = self.configuration, label[0]
         if kind == "motion" and label[1] >= DYNAMIC_STATES - 3:
-            return self.acceleration.sigma(norm(self.state.mean[:3])) ** 2
+            sigma = self.acceleration.sigma(norm(self.state.mean[:3]))
+            return sigma.item(label[1] - (DYNAMIC_STATES - 3)) ** 2
         if kind == "attitude_error":
             return float(self._attitude_covariances[label[1]][label[2], label[2]])
         if kind == "thrust":

@@ -257,7 +257,7 @@ class AbsoluteFilter:
         factor = omitted_share(self._configuration, norm(self.mean[:3]))
         last = self.acceleration.factor
         if factor < last:
-            sigma, last_sigma = (noise.scaled(f).empirical_sigma for f in (factor, last))
+            sigma, last_sigma = (f * noise.empirical_sigma for f in (factor, last))
             state.reweigh(CHIEF_MOTION[6:], last_sigma**2, sigma**2)
             self.acceleration = AccelerationMonitor(noise, factor)
 

@@ -23,7 +23,6 @@ from vtff_dynamics.orbit.harmonics import gravity_terms
 from vtff_dynamics.orbit.propagator import INTEGRATORS, Propagator
 from vtff_dynamics.time.timescales import GpsTime
 from vtff_dynamics.vectors import FloatArray, norm, skew
-from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.kernels.motion import (
     advance_errors,
     advance_pair,
@@ -33,6 +32,7 @@ from vtff_nav.relative.kernels.motion import (
 __all__ = [
     "DYNAMIC_STATES",
     "DYNAMICS",
+    "AccelerationNoise",
     "Dynamics",
     "MotionNoise",
     "OrbitalMotion",
@@ -98,6 +98,9 @@ class MotionNoise:
         Correlation time of these gradients, s. Harmonics of degree n stay alike over an angle of
         about 1.75 / n rad (where the Bessel function J0 is 1/e), those of the degrees 9 to 30 for
         some 100 s in low orbit.
+    across_sigma : float or None
+        `empirical_sigma` across the track (radial and normal), m/s2, where another holds there:
+        what the drag of two spacecraft differs by acts along the track.
     kinematic_acceleration : float
         Root of the spectral density of white acceleration in kinematic motion, m/s2/sqrt(Hz).
     """
@@ -106,29 +109,47 @@ class MotionNoise:
     empirical_time: float = 900.0
     gradient_sigma: float = 0.0
     gradient_time: float = 100.0
+    across_sigma: float | None = None
     kinematic_acceleration: float = 10.0
 
-    def at_distance(self, distance: float) -> MotionNoise:
-        """Return the noise of the difference of two antennas at a distance, m.
+    def at_distance(self, distance: float, factor: float = 1.0) -> AccelerationNoise:
+        """Return the empirical acceleration of the difference of two antennas.
 
-        It is one process with the variance and the spectral density of the sum of both.
+        On each axis it is one process with the variance and the spectral density of the sum of
+        what acts there at any distance and of the gradient.
+
+        Parameters
+        ----------
+        distance : float
+            Distance of the antennas, m; 0 for the motion of one antenna.
+        factor : float
+            Factor of all sigmas.
         """
         gradient = self.gradient_sigma * distance
-        if gradient == 0.0:
-            return self
-        sigma = math.hypot(self.empirical_sigma, gradient)
-        rate = self.empirical_sigma**2 / self.empirical_time + gradient**2 / self.gradient_time
-        return with_columns(self, empirical_sigma=sigma, empirical_time=sigma**2 / rate)
+        across = self.empirical_sigma if self.across_sigma is None else self.across_sigma
+        sigmas, times = [], []
+        for steady in (across, self.empirical_sigma):
+            sigma = math.hypot(steady, gradient)
+            rate = steady**2 / self.empirical_time + gradient**2 / self.gradient_time
+            sigmas.append(factor * sigma)
+            times.append(sigma**2 / rate if rate > 0.0 else self.empirical_time)
+        return AccelerationNoise(*(np.array((of[0], of[1], of[0])) for of in (sigmas, times)))
 
-    def scaled(self, factor: float) -> MotionNoise:
-        """Return the noise with empirical accelerations that are larger by a factor."""
-        if factor == 1.0:
-            return self
-        return with_columns(
-            self,
-            empirical_sigma=factor * self.empirical_sigma,
-            gradient_sigma=factor * self.gradient_sigma,
-        )
+
+@dataclass(frozen=True, eq=False)
+class AccelerationNoise:
+    """Gauss-Markov empirical acceleration on the axes R, T and N.
+
+    Parameters
+    ----------
+    sigma : ndarray, shape (3,)
+        Steady-state sigma, m/s2.
+    time : ndarray, shape (3,)
+        Correlation time, s.
+    """
+
+    sigma: FloatArray
+    time: FloatArray
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,9 +257,8 @@ class OrbitalMotion:
         noise_chief = np.zeros((DYNAMIC_STATES, DYNAMIC_STATES))
         noise_relative = noise_chief.copy()
         coupling = np.zeros((DYNAMIC_STATES, THRUST_ERRORS))
-        model_chief = self._noise_chief.scaled(noise_factors[0])
-        model_relative = self._noise_relative.at_distance(norm(relative[:3]))
-        model_relative = model_relative.scaled(noise_factors[1])
+        noise_of_chief = self._noise_chief.at_distance(0.0, noise_factors[0])
+        noise_of_relative = self._noise_relative.at_distance(norm(relative[:3]), noise_factors[1])
         thrust_axes: dict[GpsTime, FloatArray] = {}
         for start, step in _steps(time, duration, thrust, self._longest_step):
             to_gcrf = rotation_gcrf_to_rtn(chief[:6]).T
@@ -259,8 +279,8 @@ class OrbitalMotion:
                 chief[:3],
                 to_gcrf,
                 step,
-                model_chief.empirical_sigma,
-                model_chief.empirical_time,
+                noise_of_chief.sigma,
+                noise_of_chief.time,
                 chief_error,
                 phi_chief,
                 noise_chief,
@@ -269,8 +289,8 @@ class OrbitalMotion:
                 chief[:3] + 0.5 * relative[:3],
                 to_gcrf,
                 step,
-                model_relative.empirical_sigma,
-                model_relative.empirical_time,
+                noise_of_relative.sigma,
+                noise_of_relative.time,
                 math.hypot(thrust_sigma * norm(thrust_gcrf), chief_error),
                 phi_relative,
                 noise_relative,
@@ -280,8 +300,8 @@ class OrbitalMotion:
                 coupling[:3] += 0.5 * step**2 * by_error
                 coupling[3:6] += step * by_error
             self._advance(start, step, chief, relative, to_gcrf, thrust_gcrf, thrust_chief_gcrf)
-            chief[6:9] *= math.exp(-step / model_chief.empirical_time)
-            relative[6:9] *= math.exp(-step / model_relative.empirical_time)
+            chief[6:9] *= np.exp(-step / noise_of_chief.time)
+            relative[6:9] *= np.exp(-step / noise_of_relative.time)
         return Prediction(
             chief, relative, phi_chief, phi_relative, noise_chief, noise_relative, coupling
         )

@@ -36,7 +36,10 @@ class EstimatorSetting:
     longest_step : float
         Longest step of integration, s.
     empirical_acceleration_sigma : float
-        Unmodelled relative acceleration, m/s2.
+        Unmodelled relative acceleration along the track, m/s2: the drag of the two differs.
+    empirical_across_sigma : float
+        The same on the radial and on the normal axis, m/s2: a fifth of the solar radiation on a
+        satellite of 0.01 m2/kg (6e-8 m/s2, Montenbruck and Gill 2000, section 3.4).
     empirical_gradient_sigma : float
         What is added to it for each metre of separation, 1/s2.
     thrust_sigma : float
@@ -66,6 +69,7 @@ class EstimatorSetting:
     integrator: str = "rk4"
     longest_step: float = 5.0
     empirical_acceleration_sigma: float = 5e-8
+    empirical_across_sigma: float = 1e-8
     empirical_gradient_sigma: float = 2e-11
     thrust_sigma: float = 0.01
     thrust_scale_sigma: float = 0.05

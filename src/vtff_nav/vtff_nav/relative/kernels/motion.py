@@ -44,8 +44,8 @@ def transition_matrix(position_gcrf, to_gcrf, step, empirical_time):  # type: ig
         Rotation from the axes of the empirical acceleration (RTN) to GCRF.
     step : float
         Length of the step, s.
-    empirical_time : float
-        Correlation time of the empirical acceleration, s.
+    empirical_time : ndarray, shape (3,)
+        Correlation time of the empirical acceleration on each axis, s.
 
     Notes
     -----
@@ -56,7 +56,6 @@ def transition_matrix(position_gcrf, to_gcrf, step, empirical_time):  # type: ig
     for i in range(3):
         squared += position_gcrf[i] ** 2
     factor = GM_EARTH / (squared * math.sqrt(squared))
-    decay = math.exp(-step / empirical_time)
     phi = np.zeros((9, 9))
     for i in range(3):
         for j in range(3):
@@ -67,7 +66,7 @@ def transition_matrix(position_gcrf, to_gcrf, step, empirical_time):  # type: ig
             phi[3 + i, j] = step * gradient
             phi[i, 6 + j] = 0.5 * step**2 * to_gcrf[i, j]
             phi[3 + i, 6 + j] = step * to_gcrf[i, j]
-            phi[6 + i, 6 + j] = unit * decay
+        phi[6 + i, 6 + i] = math.exp(-step / empirical_time[i])
     return phi
 
 
@@ -77,27 +76,28 @@ def empirical_noise(empirical_sigma, empirical_time, to_gcrf, step):  # type: ig
 
     Parameters
     ----------
-    empirical_sigma : float
-        Steady-state sigma on each axis, m/s2.
-    empirical_time : float
-        Correlation time, s.
+    empirical_sigma, empirical_time : ndarray, shape (3,)
+        Steady-state sigma (m/s2) and correlation time (s) on each axis.
     to_gcrf : ndarray, shape (3, 3)
         Rotation from the axes of the empirical acceleration (RTN) to GCRF.
     step : float
-        Length of the step, s; short against the correlation time.
+        Length of the step, s; short against the correlation times.
     """
-    density = 2.0 * empirical_sigma**2 / empirical_time
     process = np.zeros((9, 9))
-    # The white noise that drives the acceleration is integrated once, twice and three times. It is
-    # isotropic, so that only the blocks that mix the acceleration with others depend on its axes.
-    for i in range(3):
-        process[i, i] = density * step**5 / 20.0
-        process[i, 3 + i] = process[3 + i, i] = density * step**4 / 8.0
-        process[3 + i, 3 + i] = density * step**3 / 3.0
-        process[6 + i, 6 + i] = density * step
-        for j in range(3):
-            process[i, 6 + j] = process[6 + j, i] = density * step**3 / 6.0 * to_gcrf[i, j]
-            process[3 + i, 6 + j] = process[6 + j, 3 + i] = density * step**2 / 2.0 * to_gcrf[i, j]
+    # The white noise that drives the acceleration is integrated once, twice and three times.
+    for axis in range(3):
+        density = 2.0 * empirical_sigma[axis] ** 2 / empirical_time[axis]
+        process[6 + axis, 6 + axis] = density * step
+        for i in range(3):
+            along = density * to_gcrf[i, axis]
+            process[i, 6 + axis] = process[6 + axis, i] = along * step**3 / 6.0
+            process[3 + i, 6 + axis] = process[6 + axis, 3 + i] = along * step**2 / 2.0
+            for j in range(3):
+                both = density * (to_gcrf[i, axis] * to_gcrf[j, axis])
+                process[i, j] += both * step**5 / 20.0
+                process[i, 3 + j] += both * step**4 / 8.0
+                process[3 + i, j] += both * step**4 / 8.0
+                process[3 + i, 3 + j] += both * step**3 / 3.0
     return process
 
 
@@ -131,7 +131,7 @@ def advance_errors(  # type: ignore[no-untyped-def]
     ----------
     position_gcrf, to_gcrf, step, empirical_time
         See `transition_matrix`.
-    empirical_sigma : float
+    empirical_sigma : ndarray, shape (3,)
         See `empirical_noise`.
     white_density : float
         See `white_acceleration_noise`.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from vtff_dynamics.vectors import FloatArray
-from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise
+from vtff_nav.relative.common.dynamics import MotionNoise
 
 __all__ = ["AccelerationMonitor"]
 
@@ -45,13 +45,13 @@ class AccelerationMonitor:
 
     def __init__(self, noise: MotionNoise, factor: float = 1.0) -> None:
         self._noise = noise
-        self._variance = math.nan
+        self._variance: list[float] | None = None
         self.is_borne_out = False
         self.factor = self._first_factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
 
-    def sigma(self, distance: float) -> float:
-        """Return the present sigma of the accelerations over a distance (m), m/s2."""
-        return self._noise.at_distance(distance).scaled(self.factor).empirical_sigma
+    def sigma(self, distance: float) -> FloatArray:
+        """Return the present sigmas (R, T, N) of the accelerations over a distance (m), m/s2."""
+        return self._noise.at_distance(distance, self.factor).sigma
 
     def learn(
         self, mean: FloatArray, covariance: FloatArray, distance: float, interval: float
@@ -67,21 +67,27 @@ class AccelerationMonitor:
         interval : float
             Since the last epoch, s.
         """
-        noise = self._noise.at_distance(distance).scaled(self.factor)
-        steady = noise.empirical_sigma**2
-        if steady == 0.0:
+        noise = self._noise.at_distance(distance, self.factor)
+        # Three numbers: operations of numpy on them take ten times as long.
+        sigmas, times = noise.sigma.tolist(), noise.time.tolist()
+        count = sum(sigma > 0.0 for sigma in sigmas)
+        if count == 0:
             return
-        # Variance of the process, which follows a change of distance or factor slowly.
-        kept = math.exp(-2.0 * interval / noise.empirical_time)
-        before = self._variance if math.isfinite(self._variance) else steady
-        self._variance = kept * before + (1.0 - kept) * steady
-        # Means of three numbers: those of numpy take ten times as long.
-        axes = range(6, DYNAMIC_STATES)
-        unexplained = sum(covariance.item(axis, axis) for axis in axes) / len(axes)
-        share = 1.0 - unexplained / self._variance
+        variances, share, square = [], 0.0, 0.0
+        for axis in range(3):
+            steady = sigmas[axis] ** 2
+            # Variance of the process, which follows a change of distance or factor slowly.
+            kept = math.exp(-2.0 * interval / times[axis])
+            before = steady if self._variance is None else self._variance[axis]
+            variance = kept * before + (1.0 - kept) * steady
+            variances.append(variance)
+            if variance > 0.0:
+                share += (1.0 - covariance.item(6 + axis, 6 + axis) / variance) / count
+                square += mean.item(6 + axis) ** 2 / variance / count
+        self._variance = variances
         if share < _SMALLEST_SHARE:
             return
-        square = sum(mean.item(axis) ** 2 for axis in axes) / len(axes) / (share * self._variance)
+        square /= share
         is_as_assumed = self.factor < _BORNE_OUT_FACTOR * self._first_factor
         self.is_borne_out = share > _TELLING_SHARE and square < _LARGEST_SQUARE and is_as_assumed
         pace = -math.expm1(-interval / _MEMORY) * share / (share + _HALF_PACE)
