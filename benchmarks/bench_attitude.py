@@ -352,11 +352,13 @@ def _navigate_to_turning(recording: Recording, seed: int, name: str) -> tuple[Fl
             true, rate = _turning_about_the_radial_axis(state, number)
             # The errors are given in axes to the front, against the normal and to the Earth.
             turn = rotation_matrix(true).T @ _orbit_axes(state)
-            error, covariance = error_of(number)
+            error, rate_error, covariance = error_of(number)
             moved.append(norm(cross(turn @ error, np.array(LEVER_ARM))))
             wrong = multiply(true, conjugate(from_rotation_vector(turn @ error)))
             estimator.add_attitude(
-                BodyAttitude(second.time, wrong, rate, turn @ covariance @ turn.T)
+                BodyAttitude(
+                    second.time, wrong, rate - turn @ rate_error, turn @ covariance @ turn.T
+                )
             )
     return log.flight(), 1e3 * math.sqrt(float(np.mean(np.square(moved))))
 
@@ -379,13 +381,19 @@ def _turning_about_the_radial_axis(
     return from_rotation_matrix(np.ascontiguousarray(to_gcrf)), rate
 
 
-def _attitude_errors(seed: int, name: str) -> Callable[[int], tuple[FloatArray, FloatArray]]:
-    """Return the error of the attitude (rad) and its stated covariance by the second."""
+def _attitude_errors(
+    seed: int, name: str
+) -> Callable[[int], tuple[FloatArray, FloatArray, FloatArray]]:
+    """Return errors of attitude (rad) and rate (rad/s), and the covariance of the first, by second.
+
+    The rate of the attitude that is known is known, too.
+    """
     if name == "magnetometer":
         history = fly_three_axis("estimated", 4.0, FIELD_SIGMA, seed).history
         first = len(history.time) // 2
         return lambda second: (
             history.rotation_error[first + second // 5],
+            history.rate_error[first + second // 5],
             history.covariance[first + second // 5, :3, :3],
         )
     generator = np.random.default_rng((seed, 77))
@@ -395,6 +403,7 @@ def _attitude_errors(seed: int, name: str) -> Callable[[int], tuple[FloatArray, 
     covariance = max(sigma, 1e-6) ** 2 * np.eye(3)
     return lambda second: (
         bias + sigma * np.sin(2.0 * math.pi * second / 5900.0 + phase),
+        np.zeros(3),
         covariance,
     )
 
