@@ -100,7 +100,7 @@ def test_contents_change_by_gradients_where_these_show(are_joint, gradient):
     if are_joint:
         filter_.state.join(GaussianState(CHIEF_MOTION, state, zero))
     layer, speed = ("plasma", 3), 0.06  # deg/s
-    filter_.state.renew([layer], np.zeros((1, 1)))
+    filter_.state.renew(layer, 0.0)
     still = Prediction(state, state, identity, identity, zero, zero, np.zeros((9, 4)))
     for _ in range(10):
         filter_.predict(still, 10.0, np.array([0.0, 10.0 * speed]))

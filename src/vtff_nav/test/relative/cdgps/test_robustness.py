@@ -116,7 +116,7 @@ def test_an_error_of_the_attitude_turns_a_thrust_along_the_body():
     for rotation, expected in ((to_rtn, moved), (None, predicted(acceleration).relative)):
         filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
         labels = [("attitude_error", 1, axis) for axis in range(3)]
-        filter_.expect_attitude_errors({1: 1e-4 * np.eye(3)}, {})
+        filter_.expect_attitude_errors(dict.fromkeys(labels, 1e-4), {})
         for label, value in zip(labels, error, strict=True):
             filter_.state.mean[filter_.state.index(label)] = value
         filter_.predict(predicted(acceleration), 2.0, np.zeros(2), rotation)
@@ -129,7 +129,7 @@ def test_a_newer_attitude_has_the_error_of_the_one_before_it_less_its_turn():
     """The antenna stays where it was; a smaller sigma is information, a larger one is noise."""
     difference, label = nine(DEPUTY_250M - CHIEF), ("attitude_error", 1, 0)
     filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
-    filter_.expect_attitude_errors({1: 4e-4 * np.eye(3)}, {})
+    filter_.expect_attitude_errors({label: 4e-4}, {})
     index = filter_.state.index(label)
     # The position has the error of the attitude at a lever arm of 0.4 m.
     filter_.state.covariance[0, 0] = 0.4**2 * 4e-4 + 1e-10
@@ -142,41 +142,18 @@ def test_a_newer_attitude_has_the_error_of_the_one_before_it_less_its_turn():
         variances = covariance[0, 0], covariance[index, index], antenna @ covariance @ antenna
         return np.sqrt(np.array(variances))
 
-    filter_.expect_attitude_errors({1: 1e-4 * np.eye(3)}, {1: np.array([5e-3, 0.0, 0.0])})
+    filter_.expect_attitude_errors({label: 1e-4}, {label: 5e-3})
     # Half the sigma: the position has gained as much, and the antenna is where it was.
     np.testing.assert_allclose(sigmas(), [0.4e-2, 1e-2, 1e-5], rtol=1e-3)
     assert filter_.state.mean[index] == pytest.approx(-5e-3 / 4.0)
     assert filter_.state.mean[0] - difference[0] == pytest.approx(-0.4 * 5e-3 * 0.75, rel=1e-3)
-    filter_.expect_attitude_errors({1: 9e-4 * np.eye(3)}, {1: np.zeros(3)})
+    filter_.expect_attitude_errors({label: 9e-4}, {label: 0.0})
     np.testing.assert_allclose(sigmas()[:2], [0.4e-2, 3e-2], rtol=1e-3)
     # Half a radian away is no newer estimate of the same, nor is an attitude that was unknown.
-    for turns in ({1: np.array([0.5, 0.0, 0.0])}, {}):
-        filter_.expect_attitude_errors({1: 1e-4 * np.eye(3)}, turns)
+    for turns in ({label: 0.5}, {}):
+        filter_.expect_attitude_errors({label: 1e-4}, turns)
         assert filter_.state.mean[index] == 0.0
         assert not filter_.state.covariance[0, index]
-
-
-TILTED = 1e-4 * np.array([[4.0, 1.5, -0.8], [1.5, 2.0, 0.3], [-0.8, 0.3, 1.0]])  # rad2
-
-
-def test_errors_of_an_attitude_stay_correlated_with_time_and_with_doubt():
-    """Without measurements they are as the attitude's covariance says, and phases told nothing."""
-    difference = nine(DEPUTY_250M - CHIEF)
-    filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
-    filter_.expect_attitude_errors({1: TILTED}, {})
-    columns = [filter_.state.index(("attitude_error", 1, axis)) for axis in range(3)]
-    block = np.ix_(columns, columns)
-    np.testing.assert_allclose(filter_.state.covariance[block], TILTED, rtol=1e-12)
-    motion = OrbitalMotion(J2, MotionNoise(1e-6), MotionNoise(1e-6))
-    predicted = motion.predict(START, 900.0, nine(CHIEF), difference, [])
-    filter_.predict(predicted, 900.0, np.zeros(2))
-    np.testing.assert_allclose(filter_.state.covariance[block], TILTED, rtol=1e-9)
-    filter_._doubt(SlowError(0.0, 100.0), SlowError(1.0, 100.0))
-    np.testing.assert_allclose(filter_.state.covariance[block], TILTED, rtol=1e-9)
-    # Told to a quarter of the variance, and forgotten again after many correlation times.
-    filter_.state.renew(filter_.state.labels_of("attitude_error"), 0.25 * TILTED)
-    filter_.predict(predicted, 60000.0, np.zeros(2))
-    np.testing.assert_allclose(filter_.state.covariance[block], TILTED, rtol=1e-6)
 
 
 def test_shells_against_a_ray_through_a_thick_layer():
@@ -238,29 +215,6 @@ def test_coupling_and_reweighing_against_a_batch():
     np.testing.assert_allclose(state.covariance, expected, rtol=1e-9)
 
 
-def test_reweighing_correlated_members_against_a_batch():
-    """Two constants with another prior: tighter in one direction, wider across it is noise."""
-    random = np.random.default_rng(4)
-    last = np.array([[4.0, 1.0], [1.0, 9.0]])
-    labels = [("rotation", 0), ("rotation", 1)]
-    state = GaussianState([*labels, ("position",)], np.zeros(3), np.diag([0.0, 0.0, 4.0]))
-    state.renew(labels, last)
-    design, values = random.standard_normal((4, 3)), random.standard_normal(4)
-    state.update(state.innovation(design, values, np.full(4, 0.2), np.zeros((4, 0))))
-    # The axes in which both are diagonal are the columns of a matrix A: last = A A'.
-    axes = np.linalg.cholesky(last) @ np.array([[0.6, -0.8], [0.8, 0.6]])
-    state.reweigh_together(labels, last, axes * [0.3, 1.0] @ axes.T)
-    prior = np.zeros((3, 3))
-    prior[:2, :2], prior[2, 2] = axes * [0.3, 1.0] @ axes.T, 4.0
-    information = np.linalg.inv(prior) + design.T @ design / 0.2
-    expected = np.linalg.inv(information)
-    np.testing.assert_allclose(state.covariance, expected, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(state.mean, expected @ design.T @ values / 0.2, rtol=1e-8)
-    state.reweigh_together(labels, axes * [0.3, 1.0] @ axes.T, axes * [0.3, 1.7] @ axes.T)
-    expected[:2, :2] += 0.7 * np.outer(axes[:, 1], axes[:, 1])
-    np.testing.assert_allclose(state.covariance, expected, rtol=1e-8, atol=1e-12)
-
-
 def test_likelihood_of_other_variances_against_a_batch():
     """Constants that are estimated with others; a variance may be zero."""
     random = np.random.default_rng(3)
@@ -294,7 +248,7 @@ def test_doubt_about_phases_is_no_doubt_about_what_moves_the_antenna(kind):
     )
     label = (kind, 1, 0)
     if kind == "attitude_error":
-        filter_.expect_attitude_errors({1: 4e-4 * np.eye(3)}, {})
+        filter_.expect_attitude_errors({label: 4e-4}, {})
     index, state = filter_.state.index(label), filter_.state
     state.covariance[0, 0] += 0.4**2 * 4e-4
     state.covariance[0, index] = state.covariance[index, 0] = -0.4 * 4e-4

@@ -426,7 +426,7 @@ class CdgpsEstimator(EstimatorInputs):
         attitudes = self._attitudes_at(time)
         rotations = antennas.rotations_body_to_itrf(time, states, attitudes)
         self._relative.expect_attitude_errors(
-            antennas.attitude_covariances(attitudes),
+            antennas.attitude_variances(attitudes),
             antennas.attitude_turns(time, self._attitudes_used, attitudes),
         )
         self._attitudes_used = attitudes

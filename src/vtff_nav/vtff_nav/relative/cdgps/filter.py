@@ -67,7 +67,7 @@ _DETECTION_PASSES = 6
 # The noise is learnt at so many first epochs, then at two consecutive ones of each cycle: it
 # changes slowly.
 _EPOCHS_OF_LEARNING, _LEARNING_CYCLE = 120, 5
-# Variance about an axis below which an attitude is exact, rad2: 0.06 um at a lever arm of 0.6 m.
+# Variance below which an attitude is exact, rad2: 0.06 um at a lever arm of 0.6 m.
 _LEAST_ATTITUDE_VARIANCE = 1e-14
 # Sigmas beyond which an attitude is another one than that before it, as after a new start.
 _ANOTHER_ATTITUDE = 5.0
@@ -215,7 +215,7 @@ class RelativeFilter:
         if configuration.antennas is not None:
             for label, variance in configuration.antennas.offset_variances().items():
                 self.state.add(label, 0.0, variance)
-        self._attitude_covariances: dict[int, FloatArray] = {}
+        self._attitude_variances: dict[Label, float] = {}
 
     def expect_accelerations(self, noise: MotionNoise) -> None:
         """Have unmodelled accelerations with another a priori noise."""
@@ -230,35 +230,33 @@ class RelativeFilter:
                 self.state.reweigh([label], before, now)
 
     def expect_attitude_errors(
-        self, covariances: Mapping[int, FloatArray], turns: Mapping[int, FloatArray]
+        self, variances: Mapping[Label, float], turns: Mapping[Label, float]
     ) -> None:
         """Have errors of estimated attitudes in the state.
 
         Parameters
         ----------
-        covariances : mapping of int to ndarray, shape (3, 3)
-            rad2, see `AntennaPair.attitude_covariances`.
-        turns : mapping of int to ndarray, shape (3,)
+        variances : mapping of label to float
+            rad2, see `AntennaPair.attitude_variances`.
+        turns : mapping of label to float
             By how much a newer attitude is turned against the one before it, rad, see
             `AntennaPair.attitude_turns`. The error of the newer one is less by it; that its
-            variance about an axis is smaller is information, that it is larger is noise. An
-            attitude whose turn is not given, or by far too large for its covariance, has an error
-            of its own.
+            variance is smaller is information, that it is larger is noise. An attitude whose turn
+            is not given, or by far too large for its sigmas, has an error of its own.
         """
-        for receiver, given in covariances.items():
-            variances, axes = np.linalg.eigh(given)
-            covariance = axes * np.maximum(variances, _LEAST_ATTITUDE_VARIANCE) @ axes.T
-            labels, last = _attitude_labels(receiver), self._attitude_covariances.get(receiver)
-            turn = turns.get(receiver)
+        for label, given in variances.items():
+            variance = max(given, _LEAST_ATTITUDE_VARIANCE)
+            last = self._attitude_variances.get(label)
             if last is None:
-                for label in labels:
-                    self.state.add(label, 0.0, 1.0)
-            if last is None or turn is None or _is_another_attitude(turn, last + covariance):
-                self.state.renew(labels, covariance)
+                self.state.add(label, 0.0, variance)
+            elif not abs(turns.get(label, math.inf)) < _ANOTHER_ATTITUDE * math.hypot(
+                math.sqrt(last), math.sqrt(variance)
+            ):
+                self.state.renew(label, variance)
             else:
-                self.state.mean[[self.state.index(label) for label in labels]] -= turn
-                self.state.reweigh_together(labels, last, covariance)
-            self._attitude_covariances[receiver] = covariance
+                self.state.mean[self.state.index(label)] -= turns[label]
+                self.state.reweigh([label], last, variance)
+            self._attitude_variances[label] = variance
 
     def predict(
         self,
@@ -298,9 +296,10 @@ class RelativeFilter:
         motion[:, :DYNAMIC_STATES] = predicted.transition_relative
         if self._velocity_change > 0.0:
             motion[:, [state.index(label) for label in thrust]] = predicted.thrust_coupling
-            if rotation_body_to_rtn is not None and _DEPUTY in self._attitude_covariances:
+            attitude: list[Label] = [("attitude_error", _DEPUTY, axis) for axis in range(3)]
+            if rotation_body_to_rtn is not None and attitude[0] in state:
                 by_attitude = predicted.thrust_coupling[:, 1:] @ rotation_body_to_rtn
-                motion[:, self._attitude_columns(_DEPUTY)] = by_attitude
+                motion[:, [state.index(label) for label in attitude]] = by_attitude
         for row, content in enumerate(contents, DYNAMIC_STATES):
             # The content above the chief changes as the chief moves along the gradient.
             coefficients[row, content] = 1.0
@@ -313,10 +312,6 @@ class RelativeFilter:
         state.mean[:DYNAMIC_STATES] += predicted_change
         state.covariance[:DYNAMIC_STATES, :DYNAMIC_STATES] += predicted.noise_relative
         state.predict_gauss_markov(*self._decay(interval))
-        renewed = -math.expm1(-2.0 * interval / configuration.attitude_time)
-        for receiver, covariance in self._attitude_covariances.items():
-            columns = self._attitude_columns(receiver)
-            state.covariance[np.ix_(columns, columns)] += renewed * covariance
         walk = configuration.receiver_bias_walk**2 * interval
         diagonal = np.einsum("ii->i", state.covariance)
         diagonal[state.columns("code_bias", "phase_bias")] += walk
@@ -324,28 +319,19 @@ class RelativeFilter:
             power = 2.0 * self._plasma_sigma(state.labels[contents[0]]) ** 2
             diagonal[contents] += power / configuration.electron_density_time * interval
 
-    def _attitude_columns(self, receiver: int) -> list[int]:
-        """Return the columns of the error of the attitude of a receiver's body."""
-        return [self.state.index(label) for label in _attitude_labels(receiver)]
-
     def _shell_contents(self) -> list[int]:
         """Return the columns of the contents of shells, each before those of its gradients."""
         return self.state.columns("plasma_shell")[::3]
 
     def _decay(self, interval: float) -> tuple[FloatArray, FloatArray]:
-        """Return the decay of all members over an interval, s, and their steady variances.
-
-        Errors of attitudes are correlated: their noise is not in the variances.
-        """
+        """Return the decay of all members over an interval, s, and their steady variances."""
         state = self.state
         decay, steady = np.ones(len(state)), np.zeros(len(state))
         for kind, process in self._process_of_kind().items():
             columns = state.columns(kind)
             decay[columns] = math.exp(-interval / process.correlation_time)
             steady[columns] = process.sigma**2
-        attitudes = state.columns("attitude_error")
-        decay[attitudes] = math.exp(-interval / self.configuration.attitude_time)
-        for index in state.columns("troposphere", *PLASMA_KINDS):
+        for index in state.columns("attitude_error", "troposphere", *PLASMA_KINDS):
             single = self._process_of(state.labels[index])
             if single is not None:
                 decay[index] = math.exp(-interval / single.correlation_time)
@@ -364,6 +350,9 @@ class RelativeFilter:
     def _process_of(self, label: Label) -> SlowError | None:
         """Return the Gauss-Markov process of a member that has its own; None without one."""
         configuration = self.configuration
+        if label[0] == "attitude_error":
+            sigma = math.sqrt(self._attitude_variances[label])
+            return SlowError(sigma, configuration.attitude_time)
         if label[0] == "troposphere":
             return SlowError(1.0, configuration.troposphere_time)
         if label[0] == "plasma":
@@ -811,9 +800,6 @@ class RelativeFilter:
         columns = [*priors, *kept]
         prior = np.zeros((len(columns), len(columns)))
         prior[range(len(priors)), range(len(priors))] = list(priors.values())
-        for receiver, covariance in self._attitude_covariances.items():
-            rows = [columns.index(column) for column in self._attitude_columns(receiver)]
-            prior[np.ix_(rows, rows)] = covariance
         prior[len(priors) :, len(priors) :] = state.covariance[np.ix_(kept, kept)]
         state.doubt(factor, columns, prior)
 
@@ -823,8 +809,6 @@ class RelativeFilter:
         if kind == "motion" and label[1] >= DYNAMIC_STATES - 3:
             sigma = self.acceleration.sigma(norm(self.state.mean[:3]))
             return sigma.item(label[1] - (DYNAMIC_STATES - 3)) ** 2
-        if kind == "attitude_error":
-            return float(self._attitude_covariances[label[1]][label[2], label[2]])
         if kind == "thrust":
             return configuration.thrust_sigmas[label[1]] ** 2
         if kind == "antenna_offset" and configuration.antennas is not None:
@@ -1036,16 +1020,6 @@ class RelativeFilter:
         distance = float(np.linalg.norm(position))
         rate = float(position @ velocity) / distance
         return latency, sigma, measured.range - distance - latency * rate
-
-
-def _attitude_labels(receiver: int) -> list[Label]:
-    """Return the labels of the error of the attitude of a receiver's body, by axis."""
-    return [("attitude_error", receiver, axis) for axis in range(3)]
-
-
-def _is_another_attitude(turn: FloatArray, covariance: FloatArray) -> bool:
-    """Return whether a turn against the attitude before is too large for the covariance of both."""
-    return not float(turn @ np.linalg.solve(covariance, turn)) < _ANOTHER_ATTITUDE**2
 
 
 def _shell_members(shell: int) -> list[Label]:

@@ -19,8 +19,6 @@ from vtff_dynamics.vectors import FloatArray
 
 __all__ = ["GaussianState", "Innovation", "Label"]
 
-_SAME_VARIANCE = 1e-9  # a smaller change of a variance, as a share, is rounding
-
 Label = tuple[Any, ...]
 """Name of a member: its kind and what it belongs to, such as ``("phase_bias", group)``."""
 
@@ -198,13 +196,13 @@ class GaussianState:
         self.covariance = self.covariance[np.ix_(kept, kept)]
         self._number_labels()
 
-    def renew(self, labels: Sequence[Label], covariance: FloatArray) -> None:
-        """Give k members zero mean and a covariance (k, k), independent of the others."""
-        columns = np.array([self._index_of[label] for label in labels])
-        self.mean[columns] = 0.0
-        self.covariance[columns, :] = 0.0
-        self.covariance[:, columns] = 0.0
-        self.covariance[columns[:, None], columns] = covariance
+    def renew(self, label: Label, variance: float) -> None:
+        """Give a member zero mean and a variance, independent of the others."""
+        index = self._index_of[label]
+        self.mean[index] = 0.0
+        self.covariance[index, :] = 0.0
+        self.covariance[:, index] = 0.0
+        self.covariance[index, index] = variance
 
     def rename(self, old: Label, new: Label) -> None:
         """Give a member another label."""
@@ -309,37 +307,6 @@ class GaussianState:
             noise = np.full(len(columns), 1.0 / (1.0 / variance - 1.0 / last))
             empty = np.zeros((len(columns), 0))
             self.update(self.innovation(design, -self.mean[columns], noise, empty))
-
-    def reweigh_together(
-        self, labels: Sequence[Label], last: FloatArray, covariance: FloatArray
-    ) -> None:
-        """Give correlated Gauss-Markov members of zero mean another steady-state covariance.
-
-        Parameters
-        ----------
-        labels : sequence of Label
-            k members.
-        last, covariance : ndarray, shape (k, k)
-            Covariance that was assumed so far, and the one from now on; both positive definite.
-
-        Notes
-        -----
-        In the axes in which both are diagonal it is `reweigh` for each: information where the
-        variance shrinks, noise where it grows.
-        """
-        columns = np.array([self._index_of[label] for label in labels])
-        factor = np.linalg.cholesky(last)
-        to_white = np.linalg.inv(factor)
-        ratios, axes = np.linalg.eigh(to_white @ covariance @ to_white.T)
-        shrinks, grows = ratios < 1.0 - _SAME_VARIANCE, ratios > 1.0 + _SAME_VARIANCE
-        if shrinks.any():
-            design = np.zeros((int(shrinks.sum()), len(self)))
-            design[:, columns] = axes[:, shrinks].T @ to_white
-            noise = 1.0 / (1.0 / ratios[shrinks] - 1.0)
-            empty = np.zeros((len(design), 0))
-            self.update(self.innovation(design, -design @ self.mean, noise, empty))
-        wider = factor @ axes[:, grows]
-        self.covariance[columns[:, None], columns] += wider * (ratios[grows] - 1.0) @ wider.T
 
     def log_likelihoods(
         self, labels: Sequence[Label], last: FloatArray, variances: FloatArray

@@ -251,33 +251,34 @@ class AntennaPair:
             for axis in range(3)
         }
 
-    def attitude_covariances(self, attitudes: Attitudes) -> dict[int, FloatArray]:
-        """Return the covariances (3, 3) of the errors of estimated attitudes by receiver.
-
-        In rad2 and body axes; 0 is the chief, 1 the deputy.
-        """
-        unknown = _UNKNOWN_ATTITUDE_SIGMA**2 * np.eye(3)
+    def attitude_variances(self, attitudes: Attitudes) -> dict[tuple[str, int, int], float]:
+        """Return the variances of the errors of estimated attitudes, rad2, body axes, by label."""
+        unknown = np.full(3, _UNKNOWN_ATTITUDE_SIGMA**2)
         return {
-            receiver: unknown if attitude is None else attitude.covariance
+            ("attitude_error", receiver, axis): float(variance)
             for receiver, (antenna, attitude) in enumerate(zip(self.both, attitudes, strict=True))
             if antenna.is_turned_by_estimate
+            for axis, variance in enumerate(
+                unknown if attitude is None else np.diagonal(attitude.covariance)
+            )
         }
 
     def attitude_turns(
         self, time: GpsTime, before: Attitudes, attitudes: Attitudes
-    ) -> dict[int, FloatArray]:
-        """Return by how much attitudes are turned against those used before, by receiver.
+    ) -> dict[tuple[str, int, int], float]:
+        """Return by how much attitudes are turned against those used before, rad, by label.
 
-        In rad and body axes, shape (3,). Receivers whose attitude has become known, or is no
-        longer, are left out.
+        Receivers whose attitude has become known, or is no longer, are left out.
         """
-        turns: dict[int, FloatArray] = {}
+        turns: dict[tuple[str, int, int], float] = {}
         for receiver, antenna in enumerate(self.both):
             first, second = before[receiver], attitudes[receiver]
             if antenna.is_turned_by_estimate and (first is None) == (second is None):
-                turns[receiver] = np.zeros(3)
+                turn = np.zeros(3)
                 if first is not None and second is not None and first is not second:
-                    turns[receiver] = second.turn_from(first, time)
+                    turn = second.turn_from(first, time)
+                for axis in range(3):
+                    turns["attitude_error", receiver, axis] = float(turn[axis])
         return turns
 
     def attitude_columns(
