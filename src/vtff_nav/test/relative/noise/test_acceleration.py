@@ -63,6 +63,14 @@ def test_the_factor_has_limits():
     assert learnt(1e-3, 0.0) == pytest.approx(20.0)
 
 
+def test_small_accelerations_of_half_an_orbit_leave_what_may_come_after_it():
+    monitor = AccelerationMonitor(NOISE, smallest_factor=0.3)
+    for _ in range(3000):
+        monitor.learn(np.zeros(9), np.zeros((9, 9)), 0.0, 1.0)
+    assert monitor.factor == 0.3
+    assert AccelerationMonitor(NOISE, 0.1, smallest_factor=0.3).factor == 0.3
+
+
 def test_a_covariance_above_that_of_the_process_does_not_raise_the_factor():
     monitor = AccelerationMonitor(NOISE)
     # The start was far away, where the accelerations of the process are ten times as large.

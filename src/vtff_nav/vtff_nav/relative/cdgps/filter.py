@@ -88,6 +88,9 @@ _QUIET_GRADIENTS, _GRADIENT_STEP, _GRADIENT_MODELS = 4, 1.1, 8
 _SMALLEST_RAY_ERROR = 1e-4
 # A slow error that is not there, m.
 _NEGLIGIBLE_SLOW_SIGMA = 5e-5
+# Factor of the sigma of unmodelled accelerations of the difference that half an orbit of small ones
+# may leave. Drag on the day side is three times that of the night side at 550 km, and more.
+_SMALLEST_ACCELERATION_FACTOR = 0.3
 # Power at low frequencies of phases without slow errors, m2 s; and the largest factor by which
 # the covariance is raised where they turn out to be larger.
 _WHITE_PHASE_POWER = 2e-6
@@ -193,7 +196,7 @@ class RelativeFilter:
             configuration.plasma_wave_time,
         )
         self.thrust_sigma = configuration.thrust_relative_sigma
-        self.acceleration = AccelerationMonitor(configuration.noise_relative)
+        self.acceleration = _monitor_accelerations(configuration.noise_relative)
         self._velocity_change = 0.0
         self._ground_rate_deg = 0.0
         self.clock = clock
@@ -220,7 +223,7 @@ class RelativeFilter:
     def expect_accelerations(self, noise: MotionNoise) -> None:
         """Have unmodelled accelerations with another a priori noise."""
         distance = norm(self.state.mean[:3])
-        last, self.acceleration = self.acceleration, AccelerationMonitor(noise)
+        last, self.acceleration = self.acceleration, _monitor_accelerations(noise)
         variances = self.acceleration.sigma(distance) ** 2
         variances_before = last.sigma(distance) ** 2
         for label, before, now in zip(
@@ -1020,6 +1023,11 @@ class RelativeFilter:
         distance = float(np.linalg.norm(position))
         rate = float(position @ velocity) / distance
         return latency, sigma, measured.range - distance - latency * rate
+
+
+def _monitor_accelerations(noise: MotionNoise) -> AccelerationMonitor:
+    """Return the monitor of the accelerations of the difference."""
+    return AccelerationMonitor(noise, smallest_factor=_SMALLEST_ACCELERATION_FACTOR)
 
 
 def _shell_members(shell: int) -> list[Label]:

@@ -36,6 +36,9 @@ class AccelerationMonitor:
         A priori noise.
     factor : float
         Factor of its sigma at the start.
+    smallest_factor : float
+        The factor does not fall below it: what minutes show says little of the rest of an orbit
+        where the accelerations change along it, as drag does from night to day.
 
     Attributes
     ----------
@@ -43,11 +46,14 @@ class AccelerationMonitor:
         Whether measurements tell something of the acceleration, and it is as small as assumed.
     """
 
-    def __init__(self, noise: MotionNoise, factor: float = 1.0) -> None:
+    def __init__(
+        self, noise: MotionNoise, factor: float = 1.0, smallest_factor: float = _FACTORS[0]
+    ) -> None:
         self._noise = noise
         self._variance: list[float] | None = None
         self.is_borne_out = False
-        self.factor = self._first_factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
+        self._smallest_factor = smallest_factor
+        self.factor = self._first_factor = min(max(factor, smallest_factor), _FACTORS[1])
 
     def sigma(self, distance: float) -> FloatArray:
         """Return the present sigmas (R, T, N) of the accelerations over a distance (m), m/s2."""
@@ -92,4 +98,4 @@ class AccelerationMonitor:
         self.is_borne_out = share > _TELLING_SHARE and square < _LARGEST_SQUARE and is_as_assumed
         pace = -math.expm1(-interval / _MEMORY) * share / (share + _HALF_PACE)
         factor = self.factor * math.exp(0.5 * pace * (min(square, _LARGEST_SQUARE) - 1.0))
-        self.factor = min(max(factor, _FACTORS[0]), _FACTORS[1])
+        self.factor = min(max(factor, self._smallest_factor), _FACTORS[1])
