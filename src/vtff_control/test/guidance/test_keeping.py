@@ -236,3 +236,15 @@ def test_an_engine_too_weak_for_a_return_at_once_takes_its_time(push_rtn, cost):
     assert (np.abs(deviations[-360:]) < 0.6).all()
     assert np.abs(thrusts).sum() * 10.0 < cost
     assert np.abs(thrusts).max() <= T5_ENGINE.largest / 1600.0
+
+
+def test_a_state_out_of_all_reach_is_answered_within_the_longest_plan():
+    """A deputy that is said to be a thousand kilometres off costs neither memory nor time."""
+    estimator = ElementsEstimator()
+    keeper = FormationKeeper(helix(50.0, 80.0, 0.3), T5_ENGINE, 1600.0, 10.0, estimator=estimator)
+    chief, relative = states(1e6 * np.array([0.3, 1.0, 0.5, 0.5, 0.2, 0.2]), 0.0)
+    estimator.update(0.0, chief, relative)
+    thrust = keeper.command(0.0, may_begin=True)
+    assert np.abs(thrust).max() <= T5_ENGINE.largest / 1600.0
+    orbit = 2.0 * math.pi / estimator.mean_motion
+    assert 0 < len(keeper._schedule) <= 8.0 * orbit / 10.0

@@ -279,6 +279,6 @@ class FormationKeeper:
             first = round((moment - 0.5 * count * self._step) / self._step)
             first = max(first, free_from[axis])
             free_from[axis] = first + count
-            for index in range(first, first + count):
+            for index in range(first, min(first + count, math.ceil(self._ends / self._step))):
                 thrust = self._schedule.setdefault(index, np.zeros(3))
                 thrust[axis] = math.copysign(level, size)
