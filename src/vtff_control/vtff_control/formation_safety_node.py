@@ -113,7 +113,11 @@ class FormationSafetyParameters:
         minimum=0.0,
     )
     lockstep_wait: float = parameter(
-        4.0, "the same in lockstep, where only a node that failed is late", unit="s", minimum=0.0
+        10.0,
+        "the same in lockstep, where a node may be slow and nothing happens meanwhile; a third of "
+        "it from the second step in a row on that lacks something",
+        unit="s",
+        minimum=0.0,
     )
 
 
@@ -167,6 +171,7 @@ class FormationSafetyNode(VtffNode):
         self._taken = -1  # step whose states the monitor has, and mostly not yet its commands
         self._steps = 0
         self._incomplete = 0
+        self._was_incomplete = False
         self._pair_text = "no relative state yet"
         self._command_publishers = {}
         self._isolation_publishers = {}
@@ -256,6 +261,7 @@ class FormationSafetyNode(VtffNode):
         complete = [stamp for stamp, pending in self._pending.items() if self._is_complete(pending)]
         for stamp in sorted(self._pending):
             if complete and stamp <= max(complete):
+                self._was_incomplete = stamp not in complete
                 self._judge(stamp)
         self._take_complete_states()
 
@@ -279,9 +285,12 @@ class FormationSafetyNode(VtffNode):
         wait = self.parameters.wait
         if self.lockstep:
             wait = self.parameters.lockstep_wait if self._steps else START_WAIT
+            if self._was_incomplete:
+                wait = min(wait, self.parameters.lockstep_wait / 3.0)
         for stamp in sorted(self._pending):
             if time.monotonic() - self._pending[stamp].since >= wait:
                 self._incomplete += 1
+                self._was_incomplete = True
                 self._judge(stamp)
 
     def _judge(self, stamp: int) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import numpy as np
@@ -172,6 +173,32 @@ def test_what_is_missing_is_not_waited_for_for_ever(make_node: NodeMaker) -> Non
     send(node, "control/thrust_command", acceleration(0, t=0.1))
     node._watch()
     assert published[CHECKED] == []
+
+
+def test_a_node_that_is_slow_is_waited_for_longer_than_one_that_failed(make_node, monkeypatch):
+    """In lockstep time stands still: a machine that is busy for some seconds loses no command."""
+    node, published = make_node()
+    fly_second(node, 0, relative(t=100.0))
+    send(node, "relative_state", state(1, relative(t=100.0)))
+    send(node, "propulsion/thrust_applied", acceleration(1))
+    now = time.monotonic()
+    monkeypatch.setattr(time, "monotonic", lambda: now + 8.0)
+    node._watch()
+    send(node, "control/thrust_command", acceleration(1))
+    assert len(published[CHECKED]) == 2
+    # A command that never comes ends the wait for its step, and the next ones are waited for less.
+    judged = []
+    for second in (2, 3):
+        send(node, "propulsion/thrust_applied", acceleration(second))
+        send(node, "relative_state", state(second, relative(t=100.0)))
+        began = node._pending[EPOCH + second * 10**9].since
+        for later in (3.0, 3.5, 9.5, 10.5):
+            monkeypatch.setattr(time, "monotonic", lambda moment=began + later: moment)
+            node._watch()
+            if len(published[SAFETY]) > second:
+                judged.append(later)
+                break
+    assert judged == [10.5, 3.5]
 
 
 def test_a_stuck_thruster_is_taken_over_isolated_and_given_back(make_node: NodeMaker) -> None:
