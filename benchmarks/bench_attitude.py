@@ -352,12 +352,16 @@ def _navigate_to_turning(recording: Recording, seed: int, name: str) -> tuple[Fl
             true, rate = _turning_about_the_radial_axis(state, number)
             # The errors are given in axes to the front, against the normal and to the Earth.
             turn = rotation_matrix(true).T @ _orbit_axes(state)
-            error, rate_error, covariance = error_of(number)
+            error, rate_error, covariance, correction = error_of(number)
             moved.append(norm(cross(turn @ error, np.array(LEVER_ARM))))
             wrong = multiply(true, conjugate(from_rotation_vector(turn @ error)))
             estimator.add_attitude(
                 BodyAttitude(
-                    second.time, wrong, rate - turn @ rate_error, turn @ covariance @ turn.T
+                    second.time,
+                    wrong,
+                    rate - turn @ rate_error,
+                    turn @ covariance @ turn.T,
+                    turn @ correction,
                 )
             )
     return log.flight(), 1e3 * math.sqrt(float(np.mean(np.square(moved))))
@@ -383,10 +387,10 @@ def _turning_about_the_radial_axis(
 
 def _attitude_errors(
     seed: int, name: str
-) -> Callable[[int], tuple[FloatArray, FloatArray, FloatArray]]:
-    """Return errors of attitude (rad) and rate (rad/s), and the covariance of the first, by second.
+) -> Callable[[int], tuple[FloatArray, FloatArray, FloatArray, FloatArray]]:
+    """Return errors of attitude (rad) and rate (rad/s), covariance and correction of the first.
 
-    The rate of the attitude that is known is known, too.
+    The rate of the attitude that is known is known, too; of its corrections nothing is told.
     """
     if name == "magnetometer":
         history = fly_three_axis("estimated", 4.0, FIELD_SIGMA, seed).history
@@ -395,6 +399,7 @@ def _attitude_errors(
             history.rotation_error[first + second // 5],
             history.rate_error[first + second // 5],
             history.covariance[first + second // 5, :3, :3],
+            history.correction[first + second // 5],
         )
     generator = np.random.default_rng((seed, 77))
     sigma = math.radians(_KNOWN_DEG if name == "known" else 0.0) / math.sqrt(3.0)
@@ -405,6 +410,7 @@ def _attitude_errors(
         bias + sigma * np.sin(2.0 * math.pi * second / 5900.0 + phase),
         np.zeros(3),
         covariance,
+        np.full(3, math.nan),
     )
 
 

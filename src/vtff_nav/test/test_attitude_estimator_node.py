@@ -85,6 +85,7 @@ def test_the_orbit_is_that_of_relative_navigation(bench):
     np.testing.assert_allclose(state, deputy_state_gcrf(CHIEF, RELATIVE), rtol=1e-14)
     assert answer.source == AttitudeState.SOURCE_ESTIMATE
     assert "orbit" not in answer.reason
+    assert np.isnan(answer.correction).all()
 
 
 def test_before_navigation_each_report_is_answered_at_once(bench):

@@ -189,6 +189,7 @@ class AttitudeEstimatorNode(VtffNode):
             raise ParameterError("parameter 'initial_roll_pitch_yaw_deg': three angles expected")
         self._is_told = given.initial_rotation_sigma_deg > 0.0
         self._known: OnboardAttitude | None = None
+        self._was_valid = False
         self._counts = {"reports": 0, "without a report": 0, "orbits predicted": 0}
         self._publisher = self.publisher(AttitudeState, "attitude")
         if given.orbit_source == "orbit":
@@ -242,6 +243,7 @@ class AttitudeEstimatorNode(VtffNode):
         answer.header.frame_id = "gcrf"
         answer.quaternion = np.array([0.0, 0.0, 0.0, 1.0])
         answer.normalised_innovation_squared = math.nan
+        answer.correction = np.full(3, math.nan)
         answer.wheel_speed_rpm = message.wheel_speed_rpm
         answer.wheel_follows = True
         self._counts["reports"] += 1
@@ -250,6 +252,7 @@ class AttitudeEstimatorNode(VtffNode):
             answer.reason = "orbit not known"
         else:
             self._fill(answer, message, start, end)
+        self._was_valid = answer.valid
         self._publisher.publish(answer)
         self.acknowledge_step(message.header.stamp, started)
 
@@ -291,6 +294,8 @@ class AttitudeEstimatorNode(VtffNode):
             answer.dipole = estimate.dipole
             answer.covariance = np.ascontiguousarray(estimate.covariance[:9, :9]).ravel()
             answer.magnetometer_bias = estimate.magnetometer_bias
+            if self._was_valid:  # who leaves invalid attitudes out misses no correction
+                answer.correction = known.correction
 
     def _expect_told_attitude(self, start: OrbitPoint) -> None:
         """Begin with the attitude of the parameters, which turns with the orbit."""

@@ -487,7 +487,11 @@ class RelativeEkfNode(VtffNode):
         covariance = np.array(message.covariance).reshape(9, 9)[:3, :3]
         try:
             attitude = BodyAttitude(
-                time, np.array(message.quaternion), np.array(message.rate_body), covariance
+                time,
+                np.array(message.quaternion),
+                np.array(message.rate_body),
+                covariance,
+                np.array(message.correction),
             )
         except ValueError as error:
             self.get_logger().warning(

@@ -180,6 +180,7 @@ class SimgenBridgeNode(VtffNode):
             state.header.frame_id = "gcrf"
             state.valid = state.wheel_follows = state.field_valid = True
             state.normalised_innovation_squared = math.nan
+            state.correction = np.full(3, math.nan)
             self._attitude_messages[name] = (
                 self.publisher(AttitudeState, f"{name}/truth/attitude"),
                 state,

@@ -76,6 +76,8 @@ class LoopStep:
         Verdict of the estimator on the sample.
     estimate
         State of the estimator; None before its first sample, or without an estimator.
+    correction
+        See `vtff_nav.attitude.determination.AttitudeDetermination.correction`.
     command
         Command for the next period.
     """
@@ -84,6 +86,7 @@ class LoopStep:
     report: AdcsReport
     status: DeterminationStatus
     estimate: AttitudeEstimate | None
+    correction: FloatArray
     command: AttitudeCommand
 
 
@@ -149,7 +152,14 @@ class AttitudeLoop:
         known = self._know(report)
         self._command = self.controller.command(self._knowledge(report, known))
         self.number = number + 1
-        return LoopStep(self.spacecraft.state, report, known.status, known.estimate, self._command)
+        return LoopStep(
+            self.spacecraft.state,
+            report,
+            known.status,
+            known.estimate,
+            known.correction,
+            self._command,
+        )
 
     def _know(self, report: AdcsReport) -> OnboardAttitude:
         """Return what is known on board after a report; without estimator, of the wheel alone."""
@@ -159,7 +169,9 @@ class AttitudeLoop:
             self._wheel.predict(report.wheel_command_rpm, track.period)
             self._wheel.update(report.wheel_speed_rpm)
             status = DeterminationStatus(False, False, 0, 0, math.nan, "no estimator")
-            return OnboardAttitude(status, None, self._wheel.speed_rpm, self._wheel.follows, True)
+            wheel = self._wheel
+            nothing = np.full(3, math.nan)
+            return OnboardAttitude(status, None, wheel.speed_rpm, wheel.follows, True, nothing)
         return self.estimator.process(
             ModuleReport(
                 track.period,
@@ -231,6 +243,8 @@ class AttitudeHistory:
         True where the attitude may steer.
     restarts
         New starts of the estimator.
+    correction
+        What the last sample turned the estimated attitude, rad, body axes; nan if not known.
     """
 
     time: FloatArray
@@ -246,6 +260,7 @@ class AttitudeHistory:
     mode: FloatArray
     valid: FloatArray
     restarts: FloatArray
+    correction: FloatArray
 
     @staticmethod
     def empty(periods: int, period: float) -> AttitudeHistory:
@@ -268,6 +283,7 @@ class AttitudeHistory:
             columns(),
             columns(),
             columns(),
+            columns(3),
         )
 
     def set_row(self, row: int, loop: AttitudeLoop, step: LoopStep) -> None:
@@ -296,6 +312,7 @@ class AttitudeHistory:
         self.rate_error[row] = truth.rate_body - estimate.rate_body
         self.dipole_error[row] = loop.spacecraft.dipole - estimate.dipole
         self.covariance[row] = estimate.covariance[:9, :9]
+        self.correction[row] = step.correction
 
     @property
     def attitude_error_deg(self) -> FloatArray:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import copy
+import itertools
+
 import numpy as np
 import pytest
-from attitude_support import MeasuredFlight
+from attitude_support import DIPOLE, EPOCH, MeasuredFlight
 
+from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.determination import AttitudeDetermination, DeterminationConfiguration
 from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
+from vtff_nav.relative.common.body_attitude import BodyAttitude
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +48,44 @@ def test_faulty_samples_are_named_and_bridged(converged):
     assert np.degrees(np.linalg.norm(flight.errors(determination.estimate)[:3])) < 1.0
 
 
+def test_corrections_are_what_samples_have_turned_and_no_pulses_of_the_torquers():
+    """Pulses at the start of a period: the mean of the rates at both ends is none of the period."""
+    flight = MeasuredFlight(3)
+    known = AttitudeFilterConfiguration(
+        initial_rotation_sigma_deg=0.01,
+        initial_rate_sigma=1e-6,
+        initial_dipole=DIPOLE,
+        initial_dipole_sigma=1e-4,
+    )
+    determination = AttitudeDetermination(BodyModel(), known)
+    assert np.isnan(determination.correction).all()
+    determination.expect(flight.state.quaternion_gcrf, flight.state.rate_body)
+    attitudes, corrections = [], []
+    for _ in range(30):
+        predicting = copy.deepcopy(determination)
+        period, sample = flight.fly((2.0, 0.0, -1.0))
+        predicting.process(period, None)
+        np.testing.assert_array_equal(predicting.correction, 0.0)
+        determination.process(period, sample)
+        estimate = determination.estimate
+        predicted = conjugate(predicting.estimate.quaternion_gcrf)
+        turned = rotation_vector(multiply(predicted, estimate.quaternion_gcrf))
+        np.testing.assert_allclose(determination.correction, turned, atol=1e-12)
+        attitudes.append(
+            BodyAttitude(
+                EPOCH + 5.0 * flight.number,
+                estimate.quaternion_gcrf,
+                estimate.rate_body,
+                estimate.covariance[:3, :3],
+            )
+        )
+        corrections.append(determination.correction)
+    turns = [later.turn_from(one, later.time) for one, later in itertools.pairwise(attitudes)]
+    assert np.linalg.norm(np.sum(turns, axis=0)) > 5e-3
+    assert np.linalg.norm(np.sum(corrections[1:], axis=0)) < 1e-3
+    assert np.linalg.norm(corrections[-1]) > 0.0
+
+
 def test_a_filter_that_does_not_explain_the_samples_starts_anew():
     flight, other = MeasuredFlight(3), MeasuredFlight(5)
     determination = AttitudeDetermination(
@@ -53,8 +96,13 @@ def test_a_filter_that_does_not_explain_the_samples_starts_anew():
         status = determination.process(*flight.fly())
     assert status.valid
     # From here on the samples are those of another attitude, rate and history.
-    statuses = [determination.process(*other.fly()) for _ in range(240)]
+    statuses, are_known = [], []
+    for _ in range(240):
+        statuses.append(determination.process(*other.fly()))
+        are_known.append(bool(np.isfinite(determination.correction).all()))
     reasons = [status.reason for status in statuses]
+    first = next(number for number, reason in enumerate(reasons) if "starts anew" in reason)
+    assert all(are_known[:first]) and not any(are_known[first : first + 2]) and are_known[-1]
     assert "starts anew: the filter did not explain the samples" in reasons
     assert statuses[-1].restarts >= 1 and statuses[-1].valid
     assert np.degrees(np.linalg.norm(other.errors(determination.estimate)[:3])) < 2.0

@@ -126,6 +126,9 @@ class AttitudeEstimate:
 class AttitudeFilter:
     """The filter; `start`, then `predict` and `update` in turn.
 
+    Its `correction` is the small rotation (rad, body axes) by which samples have turned the
+    attitude since the last prediction; zero without one that was used.
+
     Parameters
     ----------
     body : BodyModel
@@ -181,6 +184,7 @@ class AttitudeFilter:
         self._innovation = np.zeros(3)
         self.normalised_innovation_squared = math.nan
         self.log_likelihood = 0.0
+        self.correction = np.zeros(3)
 
     def predict(self, period: FilterPeriod) -> None:
         """Predict to the end of a period."""
@@ -190,6 +194,7 @@ class AttitudeFilter:
             middle = self._elapsed + 0.5 * period.duration
             self._field_partial = self._field_error.partial(period.position_gcrf, middle)
         self._elapsed += period.duration
+        self.correction = np.zeros(3)
         predict_attitude(
             self._quaternion,
             self._mean,
@@ -229,6 +234,7 @@ class AttitudeFilter:
         bool
             False if the sample was outside the gate and not used.
         """
+        predicted = self._quaternion.copy()
         square, likelihood = update_by_field(
             self._quaternion,
             self._mean,
@@ -244,6 +250,7 @@ class AttitudeFilter:
         used = bool(square <= self._configuration.gate)
         if used:
             self.log_likelihood += float(likelihood)
+            self.correction = rotation_vector(multiply(conjugate(predicted), self._quaternion))
         return used
 
     @property

@@ -130,6 +130,7 @@ class AttitudeDetermination:
         self._filter_configuration = filter_configuration
         self._configuration = configuration or DeterminationConfiguration()
         self._bank: AttitudeFilterBank | None = None
+        self._best_before: AttitudeFilter | None = None
         self._innovations: deque[float] = deque(maxlen=self._configuration.window)
         self._recent: deque[float] = deque(maxlen=self._configuration.confirming_samples)
         self._is_confirmed = False
@@ -142,6 +143,17 @@ class AttitudeDetermination:
     def estimate(self) -> AttitudeEstimate | None:
         """What is known; None before the first sample."""
         return None if self._bank is None else self._bank.estimate
+
+    @property
+    def correction(self) -> FloatArray:
+        """Rotation by which the last sample turned the predicted attitude, rad, body axes, (3,).
+
+        Zero where it was not used; nan where the estimate is of another filter than that before.
+        """
+        best = None if self._bank is None else self._bank.best
+        if best is None or best is not self._best_before:
+            return np.full(3, math.nan)
+        return best.correction
 
     @property
     def status(self) -> DeterminationStatus:
@@ -167,6 +179,7 @@ class AttitudeDetermination:
         """
         field = period.field_end_gcrf
         reason = self._fault_of(measured_body, field)
+        self._best_before = None if self._bank is None else self._bank.best
         if self._bank is not None:
             self._bank.predict(period)
         if reason:

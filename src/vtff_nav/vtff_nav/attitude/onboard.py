@@ -81,6 +81,8 @@ class OnboardAttitude:
         False if the wheel does not do what it is told.
     field_is_valid
         False if the samples cannot be true.
+    correction
+        See `AttitudeDetermination.correction`, rad, body axes, shape (3,).
     """
 
     status: DeterminationStatus
@@ -88,6 +90,7 @@ class OnboardAttitude:
     wheel_speed_rpm: float
     wheel_follows: bool
     field_is_valid: bool
+    correction: FloatArray
 
 
 class OnboardAttitudeEstimator:
@@ -144,7 +147,12 @@ class OnboardAttitudeEstimator:
         if not report.period > 0.0:
             known = self._determination
             return OnboardAttitude(
-                known.status, known.estimate, wheel.speed_rpm, wheel.follows, False
+                known.status,
+                known.estimate,
+                wheel.speed_rpm,
+                wheel.follows,
+                False,
+                np.full(3, math.nan),
             )
         wheel_start = wheel.momentum
         wheel_end = wheel.predict(report.wheel_command_rpm, report.period)
@@ -171,6 +179,7 @@ class OnboardAttitudeEstimator:
             wheel.speed_rpm,
             wheel.follows,
             not status.reason.startswith("magnetometer"),
+            self._determination.correction,
         )
 
 

@@ -145,8 +145,9 @@ def test_a_newer_attitude_has_the_error_of_the_one_before_it_less_its_turn():
     filter_.expect_attitude_errors({label: 1e-4}, {label: 5e-3})
     # Half the sigma: the position has gained as much, and the antenna is where it was.
     np.testing.assert_allclose(sigmas(), [0.4e-2, 1e-2, 1e-5], rtol=1e-3)
-    assert filter_.state.mean[index] == pytest.approx(-5e-3 / 4.0)
-    assert filter_.state.mean[0] - difference[0] == pytest.approx(-0.4 * 5e-3 * 0.75, rel=1e-3)
+    # Navigation knows nothing of the error itself: the new attitude is as likely as the old one.
+    assert filter_.state.mean[index] == pytest.approx(0.0, abs=1e-9)
+    assert filter_.state.mean[0] - difference[0] == pytest.approx(-0.4 * 5e-3, rel=1e-3)
     filter_.expect_attitude_errors({label: 9e-4}, {label: 0.0})
     np.testing.assert_allclose(sigmas()[:2], [0.4e-2, 3e-2], rtol=1e-3)
     # Half a radian away is no newer estimate of the same, nor is an attitude that was unknown.
@@ -154,6 +155,48 @@ def test_a_newer_attitude_has_the_error_of_the_one_before_it_less_its_turn():
         filter_.expect_attitude_errors({label: 1e-4}, turns)
         assert filter_.state.mean[index] == 0.0
         assert not filter_.state.covariance[0, index]
+
+
+@pytest.mark.parametrize("antenna_sigma", [1e-4, 1e-2, 1.0])
+def test_corrections_of_the_attitude_against_a_solution_of_all_measurements(antenna_sigma):
+    """A constant attitude, measured at each estimate; the antenna at its arm is measured once."""
+    difference, label, arm = nine(DEPUTY_250M - CHIEF), ("attitude_error", 1, 0), 0.4
+    measured, sigma = np.array([8e-3, -15e-3, 4e-3, -2e-3]), 1e-2
+    position_sigma, antenna = 3e-3, -4e-3  # m
+    estimates = np.cumsum(measured) / np.arange(1, 5)
+    variances = sigma**2 / np.arange(1, 5)
+    motion = np.diag([position_sigma**2, *np.full(8, 1e-6)])
+    filter_ = RelativeFilter(CdgpsConfiguration(), difference, motion, 0.0)
+    state = filter_.state
+    filter_.expect_attitude_errors({label: variances[0]}, {})
+    index = state.index(label)
+    design = np.zeros((1, len(state)))
+    design[0, [0, index]] = 1.0, arm
+    residual = np.array([antenna - arm * estimates[0]])
+    noise = np.array([antenna_sigma**2])
+    state.update(state.innovation(design, residual, noise, np.zeros((1, 0))))
+    for variance, turn in zip(variances[1:], np.diff(estimates), strict=True):
+        filter_.expect_attitude_errors({label: variance}, {label: turn})
+    # Position and attitude from all of it at once.
+    rows = np.array([[1.0, 0.0], [1.0, arm], *np.tile([0.0, 1.0], (4, 1))])
+    sigmas = np.array([position_sigma, antenna_sigma, *np.full(4, sigma)])
+    values = np.array([0.0, antenna, *measured])
+    information = (rows / sigmas[:, None] ** 2).T @ rows
+    expected = np.linalg.solve(information, (rows / sigmas[:, None] ** 2).T @ values)
+    found = [state.mean[0] - difference[0], estimates[-1] + state.mean[index]]
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-8)
+    both = state.covariance[np.ix_([0, index], [0, index])]
+    np.testing.assert_allclose(both, np.linalg.inv(information), rtol=1e-6)
+
+
+def test_corrections_that_undo_a_drift_do_not_sum_up():
+    """The attitude drifts, and its estimator takes that back in every period."""
+    difference, label = nine(DEPUTY_250M - CHIEF), ("attitude_error", 1, 0)
+    filter_ = RelativeFilter(CdgpsConfiguration(), difference, 1e-6 * np.eye(9), 0.0)
+    filter_.expect_attitude_errors({label: 1e-4}, {})
+    for _ in range(300):
+        filter_.expect_attitude_errors({label: 1e-4}, {label: 2e-4})
+    assert filter_.state.mean[filter_.state.index(label)] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_shells_against_a_ray_through_a_thick_layer():

@@ -213,6 +213,42 @@ def test_a_body_that_turns_about_two_axes_has_not_turned_against_its_estimates()
     np.testing.assert_allclose(turn, [0.0, 2e-3, 0.0], atol=1e-7)
 
 
+def test_corrections_that_an_estimator_tells_count_those_of_attitudes_between_too() -> None:
+    """Where it does not tell one of them the attitudes themselves are compared."""
+    antenna, first = estimated(TIME)
+    pair, told = AntennaPair(deputy=antenna), np.array([1e-3, 0.0, -2e-3])
+    inputs = EstimatorInputs()
+    inputs.add_attitude(first)
+    for number in (1, 2):
+        turned = Rotation.from_quat(first.quaternion_gcrf) * Rotation.from_rotvec(
+            5.0 * number * first.rate_body + [0.0, 0.0, 4e-3 * number]
+        )
+        inputs.add_attitude(
+            dataclasses.replace(
+                first,
+                time=TIME + 5.0 * number,
+                quaternion_gcrf=turned.as_quat(),
+                correction=told * number,
+            )
+        )
+
+    def turn(before: float, now: float) -> list[float]:
+        attitudes = [inputs._attitudes_at(TIME + second) for second in (before, now)]
+        corrections = inputs._corrections_since(attitudes[0], attitudes[1])
+        return list(pair.attitude_turns(TIME + now, *attitudes, corrections).values())
+
+    np.testing.assert_allclose(turn(1.0, 2.0), 0.0)
+    np.testing.assert_allclose(turn(6.0, 11.0), 2.0 * told)
+    np.testing.assert_allclose(turn(1.0, 11.0), 3.0 * told)
+    assert turn(-1.0, 1.0) == []
+    newest = dataclasses.replace(inputs._attitudes_at(TIME + 11.0)[1], time=TIME + 10.5)
+    inputs.add_attitude(dataclasses.replace(newest, correction=np.full(3, np.nan)))
+    expected = -0.5 * first.rate_body  # it has not turned as it should have in half a second
+    np.testing.assert_allclose(turn(6.0, 12.0)[:2], expected[:2], atol=1e-4)
+    with pytest.raises(ValueError, match="correction: three numbers"):
+        dataclasses.replace(first, correction=np.zeros(2))
+
+
 def test_an_attitude_counts_from_the_next_epoch_on_and_not_for_ever() -> None:
     """Whether it comes before or after the observations of its own time changes nothing."""
     inputs = EstimatorInputs()

@@ -427,7 +427,12 @@ class CdgpsEstimator(EstimatorInputs):
         rotations = antennas.rotations_body_to_itrf(time, states, attitudes)
         self._relative.expect_attitude_errors(
             antennas.attitude_variances(attitudes),
-            antennas.attitude_turns(time, self._attitudes_used, attitudes),
+            antennas.attitude_turns(
+                time,
+                self._attitudes_used,
+                attitudes,
+                self._corrections_since(self._attitudes_used, attitudes),
+            ),
         )
         self._attitudes_used = attitudes
         to_navigation = self._motion.to_itrf(time).T

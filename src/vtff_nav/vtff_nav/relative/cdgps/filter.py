@@ -242,10 +242,18 @@ class RelativeFilter:
         variances : mapping of label to float
             rad2, see `AntennaPair.attitude_variances`.
         turns : mapping of label to float
-            By how much a newer attitude is turned against the one before it, rad, see
-            `AntennaPair.attitude_turns`. The error of the newer one is less by it; that its
-            variance is smaller is information, that it is larger is noise. An attitude whose turn
-            is not given, or by far too large for its sigmas, has an error of its own.
+            By how much measurements have turned an attitude since the one before it, rad, see
+            `AntennaPair.attitude_turns`. An attitude whose turn is not given, or by far too large
+            for its sigmas, has an error of its own.
+
+        Notes
+        -----
+        The error of the newer attitude is less by the turn. Its estimator expects it to be zero, as
+        it expected that of the one before: the old expectation is taken back and the new one is
+        told. So an error that navigation knows well follows the turns; one of which it knows no
+        more than the estimator stays at zero, and the position follows the attitude. Were turns
+        taken off alone, those that undo the drift of the attitude between them would sum up. That
+        the variance is smaller is information, that it is larger is noise.
         """
         for label, given in variances.items():
             variance = max(given, _LEAST_ATTITUDE_VARIANCE)
@@ -257,7 +265,9 @@ class RelativeFilter:
             ):
                 self.state.renew(label, variance)
             else:
-                self.state.mean[self.state.index(label)] -= turns[label]
+                column, turn = self.state.index(label), turns[label]
+                self.state.mean[column] -= turn
+                self.state.mean += self.state.covariance[:, column] * (turn / last)
                 self.state.reweigh([label], last, variance)
             self._attitude_variances[label] = variance
 

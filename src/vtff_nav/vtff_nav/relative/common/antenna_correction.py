@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -19,7 +19,7 @@ import numpy as np
 from vtff_dynamics.frames.earth import rotation_gcrf_to_itrf, state_itrf_to_gcrf
 from vtff_dynamics.frames.rtn import rotation_gcrf_to_rtn
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import FloatArray, norm, skew
+from vtff_dynamics.vectors import FloatArray, is_finite, norm, skew
 from vtff_gnss.antex import PhaseCentre, antex_frequency
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 from vtff_nav.relative.common.body_attitude import BodyAttitude
@@ -264,11 +264,24 @@ class AntennaPair:
         }
 
     def attitude_turns(
-        self, time: GpsTime, before: Attitudes, attitudes: Attitudes
+        self,
+        time: GpsTime,
+        before: Attitudes,
+        attitudes: Attitudes,
+        corrections: Sequence[FloatArray],
     ) -> dict[tuple[str, int, int], float]:
-        """Return by how much attitudes are turned against those used before, rad, by label.
+        """Return by how much measurements have turned attitudes since those before, by label.
 
-        Receivers whose attitude has become known, or is no longer, are left out.
+        In rad, body axes. Receivers whose attitude has become known, or is no longer, are left out.
+
+        Parameters
+        ----------
+        time : GpsTime
+        before, attitudes : tuple of BodyAttitude or None
+            Attitudes used before, and now.
+        corrections : sequence of ndarray, shape (3,)
+            What the estimators tell of it, rad, see `EstimatorInputs`; where it is nan the attitude
+            is compared with the one before.
         """
         turns: dict[tuple[str, int, int], float] = {}
         for receiver, antenna in enumerate(self.both):
@@ -276,7 +289,9 @@ class AntennaPair:
             if antenna.is_turned_by_estimate and (first is None) == (second is None):
                 turn = np.zeros(3)
                 if first is not None and second is not None and first is not second:
-                    turn = second.turn_from(first, time)
+                    turn = corrections[receiver]
+                    if not is_finite(turn):
+                        turn = second.turn_from(first, time)
                 for axis in range(3):
                     turns["attitude_error", receiver, axis] = float(turn[axis])
         return turns

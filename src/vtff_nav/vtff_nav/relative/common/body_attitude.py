@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -37,6 +37,9 @@ class BodyAttitude:
         Rate against GCRF, rad/s, body axes; the attitude of another time follows from it.
     covariance : array_like, shape (3, 3)
         Covariance of the small rotation, in body axes, by which the true attitude differs, rad2.
+    correction : array_like, shape (3,), optional
+        Small rotation by which measurements have turned the attitude that was predicted from the
+        estimate before this one, rad, body axes; nan where that is not known.
 
     Raises
     ------
@@ -48,12 +51,17 @@ class BodyAttitude:
     quaternion_gcrf: FloatArray
     rate_body: FloatArray
     covariance: FloatArray
+    correction: FloatArray = field(default_factory=lambda: np.full(3, np.nan))
 
     def __post_init__(self) -> None:
         """Check the values and turn them into arrays."""
         quaternion = check_quaternion("quaternion_gcrf", self.quaternion_gcrf)
         object.__setattr__(self, "quaternion_gcrf", quaternion)
         object.__setattr__(self, "rate_body", check_vector("rate_body", self.rate_body, 3, "rad/s"))
+        correction = np.array(self.correction, dtype=float)
+        if correction.shape != (3,):
+            raise ValueError("correction: three numbers (rad) expected")
+        object.__setattr__(self, "correction", correction)
         covariance = np.array(self.covariance, dtype=float)
         is_finite = covariance.shape == (3, 3) and bool(np.isfinite(covariance).all())
         if not is_finite or np.diagonal(covariance).min() < 0.0:
@@ -75,6 +83,7 @@ class BodyAttitude:
     def turn_from(self, before: BodyAttitude, time: GpsTime) -> FloatArray:
         """Return the small rotation from another estimate to this one at a time, rad, body axes.
 
+        It stands for the correction of an estimator that tells none.
         The rate between both estimates is the mean of theirs: with that of the earlier one alone a
         body that turns about two axes seems to turn by 1e-5 rad more in 5 s, and always to the same
         side.

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_dynamics.vectors import is_finite
+from vtff_dynamics.vectors import FloatArray, is_finite
 from vtff_gnss.ephemeris import BroadcastEphemeris
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.orbits.satellite_table import SatelliteOrbits, SatelliteTable
@@ -73,6 +73,22 @@ class EstimatorInputs:
             for attitudes in self._attitudes
         )
         return chief, deputy
+
+    def _corrections_since(self, before: Attitudes, attitudes: Attitudes) -> list[FloatArray]:
+        """Return what measurements have turned attitudes since those before, rad, body axes.
+
+        The corrections are those of chief and deputy, shape (3,) each; nan where an estimator does
+        not tell, or no attitude was before. That the body turns between two corrections is left
+        out: 5 mrad of them in 5 s.
+        """
+        corrections = []
+        for kept, first, second in zip(self._attitudes, before, attitudes, strict=True):
+            if first is None or second is None or first not in kept:
+                corrections.append(np.full(3, np.nan))
+                continue
+            later = kept[kept.index(first) + 1 : kept.index(second) + 1]
+            corrections.append(sum((one.correction for one in later), np.zeros(3)))
+        return corrections
 
     def add_thrust(self, start: GpsTime, duration: float, acceleration_rtn: npt.ArrayLike) -> None:
         """Add the thrust of the deputy; see `RelativeEstimator.add_thrust`.
