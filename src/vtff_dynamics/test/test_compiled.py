@@ -1,6 +1,5 @@
 """Compiled functions: machine code that later processes load without numba."""
 
-import collections
 import json
 import os
 import pathlib
@@ -12,7 +11,7 @@ import numpy as np
 import pytest
 
 from vtff_dynamics import machine_code
-from vtff_dynamics.machine_code import argument_forms, dispatching_function, source_fingerprint
+from vtff_dynamics.machine_code import source_fingerprint
 
 KERNELS = """
 import collections
@@ -49,12 +48,19 @@ def total(values, settings, kinds):
     return result, len(values) > 2
 """
 CALL = """
-import json, sys
+import json, pickle, sys
 import numpy as np
+unpickled, loads = [], pickle.loads
+pickle.loads = lambda *arguments: unpickled.append(arguments) or loads(*arguments)
 from kernels import Settings, total
 from vtff_dynamics.compiled import count_compiled_forms
 values, kinds = np.linspace(0.1, 2.0, 12).reshape(4, 3), np.zeros((4, 3), dtype=np.int64)
-sums, is_long = total(values, Settings(2.0, 0.5), kinds)
+for call in range(20):
+    if call == 2:
+        count = len(unpickled)
+    sums, is_long = total(values, Settings(2.0, 0.5), kinds)
+assert len(unpickled) == count, "calls unpickle"
+assert type(sums) is np.ndarray and sys.getrefcount(sums) == 2
 print(json.dumps([sums.tolist(), is_long, kinds.tolist(), "numba" in sys.modules]))
 print(json.dumps(count_compiled_forms()))
 """
@@ -149,65 +155,6 @@ def test_works_where_nothing_can_be_kept(tmp_path):
     taken.write_bytes(b"")
     found = call_in_new_process(tmp_path, NUMBA_CACHE_DIR=str(taken), HOME=str(taken))
     np.testing.assert_allclose(found[0], interpreted()[0], rtol=1e-15)
-
-
-Pair = collections.namedtuple("Pair", "first second")
-MATRIX = np.zeros((3, 4))
-
-
-def read_only(array: np.ndarray) -> np.ndarray:
-    array = array.copy()
-    array.flags.writeable = False
-    return array
-
-
-FORMS = [
-    (1.0, "float"),
-    (np.float64(1.0), "float"),
-    (1, "int"),
-    (np.int64(1), "int"),
-    (True, "bool"),
-    (np.bool_(True), "bool"),
-    (MATRIX, "C float64 2"),
-    (MATRIX.T, "F float64 2"),
-    (MATRIX[:, ::2], "A float64 2"),
-    (read_only(MATRIX), "C float64 2 readonly"),
-    (np.zeros(3, dtype=np.uint8), "C uint8 1"),
-    (np.zeros(3, dtype=np.float32), "C float32 1"),
-    (Pair(1.0, 2), f"{__name__}.Pair(first float, second int)"),
-    (Pair(1.0, MATRIX), f"{__name__}.Pair(first float, second C float64 2)"),
-]
-
-
-@pytest.mark.parametrize(("argument", "form"), FORMS)
-def test_code_is_called_for_arguments_of_its_form_only(argument, form):
-    assert argument_forms([argument]) == (form,)
-    dispatch = dispatching_function({(form,): lambda value: "code"}, lambda value: "otherwise")
-    for other, other_form in FORMS:
-        assert dispatch(other) == ("code" if other_form == form else "otherwise"), other_form
-
-
-@pytest.mark.parametrize(
-    "argument",
-    [
-        None,
-        "text",
-        (1.0, 2.0),
-        Pair(1.0, None),
-        np.float32(1.0),
-        np.zeros(3, dtype=">f8"),
-        np.zeros(2, dtype=[("x", "u1"), ("y", "f8")]),
-        np.zeros(2, dtype=[("x", "u1"), ("y", "f8")])["y"],
-        np.array(["text"]),
-        np.zeros(3).view(np.recarray),
-    ],
-)
-def test_other_arguments_have_no_form(argument):
-    assert argument_forms([argument]) is None
-    dispatch = dispatching_function(
-        {(form,): lambda value: "code" for _, form in FORMS}, lambda value: "otherwise"
-    )
-    assert dispatch(argument) == "otherwise"
 
 
 def kernels(source: str) -> types.ModuleType:
