@@ -154,6 +154,25 @@ def test_setup_py_says_the_same(package):
     assert setup_argument(package, "maintainer_email") == description.maintainers[0].email
 
 
+def test_files_beside_the_modules_are_installed_with_them():
+    """What git holds in a package besides its modules; pyproject.toml is for use without ROS."""
+    tomllib = pytest.importorskip("tomllib", reason="Python 3.10 reads no TOML")
+    declared = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    of_all = declared["tool"]["setuptools"]["package-data"]
+    listed = subprocess.run(["git", "ls-files", "src"], cwd=ROOT, capture_output=True, text=True)
+    if listed.returncode:
+        pytest.skip("no git checkout")
+    missing = []
+    for path in map(pathlib.PurePosixPath, listed.stdout.splitlines()):
+        package = path.parts[1]
+        if path.parts[2:3] != (package,) or path.suffix == ".py" or package not in PYTHON_PACKAGES:
+            continue
+        inside = pathlib.PurePosixPath(*path.parts[3:])
+        if not any(inside.match(each) for each in [*of_all["*"], *of_all.get(package, [])]):
+            missing.append(str(path))
+    assert not missing
+
+
 def test_one_version():
     versions = {
         catkin_package.parse_package(str(folder)).version: name for name, folder in FOLDERS.items()
