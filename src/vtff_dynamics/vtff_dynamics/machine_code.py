@@ -7,6 +7,7 @@ results are the same to the last bit.
 
 from __future__ import annotations
 
+import contextlib
 import enum
 import functools
 import hashlib
@@ -53,9 +54,6 @@ _SCALAR_TYPES = {
 }
 #: Kinds of numbers in arrays: floating, signed, unsigned, truth values, complex.
 _KINDS = "fiubc"
-#: Flags of an array that is writeable, aligned and of a layout; `flags.farray` of numpy 2.4 is true
-#: of arrays that are not contiguous, too.
-_FLAGS = {"C": "{0}.flags.carray", "F": "{0}.flags.fnc and {0}.flags.behaved"}
 #: Instructions of the level x86-64-v3 beyond those of x86-64 (x86-64 psABI), as Linux names them.
 _LEVEL_3 = set("avx avx2 bmi1 bmi2 f16c fma abm movbe xsave".split())
 
@@ -111,7 +109,14 @@ def dispatching_function(
         at them itself: an array of another kind would be read wrongly.
     otherwise : callable
         Called where no form matches.
+
+    Raises
+    ------
+    ValueError
+        If the numbers of arguments differ.
     """
+    if len(set(map(len, codes))) != 1:
+        raise ValueError("a compiled function has one number of arguments")
     make_dispatcher = _load_dispatcher()
     if make_dispatcher is None:
         return _python_dispatcher(codes, otherwise)
@@ -157,46 +162,13 @@ def _python_dispatcher(
     codes: dict[tuple[str, ...], Callable[..., Any]], otherwise: Callable[..., Any]
 ) -> Callable[..., Any]:
     """Return the function that `dispatching_function` describes, written in Python."""
-    count = max(len(forms) for forms in codes)
-    names = [f"argument_{place}" for place in range(count)]
-    scope: dict[str, Any] = {
-        "ndarray": np.ndarray,
-        "form_of": _argument_form,
-        "otherwise": otherwise,
-        **{f"types_of_{form}": kinds for form, kinds in _SCALAR_TYPES.items()},
-    }
-    lines = [f"def dispatch({', '.join(names)}):"]
-    for number, (forms, code) in enumerate(codes.items()):
-        scope[f"code_{number}"] = code
-        conditions = [
-            _condition(name, form, scope) for name, form in zip(names, forms, strict=True)
-        ]
-        lines += [
-            f"    if {' and '.join(conditions) or 'True'}:",
-            f"        return code_{number}({', '.join(names)})",
-        ]
-    lines.append(f"    return otherwise({', '.join(names)})")
-    exec("\n".join(lines), scope)
-    function: Callable[..., Any] = scope["dispatch"]
-    return function
 
+    def dispatch(*arguments: Any) -> Any:
+        forms = argument_forms(arguments)
+        code = otherwise if forms is None else codes.get(forms, otherwise)
+        return code(*arguments)
 
-def _condition(name: str, form: str, scope: dict[str, Any]) -> str:
-    """Return the expression that tells whether an argument has a form; `scope` gets its values."""
-    if form in _SCALAR_TYPES:
-        return f"type({name}) in types_of_{form}"
-    if "(" in form:
-        return f"form_of({name}) == {form!r}"
-    layout, kind, dimensions, *readonly = form.split(" ")
-    scope[f"dtype_{kind}"] = np.dtype(kind)
-    if layout in _FLAGS and not readonly:
-        flags = _FLAGS[layout].format(name)
-    else:
-        flags = f"form_of({name}) == {form!r}"
-    return (
-        f"type({name}) is ndarray and {name}.ndim == {dimensions}"
-        f" and {name}.dtype == dtype_{kind} and {flags}"
-    )
+    return dispatch
 
 
 def source_fingerprint(
@@ -364,7 +336,7 @@ def build_machine_code(
     Parameters
     ----------
     function : function
-        What it calls is compiled by numba.
+        Functions that it calls are compiled by numba.
     arguments : sequence
         Values of the types that it is compiled for.
     path : pathlib.Path
@@ -377,7 +349,6 @@ def build_machine_code(
     """
     # Imported here, because few processes compile.
     import shutil
-    import tempfile
 
     compiler = _compiler()
     if compiler is None or shutil.which("c++") is None:
@@ -402,13 +373,11 @@ def build_machine_code(
     )
     module.external_init_function = f"pycc_init_{_MODULE}"
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
-            compiled, linked = os.path.join(folder, "code.o"), os.path.join(folder, "code.so")
+        with _building(path) as (folder, linked):
+            compiled = os.path.join(folder, "code.o")
             module.write_native_object(compiled, wrap=True)
             options = ["-shared", "-s", "-pthread", "-Wl,--wrap=numba_unpickle"]
             _run(compiler, *options, "-o", linked, compiled, base, "-lm")
-            os.replace(linked, path)
     except OSError:
         return False
     name, source, _, _ = path.name.rsplit(".", 3)
@@ -439,18 +408,14 @@ def _load_dispatcher() -> Callable[..., Any] | None:
 def _build_dispatcher(path: pathlib.Path) -> None:
     """Compile the dispatcher in C into a file; raise OSError if that is impossible."""
     import sysconfig
-    import tempfile
 
     compiler = _compiler()
     if compiler is None:
         raise OSError("no compiler")
     folders = [sysconfig.get_paths()["include"], np.get_include()]
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
-        linked = os.path.join(folder, "dispatcher.so")
+    with _building(path) as (_, linked):
         options = ["-O2", "-DNDEBUG", "-fPIC", "-shared", "-s", *(f"-I{name}" for name in folders)]
         _run(compiler, *options, "-o", linked, str(_DISPATCHER_SOURCE))
-        os.replace(linked, path)
 
 
 def _compiler() -> str | None:
@@ -472,23 +437,35 @@ def _base_object(compiler: str) -> str | None:
     if path.is_file():
         return str(path)
     import sysconfig
-    import tempfile
 
     from numba.pycc.cc import CC
 
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
+        with _building(path) as (folder, joined):
             # Private, as numba makes no files of these parts alone, which take two seconds.
             objects = CC(_MODULE, source_module=sys.modules[__name__])._compile_mixins(folder)
-            unpickling, joined = os.path.join(folder, "once.o"), os.path.join(folder, "base.o")
+            unpickling = os.path.join(folder, "once.o")
             options = ["-O2", "-fPIC", f"-I{sysconfig.get_paths()['include']}"]
             _run(compiler, *options, "-c", "-o", unpickling, str(_UNPICKLING_SOURCE))
             _run(compiler, "-r", "-nostdlib", "-o", joined, *objects, unpickling)
-            os.replace(joined, path)
     except Exception:  # setuptools has errors of its own
         return None
     return str(path)
+
+
+@contextlib.contextmanager
+def _building(path: pathlib.Path) -> Iterator[tuple[str, str]]:
+    """Yield a folder, which does not last, and a file in it that becomes the path at the end.
+
+    No process ever sees a part of that file. After an error there is none.
+    """
+    import tempfile
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".building_") as folder:
+        made = os.path.join(folder, "made")
+        yield folder, made
+        os.replace(made, path)
 
 
 def _run(*command: str) -> None:
