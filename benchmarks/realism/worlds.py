@@ -465,6 +465,17 @@ def _antennas_in_file() -> tuple[Antenna, Antenna]:
 SINUSOID = MultipathModel(code_amplitude=0.5, phase_amplitude=0.005, period=120.0)
 OPTIMISTIC = NoiseModel("fixed", 0.6, 0.003, 0.01, stated_sigma_factor=1.0 / 3.0)
 
+
+def with_stated_lever_arm(world: World) -> World:
+    """Return a world with a drawn lever arm of the deputy, of which only the sigma is stated."""
+    return dataclasses.replace(
+        world,
+        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
+        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
+        must=Must(fixed_percent=100.0),
+    )
+
+
 WORLDS: dict[str, World] = {
     # The shipped approach from 1000 m to 100 m, in the geometry of the file.
     "ideal": World(
@@ -564,29 +575,13 @@ WORLDS: dict[str, World] = {
         change_setting=given_antennas(calibrated(1, (0, 0, 0), 0.0), calibrated(2, LEVER_ARM, 0.0)),
         must=Must(0.5, fixed_percent=100.0),
     ),
-    "lever_arm_sigma": World(
-        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
-        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
-        must=Must(fixed_percent=100.0),
-    ),
+    "lever_arm_sigma": with_stated_lever_arm(World()),
     # The same under the forces of an orbit. What tells the arm from the position is the motion, as
     # well as accelerations are known: of those that the filter allows for only drag is there.
-    "lever_arm_forces": World(
-        "realistic",
-        change_scenario=exact_thrust,
-        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
-        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
-        must=Must(fixed_percent=100.0),
-    ),
+    "lever_arm_forces": with_stated_lever_arm(World("realistic", change_scenario=exact_thrust)),
     # With thrust errors of the sigmas that the filter states and other spacecraft, too: all that
     # the filter counts is drawn.
-    "lever_arm_drawn": World(
-        "realistic",
-        change_scenario=drawn_spacecraft,
-        change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
-        change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
-        must=Must(fixed_percent=100.0),
-    ),
+    "lever_arm_drawn": with_stated_lever_arm(World("realistic", change_scenario=drawn_spacecraft)),
     # The realistic world, with thrust errors, too.
     "realistic_lever_arm": World(
         "realistic",

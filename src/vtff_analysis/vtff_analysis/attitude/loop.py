@@ -244,7 +244,8 @@ class AttitudeHistory:
     restarts
         New starts of the estimator.
     correction
-        What the last sample turned the estimated attitude, rad, body axes; nan if not known.
+        Rotation by which the last sample turned the estimated attitude, rad, body axes; nan if not
+        known.
     """
 
     time: FloatArray

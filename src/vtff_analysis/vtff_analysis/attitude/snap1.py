@@ -374,7 +374,7 @@ class KickResult:
     formula_deg
         Undamped pendulum at rest, with the field at the place of the firing: 2 asin(w / 2 w_d).
     mean_field_formula_deg
-        The same with the mean strength of the field from the firing to the peak of the swing.
+        Such a pendulum with the mean strength of the field from the firing to the peak.
     actual_deg
         Undamped pendulum from the state just after each firing, with the swing that was left before
         it, the turn of the field along the orbit, and its mean strength until the peak.

@@ -155,21 +155,10 @@ class GraphWaiter:
     def _spin(
         self, is_done: Callable[[], bool], patience: float, is_there: Callable[[], bool]
     ) -> None:
-        """Spin until something is done, the patience is over, or the awaited node has left.
+        """Spin until something is done or the patience is over, whatever signals ask for.
 
-        Parameters
-        ----------
-        is_done
-            Whether it is done.
-        patience
-            Longest wait, s of wall time.
-        is_there
-            Whether the awaited node is in the graph.
-
-        Raises
-        ------
-        typer.Exit
-            With one line when the node has left and nothing more has come of it.
+        Parameters as in `wait_until`. Raises typer.Exit, with one line, when the awaited node has
+        left and nothing more has come of it.
         """
         deadline = time.monotonic() + patience
         is_gone = False

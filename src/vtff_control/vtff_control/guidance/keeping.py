@@ -34,7 +34,7 @@ _LAST_PLANNING = 0.3
 _DEVIATION_PRICE = 2.0
 """See `least_impulses`: of all pulses that cost the least, the earliest."""
 _PATIENT_PRICE = 0.01
-"""The same where an engine is too weak for a return at once: propellant counts, then time."""
+"""This price where an engine is too weak for a return at once: propellant counts, then time."""
 _QUICK_DUTY, _LARGEST_DUTY = 0.03, 0.25
 """Part of a span in which an axis thrusts at most, in a return at once and in a patient one.
 
@@ -217,9 +217,8 @@ class FormationKeeper:
         if not self._can_fly(impulses, _QUICK_DUTY * span):
             span = self._span
             impulses = self._plan(span, _PATIENT_PRICE)
-            while not self._can_fly(impulses, _LARGEST_DUTY * span):
-                if span >= _LONGEST_SPAN * self._span:
-                    break
+            longest = _LONGEST_SPAN * self._span
+            while span < longest and not self._can_fly(impulses, _LARGEST_DUTY * span):
                 span *= 2.0
                 impulses = self._plan(span, _PATIENT_PRICE)
         self._ends = time + span

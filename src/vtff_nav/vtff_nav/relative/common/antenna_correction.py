@@ -280,8 +280,8 @@ class AntennaPair:
         before, attitudes : tuple of BodyAttitude or None
             Attitudes used before, and now.
         corrections : sequence of ndarray, shape (3,)
-            What the estimators tell of it, rad, see `EstimatorInputs`; where it is nan the attitude
-            is compared with the one before.
+            Corrections that the estimators tell, rad, see `EstimatorInputs`; where a correction is
+            nan the attitude is compared with the attitude before.
         """
         turns: dict[tuple[str, int, int], float] = {}
         for receiver, antenna in enumerate(self.both):

@@ -75,11 +75,11 @@ class EstimatorInputs:
         return chief, deputy
 
     def _corrections_since(self, before: Attitudes, attitudes: Attitudes) -> list[FloatArray]:
-        """Return what measurements have turned attitudes since those before, rad, body axes.
+        """Return by how much measurements have turned attitudes since those before, rad.
 
-        The corrections are those of chief and deputy, shape (3,) each; nan where an estimator does
-        not tell, or no attitude was before. That the body turns between two corrections is left
-        out: 5 mrad of them in 5 s.
+        The corrections are those of chief and deputy, body axes, shape (3,) each; nan where an
+        estimator tells none, or no attitude was before. That the body turns between two corrections
+        is left out: 5 mrad of them in 5 s.
         """
         corrections = []
         for kept, first, second in zip(self._attitudes, before, attitudes, strict=True):
