@@ -10,7 +10,6 @@ rclpy = pytest.importorskip("rclpy", reason="needs ROS 2")
 pytest.importorskip("vtff_msgs", reason="needs the workspace")
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from domain_coordinator import domain_id  # noqa: E402
 from full_run_samples import orbit  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -61,16 +60,12 @@ class Graph:
 
 
 @pytest.fixture
-def graph():
-    context = rclpy.Context()
-    with domain_id() as free_domain:
-        rclpy.init(context=context, domain_id=free_domain)
-        running = Graph(context)
-        yield running
-        running.executor.shutdown()
-        running.viewer.destroy_node()
-        running.source.destroy_node()
-        rclpy.shutdown(context=context)
+def graph(ros_context):
+    running = Graph(ros_context)
+    yield running
+    running.executor.shutdown()
+    running.viewer.destroy_node()
+    running.source.destroy_node()
 
 
 def test_what_was_and_is_published_arrives_once(graph):

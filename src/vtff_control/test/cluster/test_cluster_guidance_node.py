@@ -1,11 +1,7 @@
 """Node cluster_guidance in this process: what it hears, answers and refuses."""
 
-import contextlib
-
 import numpy as np
 import pytest
-import rclpy
-from domain_coordinator import domain_id
 from geometry_msgs.msg import Point, Pose, PoseArray
 from rclpy.parameter import Parameter
 
@@ -25,17 +21,13 @@ OWN = free_flight(START[np.newaxis], np.arange(0.0, 400.0, STEP))[:, 0]
 
 
 @pytest.fixture
-def make_node(monkeypatch):
-    stack = contextlib.ExitStack()
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(stack.enter_context(domain_id())))
-    context = rclpy.Context()
-    rclpy.init(context=context)
+def make_node(ros_context):
     nodes = []
 
     def make(**parameters):
         values = {"lockstep": True, "station_period": 5419.2, **parameters}
         node = ClusterGuidanceNode(
-            context=context,
+            context=ros_context,
             namespace="/chaser",
             parameter_overrides=[Parameter(name, value=value) for name, value in values.items()],
         )
@@ -47,8 +39,6 @@ def make_node(monkeypatch):
     yield make
     for node in nodes:
         node.destroy_node()
-    rclpy.shutdown(context=context)
-    stack.close()
 
 
 def fix(step, status=GnssFix.STATUS_SINGLE):
