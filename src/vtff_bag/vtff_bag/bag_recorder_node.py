@@ -23,6 +23,7 @@ from vtff_node.node import EXIT_FAILURE, VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
 from vtff_node.process.run_environment import RUN_DIRECTORY_VARIABLE
 from vtff_node.stamps import to_stamp
+from vtff_node.start.unannounced import take_unannounced
 
 ALIVE_INTERVAL = 0.5  # s of wall time between signs of life
 DRAIN_QUIET = 0.2  # s of wall time without a message, after which draining ends
@@ -181,6 +182,8 @@ class BagRecorderNode(VtffNode):
         executor = self.executor
         if executor is None:
             return
+        # Its subscriptions are made at any time of a run.
+        take_unannounced(self.subscriptions)
         started = quiet_since = time.monotonic()
         received = self._recorder.received
         while self.context.ok() and time.monotonic() - started < DRAIN_LIMIT:

@@ -32,6 +32,7 @@ from vtff_node.start.listeners import (
     listener_values,
     status_name,
 )
+from vtff_node.start.unannounced import take_unannounced
 
 #: Topic on which nodes acknowledge steps to the step source, and report that they are ready.
 STEP_DONE_TOPIC = "/sim/step_done"
@@ -275,6 +276,8 @@ class VtffNode(Node):
     def _watch_listeners(self) -> None:
         if not self._closing:
             self._listeners.look()
+            # Subscriptions are made before time runs; only then can a message be overlooked.
+            take_unannounced(self.subscriptions)
         # Once scenario time runs, the recorder hears this node, or this is not a lockstep run.
         if self._listener_timer is not None and (self._listeners.is_over or self._time_has_run()):
             self._listener_timer.cancel()

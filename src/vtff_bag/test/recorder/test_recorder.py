@@ -402,6 +402,13 @@ def start(arguments, environment):
     )
 
 
+def errors_of(*processes):
+    """End processes and return what they have printed on stderr."""
+    for process in processes:
+        process.kill()
+    return "\n".join(process.communicate()[1] for process in processes)
+
+
 LOCKSTEP = ["-p", "lockstep:=true", "-p", "acknowledge_steps:=true"]
 RECORDER = ["-m", "vtff_bag.bag_recorder_node", "--ros-args"]
 
@@ -416,8 +423,7 @@ def test_node_records_every_message_in_lockstep(tmp_path, ros_environment, endin
         ros_environment,
     )
     try:
-        line = source.stdout.readline()
-        assert line == "published\n", source.communicate()[1]
+        assert source.stdout.readline() == "published\n", errors_of(source, recorder)
         recorder.send_signal(ending)
         printed, errors = recorder.communicate(timeout=30)
     finally:
@@ -477,7 +483,7 @@ def test_a_run_that_ends_after_its_first_step_is_whole_though_discovery_was_late
         ros_environment,
     )
     try:
-        assert source.stdout.readline() == "published\n", source.communicate()[1]
+        assert source.stdout.readline() == "published\n", errors_of(source, recorder)
         recorder.send_signal(signal.SIGINT)
         _, errors = recorder.communicate(timeout=60)
     finally:
