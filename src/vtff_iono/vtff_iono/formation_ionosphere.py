@@ -220,7 +220,7 @@ class FormationIonosphere:
             edges = vertical_edges.update(
                 (positions[0], positions[craft]), pair_results, links, pair_densities
             )
-            densities.append(tuple(pair_densities))
+            densities.append(tuple(d for d in pair_densities if not d.is_late))
             boundaries.append((*ray_edges[0], *ray_edges[craft], *edges))
         return FormationResult(results, tuple(densities), tuple(boundaries))
 

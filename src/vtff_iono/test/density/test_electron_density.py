@@ -460,6 +460,64 @@ def test_satellites_whose_noise_hides_an_integer_check_nothing(noise, is_told):
     assert math.isfinite(epoch.density) == is_told
 
 
+@pytest.mark.parametrize(("chosen", "is_told"), [(0, True), (1, False)])
+def test_contents_that_have_chosen_their_integers_check_nothing(chosen, is_told):
+    """Three satellites go on; of one of them the integers fit because they were chosen to."""
+    elevation = np.radians([15.0, 20.0, 28.0, 40.0, 60.0, 80.0])
+    estimator = without_layer()
+    for second in range(101):
+        observed = 3.0 - 5e11 * 1e3 / 1e16 / np.sin(elevation)
+        observed[3:] = math.nan if second == 100 else observed[3:]
+        is_independent = np.arange(6) >= (chosen if second == 100 else 0)
+        epoch = estimator.update(
+            second,
+            600e3,
+            601e3,
+            elevation,
+            elevation,
+            observed,
+            np.full(6, 0.004),
+            is_independent=is_independent,
+        )
+    assert math.isfinite(epoch.density) == is_told
+
+
+def test_a_density_of_the_past_is_told_from_what_is_known_now():
+    """It counts what slow errors may have changed by since, and nothing is learned from it."""
+    elevation = np.radians([15.0, 20.0, 28.0, 40.0, 60.0, 80.0])
+    estimator, generator = without_layer(), np.random.default_rng(2)
+
+    def contents(density):
+        noise = 0.004 * generator.standard_normal(6)
+        return 3.0 - density * 1e3 / 1e16 / np.sin(elevation) + noise
+
+    sigma, satellites = np.full(6, 0.004), range(6)
+    for second in range(200):
+        last = estimator.update(
+            second, 600e3, 601e3, elevation, elevation, contents(5e11), sigma, satellite=satellites
+        )
+
+    def past(elapsed, observed):
+        return estimator.past_density(
+            elapsed, 600e3, 601e3, elevation, elevation, observed, sigma, satellites
+        )
+
+    ratios = []
+    for _ in range(50):
+        epoch = past(5.0, contents(2e11))
+        ratios.append((epoch.density - 2e11) / epoch.fast_sigma)
+    assert 0.5 < math.sqrt(np.mean(np.square(ratios))) < 1.5
+    assert past(100.0, contents(2e11)).sigma > past(1.0, contents(2e11)).sigma
+    observed = contents(2e11)
+    observed[2] += 0.52
+    assert past(5.0, observed).is_outlier.tolist() == [False, False, True, False, False, False]
+    observed[:4] = math.nan
+    assert math.isnan(past(5.0, observed).density)
+    again = past(0.0, contents(5e11))
+    assert again.bias_tecu == pytest.approx(last.bias_tecu, abs=3.0 * last.bias_sigma_tecu)
+    assert estimator.is_bias_known
+
+
 def test_nothing_is_learned_from_contents_that_nothing_checks():
     """Two satellites that agree on a wrong density, as two wrong integers may."""
     elevation = np.radians(np.linspace(15.0, 80.0, 8))

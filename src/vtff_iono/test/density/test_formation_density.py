@@ -9,6 +9,7 @@ import pytest
 from formation_drawing import START, DrawnFormation, layer
 from formation_simulation import mean_density
 
+from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
 
 DURATION, SLIP = 45.0, 15.0
@@ -106,3 +107,49 @@ def test_the_constant_outlives_an_interruption_of_all_satellites():
         chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
         true = mean_density(*drawn.profile, deputy, chief)
         assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma
+
+
+def test_integers_tell_the_densities_of_the_seconds_before_they_were_found(monkeypatch):
+    """Signals that an interruption of all has made new go on until relative navigation fixes them.
+
+    Walls are looked for in the densities of these seconds too, but nobody is told them late.
+    """
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer(), relative_sigma=0.02)
+    slips = {(1, e.prn): SLIP for e in drawn.ephemerides(DURATION)}
+    fixed_again = SLIP + 6.0
+    drawn = dataclasses.replace(drawn, slips=slips, fixed_again=fixed_again)
+    seen = []
+    update = VerticalEdgeFinder.update
+
+    def see(finder, positions, results, links, densities):
+        seen.extend(densities)
+        return update(finder, positions, results, links, densities)
+
+    monkeypatch.setattr(VerticalEdgeFinder, "update", see)
+    told = process(drawn)
+    times = [density.time for density in seen if np.isfinite(density.epoch.density)]
+    assert times == sorted(set(times))
+    late = [density for density in seen if density.is_late]
+    seconds = [(density.time - START.nanoseconds) * 1e-9 for density in late]
+    assert len(late) >= 3
+    assert SLIP < seconds[0] < SLIP + 3.0
+    assert not any(density.is_late for density in told.values())
+    for second, density in zip(seconds, late, strict=True):
+        chief, deputy = drawn.altitudes(np.array(second))
+        true = mean_density(*drawn.profile, deputy, chief)
+        assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma < 1e12
+
+
+def test_fluctuations_that_have_ended_do_not_make_densities_unsure():
+    """Contents of all satellites fluctuate for 25 s. The deputy is two seconds behind."""
+
+    def fluctuation(prn):
+        return lambda t: np.where(t < 25.0, 0.1 * np.sin(2.0 * t + prn), 0.0)
+
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer())
+    prns = sorted({e.prn for e in drawn.ephemerides(DURATION)})
+    drawn = dataclasses.replace(drawn, extra_content={prn: fluctuation(prn) for prn in prns})
+    densities = process(drawn)
+    fast_sigma = {second: density.epoch.fast_sigma for second, density in densities.items()}
+    before = np.mean([fast_sigma[second] for second in range(15, 24)])
+    assert max(fast_sigma[second] for second in range(33, int(DURATION))) < 0.3 * before

@@ -33,8 +33,10 @@ b. A density that the data do not tell is withheld.
 
 from __future__ import annotations
 
+import copy
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -110,7 +112,8 @@ class DensitySettings:
     spare_satellites : int
         A density is withheld, and nothing is learned from its contents, unless there are so many
         satellites more than states in common that are not known: a single wrong integer could not
-        be told from the right ones. A satellite whose noise hides a wrong integer does not count.
+        be told from the right ones. A satellite whose noise hides a wrong integer does not count,
+        nor does one whose content has just chosen its integers.
         What the past has told to better than `outlier_tecu` is known, as a rule b and a, once as
         many satellites as are needed without a past have agreed.
     """
@@ -290,6 +293,7 @@ class ElectronDensityEstimator:
         vtec_sigma_tecu: float = math.nan,
         satellite: npt.ArrayLike | None = None,
         horizontal_sigma_tecu: float = 0.0,
+        is_independent: npt.ArrayLike | None = None,
     ) -> DensityEpoch:
         """Return the density of one epoch.
 
@@ -312,6 +316,9 @@ class ElectronDensityEstimator:
         horizontal_sigma_tecu : float
             Sigma of the difference of the vertical contents of both places at one altitude, TECU:
             it counts as density, and only the sigma knows.
+        is_independent : array_like of bool, shape (n,), optional
+            Whether a content tells whether others are right; by default all do. One whose integers
+            it has chosen itself does not.
         """
         settings = self._settings
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
@@ -336,22 +343,13 @@ class ElectronDensityEstimator:
             # It contains integers and may be anything: the first contents tell where it is.
             self._is_bias_new = False
             self._state[0] = float(np.median(residual))
-        design, contents, spread = kernels.compare(
-            common,
-            self._places(numbers[used].tolist()),
-            self._state,
-            self._covariance,
-            fast_variance,
+        places = self._places(numbers[used].tolist())
+        independent = np.broadcast_to(
+            True if is_independent is None else np.asarray(is_independent, dtype=bool), used.shape
         )
-        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
-        is_outlier = self._contradictions(residual - contents, spread, unknown)
-        kept = ~is_outlier
-        if self._is_checked:
-            innovation, spread = (residual - contents)[kept], spread[np.ix_(kept, kept)]
-            fast_variance[kept] += self._unsaid_variance(innovation, spread, unknown)
-        # Where noise hides a wrong integer, a satellite checks nothing.
-        count = int(np.count_nonzero(kept & (fast_variance < _LARGEST_NOISE**2)))
-        has_check = count >= unknown + settings.spare_satellites
+        design, kept, count, has_check = self._examine(
+            common, places, residual, fast_variance, independent[used]
+        )
         if self._is_checked and not has_check:
             return self._without_density(middle, separation, len(observed))
         self.slow_errors.add(
@@ -364,9 +362,139 @@ class ElectronDensityEstimator:
         )
         gain = self._correct(design[kept], residual[kept], fast_variance[kept])
         self._keep_positive()
-        outliers = np.zeros(len(observed), dtype=bool)
-        outliers[np.flatnonzero(used)[is_outlier]] = True
-        single, single_sigma = np.full((2, len(observed)), np.nan)
+        epoch, per_constant = self._epoch(
+            middle,
+            separation,
+            used,
+            kept,
+            common,
+            residual,
+            fast_variance,
+            gain,
+            horizontal_sigma_tecu,
+        )
+        self._update_model()
+        self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
+        if not (has_check and epoch.sigma <= settings.largest_sigma):
+            return replace(epoch, density=math.nan, sigma=math.nan)
+        self.profile.absorb(
+            altitude_chief,
+            altitude_deputy,
+            epoch.density,
+            epoch.sigma,
+            per_constant * ELECTRONS_PER_TECU,
+        )
+        return epoch
+
+    def past_density(
+        self,
+        elapsed: float,
+        altitude_chief: float,
+        altitude_deputy: float,
+        elevation_chief: FloatArray,
+        elevation_deputy: FloatArray,
+        differential_stec_tecu: FloatArray,
+        sigma_tecu: FloatArray,
+        satellite: Sequence[int],
+        horizontal_sigma_tecu: float = 0.0,
+    ) -> DensityEpoch:
+        """Return the density of an epoch before the last one, from what is known now.
+
+        It serves where integers have been found only later. Nothing is learned from the contents.
+
+        Parameters
+        ----------
+        elapsed : float
+            Time since then, s.
+        altitude_chief, altitude_deputy, elevation_chief, elevation_deputy : float or ndarray
+            As in `update`, like all that follow.
+        """
+        now = copy.copy(self)
+        now._state, now._covariance = self._state.copy(), self._covariance.copy()
+        now._forget_density()
+        elevations = np.array([elevation_chief, elevation_deputy])
+        separation = altitude_deputy - altitude_chief
+        middle = 0.5 * (altitude_chief + altitude_deputy)
+        used = np.isfinite(differential_stec_tecu) & np.isfinite(sigma_tecu)
+        used &= (elevations >= self._settings.elevation_mask).all(axis=0)
+        nothing = now._without_density(middle, separation, len(used))
+        if not (self._is_checked and used.any()):
+            return nothing
+        common = now._common_design(elevations[:, used], altitude_chief, altitude_deputy)
+        residual = differential_stec_tecu[used] - now._modelled(common)
+        places = now._places(np.asarray(satellite)[used].tolist())
+        # The slow errors of then are not all those of now.
+        lost = 1.0 - math.exp(-2.0 * elapsed / self.slow_errors.correlation_time)
+        variance = sigma_tecu[used] ** 2
+        variance += (self._settings.mapping_noise * common[:, _CHANGE]) ** 2
+        variance += np.where(places < 0, 1.0, lost) * self.slow_errors.sigma**2
+        independent = np.ones(len(residual), dtype=bool)
+        design, kept, _, has_check = now._examine(common, places, residual, variance, independent)
+        if not has_check:
+            return nothing
+        gain = kernels.correct(
+            now._state, now._covariance, design[kept], residual[kept], variance[kept]
+        )
+        epoch, _ = now._epoch(
+            middle,
+            separation,
+            used,
+            kept,
+            common,
+            residual,
+            variance,
+            gain,
+            horizontal_sigma_tecu,
+        )
+        return epoch if epoch.sigma <= self._settings.largest_sigma else nothing
+
+    def _examine(
+        self,
+        common: FloatArray,
+        places: npt.NDArray[np.int64],
+        residual: FloatArray,
+        fast_variance: FloatArray,
+        is_independent: npt.NDArray[np.bool_],
+    ) -> tuple[FloatArray, npt.NDArray[np.bool_], int, bool]:
+        """Compare contents with each other and the past; raise variances (TECU^2, in place).
+
+        Returns the design, which contents are kept, how many of these check the others, and whether
+        they are enough for that. Arguments are those of `kernels.compare`, contents less those that
+        are modelled, TECU, and those of `update`.
+        """
+        design, contents, spread = kernels.compare(
+            common, places, self._state, self._covariance, fast_variance
+        )
+        unknown = self._count_unknown(common) if self._is_checked else _WITHOUT_PAST
+        kept = ~self._contradictions(residual - contents, spread, unknown)
+        if self._is_checked:
+            innovation, spread = (residual - contents)[kept], spread[np.ix_(kept, kept)]
+            fast_variance[kept] += self._unsaid_variance(innovation, spread, unknown)
+        # Where noise hides a wrong integer, a satellite checks nothing.
+        checks = kept & is_independent & (fast_variance < _LARGEST_NOISE**2)
+        count = int(np.count_nonzero(checks))
+        return design, kept, count, count >= unknown + self._settings.spare_satellites
+
+    def _epoch(
+        self,
+        altitude: float,
+        separation: float,
+        used: npt.NDArray[np.bool_],
+        kept: npt.NDArray[np.bool_],
+        common: FloatArray,
+        residual: FloatArray,
+        fast_variance: FloatArray,
+        gain: FloatArray,
+        horizontal_sigma_tecu: float,
+    ) -> tuple[DensityEpoch, float]:
+        """Return what the state tells of an epoch, and how its density changes with b, 1/m.
+
+        Some of all satellites are `used`, and some of these `kept`; the other arrays are those of
+        the satellites that are used, `gain` that of those that are kept.
+        """
+        outliers = np.zeros(len(used), dtype=bool)
+        outliers[np.flatnonzero(used)[~kept]] = True
+        single, single_sigma = np.full((2, len(used)), np.nan)
         rows = np.flatnonzero(used)[kept]
         single[rows], single_sigma[rows] = ELECTRONS_PER_TECU * kernels.satellite_densities(
             common[kept],
@@ -380,29 +508,15 @@ class ElectronDensityEstimator:
         # What the past tells of slow errors is no error any more.
         parts = self.slow_errors.sigma * gain[DENSITY]
         left = max(variance - fast, 0.0) / max(float(parts @ parts), 1e-30)
-        slow_parts = np.zeros(len(observed))
+        slow_parts = np.zeros(len(used))
         slow_parts[rows] = parts * math.sqrt(min(left, 1.0)) * ELECTRONS_PER_TECU
         common_variance = max(variance - fast - min(left, 1.0) * float(parts @ parts), 0.0)
         total = variance + (horizontal_sigma_tecu / separation) ** 2
-        density = float(self._state[DENSITY]) * ELECTRONS_PER_TECU
-        per_constant = float(self._covariance[DENSITY, 0] / self._covariance[0, 0])
-        self._update_model()
-        density_sigma = math.sqrt(total) * ELECTRONS_PER_TECU
-        self._is_checked |= count >= _WITHOUT_PAST + settings.spare_satellites
-        is_told = has_check and density_sigma <= settings.largest_sigma
-        if is_told:
-            self.profile.absorb(
-                altitude_chief,
-                altitude_deputy,
-                density,
-                density_sigma,
-                per_constant * ELECTRONS_PER_TECU,
-            )
-        return DensityEpoch(
-            altitude=middle,
+        epoch = DensityEpoch(
+            altitude=altitude,
             separation=separation,
-            density=density if is_told else math.nan,
-            sigma=density_sigma if is_told else math.nan,
+            density=float(self._state[DENSITY]) * ELECTRONS_PER_TECU,
+            sigma=math.sqrt(total) * ELECTRONS_PER_TECU,
             fast_sigma=math.sqrt(fast) * ELECTRONS_PER_TECU,
             slow_time=self.slow_errors.correlation_time,
             slow_parts=slow_parts,
@@ -413,6 +527,7 @@ class ElectronDensityEstimator:
             bias_tecu=float(self._state[0]),
             bias_sigma_tecu=math.sqrt(self._covariance[0, 0]),
         )
+        return epoch, float(self._covariance[DENSITY, 0] / self._covariance[0, 0])
 
     @property
     def has_bias(self) -> bool:
@@ -541,11 +656,15 @@ class ElectronDensityEstimator:
         kernels.pass_time(self._state, self._covariance, scale, decay, gained)
         known_layer = self._covariance[_LAYER, _LAYER]
         self._covariance[_LAYER, _LAYER] = np.minimum(known_layer, self._first_variance)
-        # The density is new at each epoch.
+        self._forget_density()
+        return elapsed
+
+    def _forget_density(self) -> None:
+        """Forget the density, which is new at each epoch."""
         self._state[DENSITY] = 0.0
         self._covariance[DENSITY, :] = self._covariance[:, DENSITY] = 0.0
-        self._covariance[DENSITY, DENSITY] = (settings.density_sigma / ELECTRONS_PER_TECU) ** 2
-        return elapsed
+        sigma = self._settings.density_sigma / ELECTRONS_PER_TECU
+        self._covariance[DENSITY, DENSITY] = sigma**2
 
     def _arrange(self, time: float) -> None:
         """Give each satellite that is observed a place in the state, forget those long gone."""

@@ -3,13 +3,14 @@
 Relative navigation fixes integers of double differences. They are held while the phases are
 continuous (`vtff_iono.density.integer_datum`), found again from the satellites that have integers
 (`vtff_iono.density.integer_resolution`), and judged each second: all satellites must agree on one
-density.
+density. Integers that are found tell the densities of the seconds before, if their signals went on.
 """
 
 from __future__ import annotations
 
 import math
 import statistics
+from collections import deque
 from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -64,6 +65,9 @@ _LARGE_CHANGE = 9.0
 # Noise is at least this fraction of the variance that the settings tell.
 _LEAST_NOISE = 0.1
 _SCATTER_MEMORY = 15.0  # seconds
+# Fluctuations have ended when in so many seconds the fluctuation of so many satellite-seconds or
+# more is below the remembered one by more than this factor: one fade ends by chance, not all.
+_SECONDS_OF_END, _FEWEST_OF_END, _MARGIN_OF_END = 3, 9, 4.0
 _SATELLITES = 5.0  # that fluctuate at once, as a rule
 # The integers of a satellite are wrong when its content (see `DensitySettings.outlier_sigmas`) or
 # its wide lane is off by more than this for `_MOST_DOUBTS` seconds in a row.
@@ -82,6 +86,10 @@ _PATIENCE = 10
 _NAVIGATION_FACTOR = 3.0
 # TECU; sigma of how far all contents may be off together where others are judged.
 _ANY_SHIFT = 100.0
+# Seconds before and after a late one whose fluctuation is that of this one too.
+_AROUND = 5
+# Most seconds without a density for which integers that are found later are used.
+_LONGEST_WAIT = 30
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
@@ -103,6 +111,9 @@ class DensityResult:
     datum : int
         Number of the datum of the integers: with another one the constant of all satellites is a
         new one, and so is the error that it makes.
+    is_late : bool
+        Whether it is the density of a second before the last one, whose integers were not known
+        then.
     """
 
     time: int
@@ -111,6 +122,7 @@ class DensityResult:
     prn: npt.NDArray[np.int64]
     epoch: DensityEpoch
     datum: int
+    is_late: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,6 +198,22 @@ class _LinkMeans:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class _Second:
+    """A second: mean time, GPS time, ns, geometry, and contents.
+
+    `doubt` is the factor by which geometry has shown the contents to fluctuate more than they seem
+    to; `horizontal_sigma` as in `ElectronDensityEstimator.update`, TECU.
+    """
+
+    time: int
+    altitudes: tuple[float, float]
+    position_itrf: FloatArray
+    means: _LinkMeans
+    doubt: FloatArray
+    horizontal_sigma: float
+
+
 class FormationDensity:
     """Electron density between two spacecraft from their phases and the integers between them.
 
@@ -226,6 +254,8 @@ class FormationDensity:
         self._sample_sigma = 2.0 * carrier_phase_sigma * tecu_per_metre(*self._frequencies)
         # Variance that scintillation adds to the samples of each satellite, TECU^2, by PRN.
         self._excess: dict[int, float] = {}
+        # What each of the last seconds alone shows of that variance.
+        self._recent_excess: deque[dict[int, float]] = deque(maxlen=_SECONDS_OF_END)
         # Variances of means, and scatters, whose ratio says how long fades last: sums of late.
         self._of_means = _FIRST_MEAN_OVER_SCATTER * _FIRST_WEIGHT
         self._of_scatter = _FIRST_WEIGHT
@@ -238,6 +268,8 @@ class FormationDensity:
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
         self._seconds_unconnected = 0
+        # Seconds since the last density.
+        self._without_density: deque[_Second] = deque(maxlen=_LONGEST_WAIT)
 
     def update(
         self,
@@ -247,6 +279,8 @@ class FormationDensity:
         tracks: tuple[Track, Track],
     ) -> list[DensityResult]:
         """Process the next second and return the densities of the seconds that have ended.
+
+        Densities of earlier seconds come first, once integers that were found since tell them.
 
         Parameters
         ----------
@@ -268,9 +302,7 @@ class FormationDensity:
         densities = []
         ended = list(self._average.update(time, number, columns))
         for means in ended:
-            result = self._density_of_second(means, tracks, results[0])
-            if result is not None:
-                densities.append(result)
+            densities += self._density_of_second(means, tracks, results[0])
         if ended:
             # Rows that wait for the end of their second are rows of this update.
             self._stretches.forget_ended(np.unique(number).tolist())
@@ -411,25 +443,40 @@ class FormationDensity:
 
     def _density_of_second(
         self, averages: SecondMeans, tracks: tuple[Track, Track], chief: SpacecraftResult
-    ) -> DensityResult | None:
-        """Return the density of a second from the means of its links; None without integers."""
+    ) -> list[DensityResult]:
+        """Return the density of a second from the means of its links, late ones before it.
+
+        There is none without integers.
+        """
         time = round(averages.time)
         positions = np.concatenate([track.positions(np.array([time])) for track in tracks])
         if not np.isfinite(positions).all():
-            return None
+            return []
         altitude_chief, altitude_deputy = geodetic_from_itrf(positions)[:, 2].tolist()
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
             self._resolver.reset()
+            self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
         stretches = [self._stretches[number] for number in averages.number.tolist()]
         means = _LinkMeans(stretches, averages.samples, **averages.columns)
         # A satellite without an orbit has phases, and maybe integers, but no content is predicted.
         means = means.select(np.isfinite(means.elevation_chief + means.elevation_deputy))
         sigma_of_all = self._sigma(means)
+        seeming_sigma = sigma_of_all.copy()
         self._doubt_against_geometry(means, sigma_of_all)
         altitudes = (altitude_chief, altitude_deputy)
+        horizontal_sigma = self._horizontal_sigma(chief, positions)
+        now = _Second(
+            time,
+            altitudes,
+            positions.mean(axis=0),
+            means,
+            sigma_of_all / seeming_sigma,
+            horizontal_sigma,
+        )
+        had_integers = means.has_integers()
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers()
         fixed = means.select(has_integers)
@@ -448,7 +495,8 @@ class FormationDensity:
             sigma,
             *_vertical_content(chief),
             satellites,
-            self._horizontal_sigma(chief, positions),
+            horizontal_sigma,
+            had_integers[has_integers],
         )
         if math.isfinite(epoch.slow_time):
             predicted, covariance = self._predict(seconds, altitudes, means)
@@ -457,16 +505,90 @@ class FormationDensity:
             self._examine_integers(fixed, error[has_integers], spread, sigma, epoch.is_outlier)
             self._measure_fades(fixed, error[has_integers], sigma)
             self._add_changes(means, error)
+        late: list[DensityResult] = []
+        if math.isfinite(epoch.density):
+            late = self._late_densities(now, fixed.select(~epoch.is_outlier))
+            self._without_density.clear()
+        else:
+            self._without_density.append(now)
         if not has_integers.any():
-            return None
+            return []
+        return [*late, self._result(now, satellites, epoch)]
+
+    def _result(
+        self, second: _Second, satellites: list[int], epoch: DensityEpoch, is_late: bool = False
+    ) -> DensityResult:
         return DensityResult(
-            time=time,
-            position_itrf=positions.mean(axis=0),
+            time=second.time,
+            position_itrf=second.position_itrf,
             system=np.full(len(satellites), SYSTEM_GPS),
             prn=np.array(satellites, dtype=np.int64),
             epoch=epoch,
             datum=self._datum_number,
+            is_late=is_late,
         )
+
+    def _late_densities(self, now: _Second, fixed: _LinkMeans) -> list[DensityResult]:
+        """Return the densities of the seconds without one that the links with integers now tell.
+
+        An integer holds for as long as its signal goes on, backwards too: what has been found now
+        was right before.
+        """
+        integers_now = {
+            (stretch.signals, stretch.continuity): stretch.integers
+            for stretch in fixed.stretches
+            if None not in stretch.continuity
+        }
+        late = []
+        excesses = [
+            {
+                stretch.signals.prn: excess
+                for stretch, excess in zip(
+                    second.means.stretches,
+                    self._noise_and_excess(second.means)[1].tolist(),
+                    strict=True,
+                )
+            }
+            for second in (*self._without_density, now)
+        ]
+        for number, second in enumerate(self._without_density):
+            rows, removed = [], []
+            for row, stretch in enumerate(second.means.stretches):
+                integers = integers_now.get((stretch.signals, stretch.continuity))
+                if integers is None:
+                    continue
+                rows.append(row)
+                removed.append(self._content_of(*integers) - self._content_of(*stretch.integers))
+            # The seconds before and after show how much contents fluctuate.
+            around = excesses[max(number - _AROUND, 0) : number + _AROUND + 1]
+            sigma = self._sigma_among(second, around)
+            satellites = [second.means.stretches[row].signals.prn for row in rows]
+            epoch = self._estimator.past_density(
+                (now.time - second.time) / NANOSECONDS_PER_SECOND,
+                *second.altitudes,
+                second.means.elevation_chief[rows],
+                second.means.elevation_deputy[rows],
+                second.means.stec[rows] - np.array(removed),
+                sigma[rows],
+                satellites,
+                second.horizontal_sigma,
+            )
+            if math.isfinite(epoch.density):
+                late.append(self._result(second, satellites, epoch, is_late=True))
+        return late
+
+    def _sigma_among(self, second: _Second, excesses: list[dict[int, float]]) -> FloatArray:
+        """Return the sigma of mean contents of a second, TECU.
+
+        `excesses` are what samples of the seconds around it scatter by beside their noise, by PRN.
+        """
+        white, excess = self._noise_and_excess(second.means)
+        for row, stretch in enumerate(second.means.stretches):
+            prn = stretch.signals.prn
+            near = [of_second[prn] for of_second in excesses if prn in of_second]
+            excess[row] = max(excess[row], statistics.fmean(near))
+        variance = white / second.means.samples + excess * self._mean_over_scatter
+        return np.asarray(second.doubt * np.sqrt(variance))
 
     def _predict(
         self, seconds: float, altitudes: tuple[float, float], means: _LinkMeans
@@ -489,16 +611,38 @@ class FormationDensity:
         Both are measured: the changes from sample to sample show the white noise (von Neumann
         1941), the rest of the scatter is a slow fluctuation.
         """
-        white = np.maximum(0.5 * means.step_squared, _LEAST_NOISE * self._sample_sigma**2)
-        scatter = means.scatter()
+        white, excess = self._noise_and_excess(means)
         # One second alone may be quiet by chance, so that the seconds before it count too.
-        excess = np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
-        for row, (stretch, value) in enumerate(zip(means.stretches, excess.tolist(), strict=True)):
+        of_second: dict[int, float] = {}
+        for stretch, value in zip(means.stretches, excess.tolist(), strict=True):
             prn = stretch.signals.prn
             mean = self._excess.get(prn, value)
             self._excess[prn] = mean + (value - mean) / _SCATTER_MEMORY
-            excess[row] = max(value, self._excess[prn])
+            of_second[prn] = value
+        self._recent_excess.append(of_second)
+        left = self._fluctuation_left()
+        remembered = [left * self._excess[stretch.signals.prn] for stretch in means.stretches]
+        excess = np.maximum(excess, remembered)
         return np.sqrt(white / means.samples + excess * self._mean_over_scatter)
+
+    def _fluctuation_left(self) -> float:
+        """Return the part of the remembered fluctuation that there may still be."""
+        pairs = [
+            (value, self._excess[prn])
+            for of_second in self._recent_excess
+            for prn, value in of_second.items()
+            if self._excess[prn] > 0.0
+        ]
+        if len(pairs) < _FEWEST_OF_END or len(self._recent_excess) < _SECONDS_OF_END:
+            return 1.0
+        ratio = statistics.fmean(value / remembered for value, remembered in pairs)
+        return min(1.0, _MARGIN_OF_END * ratio)
+
+    def _noise_and_excess(self, means: _LinkMeans) -> tuple[FloatArray, FloatArray]:
+        """Return the variances of white noise of a sample, and of what else it scatters by."""
+        white = np.maximum(0.5 * means.step_squared, _LEAST_NOISE * self._sample_sigma**2)
+        scatter = means.scatter()
+        return white, np.where(scatter > _LARGE_SCATTER * white, scatter - white, 0.0)
 
     @property
     def _mean_over_scatter(self) -> float:
@@ -555,6 +699,8 @@ class FormationDensity:
             if change > _LARGE_CHANGE * max(variance, _LEAST_NOISE * self._sample_sigma**2):
                 mean = self._excess[prn]
                 self._excess[prn] = max(mean, mean + (change - mean) / _SCATTER_MEMORY)
+                of_second = self._recent_excess[-1]
+                of_second[prn] = max(of_second.get(prn, 0.0), change)
         self._last_errors = errors_now
 
     # ---- integers ----------------------------------------------------------------------------
@@ -801,8 +947,10 @@ class FormationDensity:
         """Return wide lanes by geometry of links with integers: the clocks and errors, (n,)."""
         return np.asarray(means.geometric - self._resolver.cycles_per_tecu * means.stec)
 
-    def _content_of(self, first: float, second: float) -> float:
-        """Return the content that two integers make, TECU."""
+    def _content_of(self, first: float | None, second: float | None) -> float:
+        """Return the content that two integers make, TECU; none where one is not known."""
+        if first is None or second is None:
+            return 0.0
         return -float(differential_stec(0.0, 0.0, first, second, *self._frequencies))
 
     def _judge(self, stretch: PhaseStretch, is_wrong: bool) -> None:
