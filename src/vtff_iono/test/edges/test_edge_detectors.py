@@ -14,7 +14,7 @@ from vtff_iono.edges.edge_detectors import (
     edge_position,
     intensity_variance,
 )
-from vtff_iono.edges.wall_fit import LAYER, PARABOLA, WALL, fit_wall
+from vtff_iono.edges.wall_fit import KINK, LAYER, PARABOLA, WALL, fit_wall
 from vtff_iono.edges.window_scores import score_windows
 from vtff_iono.scintillation.fluctuation_lag import fluctuation_lag
 
@@ -97,7 +97,9 @@ def test_an_edge_with_samples_at_its_middle_is_among_them():
     assert edge.altitude == pytest.approx(300e3 + 296.0 * edge.time)
 
 
-@pytest.mark.parametrize(("passes", "kind"), [(1, WALL), (2, WALL), (1, PARABOLA)])
+@pytest.mark.parametrize(
+    ("passes", "kind"), [(1, WALL), (2, WALL), (3, WALL), (1, PARABOLA), (1, KINK)]
+)
 def test_the_compiled_fit_is_generalised_least_squares(passes, kind):
     """Against the textbook's formulas with the whole covariance, for groups of up to 24 samples."""
     generator = np.random.default_rng(3)
@@ -158,6 +160,8 @@ def test_the_compiled_fit_is_generalised_least_squares(passes, kind):
             wall = smeared_step(distance, width, length) - 0.5
             if kind == PARABOLA:
                 wall = (distance / reach) ** 2
+            elif kind == KINK:
+                wall = np.abs(distance) / reach
             weight = np.linalg.inv(covariance)
             level_sigma = math.sqrt(np.diag(covariance).mean())
             prior = np.zeros((3, 3))
@@ -168,13 +172,20 @@ def test_the_compiled_fit_is_generalised_least_squares(passes, kind):
                 normal = np.linalg.inv(design.T @ weight @ design + prior)
                 expected = normal @ design.T @ weight @ mean[:, 2]
                 ratio = np.clip(expected[2] / expected[0], -1.9, 1.9)
-                slope = distance / reach * (1.0 + ratio * wall)
+                slope = distance / reach
+                if kind == WALL and passes > 2:
+                    growth = np.clip(expected[1] / expected[0], -1.0, 1.0)
+                    slope = np.expm1(growth * slope) / growth
+                slope = slope * (1.0 + ratio * wall)
             residual = mean[:, 2] - design @ expected
             misfit = residual @ weight @ residual + expected @ prior @ expected
             freedom = max(1, len(mean) - 3)
             assert found[1:4] == pytest.approx(expected, rel=1e-8)
             expected_sigma = math.sqrt(normal[2, 2] * max(1.0, misfit / freedom))
-            assert found[4:] == pytest.approx((expected_sigma, misfit, freedom), rel=1e-8)
+            white = np.linalg.solve(np.linalg.cholesky(covariance), residual)
+            correlation = white[1:] @ white[:-1] / (white @ white)
+            expected = (expected_sigma, misfit, freedom, correlation)
+            assert found[4:] == pytest.approx(expected, rel=1e-8, abs=1e-8)
     assert fitted >= 12
 
 
@@ -297,6 +308,55 @@ def test_the_foot_of_a_wide_wall_is_no_wall_of_the_other_sense():
     density = np.interp(-altitude, [-380e3, -374e3], [4.4e11, 11.2e11])
     edges = detected(np.arange(100.0), altitude, density, 5e9, 1e9, separation=6900.0)
     assert [edge.is_entry for edge in edges] == [False]
+
+
+@pytest.mark.parametrize("scale_height", [28e3, 60e3])
+@pytest.mark.parametrize("separation", [2e3, 7.5e3])
+def test_a_wall_against_the_slope_of_its_layer_is_told(scale_height, separation):
+    """Spacecraft that are far apart smear the lower wall of a shallow bubble over up to 25 s.
+
+    In a descent below the peak densities fall by as much before, and go on to fall behind.
+    """
+    altitude = 385e3 - 310.0 * np.arange(190.0)
+    time = np.arange(len(altitude), dtype=float)
+    table = np.arange(280e3, 420e3, 50.0)
+    profile = 5e11 * np.exp((table - 350e3) / scale_height) * np.where(table > 355e3, 0.74, 1.0)
+    half = 0.5 * separation
+    truth = mean_density(table, profile, altitude - half, altitude + half)
+    for seed in range(3):
+        noise = 1e10 * np.random.default_rng(seed).standard_normal(len(altitude))
+        (edge,) = detected(time, altitude, truth + noise, 1e10, 5e9, separation=separation)
+        assert not edge.is_entry
+        assert abs(edge.time - (385e3 - 355e3) / 310.0) < 2.5 * edge.time_sigma < 5.0
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_wall_in_which_densities_go_on_again_is_told(seed):
+    """As behind a bubble in which all phases were lost; nothing was seen of its inside."""
+    altitude = 300e3 + 210.0 * np.arange(450.0)
+    is_seen = (altitude < 318e3) | (altitude > 350e3)
+    inside = np.interp(altitude, [318.5e3, 320e3, 349.6e3, 351.3e3], [0.0, 1.0, 1.0, 0.0])
+    density = 1.5e12 * (1.0 - 0.85 * inside)
+    density += 2e10 * np.random.default_rng(seed).standard_normal(len(density))
+    density[~is_seen] = np.nan
+    (edge,) = detected(np.arange(450.0), altitude, density, 2e10, 3e10, separation=1700.0)
+    assert not edge.is_entry
+    assert abs(edge.altitude - 350.45e3) < 4.0 * 210.0 * edge.time_sigma < 3e3
+
+
+def test_the_sigma_of_a_place_contains_that_fades_go_on_for_seconds():
+    """Errors that are as large as they are said to be, but correlated over two seconds."""
+    ratios = []
+    for seed in range(24):
+        generator = np.random.default_rng(seed)
+        altitude = 300e3 + 230.0 * np.arange(160.0)
+        truth = np.interp(altitude, [317e3, 319e3], [1.5e12, 5e11])
+        density = truth + correlated(generator, len(altitude), 9e10, 2.0)
+        edges = detected(np.arange(160.0), altitude, density, 9e10, 1e9, separation=2000.0)
+        errors = [(edge.altitude - 318e3, 230.0 * edge.time_sigma) for edge in edges]
+        ratios += [error / sigma for error, sigma in errors if abs(error) < 4e3]
+    assert len(ratios) >= 22
+    assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.1
 
 
 @pytest.mark.parametrize("scale_height", [8e3, 35e3, 110e3])

@@ -11,10 +11,12 @@ widths; the separation of the spacecraft smears each of them. A wall is told if 
   nearly as well nor a layer, whose logarithm is a parabola and which is no steeper and no thinner
   than layers are.
 
-In fades densities end near walls as a rule. Where they have ended, or begin, a wall is told by what
-was seen of it. The place of a wall is the mean over all places and widths that fit, each as likely
-as it fits, and its sigma is what they scatter by: that is much where half of a wall was seen, or
-where it lies in a gap. No density is negative, which limits what was not seen.
+In fades densities end near walls as a rule. Where they have ended, or go on again, a wall is told
+by what was seen of it. The place of a wall is the mean over all places and widths that fit, each as
+likely as it fits, with straight lines beside it and with densities that grow in proportion to
+themselves, as below the peak of a layer. Its sigma is what they scatter by: that is much where half
+of a wall was seen, or where it lies in a gap. No density is negative, which limits what was not
+seen.
 """
 
 from __future__ import annotations
@@ -27,7 +29,7 @@ import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_detectors import Edge
-from vtff_iono.edges.wall_fit import LAYER, PARABOLA, SAMPLE_COLUMNS, WALL, fit_wall
+from vtff_iono.edges.wall_fit import KINK, LAYER, PARABOLA, SAMPLE_COLUMNS, WALL, fit_wall
 
 __all__ = ["DensityEdgeDetector"]
 
@@ -37,7 +39,8 @@ _NARROWEST = 100.0
 _FIRST_ROWS = 256
 # Largest number of means that a fit uses.
 _MEANS = 24
-# Fewest means on either side of a wall, while densities go on and where they have ended.
+# Fewest means on either side of a wall while densities go on, and where they have ended or go on
+# again.
 _FEWEST_SAMPLES, _FEWEST_AT_END = 3, 1
 # A distance between densities is a gap if it is longer than the mean one by this factor.
 _GAP = 3.0
@@ -49,15 +52,21 @@ _STEEPEST = 1.0 / 10e3
 # Where a wall is, is found from this many means at most, among so many places and these widths, m.
 _MEANS_OF_PLACE, _PLACES = 40, 51
 _WIDTHS = (0.0, 0.7e3, 1.2e3, 2e3, 3e3, 4e3, 5e3, 6e3, 7e3, 8.5e3, 10e3, 12e3, 14e3, 17e3, 20e3)
+# Beside a wall the density is a straight line or grows in proportion to itself: see `fit_wall`.
+_PASSES_OF_PLACE = (2, 3)
 # m; a wall whose place is less sure is not told.
 _LARGEST_PLACE_SIGMA = 1.5e3
 # m; beyond the wall that was found.
 _BEYOND = 500.0
+# Largest correlation of means that follow each other.
+_LARGEST_CORRELATION = 0.8
 # The change of a wall is at least this part of what the straight line changes over the window.
 _SHAPE = 0.3
-# Where the straight line goes against the wall, the whole window changes in the sense of the wall:
-# the foot of a wider wall beside it is no wall.
+# Where the straight line goes against the wall by more than this part, it may be the foot of a
+# wider wall beside it: it is thinner than what smears it, whose shape is known, and a kink at none
+# of these distances, in half lengths of the wall, fits nearly as well.
 _SHAPE_AGAINST = 1.0
+_KINKS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 # A parabola and a layer fit the window worse than the wall by this sum of squares over sigmas; how
 # often the fit of a layer, which is not linear, is improved.
 _STANDS_OUT, _PASSES_OF_LAYER = 16.0, 6
@@ -170,6 +179,8 @@ class DensityEdgeDetector:
         self._windows = [(width, margin) for width in widths]
         self._windows += [(width, wide_margin) for width in widths if width < wide_margin]
         self._profile = _Profile()
+        # Whether densities had ended before this profile; at the very first nothing was lost.
+        self._has_ended = False
         self._direction = 0.0  # 1 in a climb, -1 in a descent
         self._candidates: list[_Candidate] = []
         self._told: list[_Candidate] = []
@@ -240,6 +251,7 @@ class DensityEdgeDetector:
             for window in self._windows:
                 self._examine(window, math.inf)
             self._fewest = _FEWEST_SAMPLES
+            self._has_ended = True
         edges = self._confirmed(math.inf)
         self._profile = _Profile()
         self._candidates, self._told = [], []
@@ -289,28 +301,43 @@ class DensityEdgeDetector:
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
         samples = self._profile.samples[first:end]
         slow = self._profile.slow_parts[first:end]
-        is_fitted, level, slope, change, sigma, misfit, freedom = self._fit_wall(
-            samples, slow, middle, reach, width, fewest=self._fewest
+        # What is missing before densities go on does not come any more either.
+        is_cut = self._has_ended and advance[0] > middle - reach
+        fewest = _FEWEST_AT_END if is_cut else self._fewest
+        is_fitted, level, slope, change, sigma, misfit, freedom, _ = self._fit_wall(
+            samples, slow, middle, reach, width, fewest=fewest
         )
         if not is_fitted:
             return
         before, after = level - 0.5 * change, level + 0.5 * change
         largest = max(before, after)
-        shape = _SHAPE if slope * change >= 0.0 else _SHAPE_AGAINST
+        is_against = slope * change < 0.0 and abs(change) < _SHAPE_AGAINST * 2.0 * abs(slope)
         if not (
             largest > 0.0
             and min(before, after) >= -self._sigmas * sigma
             and abs(change) >= self._sigmas * sigma
             and abs(change) >= self._relative_change * largest
-            and abs(change) >= shape * 2.0 * abs(slope)
+            and abs(change) >= _SHAPE * 2.0 * abs(slope)
+            and not (is_against and width > self._length)
         ):
             return
         # All are fitted as unsurely as the wall is.
-        for kind, passes in ((PARABOLA, 1), (LAYER, _PASSES_OF_LAYER)):
-            smooth = self._fit_wall(
-                samples, slow, middle, reach, width, fewest=self._fewest, passes=passes, kind=kind
+        smooth = [(PARABOLA, 1, 0.0), (LAYER, _PASSES_OF_LAYER, 0.0)]
+        if is_against:
+            half_length = 0.5 * (width + self._length)
+            smooth += [(KINK, 1, place * half_length) for place in _KINKS]
+        for kind, passes, beside in smooth:
+            instead = self._fit_wall(
+                samples,
+                slow,
+                middle + beside,
+                reach,
+                width,
+                fewest=0 if kind == KINK else fewest,
+                passes=passes,
+                kind=kind,
             )
-            if smooth[0] and smooth[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
+            if instead[0] and instead[5] - misfit < _STANDS_OUT * max(1.0, misfit / freedom):
                 return
         significance = abs(change) / sigma
         climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
@@ -337,9 +364,9 @@ class DensityEdgeDetector:
         fewest: int = 0,
         passes: int = 1,
         kind: int = WALL,
-    ) -> tuple[bool, float, float, float, float, float, int]:
+    ) -> tuple[bool, float, float, float, float, float, int, float]:
         """Return a fit of a line and a wall, or of what is smooth, to densities; see `fit_wall`."""
-        fit: tuple[bool, float, float, float, float, float, int] = fit_wall(
+        fit: tuple[bool, float, float, float, float, float, int, float] = fit_wall(
             samples,
             slow,
             self._direction,
@@ -373,24 +400,34 @@ class DensityEdgeDetector:
         low = middle - span - (unseen if advance[0] > middle - reach else 0.0)
         high = middle + span + (unseen if advance[-1] < middle + reach else 0.0)
         places = np.linspace(low, high, _PLACES)
-        misfits = np.full((len(_WIDTHS), len(places)), np.inf)
-        freedom = 1
-        for row, width_tried in enumerate(_WIDTHS):
-            for column, place in enumerate(places.tolist()):
-                is_fitted, level, _, change, sigma, misfit, freedom_of_fit = self._fit_wall(
-                    samples, slow, place, reach, width_tried, _MEANS_OF_PLACE, passes=2
-                )
-                # No density is negative, also where a wall was not seen to its end.
-                is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma
-                if is_possible and (change < 0.0) == candidate.edge.is_entry:
-                    misfits[row, column] = misfit
-                    freedom = freedom_of_fit
-        least = float(misfits.min())
+        misfits = np.full((len(_PASSES_OF_PLACE), len(_WIDTHS), len(places)), np.inf)
+        least, freedom, of_best = math.inf, 1, 0.0
+        for index in np.ndindex(misfits.shape):
+            passes, width_tried = _PASSES_OF_PLACE[index[0]], _WIDTHS[index[1]]
+            fit = self._fit_wall(
+                samples,
+                slow,
+                float(places[index[2]]),
+                reach,
+                width_tried,
+                _MEANS_OF_PLACE,
+                passes=passes,
+            )
+            is_fitted, level, _, change, sigma, misfit, freedom_of_fit, correlation = fit
+            # No density is negative, also where a wall was not seen to its end.
+            is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma
+            if is_possible and (change < 0.0) == candidate.edge.is_entry:
+                misfits[index] = misfit
+                if misfit < least:
+                    least, freedom, of_best = misfit, freedom_of_fit, correlation
         if not math.isfinite(least):
             return candidate.edge
-        # What is no line and no wall is an error too.
-        weight = np.exp(-0.5 * (misfits - least) / max(1.0, least / freedom))
-        weight /= weight.sum()
+        # What is no line and no wall is an error too. Where errors of fades go on from one mean to
+        # the next, these are so many fewer means (Bartlett 1946).
+        of_best = min(max(of_best, 0.0), _LARGEST_CORRELATION)
+        fewer = (1.0 + of_best) / (1.0 - of_best)
+        weight = np.exp(-0.5 * (misfits - least) / (max(1.0, least / freedom) * fewer))
+        weight = weight.sum(axis=0) / weight.sum()
         of_place, of_width = weight.sum(axis=0), weight.sum(axis=1)
         place = float(of_place @ places)
         variance = float(of_place @ (places - place) ** 2)

@@ -8,9 +8,9 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 
-__all__ = ["LAYER", "PARABOLA", "SAMPLE_COLUMNS", "WALL", "compile_kernels", "fit_wall"]
+__all__ = ["KINK", "LAYER", "PARABOLA", "SAMPLE_COLUMNS", "WALL", "compile_kernels", "fit_wall"]
 
-WALL, PARABOLA, LAYER = range(3)
+WALL, PARABOLA, LAYER, KINK = range(4)
 """Kinds of `fit_wall`."""
 
 SAMPLE_COLUMNS = 5
@@ -20,6 +20,10 @@ SAMPLE_COLUMNS = 5
 _FEWEST_SAMPLES = 6
 # Largest difference of the densities beside a wall over their mean: neither is negative.
 _LARGEST_CONTRAST = 1.9
+# Most passes in which the density beside a wall is a straight line.
+_PASSES_OF_LINE = 2
+# Smallest growth of a density over the window that is no straight line.
+_LEAST_GROWTH = 1e-6
 # Largest change of the logarithm of a density in a pass, and largest logarithm (1/m3).
 _LARGEST_STEP, _LARGEST_POWER = 1.0, 40.0
 
@@ -65,10 +69,11 @@ def fit_wall(  # type: ignore[no-untyped-def]
         Fewest means on either side of the wall.
     passes : int
         1: the line goes on behind the wall; 2: its slope is in proportion to the density there,
-        which the first pass tells.
+        which the first pass tells; 3: it is so on all the way, as below the peak of a layer.
     kind : int
-        `WALL`, or what is fitted instead: `PARABOLA`, or `LAYER`, a density whose logarithm is a
-        parabola, no steeper and no thinner than layers are, which is fitted in `passes`.
+        `WALL`, or what is fitted instead: `PARABOLA`, `KINK` in the middle, or `LAYER`, a density
+        whose logarithm is a parabola, no steeper and no thinner than layers are, which is fitted in
+        `passes`.
 
     Returns
     -------
@@ -81,9 +86,11 @@ def fit_wall(  # type: ignore[no-untyped-def]
         Sum of the squares of the residuals over their sigmas.
     freedom : int
         Number of means beyond the parameters.
+    correlation : float
+        That of the residuals of means that follow each other, whose errors should have none.
     """
     count = len(samples)
-    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0)
+    nothing = (False, 0.0, 0.0, 0.0, 0.0, 0.0, 0, 0.0)
     if count < _FEWEST_SAMPLES:
         return nothing
     # Means of groups of samples.
@@ -121,7 +128,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
         behind += distance > half_length
         mean_density += means[row, 2] / groups
         if kind != WALL:
-            walls[row] = (distance / reach) ** 2
+            walls[row] = abs(distance) / reach if kind == KINK else (distance / reach) ** 2
             continue
         # A wall that rises linearly over its width, averaged over the length.
         walls[row] = (
@@ -161,13 +168,16 @@ def fit_wall(  # type: ignore[no-untyped-def]
     layer[0] = math.log(max(mean_density, math.sqrt(mean_variance)))
     log_slope_sigma = steepest * reach
     log_curvature_sigma = 0.25 * log_slope_sigma**2
-    solution, ratio = np.zeros(3), 0.0
+    solution, ratio, growth = np.zeros(3), 0.0, 0.0
     table = np.empty((groups, 4))  # columns of the design, and the density
     variance = 0.0
     for _ in range(passes):
         for row in range(groups):
             table[row, 0] = 1.0
-            table[row, 1] = means[row, 1] / reach * (1.0 + ratio * walls[row])
+            place = means[row, 1] / reach
+            if abs(growth) > _LEAST_GROWTH:
+                place = (math.exp(growth * place) - 1.0) / growth
+            table[row, 1] = place * (1.0 + ratio * walls[row])
             table[row, 2] = walls[row]
             table[row, 3] = means[row, 2]
             if kind == LAYER:
@@ -216,18 +226,27 @@ def fit_wall(  # type: ignore[no-untyped-def]
         elif solution[0] > 0.0:
             ratio = solution[2] / solution[0]
             ratio = min(max(ratio, -_LARGEST_CONTRAST), _LARGEST_CONTRAST)
+            if kind == WALL and passes > _PASSES_OF_LINE:
+                growth = solution[1] / solution[0]
+                growth = min(max(growth, -_LARGEST_STEP), _LARGEST_STEP)
     misfit = (solution[1] / slope_sigma) ** 2
     if kind == LAYER:
         misfit = (layer[1] / log_slope_sigma) ** 2 + (layer[2] / log_curvature_sigma) ** 2
+    of_residuals, products, last_residual = 0.0, 0.0, 0.0
     for row in range(groups):
         residual = table[row, 3]
         for column in range(3):
             residual -= table[row, column] * solution[column]
-        misfit += residual * residual
+        of_residuals += residual * residual
+        products += residual * last_residual
+        last_residual = residual
+    misfit += of_residuals
+    correlation = products / max(of_residuals, 1e-12)
     # What is no line and no wall of this width is an error too.
     freedom = max(1, groups - 3)
     variance *= max(1.0, misfit / freedom)
-    return True, solution[0], solution[1], solution[2], math.sqrt(variance), misfit, freedom
+    sigma = math.sqrt(variance)
+    return True, solution[0], solution[1], solution[2], sigma, misfit, freedom, correlation
 
 
 def compile_kernels() -> None:
