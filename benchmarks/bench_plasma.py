@@ -83,17 +83,29 @@ def report_bubbles(flown: Flown) -> None:
     """Print what was told of the walls of drawn bubbles."""
     figures = edge_figures(flown)
     print(f"walls of {len(flown)} bubbles: {figures.walls}, with a contrast over 5 sigma ", end="")
-    print(f"{figures.strong_walls}; of these told {figures.strong_told}, of the others ", end="")
-    print(f"{figures.told - figures.strong_told}; told where there is none {figures.false}")
-    print(f"time error over sigma, RMS {figures.time_z:.2f}, median {figures.time_z_median:.2f}")
+    low, high = figures.strong_interval
     print(
-        f"widths over 1 km within 30 %: {figures.widths_good} of {figures.widths}; median error "
+        f"{figures.strong_walls}; of these told {figures.strong_told} ({low:.2f} to {high:.2f}), ",
+        end="",
+    )
+    print(f"of the others {figures.told - figures.strong_told}; ", end="")
+    print(f"told where there is none {figures.false}")
+    low, high = figures.time_z_interval
+    print(f"time error over sigma, RMS {figures.time_z:.2f} ({low:.2f} to {high:.2f}), ", end="")
+    print(f"median {figures.time_z_median:.2f}")
+    print(
+        f"widths over 1 km within 30 %: {figures.widths_good} of {figures.widths}, of those whose "
+        f"sigma is below 20 % {figures.widths_sure_good} of {figures.widths_sure}; median error "
         f"{100.0 * figures.width_error:.0f} %"
     )
+    low, high = figures.separation_z_interval
     print(
         f"separation, mean of two walls: {figures.separations} bubbles, error over sigma RMS "
-        f"{figures.separation_z:.2f}, error RMS {100.0 * figures.separation_error:.1f} %"
+        f"{figures.separation_z:.2f} ({low:.2f} to {high:.2f}), error RMS ",
+        end="",
     )
+    low, high = (100.0 * value for value in figures.separation_error_interval)
+    print(f"{100.0 * figures.separation_error:.1f} % ({low:.1f} to {high:.1f})")
     ratios = [density_figures(world, result) for world, result in flown]
     z = math.sqrt(np.mean([r.z_rms**2 for r in ratios if math.isfinite(r.z_rms)]))
     print(f"density z RMS {z:.2f}, largest {max(r.largest_z for r in ratios):.1f}; ", end="")

@@ -32,6 +32,10 @@ _SETTLED = 60.0
 # A wall is told if an edge of the right sense is within this distance of it, m, and a half width.
 _NEAR = 2e3
 _STRONG = 5.0
+# A width is sure where its sigma is below this part of it.
+_SURE = 0.2
+# Draws of the walls or bubbles from which the intervals of 90 % are taken.
+_DRAWS = 2000
 # Of the contrast: m beside a wall; s before and after it, and in how many places.
 _SEGMENT, _AROUND, _PLACES = 3e3, 60.0, 25
 
@@ -94,6 +98,7 @@ class WallError:
     time_sigma: FloatArray
     time_covariance: float
     told_width: float
+    width_sigma: float
     speed: float
 
     @property
@@ -122,15 +127,16 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
     walls = []
     for is_upper, altitude in ((False, bubble.altitude_bottom), (True, bubble.altitude_top)):
         times, speed = _crossings(result, altitude)
-        told, sigmas, width = np.full(2, np.nan), np.full(2, np.nan), math.nan
-        covariance = math.nan
+        told, sigmas = np.full(2, np.nan), np.full(2, np.nan)
+        width = width_sigma = covariance = math.nan
         for boundary in result.edges:
             craft = boundary.spacecraft
             at = 1e-9 * (boundary.time - result.start)
             far = abs(at - times[craft]) * speed
             right = boundary.is_entry == (is_upper != world.is_rising)
             if right and far <= _NEAR + 0.5 * bubble.wall_width:
-                told[craft], sigmas[craft], width = at, boundary.time_sigma, boundary.width
+                told[craft], sigmas[craft] = at, boundary.time_sigma
+                width, width_sigma = boundary.width, boundary.width_sigma
                 covariance = boundary.time_covariance
         walls.append(
             WallError(
@@ -143,6 +149,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
                 sigmas,
                 covariance,
                 width,
+                width_sigma,
                 speed,
             )
         )
@@ -232,21 +239,30 @@ def _background_density(world: PlasmaWorld, altitude: float) -> float:
 
 @dataclass(frozen=True)
 class EdgeFigures:
-    """What was told of the walls of all bubbles; `strong` ones have a contrast over 5 sigma."""
+    """What was told of the walls of all bubbles; `strong` ones have a contrast over 5 sigma.
+
+    Intervals contain 90 %: of a part as Wilson (1927), of an RMS by drawing walls or bubbles again.
+    """
 
     walls: int
     strong_walls: int
     told: int
     strong_told: int
+    strong_interval: tuple[float, float]
     false: int
     time_z: float
+    time_z_interval: tuple[float, float]
     time_z_median: float
     widths: int
     widths_good: int
+    widths_sure: int
+    widths_sure_good: int
     width_error: float
     separations: int
     separation_z: float
+    separation_z_interval: tuple[float, float]
     separation_error: float
+    separation_error_interval: tuple[float, float]
 
 
 def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigures:
@@ -256,8 +272,14 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
     told = [wall for wall in walls if wall.is_told]
     strong = [wall for wall in walls if wall.contrast_sigmas > _STRONG]
     edges: list[Boundary] = [edge for _, result in flown for edge in result.edges]
-    ratio = np.array([(w.told_time - w.time) / w.time_sigma for w in told]).ravel()
-    wide = [abs(w.told_width / w.width - 1.0) for w in told if w.width > 1e3]
+    # Both spacecraft cross one wall, and what is wrong of it is so for both.
+    ratio = np.array([_rms((w.told_time - w.time) / w.time_sigma) for w in told])
+    wide = [
+        (abs(w.told_width / w.width - 1.0), w.width_sigma < _SURE * w.told_width)
+        for w in told
+        if w.width > 1e3
+    ]
+    sure = [error for error, is_sure in wide if is_sure]
     errors, ratios = [], []
     for (_, result), of_bubble in zip(flown, every, strict=True):
         if not all(wall.is_told for wall in of_bubble):
@@ -271,21 +293,47 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
             variance += 0.25 * lag_variance * (wall.speed / length) ** 2
         errors.append(error)
         ratios.append(error / math.sqrt(variance))
+    strong_told = sum(wall.is_told for wall in strong)
     return EdgeFigures(
         len(walls),
         len(strong),
         len(told),
-        sum(wall.is_told for wall in strong),
+        strong_told,
+        _interval_of_part(strong_told, len(strong)),
         (len(edges) - 2 * len(told)) // 2,
         _rms(ratio),
-        float(np.median(np.abs(ratio))) if len(ratio) else math.nan,
+        _interval_of_rms(ratio),
+        float(np.median(ratio)) if len(ratio) else math.nan,
         len(wide),
-        sum(error <= 0.3 for error in wide),
-        float(np.median(wide)) if wide else math.nan,
+        sum(error <= 0.3 for error, _ in wide),
+        len(sure),
+        sum(error <= 0.3 for error in sure),
+        float(np.median([error for error, _ in wide])) if wide else math.nan,
         len(errors),
         _rms(np.array(ratios)),
+        _interval_of_rms(np.array(ratios)),
         _rms(np.array(errors)),
+        _interval_of_rms(np.array(errors)),
     )
+
+
+def _interval_of_part(count: int, total: int) -> tuple[float, float]:
+    if not total:
+        return math.nan, math.nan
+    sigmas = 1.645
+    square = sigmas**2 / total
+    part = count / total
+    middle = (part + 0.5 * square) / (1.0 + square)
+    half = sigmas * math.sqrt(part * (1.0 - part) / total + 0.25 * square / total) / (1.0 + square)
+    return middle - half, middle + half
+
+
+def _interval_of_rms(values: FloatArray) -> tuple[float, float]:
+    if len(values) < 2:
+        return math.nan, math.nan
+    draws = np.random.default_rng(0).integers(0, len(values), (_DRAWS, len(values)))
+    low, high = np.percentile(np.sqrt(np.mean(values[draws] ** 2, axis=1)), (5.0, 95.0))
+    return float(low), float(high)
 
 
 def _rms(values: FloatArray) -> float:
