@@ -43,7 +43,10 @@ position (with its standard error) and velocity; the same in burns; shares of fi
 missing solutions in %; integers and how many of them were wrong for more than 2 s. A line `must`
 follows that says what is wanted, and one of what is missed. `bound` is the RMS that theory gives
 where integers, forces and noise of the phases are known (vtff_analysis.studies.navigation_bound);
-where it is above what is wanted, 1.2 times the bound is wanted."""
+where it is above what is wanted, 1.2 times the bound is wanted. `predicted` is the mean NEES that
+theory gives for this filter in this world: its gains, with the noise and the disturbances of the
+world (realism.prediction). A filter that also holds where errors are larger states a sigma too
+large where they are not; where the prediction is below 0.5, it over 1.2 is the lower limit."""
 
 
 def main() -> int:
@@ -203,6 +206,12 @@ def print_world(name: str, flights: Sequence[Flight], seeds: Sequence[int]) -> N
             f"hour; closest {loop.closest:.1f} m, dv {loop.dv:.2f} m/s, "
             f"last minute within {loop.last_minute:.4f} m"
         )
+    if not math.isnan(figures.predicted_position):
+        print(
+            f"{'  predicted':<51} {figures.predicted_position:13.2f} "
+            f"{figures.predicted_velocity:6.2f} {figures.predicted_burn_position:7.2f} "
+            f"{figures.predicted_burn_velocity:6.2f}"
+        )
     if not math.isnan(figures.bound):
         print(f"{'  bound':<19} {figures.bound:7.2f}")
     wanted, missed = judge(figures, world.must)
@@ -246,16 +255,18 @@ def judge(figures: Figures, must: Must) -> tuple[list[str], list[str]]:
         check(f"fixed >= {must.fixed_percent:g} %", fixed >= must.fixed_percent, fixed)
     if must.nees is not None:
         low, high = must.nees
-        for label, value in (
-            ("NEES r", figures.nees_position),
-            ("NEES v", figures.nees_velocity),
-            ("burn r", figures.burn_position),
-            ("burn v", figures.burn_velocity),
-            ("outage r", figures.outage_position),
-            ("outage v", figures.outage_velocity),
+        for label, value, predicted in (
+            ("NEES r", figures.nees_position, figures.predicted_position),
+            ("NEES v", figures.nees_velocity, figures.predicted_velocity),
+            ("burn r", figures.burn_position, figures.predicted_burn_position),
+            ("burn v", figures.burn_velocity, figures.predicted_burn_velocity),
+            ("outage r", figures.outage_position, math.nan),
+            ("outage v", figures.outage_velocity, math.nan),
         ):
+            # What theory says of a filter that also holds in other worlds is not asked beyond.
+            least = predicted / BOUND_FACTOR if predicted < low else low
             if not math.isnan(value) or label.startswith("NEES"):
-                check(f"{label} {low:g}..{high:g}", low <= value <= high, value)
+                check(f"{label} {least:.2g}..{high:g}", least <= value <= high, value)
     if must.degraded_percent is not None:
         degraded = figures.degraded
         check(f"degraded < {must.degraded_percent:g} %", degraded < must.degraded_percent, degraded)

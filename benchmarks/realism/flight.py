@@ -23,7 +23,6 @@ from vtff_nav.relative.common.solution import (
     AMBIGUITY_HELD,
     SOLUTION_FIXED,
     SOLUTION_NONE,
-    RelativeEstimator,
     RelativeSolution,
 )
 from vtff_nav.relative.shipped_estimators import make_cdgps
@@ -31,6 +30,7 @@ from vtff_sim_bridge.gnss.configuration import GnssConfiguration
 from vtff_sim_bridge.truth.scenario import Scenario
 
 from .bound import bound_rms
+from .prediction import ErrorPrediction
 from .recording import EmulatedFormation, Recording, Second, load_or_fly
 from .worlds import FIRST_SECOND, KEEPING_SECOND, WORLDS, World
 
@@ -44,6 +44,7 @@ _LONGEST_WRONG = 2.0  # s: integers that were wrong for longer count
 _WRONG_CYCLES = 0.25
 # Columns of `Flight.rows`.
 _TIME, _ERROR, _SIGMA, _NEES_R, _NEES_V, _FIXED, _SOLVED, _DEGRADED, _THRUST = range(9)
+_PREDICTED_R, _PREDICTED_V = 9, 10
 
 
 @dataclass(frozen=True)
@@ -132,14 +133,22 @@ class Flight:
 
 def run_filter(recording: Recording, world: World, setting: EstimatorSetting) -> Flight:
     """Run a filter over a recording."""
-    estimator: RelativeEstimator = make_cdgps(world.change_setting(setting))
+    estimator = make_cdgps(world.change_setting(setting))
+    prediction = None
+    if world.white_noise is not None:
+        prediction = ErrorPrediction(estimator, world.white_noise)
     log = Log()
     for index, second in enumerate(recording):
         for ephemeris in second.ephemerides:
             estimator.add_ephemeris(ephemeris)
         if index % world.interval == 0:
+            predicted = (math.nan, math.nan)
+            if prediction is not None:
+                prediction.expect(second)
             solution = estimator.process(second.time, *second.epochs)
-            log.add(index, second, solution)
+            if prediction is not None:
+                predicted = prediction.nees(second, solution)
+            log.add(index, second, solution, predicted)
         if second.thrust_rtn.any():
             estimator.add_thrust(second.time, 1.0, second.thrust_rtn)
     return log.flight()
@@ -209,8 +218,17 @@ class Log:
         self._rows: list[tuple[float, ...]] = []
         self._first_fixed = math.inf
 
-    def add(self, elapsed: int, second: Second, solution: RelativeSolution) -> None:
-        """Add the solution of an epoch, `elapsed` seconds into the flight."""
+    def add(
+        self,
+        elapsed: int,
+        second: Second,
+        solution: RelativeSolution,
+        predicted_nees: tuple[float, float] = (math.nan, math.nan),
+    ) -> None:
+        """Add the solution of an epoch, `elapsed` seconds into the flight.
+
+        `predicted_nees` is the NEES of position and velocity that theory gives.
+        """
         self._integers.add(elapsed, solution, second.cycles)
         is_fixed = solution.solution == SOLUTION_FIXED
         if is_fixed:
@@ -237,6 +255,7 @@ class Log:
                 is_solved,
                 bool(solution.degraded),
                 float(np.linalg.norm(second.thrust_rtn)),
+                *predicted_nees,
             )
         )
 
@@ -270,6 +289,10 @@ class Figures:
         NEES while the thruster gives more than 1 cm/s2.
     outage_position, outage_velocity : float
         NEES in the outages.
+    predicted_position, predicted_velocity : float
+        NEES that theory gives for this filter in this world.
+    predicted_burn_position, predicted_burn_velocity : float
+        The same in burns.
     fixed, degraded, absent : float
         Shares of the epochs outside of outages.
     integers, wrong, wrong_long : int
@@ -294,6 +317,10 @@ class Figures:
     burn_velocity: float
     outage_position: float
     outage_velocity: float
+    predicted_position: float
+    predicted_velocity: float
+    predicted_burn_position: float
+    predicted_burn_velocity: float
     fixed: float
     degraded: float
     absent: float
@@ -328,6 +355,10 @@ def summarise(flights: Sequence[Flight], world: World) -> Figures:
         burn_velocity=_mean(burn[:, _NEES_V]),
         outage_position=_mean(outage[:, _NEES_R]),
         outage_velocity=_mean(outage[:, _NEES_V]),
+        predicted_position=_mean(together[:, _PREDICTED_R]),
+        predicted_velocity=_mean(together[:, _PREDICTED_V]),
+        predicted_burn_position=_mean(burn[:, _PREDICTED_R]),
+        predicted_burn_velocity=_mean(burn[:, _PREDICTED_V]),
         fixed=100.0 * float(together[:, _FIXED].mean()),
         degraded=100.0 * float(together[:, _DEGRADED].mean()),
         absent=100.0 * float(1.0 - together[:, _SOLVED].mean()),

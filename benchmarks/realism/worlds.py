@@ -112,6 +112,23 @@ class RangeErrors:
 
 
 @dataclass(frozen=True)
+class WhiteNoise:
+    """White noise of one receiver, m; both receivers have the same, and nothing slower.
+
+    Parameters
+    ----------
+    phase_sigma, code_sigma : float
+        Of phases and codes.
+    broadcast_sigma : float
+        Errors of the positions of satellites on each axis.
+    """
+
+    phase_sigma: float = 0.001
+    code_sigma: float = 0.3
+    broadcast_sigma: float = 0.0
+
+
+@dataclass(frozen=True)
 class World:
     """What is flown: files in config/, changes to what they hold, and what the flights must show.
 
@@ -145,6 +162,8 @@ class World:
         Noise for which the covariance bound is computed.
     ranges : RangeErrors
         Errors of the chief's ranges in that bound.
+    white_noise : WhiteNoise or None
+        Noise for which the NEES is predicted, where that is all the noise there is.
     must : Must
     """
 
@@ -164,6 +183,7 @@ class World:
     outages: tuple[tuple[float, float], ...] = ()
     phase_noise: PhaseNoise | None = None
     ranges: RangeErrors = RangeErrors()
+    white_noise: WhiteNoise | None = None
     must: Must = field(default_factory=Must)
 
     @property
@@ -472,6 +492,7 @@ def with_stated_lever_arm(world: World) -> World:
         world,
         change_gnss=drawn_lever_arm(LEVER_ARM_SIGMA),
         change_setting=given_antennas(Antenna(), Antenna(lever_arm_sigma=LEVER_ARM_SIGMA)),
+        white_noise=WhiteNoise(),
         must=Must(fixed_percent=100.0),
     )
 
@@ -483,17 +504,23 @@ WORLDS: dict[str, World] = {
         motion="scenario",
         draws_geometry=False,
         phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
         must=Must(0.35, fixed_percent=100.0),
     ),
     "ideal_geometries": World(
-        phase_noise=PhaseNoise(0.001), must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0)
+        phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
+        must=Must(0.6, worst_rms_mm=1.0, fixed_percent=100.0),
     ),
-    "ideal_5km": World(distance=5e3, phase_noise=PhaseNoise(0.001), must=Must(0.8)),
+    "ideal_5km": World(
+        distance=5e3, phase_noise=PhaseNoise(0.001), white_noise=WhiteNoise(), must=Must(0.8)
+    ),
     "thrust_1.05": World(
         distance=None,
         motion="scenario",
         change_scenario=thrust_errors(1.05),
         phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
         must=Must(0.7),
     ),
     "thrust_0.95": World(
@@ -501,20 +528,30 @@ WORLDS: dict[str, World] = {
         motion="scenario",
         change_scenario=thrust_errors(0.95),
         phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
         must=Must(0.7),
     ),
     # What the covariance of thrust errors means: these are drawn with it, those above are fixed.
     "thrust_drawn": World(
-        distance=None, motion="scenario", change_scenario=drawn_thrust_errors, must=Must(0.7)
+        distance=None,
+        motion="scenario",
+        change_scenario=drawn_thrust_errors,
+        white_noise=WhiteNoise(),
+        must=Must(0.7),
     ),
     "forces": World(
-        "realistic", change_scenario=exact_thrust, phase_noise=PhaseNoise(0.001), must=Must(0.45)
+        "realistic",
+        change_scenario=exact_thrust,
+        phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
+        must=Must(0.45),
     ),
     "forces_5km": World(
         "realistic",
         distance=5e3,
         change_scenario=exact_thrust,
         phase_noise=PhaseNoise(0.001),
+        white_noise=WhiteNoise(),
         must=Must(0.8),
     ),
     "forces_225km": World(
@@ -533,6 +570,7 @@ WORLDS: dict[str, World] = {
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
         ranges=RangeErrors(broadcast_sigma=1.5),
+        white_noise=WhiteNoise(broadcast_sigma=1.5),
         must=Must(0.45),
     ),
     "broadcast_5km": World(
@@ -542,6 +580,7 @@ WORLDS: dict[str, World] = {
         change_gnss=broadcast_errors,
         phase_noise=PhaseNoise(0.001),
         ranges=RangeErrors(broadcast_sigma=1.5),
+        white_noise=WhiteNoise(broadcast_sigma=1.5),
         must=Must(0.8),
     ),
     "multipath_1mm": World(
@@ -568,6 +607,7 @@ WORLDS: dict[str, World] = {
     "stated_third": World(
         change_gnss=receivers(noise=OPTIMISTIC),
         phase_noise=PhaseNoise(0.003),
+        white_noise=WhiteNoise(0.003, 0.6),
         must=Must(1.2, fixed_percent=100.0),
     ),
     "antennas_given": World(
