@@ -9,8 +9,12 @@ import pytest
 from formation_drawing import START, DrawnFormation, layer
 from formation_simulation import mean_density
 
+from vtff_dynamics.constants import SPEED_OF_LIGHT
+from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
+from vtff_gnss.signals import carrier_frequency_hz
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.geometry.satellite_geometry import satellite_geometry
 
 DURATION, SLIP = 45.0, 15.0
 
@@ -107,6 +111,38 @@ def test_the_constant_outlives_an_interruption_of_all_satellites():
         chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
         true = mean_density(*drawn.profile, deputy, chief)
         assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma
+
+
+def test_a_constant_is_not_given_up_for_integers_that_codes_contradict():
+    """All phases begin anew; relative navigation is 10 m off then, and its integers fit that."""
+    slips = {(1, prn): SLIP for prn in range(1, 33)}
+    drawn = DrawnFormation(
+        lambda t: 500e3 - 200.0 * t, layer(), slips=slips, fixed_again=SLIP + 2.0, code_sigma=3.0
+    )
+    store = EphemerisStore(drawn.ephemerides(DURATION))
+    prns = np.arange(1, 33, dtype=np.uint8)
+    at = np.full(len(prns), (START + SLIP).nanoseconds)
+    place = np.repeat(drawn.position(0, np.array([SLIP])), len(prns), axis=0)
+    elevation = satellite_geometry(store, at, np.zeros_like(prns), prns, place).elevation
+    error = dict(zip(prns.tolist(), 10.0 * np.sin(elevation), strict=True))
+    formation = FormationIonosphere()
+    for ephemeris in drawn.ephemerides(DURATION):
+        formation.add_ephemeris(ephemeris)
+    densities = []
+    for second in drawn.seconds(DURATION, 0.1):
+        wrong = {
+            key: cycles + round(error[key.prn] * carrier_frequency_hz(0, key.band) / SPEED_OF_LIGHT)
+            for key, cycles in second.integers[0].items()
+        }
+        if second.time > (START + SLIP).nanoseconds:
+            second = dataclasses.replace(second, integers=(wrong,))
+        densities += formation.process(second).density[0]
+    assert {density.datum for density in densities} == {densities[0].datum}
+    for density in densities:
+        chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
+        true = mean_density(*drawn.profile, deputy, chief)
+        # Nothing, NaN, is told where nothing is known.
+        assert not abs(density.epoch.density - true) > 4.0 * density.epoch.sigma
 
 
 def test_integers_tell_the_densities_of_the_seconds_before_they_were_found(monkeypatch):

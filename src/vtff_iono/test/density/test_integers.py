@@ -269,6 +269,32 @@ def test_the_shift_of_all_links(sigma, is_told):
     assert resolver.find_shift(excess, sigma**2, wide_lanes, (200.0, None)) == (200.0, -90.0)
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(("position_error", "is_possible"), [(0.0, True), (2.1, False)])
+def test_codes_contradict_integers_that_fit_a_wrong_position(seed, position_error, is_possible):
+    """Codes have slow errors of a third of a cycle, and one bias that nobody knows."""
+    generator = np.random.default_rng(seed)
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    for _ in range(300):
+        resolver.add_resolved(5.0 + generator.normal(0.0, 0.35), 20)
+    sines = np.sin(np.radians([66.0, 50.0, 49.0, 48.0, 29.0, 23.0, 11.0]))
+    cycles = position_error * sines * (FREQUENCY_L1 - FREQUENCY_L2) / SPEED_OF_LIGHT
+    offered = {arc: float(n) for arc, n in enumerate(100.0 + np.rint(cycles))}
+    slow = generator.normal(0.0, 0.35, len(sines))
+    for _ in range(10):
+        contents = [
+            FloatingContent(arc, 85.3 + error, 20, 0.25 + generator.normal(0.0, 0.5), 1.0)
+            for arc, error in enumerate(slow + generator.normal(0.0, 0.1, len(sines)))
+        ]
+        resolver.resolve(contents, 100.0 * np.ones((len(sines), len(sines))))
+    assert resolver.agree_with_codes(offered) == is_possible
+
+
+def test_no_codes_allow_nothing():
+    resolver = IntegerResolver(FREQUENCY_L1, FREQUENCY_L2)
+    assert not resolver.agree_with_codes({"arc": 3.0})
+
+
 def links_without_density(generator, paths, known, sigma=0.01):
     """Contents of links whose predictions err by a density in common, and their true integers.
 

@@ -121,6 +121,21 @@ def test_the_width_of_a_wall(width, seed):
     assert (np.abs(found.time - true) < 4.0 * found.time_sigma).all()
 
 
+@pytest.mark.parametrize("width", [100.0, 300.0])
+def test_the_sigma_of_the_width_of_a_thin_wall(width):
+    """Some of the fits end with the thinnest wall that there is, which they do not know."""
+    errors, sigmas = [], []
+    for seed in range(4):
+        series, _ = crossing(seed=seed, width=width)
+        found = fit_edge_crossings(TIME, *series, EDGE + 90.0, is_dense_above=False, width=300.0)
+        assert found is not None
+        errors.append(found.width - width)
+        sigmas.append(found.width_sigma)
+    ratios = np.array(errors) / sigmas
+    assert np.abs(ratios).max() < 3.0
+    assert 0.2 < math.sqrt(np.mean(ratios**2)) < 1.5
+
+
 def test_what_shows_no_edge_has_none():
     series, _ = crossing(size=0.0)
     flat = [

@@ -268,6 +268,8 @@ class FormationDensity:
         self._doubts: dict[int, int] = {}
         self._resolver = IntegerResolver(*self._frequencies)
         self._seconds_unconnected = 0
+        # Whether codes allow the integers that relative navigation had in the last second.
+        self._is_offer_possible = True
         # Seconds since the last density.
         self._without_density: deque[_Second] = deque(maxlen=_LONGEST_WAIT)
 
@@ -370,9 +372,11 @@ class FormationDensity:
         """Return whether the constant of all satellites may be given up for a new one.
 
         While it is known, integers are found in its datum again, unless that fails for long though
-        relative navigation has integers enough.
+        relative navigation has integers enough, which the codes allow: behind long fades it may be
+        metres off, and its integers are then as wrong.
         """
-        return not self._estimator.is_bias_known or self._seconds_unconnected >= _PATIENCE
+        is_lost = self._seconds_unconnected >= _PATIENCE and self._is_offer_possible
+        return not self._estimator.is_bias_known or is_lost
 
     def _count_unconnected(
         self,
@@ -828,6 +832,13 @@ class FormationDensity:
         if not has_integers.any():
             stretches = [means.stretches[row] for row in floating]
             found |= self._connect(stretches, contents, spread)
+            self._is_offer_possible = self._resolver.agree_with_codes(
+                {
+                    stretch.number: offered[0] - offered[1]
+                    for stretch, offered in zip(stretches, map(self._offer, stretches), strict=True)
+                    if math.isfinite(sum(offered))
+                }
+            )
         result = means
         for row in floating.tolist():
             stretch = means.stretches[row]
@@ -860,15 +871,11 @@ class FormationDensity:
         rows, pairs = [], []
         known: tuple[float | None, float | None] = (None, None)
         for row, stretch in enumerate(stretches):
-            offered = tuple(self._offered.get(signal, math.nan) for signal in stretch.signals)
-            is_same = all(
-                continuity is not None and self._continuity.get(signal) == continuity
-                for signal, continuity in zip(stretch.signals, stretch.continuity, strict=True)
-            )
-            if not is_same or not math.isfinite(sum(offered) + contents[row].excess_tecu):
+            offered = self._offer(stretch)
+            if not math.isfinite(sum(offered) + contents[row].excess_tecu):
                 continue
             rows.append(row)
-            pairs.append((offered[0], offered[1]))
+            pairs.append(offered)
             shifts = [
                 before if held is None else held - cycles
                 for before, held, cycles in zip(known, stretch.integers, offered, strict=True)
@@ -900,6 +907,17 @@ class FormationDensity:
             for row, pair, agrees in zip(rows, pairs, agree.tolist(), strict=True)
             if agrees
         }
+
+    def _offer(self, stretch: PhaseStretch) -> tuple[float, float]:
+        """Return the integers that relative navigation has for a stretch, cycles; NaN without."""
+        is_same = all(
+            continuity is not None and self._continuity.get(signal) == continuity
+            for signal, continuity in zip(stretch.signals, stretch.continuity, strict=True)
+        )
+        if not is_same:
+            return math.nan, math.nan
+        first, second = (self._offered.get(signal, math.nan) for signal in stretch.signals)
+        return first, second
 
     def _doubt_against_geometry(self, means: _LinkMeans, sigma: FloatArray) -> None:
         """Raise the sigmas (TECU, in place) of contents that geometry shows to fluctuate more.

@@ -31,7 +31,7 @@ Teunissen (1995), The least-squares ambiguity decorrelation adjustment, J. Geode
 from __future__ import annotations
 
 import math
-from collections.abc import Container, Hashable, Sequence
+from collections.abc import Container, Hashable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
@@ -52,6 +52,8 @@ _FEWEST_SECONDS = 4
 # of all pairs together must be with every other pair.
 _LARGEST_SQUARE = 16.0
 _MARGIN = 25.0
+# Sigmas of a normal distribution that are exceeded on one side once in a thousand.
+_RARE = 3.09
 # Wide lanes that are tried to either side, and sigmas of a prediction within which integers are.
 _WIDE_LANES_TRIED = 4
 _SIGMAS_TRIED = 4.0
@@ -319,6 +321,38 @@ class IntegerResolver:
         joint = self._joint_covariance([errors], np.zeros((1, 1)), 0.0, 0.0)
         return self._search([errors], joint).get(0)
 
+    def agree_with_codes(self, wide_lanes: Mapping[Hashable, float]) -> bool:
+        """Return whether the codes allow that integers which nothing has checked are right.
+
+        Codes tell the wide lanes of all links but for one bias, whatever the positions are. A wrong
+        position, which makes integers that fit it, moves them by other amounts for each satellite.
+
+        Parameters
+        ----------
+        wide_lanes : mapping of hashable to float
+            Integer of the first signal less that of the second, cycles, by arc.
+        """
+        told = {
+            arc: mean
+            for arc, (mean, _, _) in self._unresolved.items()
+            if arc in wide_lanes and mean.count >= _FEWEST_SECONDS
+        }
+        freedom = len(told) - 1
+        if freedom < 1:
+            return False
+        errors = np.array([mean.mean - wide_lanes[arc] for arc, mean in told.items()])
+        weights = np.array([self._code_sigma(mean) for mean in told.values()]) ** -2.0
+        squares = float(weights @ (errors - weights @ errors / weights.sum()) ** 2)
+        # The sum of squares that is exceeded by chance once in a thousand (Wilson and Hilferty
+        # 1931, The distribution of chi-square).
+        unit = 2.0 / (9.0 * freedom)
+        return squares <= freedom * (1.0 - unit + _RARE * math.sqrt(unit)) ** 3
+
+    def _code_sigma(self, wide_lane: WeightedMean) -> float:
+        """Return the sigma of the mean wide lane of a link by codes, cycles."""
+        lasting = self.wide_lane_sigma / math.sqrt(1.0 + wide_lane.count / _WIDE_LANE_TIME)
+        return max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR)
+
     def _errors(self, content: FloatingContent, is_density_known: bool) -> _FloatingErrors | None:
         """Add a second of a link; return its means, or None if they are too few for a decision."""
         wide_lane, excess, by_geometry = self._unresolved.setdefault(
@@ -341,10 +375,7 @@ class IntegerResolver:
             mean, sigma = excess.mean, max(scatter, sigma / math.sqrt(excess.count))
         wide_error, wide_sigma = 0.0, math.inf
         if has_wide_lane:
-            lasting = self.wide_lane_sigma / math.sqrt(1.0 + wide_lane.count / _WIDE_LANE_TIME)
-            wide_sigma = math.hypot(
-                max(wide_lane.sigma(), lasting, _WIDE_LANE_FLOOR), self._bias.sigma()
-            )
+            wide_sigma = math.hypot(self._code_sigma(wide_lane), self._bias.sigma())
             wide_error = wide_lane.mean - self._bias.mean
         return _FloatingErrors(wide_error, wide_sigma, mean, sigma**2, content.known, geometric)
 
@@ -409,7 +440,8 @@ class IntegerResolver:
         joint[0, :, 1] = joint[1, :, 0] = product
         joint[1, :, 1] = self.cycles_per_tecu**2 * covariance + self._noise_square * noise
         joint[1, :, 1] += clock_variance
-        joint[1, :, 1] += (lasting_variance + _GEOMETRIC_FLOOR**2) * np.eye(len(errors))
+        lasting = np.full(len(errors), lasting_variance + _GEOMETRIC_FLOOR**2)
+        joint[1, :, 1] += np.diag(lasting)
         return joint
 
     def _search(

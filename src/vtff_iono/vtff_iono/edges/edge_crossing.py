@@ -391,8 +391,12 @@ def _fit(
 
 
 def _width_of(square: float) -> float:
-    """Return the width, m, of its square in units of depth."""
-    return _DEPTH_UNIT * math.sqrt(abs(square)) + _LEAST_WIDTH
+    """Return the width, m, of its square in units of depth, less that of the thinnest wall.
+
+    Contents are as smooth in that number as they are in the square of the width: a root would make
+    them steep where the wall is thin, and a thin wall seem well known.
+    """
+    return math.hypot(_DEPTH_UNIT * math.sqrt(abs(square)), _LEAST_WIDTH)
 
 
 def _solution(
