@@ -95,8 +95,9 @@ def report_bubbles(flown: Flown) -> None:
     print(f"median {figures.time_z_median:.2f}")
     print(
         f"widths over 1 km within 30 %: {figures.widths_good} of {figures.widths}, of those whose "
-        f"sigma is below 20 % {figures.widths_sure_good} of {figures.widths_sure}; median error "
-        f"{100.0 * figures.width_error:.0f} %"
+        f"sigma is below 20 % {figures.widths_sure_good} of {figures.widths_sure}, of those whose "
+        f"bound is below 15 % {figures.widths_possible_good} of {figures.widths_possible}; "
+        f"median error {100.0 * figures.width_error:.0f} %"
     )
     low, high = figures.separation_z_interval
     print(
@@ -105,7 +106,10 @@ def report_bubbles(flown: Flown) -> None:
         end="",
     )
     low, high = (100.0 * value for value in figures.separation_error_interval)
-    print(f"{100.0 * figures.separation_error:.1f} % ({low:.1f} to {high:.1f})")
+    print(
+        f"{100.0 * figures.separation_error:.1f} % ({low:.1f} to {high:.1f}), bound "
+        f"{100.0 * figures.separation_bound:.1f} %"
+    )
     ratios = [density_figures(world, result) for world, result in flown]
     z = math.sqrt(np.mean([r.z_rms**2 for r in ratios if math.isfinite(r.z_rms)]))
     print(f"density z RMS {z:.2f}, largest {max(r.largest_z for r in ratios):.1f}; ", end="")

@@ -13,6 +13,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.boundary import Boundary
 
 from .chain import ChainResult
+from .wall_bounds import WallBound, wall_bound
 from .worlds import PlasmaWorld
 
 __all__ = [
@@ -34,6 +35,8 @@ _NEAR = 2e3
 _STRONG = 5.0
 # A width is sure where its sigma is below this part of it.
 _SURE = 0.2
+# A width is told within 30 % as a rule where its bound is below this part of it.
+_TOLD = 0.15
 # Draws of the walls or bubbles from which the intervals of 90 % are taken.
 _DRAWS = 2000
 # Of the contrast: m beside a wall; s before and after it, and in how many places.
@@ -100,6 +103,7 @@ class WallError:
     told_width: float
     width_sigma: float
     speed: float
+    bound: WallBound
 
     @property
     def is_told(self) -> bool:
@@ -110,13 +114,14 @@ class WallError:
         """Return a line of a report."""
         side = "upper" if self.is_upper else "lower"
         text = f"{self.name} {side}: contrast {self.contrast_sigmas:.0f} sigma, "
-        text += f"width {1e-3 * self.width:.1f} km; "
+        text += f"width {1e-3 * self.width:.1f} km (bound {1e-3 * self.bound.width_sigma:.2f} km); "
         if not self.is_told:
             return text + "not told"
         error = self.told_time - self.time
         return text + (
             f"told {error[0]:+.2f}, {error[1]:+.2f} s off, sigma {self.time_sigma[0]:.2f}, "
-            f"{self.time_sigma[1]:.2f} s, width {1e-3 * self.told_width:.1f} km"
+            f"{self.time_sigma[1]:.2f} s, width {1e-3 * self.told_width:.1f} "
+            f"+- {1e-3 * self.width_sigma:.1f} km"
         )
 
 
@@ -138,11 +143,17 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
                 told[craft], sigmas[craft] = at, boundary.time_sigma
                 width, width_sigma = boundary.width, boundary.width_sigma
                 covariance = boundary.time_covariance
+        change = bubble.depth * _background_density(world, altitude)
+        sigma = _change_sigma(world, result, float(times.mean()), speed)
+        bound = WallBound(math.inf, math.inf)
+        if math.isfinite(sigma):
+            length, segment = world.vertical_separation, _segment(speed)
+            bound = wall_bound(bubble.wall_width, length, speed, change, sigma, segment)
         walls.append(
             WallError(
                 world.name,
                 is_upper,
-                _contrast(world, result, altitude, float(times.mean()), speed),
+                change / sigma,
                 bubble.wall_width,
                 times,
                 told,
@@ -151,6 +162,7 @@ def wall_errors(world: PlasmaWorld, result: ChainResult) -> list[WallError]:
                 width,
                 width_sigma,
                 speed,
+                bound,
             )
         )
     return walls
@@ -183,10 +195,13 @@ def _crossings(result: ChainResult, altitude: float) -> tuple[FloatArray, float]
     return np.array(times), abs(float(chief[index + 5] - chief[index - 5])) / 10.0
 
 
-def _contrast(
-    world: PlasmaWorld, result: ChainResult, altitude: float, time: float, speed: float
-) -> float:
-    """Return the change of density over a wall in sigmas of the column that was measured.
+def _segment(speed: float) -> float:
+    """Return the length of a segment beside a wall, s."""
+    return max(1.0, _SEGMENT / speed)
+
+
+def _change_sigma(world: PlasmaWorld, result: ChainResult, time: float, speed: float) -> float:
+    """Return the sigma of the change of density over a wall by the column that was measured, 1/m3.
 
     The sigma is that of the measured differential contents of this flight with every integer known,
     which no receiver knows: multipath, noise, and fluctuations that the spacecraft do not share. It
@@ -197,7 +212,7 @@ def _contrast(
     bubble = world.bubble
     assert bubble is not None
     separation = world.vertical_separation
-    segment = max(1.0, _SEGMENT / speed)
+    segment = _segment(speed)
     apart = segment + (bubble.wall_width + separation) / speed
     information = 0.0
     for rows in result.column_errors.values():
@@ -211,8 +226,7 @@ def _contrast(
             path = float(np.mean(rows[:, 2])) * separation
             information += path**2 / max(float(np.mean(squares)), 1e-12)
     # Electrons per cubic metre; 1e16 per square metre are a TECU.
-    sigma = 1e16 / math.sqrt(information) if information > 0.0 else math.inf
-    return bubble.depth * _background_density(world, altitude) / sigma
+    return 1e16 / math.sqrt(information) if information > 0.0 else math.inf
 
 
 def _segment_change(rows: FloatArray, middle: float, segment: float, apart: float) -> float | None:
@@ -257,12 +271,15 @@ class EdgeFigures:
     widths_good: int
     widths_sure: int
     widths_sure_good: int
+    widths_possible: int
+    widths_possible_good: int
     width_error: float
     separations: int
     separation_z: float
     separation_z_interval: tuple[float, float]
     separation_error: float
     separation_error_interval: tuple[float, float]
+    separation_bound: float
 
 
 def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigures:
@@ -280,7 +297,12 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
         if w.width > 1e3
     ]
     sure = [error for error, is_sure in wide if is_sure]
-    errors, ratios = [], []
+    possible = [
+        abs(w.told_width / w.width - 1.0)
+        for w in told
+        if w.width > 1e3 and w.bound.width_sigma < _TOLD * w.width
+    ]
+    errors, ratios, bounds = [], [], []
     for (_, result), of_bubble in zip(flown, every, strict=True):
         if not all(wall.is_told for wall in of_bubble):
             continue
@@ -291,6 +313,7 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
             error += 0.5 * float(lag) * wall.speed / length
             lag_variance = float(wall.time_sigma @ wall.time_sigma) - 2.0 * wall.time_covariance
             variance += 0.25 * lag_variance * (wall.speed / length) ** 2
+        bounds.append(0.5 * math.hypot(*[wall.bound.lag_sigma / length for wall in of_bubble]))
         errors.append(error)
         ratios.append(error / math.sqrt(variance))
     strong_told = sum(wall.is_told for wall in strong)
@@ -308,12 +331,15 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
         sum(error <= 0.3 for error, _ in wide),
         len(sure),
         sum(error <= 0.3 for error in sure),
+        len(possible),
+        sum(error <= 0.3 for error in possible),
         float(np.median([error for error, _ in wide])) if wide else math.nan,
         len(errors),
         _rms(np.array(ratios)),
         _interval_of_rms(np.array(ratios)),
         _rms(np.array(errors)),
         _interval_of_rms(np.array(errors)),
+        _rms(np.array(bounds)),
     )
 
 
