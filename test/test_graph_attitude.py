@@ -50,7 +50,7 @@ def messages(run, topic):
 @pytest.fixture(scope="module")
 def flight(runs, scenario_file):
     return runs.make(
-        "attitude", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 800,
+        "attitude", "snap1.yaml", f"scenario:={scenario_file}", TIMELINE, "--duration", 1000,
         "adcs_emulator.bus_off_after:=300", "adcs_emulator.bus_off_duration:=50",
         "--no-report", "--composed",
     )[0]  # fmt: skip
@@ -72,7 +72,7 @@ def test_the_attitude_is_found_and_its_sigma_is_true(flight):
     estimates = messages(flight, "/snap1/attitude")
     known = [time for time, estimate in estimates.items() if estimate.valid]
     # An estimate that says of itself that it is not valid yet is no promise.
-    assert len(known) > 20 and known[-1] == 800.0
+    assert len(known) > 20 and known[-1] == 1000.0
     for time in known:
         true, estimate = truth[time], estimates[time]
         error = rotation_vector(

@@ -70,6 +70,12 @@ class FormationSafetyParameters:
         unit="m/s^2",
         minimum=1e-9,
     )
+    smallest_thrust: float = parameter(
+        SafetySetting.smallest_thrust,
+        "smallest acceleration of a thruster along an axis of the body, if its axes turn with it",
+        unit="m/s^2",
+        minimum=0.0,
+    )
     velocity_limit: float = parameter(
         SafetySetting.velocity_limit,
         "largest change of the velocity by one evasive manoeuvre, on an axis",

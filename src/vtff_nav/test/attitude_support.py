@@ -45,10 +45,10 @@ class MeasuredFlight:
         field = self.state.rotation_gcrf_from_body.T @ TRACK.field_gcrf(self.number)
         return field + self.sigma * self.generator.standard_normal(3)
 
-    def fly(self, pulses=(0.0, 0.0, 0.0)):
-        """Fly a period; return it and the sample at its end."""
+    def fly(self, pulses=(0.0, 0.0, 0.0), windows=()):
+        """Fly a period, with torques of thrusters; return it and the sample at its end."""
         number = self.number
-        self.truth.advance(TRACK.interval(number), pulses)
+        self.truth.advance(TRACK.interval(number), pulses, windows=windows)
         self.number += 1
         state = TRACK.state_gcrf(number)
         period = FilterPeriod(

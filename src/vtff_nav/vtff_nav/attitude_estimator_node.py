@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
+from geometry_msgs.msg import AccelStamped
 
 from vtff_dynamics.attitude.magnetic_field import check_field_year
 from vtff_dynamics.attitude.orbit_axes import (
@@ -30,6 +31,7 @@ from vtff_nav.attitude.onboard import (
     compile_kernels,
 )
 from vtff_nav.attitude.orbit_memory import OrbitMemory, OrbitPoint
+from vtff_nav.attitude.thrust_memory import ThrustMemory
 from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
@@ -105,6 +107,19 @@ class AttitudeEstimatorParameters:
     torque_time: float = parameter(
         _FILTER.torque_time, "time over which that torque stays alike", unit="s", minimum=1.0
     )
+    thruster_offset_sigma: float = parameter(
+        _FILTER.thruster_offset_sigma,
+        "by how much the force of each thruster may miss the centre of mass; 0: not estimated, and "
+        "thrust does not turn the spacecraft",
+        unit="m",
+        minimum=0.0,
+    )
+    mass: float = parameter(
+        6.5, "of the spacecraft: thrust is told as acceleration", unit="kg", minimum=1e-3
+    )
+    thrust_duration: float = parameter(
+        1.0, "time for which each thrust_body acts", unit="s", minimum=0.001
+    )
     bias_sigma: float = parameter(
         _FILTER.bias_sigma, "magnetometer bias; 0: not estimated", unit="T", minimum=0.0
     )
@@ -140,6 +155,10 @@ class AttitudeEstimatorNode(VtffNode):
     relative_state (vtff_msgs/RelativeState); for each report it publishes attitude
     (vtff_msgs/AttitudeState) with the same stamp, once the orbit of that time is there. An orbit
     that does not come by the next report, and one without navigation, is predicted.
+
+    Where thrusters may miss the centre of mass (``thruster_offset_sigma``) it also subscribes to
+    propulsion/thrust_body (geometry_msgs/AccelStamped, m/s^2, body axes) and waits for the thrusts
+    of the period; one that has not come by the next report counts as none.
     """
 
     Parameters = AttitudeEstimatorParameters
@@ -170,6 +189,7 @@ class AttitudeEstimatorNode(VtffNode):
                 inertia_sigma=given.inertia_sigma,
                 field_sigma=given.field_sigma,
                 field_time=given.field_time,
+                thruster_offset_sigma=given.thruster_offset_sigma,
             )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
@@ -183,6 +203,11 @@ class AttitudeEstimatorNode(VtffNode):
         self._estimator = OnboardAttitudeEstimator(body, configuration, watch)
         self._orbit = OrbitMemory()
         self._orbit_stamp = -1
+        self._thrust = (
+            ThrustMemory(given.mass, given.thrust_duration)
+            if given.thruster_offset_sigma > 0.0
+            else None
+        )
         self._order = StampOrder()
         self._waiting: list[AdcsReport] = []
         if len(given.initial_roll_pitch_yaw_deg) != 3:
@@ -197,6 +222,8 @@ class AttitudeEstimatorNode(VtffNode):
         else:
             self.subscribe(RelativeState, "relative_state", self._on_relative_state)
         self.subscribe(AdcsReport, "adcs/report", self._on_report)
+        if self._thrust is not None:
+            self.subscribe(AccelStamped, "propulsion/thrust_body", self._on_thrust)
 
     def _on_orbit(self, message: OrbitState) -> None:
         self._orbit_stamp = to_nanoseconds(message.header.stamp)
@@ -222,11 +249,24 @@ class AttitudeEstimatorNode(VtffNode):
         self._waiting.append(message)
         self._work()
 
+    def _on_thrust(self, message: AccelStamped) -> None:
+        assert self._thrust is not None
+        given = message.accel.linear
+        thrust = np.array([given.x, given.y, given.z])
+        self._thrust.add(to_nanoseconds(message.header.stamp), thrust)
+        self._work()
+
     def _work(self) -> None:
-        """Process the reports whose orbit has been told; the last waits for its orbit."""
+        """Process the reports whose orbit and thrusts have been told; the last waits for them."""
         while self._waiting:
             stamp = to_nanoseconds(self._waiting[0].header.stamp)
-            if self._orbit_stamp < stamp and len(self._waiting) < 2:
+            # Before the first period nothing has been commanded.
+            is_told = self._orbit_stamp >= stamp and (
+                self._thrust is None
+                or not self._waiting[0].period > 0.0
+                or self._thrust.reaches(stamp)
+            )
+            if not is_told and len(self._waiting) < 2:
                 return
             self._counts["orbits predicted"] += not self._orbit.has(stamp)
             self._process(self._waiting.pop(0))
@@ -277,7 +317,12 @@ class AttitudeEstimatorNode(VtffNode):
         if self._is_told:
             self._is_told = False
             self._expect_told_attitude(start)
-        known = self._estimator.process(report, start.state_gcrf, start.field_gcrf, end.field_gcrf)
+        forces = None
+        if self._thrust is not None:
+            forces = self._thrust.forces(start.stamp_nanoseconds, end.stamp_nanoseconds)
+        known = self._estimator.process(
+            report, start.state_gcrf, start.field_gcrf, end.field_gcrf, forces
+        )
         self._known = known
         answer.position_gcrf, answer.velocity_gcrf = end.state_gcrf[:3], end.state_gcrf[3:]
         answer.valid = known.status.valid

@@ -70,7 +70,7 @@ def test_estimator_and_controller_point_within_a_degree(pointing):
 
 @pytest.mark.parametrize("is_estimated", [True, False])
 def test_drag_off_the_centre_of_mass_is_estimated_where_asked(is_estimated):
-    """A torque of 4e-8 N m that lasts; a filter that knows of none loses the attitude."""
+    """A torque of 4e-8 N m that lasts; a filter that knows of none is several sigma off."""
     plain = snap1_track()
     track = orbit_track.OrbitTrack(plain.epoch, plain.state_gcrf(0), drag_pressure=2.2e-14)
     loop = pointing_loop(
@@ -85,7 +85,8 @@ def test_drag_off_the_centre_of_mass_is_estimated_where_asked(is_estimated):
         assert history.restarts[-1] == 0
         assert 0.1 < history.normalised_error_squared(0, 3)[late].mean() < 2.0
     else:
-        assert not history.attitude_error_deg[late].max() < 1.0
+        assert history.restarts[-1] > 0
+        assert history.normalised_error_squared(0, 3)[late].mean() > 4.0
 
 
 def test_pulses_keep_duty_and_quiet_window(pointing):
@@ -163,6 +164,14 @@ def test_a_stuck_wheel_is_named_until_it_turns_again(track):
     steps = [loop.step() for _ in range(250)]
     assert not any(step.command.reason for step in steps[150:])
     assert abs(loop.spacecraft.body.wheel_speed_rpm(steps[-1].truth.wheel_momentum) + 2700) < 250
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_firing_from_rest_is_that_of_the_pendulum_at_its_place(seed):
+    """Until the peak the field grows: with its mean the pendulum is nearer."""
+    free = fly_kick(damped=False, strengths=(1.0,), seed=seed, settled=False)
+    assert free.peak_deg[0] == pytest.approx(free.formula_deg[0], rel=0.05)
+    assert free.peak_deg[0] == pytest.approx(free.mean_field_formula_deg[0], rel=0.03)
 
 
 def test_detumbling_takes_the_rates_from_a_tumble():

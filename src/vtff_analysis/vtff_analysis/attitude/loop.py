@@ -205,11 +205,21 @@ class AttitudeLoop:
             field_is_valid=known.field_is_valid,
         )
 
-    def fly(self, periods: int) -> AttitudeHistory:
-        """Fly a number of periods and return their history."""
+    def fly(self, periods: int, torques: FloatArray | None = None) -> AttitudeHistory:
+        """Fly a number of periods and return their history.
+
+        Parameters
+        ----------
+        periods : int
+        torques : ndarray, shape (periods, 3), optional
+            Torque that nobody knows of, constant in each period, N m, body axes.
+        """
         history = AttitudeHistory.empty(periods, self.track.period)
         for row in range(periods):
-            history.set_row(row, self, self.step())
+            windows = []
+            if torques is not None:
+                windows = [TorqueWindow(0.0, self.track.period, torques[row])]
+            history.set_row(row, self, self.step(windows))
         return history
 
 

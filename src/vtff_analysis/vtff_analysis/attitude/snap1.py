@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
+from vtff_analysis.attitude.dipole_bound import dipole_bound
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
 from vtff_control.attitude.compensation import (
     PAPER_COMPENSATION_FINAL,
@@ -42,8 +43,8 @@ __all__ = [
     "ASSUMPTIONS",
     "DIPOLE_COMPASS",
     "DIPOLE_FINAL",
+    "DIPOLE_WITH_WHEEL",
     "ORBITAL_PERIOD",
-    "UNLIMITED",
     "AxisStatistics",
     "CompassResult",
     "DetumbleResult",
@@ -62,17 +63,14 @@ __all__ = [
 DIPOLE_COMPASS = np.array([0.033, 0.063, -0.187])
 """Dipole of equation 3, A m2."""
 
+DIPOLE_WITH_WHEEL = np.array([0.034, 0.042, -0.165])
+"""Dipole of equation 4, which the paper found with the wheel at -1000 rpm, A m2."""
+
 DIPOLE_FINAL = np.array([0.034, 0.036, -0.12])
 """Dipole of equation 14, A m2."""
 
 ORBITAL_PERIOD = 5931.0
 """Period of the 704 km orbit, s."""
-
-UNLIMITED = DipoleEstimatorConfiguration(
-    torque_noise=0.0, magnetometer_sigma=0.0, initial_rate_sigma=10.0, initial_dipole_sigma=10.0
-)
-"""The paper's estimator limited by the noise of the rates alone, with no knowledge at the start:
-its covariance is the Cramer-Rao bound of the samples, along the estimated motion."""
 
 _EPOCH = parse_epoch("2001-02-08T00:00:00 UTC")
 _ORBIT = ClassicalElements(7.082e6, 1e-3, math.radians(98.1), 1.0, 0.5, 0.0)
@@ -151,7 +149,11 @@ class CompassResult:
 
 
 def fly_compass(
-    wheel_rpm: float = 0.0, hours: float = 24.0, seed: int = 1, released: bool = False
+    wheel_rpm: float = 0.0,
+    hours: float = 24.0,
+    seed: int = 1,
+    released: bool = False,
+    dipole: npt.ArrayLike = DIPOLE_COMPASS,
 ) -> CompassResult:
     """Fly compass mode without control from a swing of 20 deg, as between two passes.
 
@@ -161,7 +163,7 @@ def fly_compass(
     to 5, is wrong by up to 130 deg.
     """
     track = snap1_track()
-    body = SpacecraftBody(dipole=DIPOLE_COMPASS)
+    body = SpacecraftBody(dipole=dipole)
     if released:
         start = _at_rest(body, wheel_rpm, seed)
     else:
@@ -177,7 +179,8 @@ def fly_compass(
     )
     history = loop.fly(round(hours * 3600.0 / track.period))
     mean = history.field_body.mean(axis=0)
-    direction = DIPOLE_COMPASS / norm(DIPOLE_COMPASS)
+    moment = np.asarray(dipole, dtype=float)
+    direction = moment / norm(moment)
     error = math.degrees(math.acos(float(mean @ direction) / norm(mean)))
     across = history.field_body - np.outer(history.field_body @ direction, direction)
     power = (np.abs(np.fft.rfft(across * np.hanning(len(across))[:, None], axis=0)) ** 2).sum(
@@ -205,18 +208,39 @@ class DipoleResult:
         Its covariance, shape (samples, 3, 3).
     true_dipole
         A m2.
+    rate_body, field_body
+        True rate (rad/s) and field (T) at the start and at each sample, shape (samples + 1, 3).
+    rate_sigma
+        Noise of the samples, rad/s.
+    wheel_momentum
+        N m s, body axes, shape (3,).
     """
 
     time: FloatArray
     dipole: FloatArray
     covariance: FloatArray
     true_dipole: FloatArray
+    rate_body: FloatArray
+    field_body: FloatArray
+    rate_sigma: float
+    wheel_momentum: FloatArray
 
     @property
     def sigma(self) -> FloatArray:
         """Sigma of each axis, A m2, one row for each sample."""
         sigma: FloatArray = np.sqrt(np.einsum("ijj->ij", self.covariance))
         return sigma
+
+    def bound(self, samples: int) -> FloatArray:
+        """Return the smallest covariance of the dipole after some samples, shape (3, 3)."""
+        return dipole_bound(
+            self.rate_body[: samples + 1],
+            self.field_body[: samples + 1],
+            float(self.time[0]),
+            BodyModel().inertia_matrix,
+            self.wheel_momentum,
+            self.rate_sigma,
+        )
 
     def normalised_error_squared(self, row: int) -> float:
         """Return the NEES of a row over its three axes."""
@@ -229,12 +253,8 @@ def fly_dipole_estimation(
     samples: int = 1708,
     rate_sigma: float = 5e-4,
     seed: int = 1,
-    configuration: DipoleEstimatorConfiguration | None = None,
 ) -> DipoleResult:
-    """Estimate the dipole from measured fields and noisy rates in compass mode.
-
-    `UNLIMITED` as `configuration` gives the Cramer-Rao bound in place of the covariance.
-    """
+    """Estimate the dipole from measured fields and noisy rates in compass mode."""
     track = snap1_track()
     body = SpacecraftBody(dipole=DIPOLE_FINAL)
     start = _compass_start(track, body, math.radians(20.0), wheel_rpm, seed)
@@ -243,12 +263,15 @@ def fly_dipole_estimation(
         estimates=False,
     )  # fmt: skip
     generator = np.random.default_rng((seed, 5))
-    estimator = DipoleEstimator(BodyModel(), configuration)
+    estimator = DipoleEstimator(BodyModel(), DipoleEstimatorConfiguration(rate_sigma=rate_sigma))
+    rates, fields = np.empty((samples + 1, 3)), np.empty((samples + 1, 3))
     dipole, covariance = np.empty((samples, 3)), np.empty((samples, 3, 3))
     last = loop.step().report.field_body[-1]
     momentum = body.wheel_momentum(wheel_rpm)
+    rates[0], fields[0] = _rate_and_field(loop)
     for row in range(samples):
         step = loop.step()
+        rates[row + 1], fields[row + 1] = _rate_and_field(loop)
         field = step.report.field_body[-1]
         nothing = np.zeros(3)
         estimator.predict(
@@ -261,7 +284,17 @@ def fly_dipole_estimation(
         dipole[row] = estimator.dipole
         covariance[row] = estimator.covariance[3:, 3:]
     time = track.period * np.arange(1.0, samples + 1.0)
-    return DipoleResult(time, dipole, covariance, DIPOLE_FINAL)
+    axis = np.asarray(body.wheel_axis, dtype=float)
+    return DipoleResult(
+        time, dipole, covariance, DIPOLE_FINAL, rates, fields, rate_sigma, momentum * axis
+    )
+
+
+def _rate_and_field(loop: AttitudeLoop) -> tuple[FloatArray, FloatArray]:
+    """Return true rate and field now, body axes."""
+    state = loop.spacecraft.state
+    field = loop.track.true_field_gcrf(loop.number)
+    return np.array(state.rate_body), state.rotation_gcrf_from_body.T @ field
 
 
 @dataclass(frozen=True)
@@ -313,6 +346,7 @@ def fly_three_axis(
     dipole_rate: npt.ArrayLike = (0.0, 0.0, 0.0),
     track: OrbitTrack | None = None,
     filter_configuration: AttitudeFilterConfiguration | None = None,
+    torque_noise: float = 0.0,
 ) -> ThreeAxisResult:
     """Point at nadir with the paper's compensation (6) or (14), none, or all that vtff has.
 
@@ -322,6 +356,7 @@ def fly_three_axis(
 
     The dipole changes by `dipole_rate`, A m2 in a day. `track` and `filter_configuration` stand in
     for the orbit with a drawn error of the field and for the filter that counts with its sigma.
+    `torque_noise` is a white torque of the world, N m sqrt(s).
     """
     track = track or snap1_track(field_sigma, seed)
     body = SpacecraftBody(dipole=DIPOLE_FINAL, dipole_rate=dipole_rate)
@@ -356,7 +391,10 @@ def fly_three_axis(
         seed,
         first="point",
     )
-    return three_axis_result(loop.fly(round(hours * 3600.0 / track.period)))
+    periods = round(hours * 3600.0 / track.period)
+    normal = np.random.default_rng((seed, 11)).standard_normal((periods, 3))
+    torques = torque_noise / math.sqrt(track.period) * normal if torque_noise > 0.0 else None
+    return three_axis_result(loop.fly(periods, torques))
 
 
 def _filter(field_sigma: float) -> AttitudeFilterConfiguration:

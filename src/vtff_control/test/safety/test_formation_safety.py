@@ -317,6 +317,29 @@ def test_a_link_that_is_cut_does_not_accuse_the_thruster(is_stuck):
         assert not decision.reason
 
 
+@pytest.mark.parametrize(("smallest", "is_accused"), [(6.3e-7, False), (0.0, True)])
+def test_thrusters_of_a_body_give_their_smallest_thrust_along_all_axes_of_the_orbit(
+    smallest, is_accused
+):
+    """A command of 10 uN/kg along R, 1.8 deg off in the body: T5 engines round up to 1 mN."""
+    setting = dataclasses.replace(SETTING, acceleration_cap=1.5625e-5, smallest_thrust=smallest)
+    safety = monitor(setting=setting)
+    command = np.array([-1e-5, 0.0, 0.0])
+    safety.step({"deputy": heard(relative(t=100.0), command)})
+    reported = np.array([-1.001e-5, 1.8e-8, 3.169e-7])  # seed 3 of reference_attitude, 1222 s
+    safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0), reported)})
+    decision = safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0))}).decisions[
+        "deputy"
+    ]
+    assert bool(decision.isolated.any()) == is_accused
+    # More than three engines can round to is a thruster that does not do what it is told.
+    safety = monitor(setting=setting)
+    safety.step({"deputy": heard(relative(t=100.0), command)})
+    reported = np.array([-1e-5, 0.0, 6e-7])
+    step = safety.step({"deputy": heard(relative(t=100.0), (0.0, 0.0, 0.0), reported)})
+    assert step.decisions["deputy"].isolated.any()
+
+
 def test_thrust_that_nobody_reports_makes_a_prediction_unsure():
     silent, off = monitor(), monitor()
     push = np.array([0.0, 0.5, 0.0])

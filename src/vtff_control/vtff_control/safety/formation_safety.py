@@ -98,6 +98,9 @@ class SafetySetting:
         Length of the prediction with thrust off.
     acceleration_cap
         Largest acceleration on each axis of a thruster, m/s2.
+    smallest_thrust
+        Smallest acceleration of a thruster along one of its axes but none, m/s2, where these axes
+        turn with the body: what it reports may then differ by half of it on each of them.
     velocity_limit
         Largest change of the velocity by one evasive manoeuvre, m/s on an axis.
     reaction_time
@@ -119,6 +122,7 @@ class SafetySetting:
     probability: float = 1e-4
     orbits: float = 2.0
     acceleration_cap: float = 1.0
+    smallest_thrust: float = 0.0
     velocity_limit: float = 50.0
     reaction_time: float = 2.0
     thrust_share: float = 0.9
@@ -569,7 +573,8 @@ class FormationSafety:
         cap = self._setting.acceleration_cap
         # In the direction of the command, up to its size; against it, nothing.
         along = np.where(told >= 0.0, reported_rtn, -reported_rtn)
-        floor = _REPORT_FLOOR * cap
+        # Half the smallest thrust on each of three axes, along one of the orbit.
+        floor = max(_REPORT_FLOOR * cap, 0.5 * math.sqrt(3.0) * self._setting.smallest_thrust)
         over = (along > 1.1 * np.abs(told) + floor) | (along < -floor)
         under = along < 0.5 * np.abs(told) - floor
         track.weak_steps = np.where(under, track.weak_steps + 1, 0)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from vtff_dynamics.attitude.quaternion import (
     multiply,
     rotation_vector,
 )
+from vtff_dynamics.attitude.spacecraft import TorqueWindow
 from vtff_nav.attitude.attitude_filter import AttitudeFilter
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.field_error import FIELD_STATES, FieldErrorModel
@@ -25,15 +27,19 @@ from vtff_nav.attitude.kernels import (
     DRIFT,
     FIELD,
     INERTIA,
+    OFFSETS,
     RATE,
     TORQUE,
     WHEEL,
     predict_attitude,
 )
 
-STATES = FIELD + FIELD_STATES
+STATES = FIELD + FIELD_STATES + OFFSETS
 STILL = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 """No noise; times of a second, in which what is not there does not change."""
+NO_FORCE = np.zeros((1, 3))
+FORCES = np.array([[2e-4, -1e-4, 5e-5], [-1e-4, 3e-4, 0.0], [0.0, 0.0, 1e-4], [4e-5, 0.0, -3e-4]])
+"""N; the equal parts of a period end within the steps of the filter."""
 FIELD_PARTIAL = np.random.default_rng(5).standard_normal((3, FIELD_STATES))
 
 
@@ -49,6 +55,7 @@ def predicted(change, covariance):
         quaternion, mean, covariance, 5.0, 20, TRACK.field_gcrf(0), TRACK.field_gcrf(1),
         state[:3], 1e-3, 1.1e-3, np.array([0.0, 1.0, 0.0]), inertia,
         np.array([2.0, -1.0, 4.0]), 0.127, np.eye(3), STILL, FIELD_PARTIAL, np.zeros(FIELD_STATES),
+        FORCES,
     )  # fmt: skip
     return quaternion, mean[:3]
 
@@ -57,11 +64,16 @@ def test_linear_model_is_the_derivative_of_the_motion():
     """Each column of the transition against a central difference of the prediction."""
     parts = (
         (1e-4, 3), (1e-5, 3), (1e-4, 3), (1e-9, 3), (1e-4, 3), (1e-6, 3), (1e-6, 1),
-        (1e-6, 3), (1e-8, FIELD_STATES),
+        (1e-6, 3), (1e-8, FIELD_STATES), (1e-3, OFFSETS),
     )  # fmt: skip
     scale = np.concatenate([[value] * count for value, count in parts])
     centre, _ = predicted(np.zeros(STATES), np.zeros((STATES, STATES)))
-    for column in [*range(BIAS), *range(INERTIA, DRIFT), *range(WHEEL, FIELD + 20)]:
+    for column in [
+        *range(BIAS),
+        *range(INERTIA, DRIFT),
+        *range(WHEEL, FIELD + 20),
+        *range(STATES - OFFSETS, STATES),
+    ]:
         change = np.zeros(STATES)
         change[column] = scale[column]
         ends = []
@@ -88,13 +100,15 @@ def at_rest(mean, covariance, noise, variances):
         np.array([0.0, 0.0, 0.0, 1.0]), mean, covariance, 60.0, 1, np.zeros(3), np.zeros(3),
         state[:3], 0.0, 0.0, np.array([0.0, 1.0, 0.0]), np.eye(3),
         np.zeros(3), 0.127, np.eye(3), noise, np.zeros((3, len(variances))), variances,
+        NO_FORCE,
     )  # fmt: skip
 
 
 def test_coefficients_of_the_field_keep_their_covariance():
     """In a prediction from the steady state; what was learned is forgotten in their time."""
     variances = FieldErrorModel(3e-7).variances
-    covariance, mean = np.zeros((STATES, STATES)), np.zeros(STATES - RATE)
+    states = FIELD + FIELD_STATES
+    covariance, mean = np.zeros((states, states)), np.zeros(states - RATE)
     covariance[FIELD:, FIELD:] = np.diag(variances)
     mean[FIELD - RATE :] = 1e-7
     at_rest(mean, covariance, np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 600.0, 0.0, 1.0]), variances)
@@ -202,6 +216,63 @@ def test_a_pulse_that_ends_within_a_step_acts_as_long_as_it_is():
         errors = flight.errors(known.estimate)
         np.testing.assert_allclose(errors[:3], 0.0, atol=1e-7)
         np.testing.assert_allclose(errors[3:6], 0.0, atol=1e-8)
+
+
+def thrusting(offset_sigma, offsets, told=True, seed=9, periods=400):
+    """Fly with thrusters that miss the centre of mass; return flight, filter, mean innovation."""
+    flight = MeasuredFlight(seed, wheel_rpm=-2700.0, rate=1e-3)
+    state = flight.state
+    settings = AttitudeFilterConfiguration(
+        initial_rotation_sigma_deg=1.0,
+        initial_rate_sigma=2e-4,
+        thruster_offset_sigma=offset_sigma,
+    )
+    known = AttitudeFilter(BodyModel(), settings, state.quaternion_gcrf, state.rate_body)
+    forces = np.random.default_rng((seed, 1)).uniform(-1e-4, 1e-4, (periods, 5, 3))
+    # A thruster fires for a while, and then the other way.
+    forces = forces + 5e-5 * np.sign(np.sin(0.05 * np.arange(periods)))[:, None, None]
+    torques = []
+    for row in forces:
+        torques.append([])
+        for force in row:
+            arms = np.zeros((3, 3))
+            for axis in range(3):
+                arms[axis, [(axis + 1) % 3, (axis + 2) % 3]] = offsets[axis]
+            torques[-1].append(np.cross(arms, np.diag(force)).sum(axis=0))
+    squares = []
+    for row, torque in zip(forces, torques, strict=True):
+        windows = [
+            TorqueWindow(float(second), second + 1.0, value) for second, value in enumerate(torque)
+        ]
+        period, sample = flight.fly(windows=windows)
+        period = replace(period, thruster_forces=row if told else NO_FORCE)
+        known.predict(period)
+        known.update(sample, period.field_end_gcrf)
+        squares.append(known.normalised_innovation_squared / 3.0)
+    return flight, known, float(np.mean(squares[20:]))
+
+
+def test_offsets_of_thrusters_are_found_from_what_these_report():
+    """Five millimetres, of which the filter is not told before, and their sigma is true."""
+    offsets = np.array([[0.005, -0.005], [-0.004, 0.005], [0.003, 0.005]])
+    flight, known, innovation = thrusting(0.005, offsets)
+    found = known.estimate.thruster_offsets
+    sigma = np.sqrt(np.diag(known.estimate.covariance)[-OFFSETS:]).reshape(3, 2)
+    assert sigma.max() < 0.002
+    assert (np.abs(found - offsets) < 4.0 * sigma).all()
+    assert 0.8 < innovation < 1.2
+    errors = flight.errors(known.estimate)[:3]
+    assert errors @ np.linalg.solve(known.estimate.covariance[:3, :3], errors) < 16.3
+    _, blind, unexplained = thrusting(0.0, offsets)
+    assert unexplained > 1.3
+    assert not blind.estimate.thruster_offsets.any()
+
+
+def test_without_reports_of_thrust_offsets_are_not_learnt():
+    offsets = np.full((3, 2), 0.004)
+    _, known, _ = thrusting(0.005, offsets, told=False, periods=40)
+    sigma = np.sqrt(np.diag(known.estimate.covariance)[-OFFSETS:])
+    np.testing.assert_allclose(sigma, 0.005, rtol=1e-9)
 
 
 def test_rods_that_give_a_tenth_more_are_explained_where_they_may_be_wrong():

@@ -10,6 +10,7 @@ import pytest
 from attitude_support import DIPOLE, EPOCH, MeasuredFlight
 
 from vtff_dynamics.attitude.quaternion import conjugate, multiply, rotation_vector
+from vtff_dynamics.attitude.spacecraft import TorqueWindow
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration, BodyModel
 from vtff_nav.attitude.determination import AttitudeDetermination, DeterminationConfiguration
 from vtff_nav.attitude.wheel_observer import WheelObserver, WheelObserverConfiguration
@@ -113,7 +114,7 @@ def test_a_solution_may_steer_once_it_has_explained_samples():
     flight, other = MeasuredFlight(3), MeasuredFlight(5)
     determination = AttitudeDetermination(BodyModel(), AttitudeFilterConfiguration())
     reason = ""
-    while not reason.startswith("attitude not yet confirmed"):
+    while not reason.startswith("attitude not confirmed"):
         other.fly()
         status = determination.process(*flight.fly())
         assert not status.valid
@@ -122,6 +123,49 @@ def test_a_solution_may_steer_once_it_has_explained_samples():
     statuses = [determination.process(*other.fly()) for _ in range(50)]
     assert not any(status.valid for status in statuses)
     assert np.degrees(determination.estimate.rotation_sigma) < 5.0
+
+
+def test_samples_of_a_stuck_sensor_do_not_move_a_filter_before_they_are_named(converged):
+    """Two of them are wild before the third names the sensor."""
+    flight, determination = converged
+    period, sample = flight.fly()
+    determination.process(period, sample)
+    for _ in range(6):
+        determination.process(*flight.fly())
+    before = np.linalg.norm(flight.errors(determination.estimate)[:3])
+    for number in range(12):
+        status = determination.process(flight.fly()[0], sample)
+        assert not status.used and status.reason
+        assert status.reason.startswith("magnetometer stuck") == (number >= 2)
+    errors = flight.errors(determination.estimate)
+    covariance = determination.estimate.covariance[:9, :9]
+    assert np.degrees(np.linalg.norm(errors[:3])) < np.degrees(before) + 0.5
+    assert errors @ np.linalg.solve(covariance, errors) < 27.9  # 0.1 % of chi squared, 9 numbers
+
+
+def test_an_attitude_that_no_longer_explains_its_samples_does_not_steer(converged):
+    """Torques that nobody reports, of a size that no single sample shows."""
+    flight, determination = converged
+    statuses = []
+    for _ in range(40):
+        windows = [TorqueWindow(0.0, 5.0, np.array([2e-7, -2e-7, 2e-7]))]
+        statuses.append(determination.process(*flight.fly(windows=windows)))
+    lost = next(number for number, status in enumerate(statuses) if not status.valid)
+    assert lost < 30
+    assert statuses[lost].reason
+
+
+def test_no_attitude_of_a_search_may_steer():
+    """Where the field has an error, a search ends with a filter of its own; until then nothing."""
+    flight = MeasuredFlight(3)
+    settings = AttitudeFilterConfiguration(field_sigma=3e-7)
+    determination = AttitudeDetermination(BodyModel(), settings)
+    sigmas, status = [], determination.status
+    while not status.valid:
+        status = determination.process(*flight.fly())
+        sigmas.append(determination.estimate.rotation_sigma)
+    # Long sure enough to steer, by itself.
+    assert np.degrees(sigmas[:-20]).min() < 1.0
 
 
 def test_an_attitude_that_is_told_may_steer_at_once():

@@ -2,15 +2,15 @@
 
 The field turns along the orbit, so one vector observes the attitude in time, and the torque of the
 dipole on the field makes the dipole observable through the rate. Bias of the magnetometer, inertia,
-a torque that lasts and the error of the field model can be estimated besides; none of them is by
-default, and then the filter has rotation, rate and dipole, the drift of the dipole and the error of
-the wheel.
+a torque that lasts, the error of the field model and the offsets of thrusters that miss the centre
+of mass can be estimated besides; none of them is by default, and then the filter has rotation, rate
+and dipole, the drift of the dipole and the error of the wheel.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -32,6 +32,7 @@ from vtff_nav.attitude.kernels import (
     DRIFT,
     FIELD,
     INERTIA,
+    OFFSETS,
     RATE,
     ROTATION,
     TORQUE,
@@ -62,6 +63,9 @@ class FilterPeriod:
         Momentum of the wheel, N m s.
     pulses
         On-times of the torquers from its start, s, with the sign of the moment, shape (3,).
+    thruster_forces
+        Forces of thrusters along the axes of the body in equal parts of the period, N, shape
+        (parts, 3).
     """
 
     duration: float
@@ -71,6 +75,7 @@ class FilterPeriod:
     wheel_start: float
     wheel_end: float
     pulses: FloatArray
+    thruster_forces: FloatArray = field(default_factory=lambda: np.zeros((1, 3)))
 
 
 @dataclass(frozen=True)
@@ -93,8 +98,11 @@ class AttitudeEstimate:
         True less model field, T, shape (3,); zero if not estimated.
     covariance
         Covariance of the error state of `vtff_nav.attitude.kernels`, which begins with rotation
-        (rad, body axes), rate and dipole, shape (22, 22), or (190, 190) with an error of the field;
-        zero where not estimated.
+        (rad, body axes), rate and dipole, shape (22, 22), or (190, 190) with an error of the field,
+        and six more with offsets of thrusters; zero where not estimated.
+    thruster_offsets
+        Offsets of the lines of force from the centre of mass, m: row i those of the force along
+        axis i, along the next two axes, shape (3, 2); zero if not estimated.
     """
 
     quaternion_gcrf: FloatArray
@@ -104,6 +112,7 @@ class AttitudeEstimate:
     inertia_correction: FloatArray
     field_error_gcrf: FloatArray
     covariance: FloatArray
+    thruster_offsets: FloatArray
 
     @property
     def rotation_gcrf_from_body(self) -> FloatArray:
@@ -161,7 +170,9 @@ class AttitudeFilter:
         if configuration.field_sigma > 0.0:
             self._field_error = FieldErrorModel(configuration.field_sigma)
             variances = self._field_error.variances
-        states = FIELD + len(variances)
+        offsets = OFFSETS if configuration.thruster_offset_sigma > 0.0 else 0
+        self._field_end = FIELD + len(variances)
+        states = self._field_end + offsets
         self._mean = np.zeros(states - RATE)
         self._mean[:3] = check_vector("rate_body", rate_body, 3, "rad/s")
         self._mean[3:6] = np.asarray(configuration.initial_dipole, dtype=float)
@@ -174,7 +185,8 @@ class AttitudeFilter:
         sigma[BIAS:INERTIA] = configuration.bias_sigma
         sigma[INERTIA:DRIFT] = configuration.inertia_sigma
         sigma[TORQUE:FIELD] = configuration.torque_sigma
-        sigma[FIELD:] = np.sqrt(variances)
+        sigma[FIELD : self._field_end] = np.sqrt(variances)
+        sigma[self._field_end :] = configuration.thruster_offset_sigma
         self._covariance = np.diag(sigma**2)
         self._field_variances = variances
         self._field_partial = np.zeros((3, len(variances)))
@@ -214,6 +226,7 @@ class AttitudeFilter:
             self._noise,
             self._field_partial,
             self._field_variances,
+            np.ascontiguousarray(period.thruster_forces, dtype=float),
         )
 
     def exchange_momentum(self, momentum: float) -> None:
@@ -226,8 +239,13 @@ class AttitudeFilter:
         self._mean[:3] += change
         self._covariance[RATE:DIPOLE, RATE:DIPOLE] += np.outer(change, change)
 
-    def update(self, measured_body: FloatArray, field_gcrf: FloatArray) -> bool:
+    def update(
+        self, measured_body: FloatArray, field_gcrf: FloatArray, gate: float = math.inf
+    ) -> bool:
         """Update by a sample of the magnetometer, T, and the field of the model there, T.
+
+        A normalised innovation squared (3 numbers) above `gate`, or that of the configuration, is
+        that of a sample which is not used.
 
         Returns
         -------
@@ -235,6 +253,7 @@ class AttitudeFilter:
             False if the sample was outside the gate and not used.
         """
         predicted = self._quaternion.copy()
+        gate = min(gate, self._configuration.gate)
         square, likelihood = update_by_field(
             self._quaternion,
             self._mean,
@@ -242,12 +261,12 @@ class AttitudeFilter:
             measured_body,
             field_gcrf,
             self._configuration.magnetometer_sigma,
-            self._configuration.gate,
+            gate,
             self._field_partial,
             self._innovation,
         )
         self.normalised_innovation_squared = float(square)
-        used = bool(square <= self._configuration.gate)
+        used = bool(square <= gate)
         if used:
             self.log_likelihood += float(likelihood)
             self.correction = rotation_vector(multiply(conjugate(predicted), self._quaternion))
@@ -278,6 +297,11 @@ class AttitudeFilter:
             mean[3:6],
             mean[6:9],
             mean[9:12],
-            self._field_partial @ mean[FIELD - RATE :],
+            self._field_partial @ mean[FIELD - RATE : self._field_end - RATE],
             self._covariance.copy(),
+            self._thruster_offsets(mean),
         )
+
+    def _thruster_offsets(self, mean: FloatArray) -> FloatArray:
+        offsets = mean[self._field_end - RATE :]
+        return offsets.reshape(3, 2) if len(offsets) else np.zeros((3, 2))

@@ -96,6 +96,10 @@ class AttitudeFilterConfiguration:
         Sigma of the momentum of the wheel at the end of a period about what it was told, N m s.
     torquer_sigma : float
         Share by which the moment of a pulse may be wrong.
+    thruster_offset_sigma : float
+        Distance by which the line of force of each thruster may miss the centre of mass, along each
+        of the two axes across it, m. SNAP-1's missed it by 4 mm (Steyn and Hashida 2001). 0: not
+        estimated, and forces of thrusters do not turn the spacecraft.
     gate : float
         Samples with a normalised innovation squared (3 numbers) above it are not used.
     longest_step : float
@@ -125,6 +129,7 @@ class AttitudeFilterConfiguration:
     field_time: float = 86400.0
     wheel_sigma: float = 1e-7
     torquer_sigma: float = 0.0
+    thruster_offset_sigma: float = 0.0
     gate: float = math.inf
     longest_step: float = 1.0
 
@@ -153,6 +158,7 @@ class AttitudeFilterConfiguration:
             "field_sigma",
             "wheel_sigma",
             "torquer_sigma",
+            "thruster_offset_sigma",
         ):
             if not 0.0 <= getattr(self, name) < math.inf:
                 raise ValueError(f"{name}: expected 0 or more; got {getattr(self, name)!r}")

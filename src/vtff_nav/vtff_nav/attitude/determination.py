@@ -7,7 +7,9 @@ the filter no longer explains what is measured.
 A search is far from linear: the sample that leaves one filter finds it degrees off, and surer than
 it is. What it has learned of the field, which lasts for hours, would keep such an error. So where
 the field has an error only the solution of the search is kept: a filter starts at it, with sigmas
-that cover what a search leaves, and knows of the field what was known before.
+that cover what a search leaves, and knows of the field what was known before. No attitude of a
+search may steer, and none whose filter has ceased to explain the samples. A filter that has once
+explained its samples uses no wild one: it would be moved by degrees and stay sure for an orbit.
 """
 
 from __future__ import annotations
@@ -43,14 +45,18 @@ class DeterminationConfiguration:
         Samples over which the innovations are judged.
     largest_innovation : float
         Mean of the normalised innovation squared of the window, for each of its three numbers,
-        above which the filter starts anew.
+        above which the filter starts anew; above the same mean of the last `confirming_samples` it
+        no longer steers. An honest filter is above it once in 1e7 samples (chi squared).
     confirming_samples : int
         Samples after a solution that it must have explained before it may steer: whole turns
         between samples, and turns about the field, leave solutions that are far off and sure.
     largest_confirming_innovation : float
         Mean of their normalised innovation squared, for each of its three numbers, up to which they
-        are explained; one wild sample counts as `largest_single_innovation` at most.
+        are explained (an honest filter is above it once in 1100 samples); one wild sample counts as
+        `largest_single_innovation` at most.
     largest_single_innovation : float
+        Normalised innovation squared of a sample, for each of its three numbers, above which a
+        filter that has once been confirmed does not use it: one of an honest filter in 2e5.
     members : int
         Turns about the field that a start tries.
     converged_deg : float
@@ -134,6 +140,7 @@ class AttitudeDetermination:
         self._innovations: deque[float] = deque(maxlen=self._configuration.window)
         self._recent: deque[float] = deque(maxlen=self._configuration.confirming_samples)
         self._is_confirmed = False
+        self._gates = False
         self._last = np.full(3, math.nan)
         self._equal = 0
         self._restarts = 0
@@ -193,12 +200,13 @@ class AttitudeDetermination:
                 )
             self._start(sample, field)
             return self._status(True, math.nan)
-        used = self._bank.update(sample, field)
+        limit = self._configuration.largest_single_innovation
+        used = self._bank.update(sample, field, 3.0 * limit if self._gates else math.inf)
         innovation = self._bank.best.normalised_innovation_squared / 3.0
         if self._searches:
             self._end_search(self._bank)
         # One wild sample is an outlier and no reason for a new start.
-        self._innovations.append(min(innovation, 100.0))
+        self._innovations.append(min(innovation, 100.0 if used else limit))
         self._confirm(innovation)
         limit = self._configuration.largest_innovation
         full = len(self._innovations) == self._configuration.window
@@ -253,20 +261,27 @@ class AttitudeDetermination:
         )
 
     def _confirm(self, innovation: float) -> None:
-        """Judge a solution by the samples that came after it was there."""
+        """Judge a solution by the last samples; those of a search do not count."""
         if not self._is_known:
             self._recent.clear()
+            self._is_confirmed = False
             return
         settings = self._configuration
         self._recent.append(min(innovation, settings.largest_single_innovation))
         mean = sum(self._recent) / len(self._recent)
-        is_enough = len(self._recent) == settings.confirming_samples
-        self._is_confirmed |= is_enough and mean <= settings.largest_confirming_innovation
+        if len(self._recent) < settings.confirming_samples:
+            return
+        limit = settings.largest_confirming_innovation
+        if self._is_confirmed:
+            limit = settings.largest_innovation
+        self._is_confirmed = mean <= limit
+        self._gates |= self._is_confirmed
 
     def _start(self, sample: FloatArray, field: FloatArray) -> None:
         self._innovations.clear()
         self._recent.clear()
         self._is_confirmed = False
+        self._gates = False
         self._searches = self._filter_configuration.field_sigma > 0.0
         self._bank = AttitudeFilterBank.about_field(
             self._body,
@@ -309,15 +324,15 @@ class AttitudeDetermination:
             samples = self._configuration.confirming_samples
             reason = f"attitude not yet known: {self._bank.members} starts left, {sigma:.1f} deg"
             if self._is_known:
-                reason = f"attitude not yet confirmed: {samples} samples have to be explained"
+                reason = f"attitude not confirmed: {samples} samples have to be explained"
         return DeterminationStatus(
             valid, used, self._bank.members, self._restarts, innovation, reason
         )
 
     @property
     def _is_known(self) -> bool:
-        """Whether the filters that are left agree, and are sure enough to steer by."""
-        if self._bank is None:
+        """Whether a search is over, its filters agree, and are sure enough to steer by."""
+        if self._bank is None or self._searches:
             return False
         uncertain = max(self._bank.estimate.rotation_sigma, self._bank.spread)
         return math.degrees(uncertain) <= self._configuration.converged_deg

@@ -119,15 +119,19 @@ class AttitudeFilterBank:
         for member in self._filters:
             member.exchange_momentum(momentum)
 
-    def update(self, measured_body: FloatArray, field_gcrf: FloatArray) -> bool:
+    def update(
+        self, measured_body: FloatArray, field_gcrf: FloatArray, gate: float = math.inf
+    ) -> bool:
         """Update all members by a sample and drop those that explain it worse.
+
+        `gate` is that of `AttitudeFilter.update`.
 
         Returns
         -------
         bool
             False if the best member did not use the sample.
         """
-        used = [member.update(measured_body, field_gcrf) for member in self._filters]
+        used = [member.update(measured_body, field_gcrf, gate) for member in self._filters]
         accepted = used[self._filters.index(self.best)]
         if len(self._filters) > 1:
             limit = self.best.log_likelihood - self._drop_below

@@ -3,10 +3,11 @@
 Error state, 22 numbers and those of the field: small rotation (rad, body axes), rate (rad/s),
 residual dipole (A m2), magnetometer bias (T), inertia corrections (share of each diagonal moment),
 drift of the dipole (A m2/s), momentum of the wheel less what it was told (N m s), torque that no
-model knows (N m, body axes) and, where the model of the field has an error, its coefficients (T,
-see `vtff_nav.attitude.field_error`). What else is not estimated has zero variance and zero process
-noise: its rows and columns stay zero and cost little. The true attitude is the estimate times the
-small rotation, in body axes.
+model knows (N m, body axes), where the model of the field has an error its coefficients (T, see
+`vtff_nav.attitude.field_error`) and, where thrusters may miss the centre of mass, by how much (m,
+six numbers at the end: for the force along each axis the offsets along the next two). What else is
+not estimated has zero variance and zero process noise: its rows and columns stay zero and cost
+little. The true attitude is the estimate times the small rotation, in body axes.
 
 The dipole follows its drift, a Gauss-Markov process. A random walk of the dipole would have to be
 large to follow a drift that lasts for hours, and would then doubt a dipole that stays. The error of
@@ -37,6 +38,7 @@ __all__ = [
     "DRIFT",
     "FIELD",
     "INERTIA",
+    "OFFSETS",
     "RATE",
     "ROTATION",
     "TORQUE",
@@ -49,6 +51,8 @@ __all__ = [
 
 ROTATION, RATE, DIPOLE, BIAS, INERTIA, DRIFT, WHEEL, TORQUE, FIELD = 0, 3, 6, 9, 12, 15, 18, 19, 22
 """First number of each part of the error state; the mean has no rotation and begins with RATE."""
+OFFSETS = 6
+"""Offsets of the thrusters, which stand behind the field where they are estimated."""
 
 _SHORTEST_STEP = 1e-9  # s; edges that are closer are one
 
@@ -106,6 +110,15 @@ def _step_edges(pulses, period, steps):  # type: ignore[no-untyped-def]
 
 
 @compiled
+def _torque_by_offsets(force, by_offsets):  # type: ignore[no-untyped-def]
+    """Write the derivatives (3, 6) of the torque by the offsets of forces along the axes, N."""
+    for axis in range(3):
+        first, second = (axis + 1) % 3, (axis + 2) % 3
+        by_offsets[second, 2 * axis] = -force[axis]
+        by_offsets[first, 2 * axis + 1] = force[axis]
+
+
+@compiled
 def predict_attitude(  # type: ignore[no-untyped-def]
     quaternion,
     mean,
@@ -125,6 +138,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     noise,
     field_partial,
     field_variances,
+    thruster_forces,
 ):
     """Predict attitude, state and covariance over a period, in place.
 
@@ -149,13 +163,18 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         bias walk (T/sqrt(s)), sigma of the momentum of the wheel about its command (N m s), sigma
         of the moment of a rod (share), correlation time of the error of the field (s), sigma of the
         torque that stays alike (N m), its correlation time (s).
-    field_partial : (3, n - 22)
-        Derivatives of the field in GCRF by the coefficients of its error.
-    field_variances : (n - 22,)
+    field_partial : (3, m)
+        Derivatives of the field in GCRF by the m coefficients of its error.
+    field_variances : (m,)
         Variances of these coefficients without measurements.
+    thruster_forces : (parts, 3)
+        Forces along the axes of the body in equal parts of the period, N. They act on the attitude
+        where their offsets are estimated: n is then 28 + m, else 22 + m.
     """
     states = len(covariance)
-    coefficients = states - FIELD
+    coefficients = field_partial.shape[1]
+    field_end_state = FIELD + coefficients
+    has_offsets = states > field_end_state
     identity = np.eye(3)
     body = inertia.copy()
     for axis in range(3):
@@ -165,6 +184,8 @@ def predict_attitude(  # type: ignore[no-untyped-def]
     wheel_torque = (wheel_end - wheel_begin) / period
     nothing = np.zeros(3)
     torque_mean = mean[TORQUE - RATE : FIELD - RATE].copy()
+    torque = torque_mean.copy()
+    by_offsets = np.zeros((3, OFFSETS))
     state = np.empty(8)
     state[:4] = quaternion
     state[4:7] = mean[:3]
@@ -206,6 +227,13 @@ def predict_attitude(  # type: ignore[no-untyped-def]
                 field[half, i] = (
                     (1.0 - share) * field_start[i] + share * field_end[i] + field_error[i]
                 )
+        if has_offsets:
+            part = int((time + 0.5 * step) / period * len(thruster_forces))
+            _torque_by_offsets(thruster_forces[min(part, len(thruster_forces) - 1)], by_offsets)
+            for i in range(3):
+                torque[i] = torque_mean[i]
+                for j in range(OFFSETS):
+                    torque[i] += by_offsets[i, j] * mean[field_end_state - RATE + j]
         before = state.copy()
         rotation_step(
             state,
@@ -219,7 +247,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             moment,
             nothing,
             nothing,
-            torque_mean,
+            torque,
             rates,
             stage_state,
         )
@@ -262,14 +290,14 @@ def predict_attitude(  # type: ignore[no-untyped-def]
         for i in range(3):
             change = np.zeros(3)
             change[i] = inertia[i, i]
-            torque = np.zeros((3, 1))
+            balance = np.zeros((3, 1))
             gyroscopic = _product(cross_rate, (change * rate[i]).reshape(3, 1))
             gravity = _product(cross_down, (change * down[i]).reshape(3, 1))
             for j in range(3):
-                torque[j, 0] = (
+                balance[j, 0] = (
                     -change[j] * acceleration[i] - gyroscopic[j, 0] + gradient * gravity[j, 0]
                 )
-            column = _product(inverse, torque)
+            column = _product(inverse, balance)
             for j in range(3):
                 by_inertia[j, i] = column[j, 0]
         # The wheel gives its error of the last period back in this one.
@@ -287,6 +315,11 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             matrix[3 + i, WHEEL] = by_wheel[i] / period - left * turned_wheel[i, 0]
             for j in range(coefficients):
                 matrix[3 + i, FIELD + j] = by_field[i, j]
+        if has_offsets:
+            faster = _product(inverse, by_offsets)
+            for i in range(3):
+                for j in range(OFFSETS):
+                    matrix[3 + i, field_end_state + j] = faster[i, j]
         dynamics = matrix[:, :6].copy()
         slope = _product(dynamics, growth)
         slope[:, 6:] += matrix[:, 6:]
@@ -334,7 +367,7 @@ def predict_attitude(  # type: ignore[no-untyped-def]
             covariance[i, j] *= lasting
             covariance[j, i] *= lasting
         covariance[i, i] += (1.0 - lasting * lasting) * noise[7] ** 2
-    for i in range(FIELD, states):
+    for i in range(FIELD, field_end_state):
         for j in range(states):
             covariance[i, j] *= known
             covariance[j, i] *= known
@@ -387,6 +420,7 @@ def update_by_field(  # type: ignore[no-untyped-def]
     `predict_attitude`.
     """
     states = len(covariance)
+    coefficients = field_partial.shape[1]
     to_gcrf = rotation_matrix(quaternion)
     field_body = np.zeros(3)
     for i in range(3):
@@ -394,7 +428,7 @@ def update_by_field(  # type: ignore[no-untyped-def]
             field_body[i] += to_gcrf[j, i] * field_gcrf[j]
     by_field = _product(to_gcrf.T.copy(), field_partial)
     for i in range(3):
-        for j in range(states - FIELD):
+        for j in range(coefficients):
             field_body[i] += by_field[i, j] * mean[FIELD - RATE + j]
     partial = np.zeros((3, states))
     cross_field = _cross_matrix(field_body)
@@ -403,7 +437,7 @@ def update_by_field(  # type: ignore[no-untyped-def]
         partial[i, BIAS + i] = 1.0
         for j in range(3):
             partial[i, ROTATION + j] = cross_field[i, j]
-        for j in range(states - FIELD):
+        for j in range(coefficients):
             partial[i, FIELD + j] = by_field[i, j]
     # Second order: a rotation a along the field and p across it moves the field by (p a + p^2) / 2
     # of its strength besides what the linear model says.

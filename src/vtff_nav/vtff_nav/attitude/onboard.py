@@ -130,6 +130,7 @@ class OnboardAttitudeEstimator:
         state_start_gcrf: FloatArray,
         field_start_gcrf: FloatArray,
         field_end_gcrf: FloatArray,
+        thruster_forces: FloatArray | None = None,
     ) -> OnboardAttitude:
         """Take the report of a period.
 
@@ -140,6 +141,8 @@ class OnboardAttitudeEstimator:
             Position and velocity at the start of the period, m and m/s.
         field_start_gcrf, field_end_gcrf : ndarray, shape (3,)
             Field of the model at start and end of the period, T.
+        thruster_forces : ndarray, shape (parts, 3), optional
+            Forces of thrusters along the axes of the body in equal parts of the period, N.
         """
         if self._wheel is None:
             self._wheel = WheelObserver(self._wheel_configuration, report.wheel_speed_rpm)
@@ -165,6 +168,7 @@ class OnboardAttitudeEstimator:
                 wheel_start,
                 wheel_end,
                 np.asarray(report.pulses, dtype=float),
+                np.zeros((1, 3)) if thruster_forces is None else thruster_forces,
             ),
             report.field_body[-1] if len(report.field_body) else None,
             report.rate_across,
