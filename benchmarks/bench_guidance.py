@@ -12,6 +12,8 @@ from __future__ import annotations
 import argparse
 import time
 
+import numpy as np
+
 from vtff_analysis.fflas.reconfiguration import (
     FFLAS_PERIOD,
     ORBITS,
@@ -63,7 +65,14 @@ def main() -> None:
             )
             if plan.safe_step is not None:
                 later = flown.closest_drifts[plan.safe_step :].min()
-                print(f"  from step {plan.safe_step} on {later:.2f} m")
+                print(f"  at the start of steps from {plan.safe_step} on {later:.2f} m")
+                during = plan.closest_drifts_during[plan.safe_step :]
+                wanted = planner.limits.closest_approach
+                unsafe = ", ".join(
+                    f"{plan.safe_step + step} ({during[step]:.2f} m)"
+                    for step in np.flatnonzero(during < wanted - 1e-2)
+                )
+                print(f"  lost during one of {len(during)} steps, unsafe: {unsafe or 'none'}")
             print(
                 f"  {plan.passes} passes, {plan.solve_time:.2f} s wall, {processor:.2f} s "
                 f"processor; from that plan {warm.passes}, {warm.solve_time:.2f} s, "

@@ -209,6 +209,8 @@ class FormationGuidanceNode(VtffNode):
         answer, refusal = self._planner.call(ask)
         if refusal is not None:
             raise refusal
+        if answer is not None and (warning := answer.flight.unsafe_losses_text()):
+            self.get_logger().warning(f"reconfiguration to '{answer.flight.formation}': {warning}")
         return answer
 
     def _ask_due(self, stamp: int) -> None:

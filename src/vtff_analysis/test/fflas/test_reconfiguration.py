@@ -8,11 +8,14 @@ from vtff_analysis.fflas.reconfiguration import (
     FFLAS_PERIOD,
     FFLAS_THRUST,
     ORBITS,
+    STEPS,
     fly_reconfiguration,
     formation_states,
     reconfiguration_planner,
     triangle_states,
 )
+from vtff_dynamics.orbit.free_flight import free_flight
+from vtff_dynamics.relative.separation import closest_on_path
 
 FINAL = formation_states("pco", ORBITS * FFLAS_PERIOD)
 
@@ -46,4 +49,20 @@ def test_passive_safety_in_nonlinear_motion():
     assert own_drift == pytest.approx(6.24, abs=0.05)
     assert flown.closest_drifts.min() >= own_drift - 1e-3
     assert flown.closest_drifts[plan.safe_step :].min() >= 10.0
+    # Losses in the middle of steps, by the motion itself: safe, too, but for steps that are told.
+    during = plan.closest_drifts_during[plan.safe_step :]
+    assert (during < 9.9).sum() <= 2
+    flight = flown.flight
+    middles = plan.step * (np.arange(plan.safe_step, STEPS) + 0.5)
+    indices = np.searchsorted(flight.times, middles - 1e-6)
+    np.testing.assert_allclose(flight.times[indices], middles, atol=1e-6)
+    starts = flight.states_gcrf[indices, 1:].reshape(-1, 6)
+    drifts = free_flight(starts, np.arange(0.0, FFLAS_PERIOD, 10.0))[..., :3]
+    drifts = drifts.reshape(-1, len(indices), 3, 3)
+    for index, told in enumerate(during):
+        lost = min(
+            closest_on_path(drifts[:, index, second] - drifts[:, index, first])
+            for first, second in ((0, 1), (0, 2), (1, 2))
+        )
+        assert lost >= min(9.9, told - 0.3)
     assert flown.closest_approach >= 10.0

@@ -255,6 +255,8 @@ def _reconfiguration_rows(
     if plan.safe_step is not None:
         later = flown.closest_drifts[plan.safe_step :].min()
         drift += f"; from step {plan.safe_step} ({plan.safe_step * plan.step:.0f} s) {later:.2f} m"
+        unsafe = plan.closest_drifts_during[plan.safe_step :] < 10.0 - 0.01
+        drift += f"; not safe during {unsafe.sum()} of {len(unsafe)} steps"
     paper = "each < 5 cm/s" if axes == "TN" else "-"
     return [
         ComparisonRow(

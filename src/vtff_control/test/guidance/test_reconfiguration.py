@@ -166,7 +166,8 @@ def test_loss_of_thrust_is_safe_at_every_step():
     stopped[:, :11] = plan.accelerations[:, :11]
     positions = path.fly_within(initial, stopped)[:, 11 : 11 + orbit].reshape(2, -1, 3)
     closest = np.linalg.norm(positions[1] - positions[0], axis=1).min()
-    assert closest == pytest.approx(plan.closest_drifts[11], abs=0.05)
+    # Between samples of a drift a chord is nearer than the path, by 0.5 % where it turns by 11 deg.
+    assert closest == pytest.approx(plan.closest_drifts[11], rel=0.005)
 
 
 @pytest.mark.parametrize(("distance", "least", "most"), [(20.0, 0.0, 0.01), (18000.0, 20.0, 1e4)])

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from vtff_control.guidance.elements_estimator import ElementsEstimator
-from vtff_control.guidance.free_drift import closest_of_paths, fly_drifts
+from vtff_control.guidance.free_drift import closest_during_steps, closest_of_paths, fly_drifts
 from vtff_control.guidance.interface import (
     FormationState,
     GuidanceResult,
@@ -318,7 +318,7 @@ class FormationGuidance:
         if request.designs is not None:
             self._asked_formations[request.formation] = request.designs
         self._end_plan(f"preempted by a reconfiguration to '{request.formation}'")
-        self._mode, self._reason = "reconfigure", ""
+        self._mode, self._reason = "reconfigure", flight.unsafe_losses_text()
         self.reconfiguration = Reconfiguration(request, flight, dict.fromkeys(self._names, 0.0))
         self._formation = request.formation
         return self.reconfiguration
@@ -394,6 +394,12 @@ class FormationGuidance:
             paths = fly_drifts(flown, motion.states_reference_gcrf, motion.step)
             reached = float(closest_of_paths(paths)[plan.safe_step :].min())
             if reached >= wanted:
+                during = closest_during_steps(paths)
+                flight.unsafe_losses = [
+                    (step, float(during[step]))
+                    for step in range(plan.safe_step, count)
+                    if during[step] < wanted
+                ]
                 return flight
             if bends is not None:
                 shortfall = wanted - reached

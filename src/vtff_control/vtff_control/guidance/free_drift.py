@@ -15,7 +15,14 @@ from vtff_dynamics.relative.linearised import LinearisedMotion
 from vtff_dynamics.relative.separation import closest_on_path
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["DriftRow", "FreeDrift", "closest_of_paths", "fly_drifts"]
+__all__ = [
+    "DriftRow",
+    "FreeDrift",
+    "HalfSpaces",
+    "closest_during_steps",
+    "closest_of_paths",
+    "fly_drifts",
+]
 
 
 @dataclass(frozen=True, order=True)
@@ -35,6 +42,27 @@ class DriftRow:
     pair: int
     loss: int
     later: int
+
+
+@dataclass(frozen=True, eq=False)
+class HalfSpaces:
+    """Half-spaces of the drifts of one pair.
+
+    Attributes
+    ----------
+    matrix
+        Acts on the difference of the states of the pair, all steps in one vector in scaled units,
+        and gives the distances along the normals, m.
+    bulges
+        What the path between two samples may be nearer than the samples, less what a bend adds to
+        the distance, m, shape (r,).
+    losses
+        Step of the loss of each, shape (r,).
+    """
+
+    matrix: scipy.sparse.csr_matrix
+    bulges: FloatArray
+    losses: npt.NDArray[np.intp]
 
 
 class FreeDrift:
@@ -108,15 +136,36 @@ class FreeDrift:
         """
         return closest_of_paths(self.paths(states))
 
+    def closest_during(self, states: npt.ArrayLike) -> FloatArray:
+        """Return the smallest distance after a loss at any time of each step, m, shape (j - 1,).
+
+        Parameters
+        ----------
+        states
+            As in `paths`.
+        """
+        return closest_during_steps(self.paths(states))
+
     def watched(self, states: npt.ArrayLike, distances: FloatArray) -> set[DriftRow]:
-        """Return the rows of drifts that come nearer than a distance of each loss, m, (j,)."""
-        near = np.linalg.norm(self.paths(states), axis=3) < distances[:, np.newaxis]
+        """Return the rows of drifts that come nearer than a distance of each loss, m, (j,).
+
+        A row of the start of a step also stands for the losses during that step.
+        """
+        paths = self.paths(states)
+        distance = np.linalg.norm(paths, axis=3)
+        during = np.linalg.norm(_nearest_during_steps(paths), axis=3)
+        distance[:, :-1, 1:] = np.minimum(distance[:, :-1, 1:], during)
+        near = distance < distances[:, np.newaxis]
         return {DriftRow(*row) for row in np.argwhere(near).tolist()}
 
     def half_spaces(
         self, states: npt.ArrayLike, rows: list[DriftRow], scale: FloatArray
-    ) -> tuple[dict[int, scipy.sparse.csr_matrix], dict[int, FloatArray]]:
-        """Return the half-spaces of rows by the paths of states.
+    ) -> dict[int, HalfSpaces]:
+        """Return the half-spaces of the rows of each pair by the paths of states.
+
+        The drifts after a loss at the start and at the end of a step share one normal at each
+        instant: if both are beyond it, so is the drift after a loss during the step, which lies
+        between them but for what the motion bends over a step.
 
         Parameters
         ----------
@@ -126,15 +175,6 @@ class FreeDrift:
             Which instants.
         scale
             Units of the states, shape (6,).
-
-        Returns
-        -------
-        matrices : dict
-            Matrix of each pair: acts on the difference of its states, all steps in one vector
-            in units of `scale`, and gives the distances along the normals, m.
-        bulges : dict
-            What the path between two samples may be nearer than the samples, less what a bend
-            adds to the distance, m.
         """
         paths = self.paths(states)
         distance = np.maximum(np.linalg.norm(paths, axis=3), 1e-9)
@@ -146,28 +186,65 @@ class FreeDrift:
         turned[:, :, :-1] = np.maximum(turned[:, :, :-1], turn)
         # A path is nearer between samples by its curvature, and a chord by the turn of the pair.
         bulge = 0.125 * (np.linalg.norm(second, axis=3) + distance * turned**2)
-        width = 6 * paths.shape[1]
-        matrices, bulges = {}, {}
+        nearest = paths.copy()
+        nearest[:, :-1, 1:] = _nearest_during_steps(paths)
+        last = paths.shape[1] - 1
+        found = {}
         for pair in range(len(self.pairs)):
-            chosen = [row for row in rows if row.pair == pair]
-            if not chosen:
+            chosen = np.array([(row.loss, row.later) for row in rows if row.pair == pair])
+            if not len(chosen):
                 continue
-            loss = np.array([row.loss for row in chosen])
-            later = np.array([row.later for row in chosen])
-            normals = paths[pair, loss, later] / distance[pair, loss, later][:, np.newaxis]
+            shared = chosen[(chosen[:, 0] < last) & (chosen[:, 1] > 0)]
+            rows_of_pair = np.concatenate((chosen, shared))
+            losses = rows_of_pair[:, 0]
+            normals = nearest[pair, losses, rows_of_pair[:, 1]]
+            normals = normals / np.maximum(np.linalg.norm(normals, axis=1), 1e-9)[:, np.newaxis]
+            loss, later = np.concatenate((chosen, shared + (1, -1))).T
             values = np.einsum("ra,rab->rb", normals, self.positions[loss, later]) * scale
             columns = 6 * loss[:, np.newaxis] + np.arange(6)
-            matrices[pair] = scipy.sparse.csr_matrix(
-                (
-                    values.ravel(),
-                    (np.repeat(np.arange(len(chosen)), 6), columns.ravel()),
-                ),
-                shape=(len(chosen), width),
+            matrix = scipy.sparse.csr_matrix(
+                (values.ravel(), (np.repeat(np.arange(len(loss)), 6), columns.ravel())),
+                shape=(len(loss), 6 * paths.shape[1]),
             )
-            bulges[pair] = bulge[pair, loss, later]
+            bulges = bulge[pair, loss, later]
             if self.bends is not None:
-                bulges[pair] -= np.einsum("ra,ra->r", normals, self.bends[pair, loss, later])
-        return matrices, bulges
+                bulges = bulges - np.einsum("ra,ra->r", normals, self.bends[pair, loss, later])
+            found[pair] = HalfSpaces(matrix, bulges, losses)
+        return found
+
+
+def _nearest_during_steps(paths: FloatArray) -> FloatArray:
+    """Return the nearest relative positions after losses during each step.
+
+    Parameters
+    ----------
+    paths
+        As of `FreeDrift.paths`, shape (pairs, j, samples + 1, 3).
+
+    Returns
+    -------
+    ndarray, shape (pairs, j - 1, samples, 3)
+        At the samples after the first one of the start of the step. The drift after a loss during
+        a step lies on the chord of those after losses at both of its ends.
+    """
+    start, end = paths[:, :-1, 1:], paths[:, 1:, :-1]
+    chord = end - start
+    length = np.maximum(np.einsum("...a,...a->...", chord, chord), 1e-18)
+    fraction = np.clip(-np.einsum("...a,...a->...", start, chord) / length, 0.0, 1.0)
+    nearest: FloatArray = start + fraction[..., np.newaxis] * chord
+    return nearest
+
+
+def closest_during_steps(paths: FloatArray) -> FloatArray:
+    """Return the smallest distance after a loss at any time of each step, m, shape (j - 1,).
+
+    Parameters
+    ----------
+    paths
+        As of `FreeDrift.paths`.
+    """
+    closest: FloatArray = np.linalg.norm(_nearest_during_steps(paths), axis=3).min(axis=(0, 2))
+    return closest
 
 
 def fly_drifts(

@@ -39,6 +39,12 @@ class PlanFlight:
         Where it leads.
     bandwidth
         Natural frequency of the return to the path, rad/s.
+
+    Attributes
+    ----------
+    unsafe_losses
+        With passive safety: step of the plan and smallest distance (m) of each step in which a
+        loss of thrust does not leave the closest approach.
     """
 
     def __init__(
@@ -48,6 +54,7 @@ class PlanFlight:
         self.start = start
         self.formation = formation
         self.closest_seen = math.inf
+        self.unsafe_losses: list[tuple[int, float]] = []
         self._bandwidth = bandwidth
         times = start + plan.step * np.arange(plan.states.shape[1])
         self.end = float(times[-1])
@@ -55,6 +62,16 @@ class PlanFlight:
             CubicHermiteSpline(times, states[:, :3], states[:, 3:]) for states in plan.states
         ]
         self._before: FloatArray | None = None
+
+    def unsafe_losses_text(self) -> str:
+        """Return a sentence on the steps in which a loss of thrust is not safe; empty if none."""
+        spans = [
+            f"{self.plan.step * step:.0f} to {self.plan.step * (step + 1):.0f} s ({closest:.1f} m)"
+            for step, closest in self.unsafe_losses
+        ]
+        if not spans:
+            return ""
+        return f"thrust must not be lost in the plan's seconds {', '.join(spans)}"
 
     def planned_states(self, time: float) -> FloatArray:
         """Return the states relative to the reference at a time, m and m/s, shape (m, 6)."""

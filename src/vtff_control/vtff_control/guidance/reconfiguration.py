@@ -6,7 +6,9 @@ normals are the directions of the pair in the pass before. A half-space holds at
 step, and its distance carries what the path between them bulges towards the other spacecraft, so
 that the closest approach holds between the steps too. Every solved pass is within the limits;
 further passes only save thrust. Passive safety adds half-spaces on the free drift from the start of
-every step.
+every step, which hold, and on those from times within the steps, which may fall short: where two
+drifts next to each other in time have to pass a spacecraft on different sides, one step between
+them stays in which a loss of thrust is not safe. The plan tells it.
 
 References
 ----------
@@ -29,7 +31,12 @@ import numpy as np
 import numpy.typing as npt
 import scipy.sparse
 
-from vtff_control.guidance.free_drift import DriftRow, FreeDrift, closest_of_paths
+from vtff_control.guidance.free_drift import (
+    DriftRow,
+    FreeDrift,
+    closest_during_steps,
+    closest_of_paths,
+)
 from vtff_control.guidance.reconfiguration_plan import (
     InfeasibleReconfigurationError,
     ReconfigurationLimits,
@@ -45,6 +52,12 @@ __all__ = ["ReconfigurationPlanner"]
 _SOLVED = ("optimal", "optimal_inaccurate")
 _WATCH = 5.0  # m above the limit within which a drift gets half-spaces
 _SMALLEST_SHORTFALL = 1e-4  # m that counts as none
+_GROWTH, _GAIN = 1.3, 0.5
+"""How many times its last distance, and m more, a drift after a loss during a step is asked.
+
+Asked for the whole distance at once, the drifts after losses at both ends of a step often end on
+opposite sides of the other spacecraft, from where no pass brings them together.
+"""
 _BOUND_PASSES = 4
 _PRICE = 100.0
 """Steps of full thrust for a metre that a drift falls short: far above what a metre saves."""
@@ -189,7 +202,7 @@ class ReconfigurationPlanner:
             accelerations, passes = earlier.accelerations, 0
         else:
             accelerations, passes = self._pass_until_converged(initial, final, earlier)
-        safe_step, drifts = None, None
+        safe_step, drifts, during = None, None, None
         if self._drift is not None:
             self._drift.bends = bends
             accelerations, safe_step, more = self._make_passively_safe(
@@ -197,7 +210,7 @@ class ReconfigurationPlanner:
             )
             passes += more
             paths = self._drift.paths(self.motion.fly(initial, accelerations))
-            drifts = closest_of_paths(paths)
+            drifts, during = closest_of_paths(paths), closest_during_steps(paths)
         path = self.motion.fly_within(initial, accelerations)
         return ReconfigurationPlan(
             step=self.motion.step,
@@ -205,6 +218,7 @@ class ReconfigurationPlanner:
             states=self.motion.fly(initial, accelerations),
             closest_approach=self._closest(path),
             closest_drifts=drifts,
+            closest_drifts_during=during,
             safe_step=safe_step,
             passes=passes,
             solve_time=time.perf_counter() - begin,
@@ -429,14 +443,14 @@ class ReconfigurationPlanner:
                 for pair in range(len(self.pairs))
                 for later in range(drift.samples + 1)
             ]
-            matrices, bulges = drift.half_spaces(states, rows, self._scale)
+            half_spaces = drift.half_spaces(states, rows, self._scale)
             widest = cvxpy.Variable()
             constraints = [cvxpy.abs(values) <= 1.0 for values in thrust]
             for pair, (first, second) in enumerate(self.pairs):
                 change = cvxpy.vec(thrust[second], order="C") - cvxpy.vec(thrust[first], order="C")
-                last = matrices[pair][:, 6 * step :]
+                last = half_spaces[pair].matrix[:, 6 * step :]
                 along = last @ (free[second] - free[first] + effect @ change)
-                constraints.append(along - bulges[pair] >= widest)
+                constraints.append(along - half_spaces[pair].bulges >= widest)
             if not _solve(cvxpy.Problem(cvxpy.Maximize(widest), constraints)):
                 break
             accelerations = accelerations.copy()
@@ -461,7 +475,7 @@ class ReconfigurationPlanner:
 
         The passes start from an earlier safe plan, or else near the plan without passive safety,
         whose first steps are replaced by those that widen the drifts. Half-spaces of drifts may
-        first fall short at a high price.
+        first fall short at a high price; those within steps may do so in the end, too.
         """
         drift = self._drift
         assert drift is not None
@@ -479,10 +493,12 @@ class ReconfigurationPlanner:
         for passes in range(1, self.limits.largest_passes_safe + 1):
             distances = np.where(np.arange(self.motion.count + 1) < safe_step, floor, wanted)
             states = self.motion.fly(initial, accelerations)
+            asked = distances.copy()
+            asked[:-1] = np.minimum(asked[:-1], _GROWTH * drift.closest_during(states) + _GAIN)
             # A loss at the first step cannot be prevented by any thrust.
-            rows |= {row for row in drift.watched(states, distances + _WATCH) if row.loss}
+            rows |= {row for row in drift.watched(states, asked + _WATCH) if row.loss}
             self._linearise(initial, accelerations)
-            problem = self._safe_problem(drift, states, sorted(rows), distances)
+            problem = self._safe_problem(drift, states, sorted(rows), asked)
             if not _solve(problem):
                 break
             accelerations = self._accelerations()
@@ -505,15 +521,14 @@ class ReconfigurationPlanner:
     def _safe_problem(
         self, drift: FreeDrift, states: FloatArray, rows: list[DriftRow], distances: FloatArray
     ) -> cvxpy.Problem:
-        matrices, bulges = drift.half_spaces(states, rows, self._scale)
         constraints = list(self._problem.constraints)
         shortfalls = cvxpy.Variable(len(distances), nonneg=True)
-        for pair, matrix in matrices.items():
+        for pair, beyond in drift.half_spaces(states, rows, self._scale).items():
             first, second = self.pairs[pair]
-            losses = [row.loss for row in rows if row.pair == pair]
             difference = self._states[second] - self._states[first]
-            along = matrix @ cvxpy.vec(difference, order="C")
-            constraints.append(along + shortfalls[losses] >= distances[losses] + bulges[pair])
+            along = beyond.matrix @ cvxpy.vec(difference, order="C")
+            wanted = distances[beyond.losses] + beyond.bulges
+            constraints.append(along + shortfalls[beyond.losses] >= wanted)
         price = _PRICE * cvxpy.sum(shortfalls)
         return cvxpy.Problem(cvxpy.Minimize(self._problem.objective.expr + price), constraints)
 

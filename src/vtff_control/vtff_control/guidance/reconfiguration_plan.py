@@ -103,6 +103,9 @@ class ReconfigurationPlan:
     closest_drifts
         With passive safety: smallest distance in the free drift after a loss of all thrust at the
         start of each step and at the end, m, shape (n + 1,).
+    closest_drifts_during
+        The same for a loss at any time of each step, m, shape (n,). It may be less than the closest
+        approach in single steps after `safe_step`.
     safe_step
         With passive safety: step from which on that distance is at least the closest approach;
         before it is at least that of the drift from the initial states.
@@ -117,6 +120,7 @@ class ReconfigurationPlan:
     states: FloatArray
     closest_approach: float
     closest_drifts: FloatArray | None
+    closest_drifts_during: FloatArray | None
     safe_step: int | None
     passes: int
     solve_time: float = field(compare=False)
