@@ -252,7 +252,7 @@ def _reconfiguration_rows(
     subject = f"triangle to PCO, least {objective} on {axes}" + (", passively safe" if safe else "")
     changes = plan.velocity_changes if objective == "norms" else plan.velocity_changes_axes.sum(1)
     drift = f"{flown.closest_drifts.min():.2f} m"
-    if plan.safe_step is not None:
+    if plan.safe_step is not None and plan.closest_drifts_during is not None:
         later = flown.closest_drifts[plan.safe_step :].min()
         drift += f"; from step {plan.safe_step} ({plan.safe_step * plan.step:.0f} s) {later:.2f} m"
         unsafe = plan.closest_drifts_during[plan.safe_step :] < 10.0 - 0.01
