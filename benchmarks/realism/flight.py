@@ -17,6 +17,7 @@ from vtff_dynamics.frames.rtn import relative_state_rtn
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.signals import SignalKey
 from vtff_nav.relative.cdgps.configuration import CdgpsConfiguration
+from vtff_nav.relative.cdgps.estimator import CdgpsEstimator
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.solution import (
     AMBIGUITY_FIXED,
@@ -32,7 +33,7 @@ from vtff_sim_bridge.truth.scenario import Scenario
 from .bound import bound_rms
 from .prediction import ErrorPrediction
 from .recording import EmulatedFormation, Recording, Second, load_or_fly
-from .worlds import FIRST_SECOND, KEEPING_SECOND, WORLDS, World
+from .worlds import FIRST_SECOND, KEEPING_SECOND, WORLDS, WhiteNoise, World
 
 __all__ = ["Figures", "Flight", "Integers", "Log", "Loop", "fly", "run_filter", "summarise"]
 
@@ -134,34 +135,44 @@ class Flight:
 def run_filter(recording: Recording, world: World, setting: EstimatorSetting) -> Flight:
     """Run a filter over a recording."""
     estimator = make_cdgps(world.change_setting(setting))
-    prediction = None
-    if world.white_noise is not None:
-        prediction = ErrorPrediction(estimator, world.white_noise)
+    noise = world.white_noise
+    prediction = None if noise is None else ErrorPrediction(estimator, noise)
     log = Log()
     for index, second in enumerate(recording):
         for ephemeris in second.ephemerides:
             estimator.add_ephemeris(ephemeris)
         if index % world.interval == 0:
-            predicted = (math.nan, math.nan)
-            if prediction is not None:
-                prediction.expect(second)
-            solution = estimator.process(second.time, *second.epochs)
-            if prediction is not None:
-                predicted = prediction.nees(second, solution)
+            solution, predicted = _solve(estimator, second, prediction)
             log.add(index, second, solution, predicted)
         if second.thrust_rtn.any():
             estimator.add_thrust(second.time, 1.0, second.thrust_rtn)
     return log.flight()
 
 
+def _solve(
+    estimator: CdgpsEstimator, second: Second, prediction: ErrorPrediction | None
+) -> tuple[RelativeSolution, tuple[float, float]]:
+    """Return the solution of an epoch, and the NEES that is predicted for it."""
+    if prediction is None:
+        return estimator.process(second.time, *second.epochs), (math.nan, math.nan)
+    prediction.expect(second)
+    solution = estimator.process(second.time, *second.epochs)
+    return solution, prediction.nees(second, solution)
+
+
 def fly_closed_loop(
-    scenario: Scenario, gnss: GnssConfiguration, setting: EstimatorSetting
+    scenario: Scenario,
+    gnss: GnssConfiguration,
+    setting: EstimatorSetting,
+    noise: WhiteNoise | None = None,
 ) -> Flight:
     """Fly with the controller of the shipped systems on the solutions of the filter.
 
-    The thruster has the delay of a step and the resolution of its CAN frames.
+    The thruster has the delay of a step and the resolution of its CAN frames. The NEES is predicted
+    for `noise`.
     """
     formation, estimator = EmulatedFormation(gnss, scenario), make_cdgps(setting)
+    prediction = None if noise is None else ErrorPrediction(estimator, noise)
     controller = SdreController(SdreDesign("navigation_aware", acceleration_cap=_CAP))
     thruster = Thruster(acceleration_cap=_CAP, quantum=_QUANTUM, delay_steps=1, step=1.0)
     target = scenario.deputies[0].target_rtn
@@ -174,8 +185,8 @@ def fly_closed_loop(
         second = formation.measure(applied)
         for ephemeris in second.ephemerides:
             estimator.add_ephemeris(ephemeris)
-        solution = estimator.process(second.time, *second.epochs)
-        log.add(index, second, solution)
+        solution, predicted = _solve(estimator, second, prediction)
+        log.add(index, second, solution, predicted)
         if applied.any():
             estimator.add_thrust(second.time, 1.0, applied)
         command = np.zeros(3)
@@ -420,7 +431,8 @@ def fly(
     """Fly a world with a filter; a job of `bench_realism.py`."""
     world = WORLDS[name]
     if world.motion == "closed_loop":
-        return fly_closed_loop(*world.make(seed, seconds), world.change_setting(setting))
+        changed = world.change_setting(setting)
+        return fly_closed_loop(*world.make(seed, seconds), changed, world.white_noise)
     recording = load_or_fly(name, world, seed, seconds, cache)
     flight = run_filter(recording, world, setting)
     if world.phase_noise is None:

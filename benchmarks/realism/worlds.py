@@ -690,6 +690,7 @@ WORLDS: dict[str, World] = {
         seconds=420,
         change_gnss=outage_of_approach,
         outages=((15.0, 55.0),),
+        white_noise=WhiteNoise(),
         must=Must(degraded_percent=None, closest=60.0, dv=75.0, last_minute=1.0),
     ),
     "outage_thrust_loop": World(
@@ -699,6 +700,7 @@ WORLDS: dict[str, World] = {
         change_scenario=thrust_errors(1.05),
         change_gnss=outage_of_approach,
         outages=((15.0, 55.0),),
+        white_noise=WhiteNoise(),
         must=Must(degraded_percent=None, closest=60.0, dv=75.0, last_minute=1.0),
     ),
     "faults": World(
