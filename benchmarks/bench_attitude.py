@@ -63,6 +63,7 @@ _FOREVER = 1e12  # s
 _CONVERGED_DEG = 5.0
 _KNOWN_DEG = 0.1
 _SAMPLES_OF_TEN_MINUTES = 120
+_AVERAGING_HOURS = 4.0
 
 
 class BelievedFieldError:
@@ -296,7 +297,7 @@ def _print_six_states(
 def averaging(seeds: range) -> None:
     """Take the mean of the measured field for the direction of the dipole, as the paper did.
 
-    Compass mode of 24 h without wheel and at -1000 rpm, from a swing of 20 deg and from rest in a
+    Compass mode of 4 h without wheel and at -1000 rpm, from a swing of 20 deg and from rest in a
     drawn attitude; the dipoles of equations 3, 4 (the one with the wheel) and 14.
     """
     print("averaging: angle between the mean field and the dipole, deg")
@@ -306,7 +307,9 @@ def averaging(seeds: range) -> None:
             for name, dipole in dipoles.items():
                 errors = np.array(
                     [
-                        fly_compass(wheel_rpm, 24.0, seed, released, dipole).direction_error_deg
+                        fly_compass(
+                            wheel_rpm, _AVERAGING_HOURS, seed, released, dipole
+                        ).direction_error_deg
                         for seed in seeds
                     ]
                 )
