@@ -37,6 +37,7 @@ Flown = list[tuple[PlasmaWorld, ChainResult]]
 
 # Absolute contents are there from the tenth minute on.
 _ABSOLUTE_MINUTES = ((10, 20), (20, 50), (50, 70))
+_AGE_MINUTES = ((0, 5.0), (5, 10.0), (10, math.inf))
 
 
 def fly(worlds: Sequence[PlasmaWorld], cache: pathlib.Path | None) -> Flown:
@@ -66,7 +67,8 @@ def report_quiet(flown: Flown) -> None:
     for world, result in flown:
         density = density_figures(world, result)
         absolute = [
-            absolute_figures(result, 60.0 * first, 60.0 * last) for first, last in _ABSOLUTE_MINUTES
+            absolute_figures(world, result, 60.0 * first, 60.0 * last)
+            for first, last in _ABSOLUTE_MINUTES
         ]
         print(
             f"| {world.name}, seed {world.seed} | {world.seconds} | {len(result.edges) // 2} | "
@@ -77,6 +79,27 @@ def report_quiet(flown: Flown) -> None:
         )
     hours = sum(world.seconds for world, _ in flown) / 3600.0
     print(f"{sum(len(r.edges) // 2 for _, r in flown)} false edges in {hours:.1f} h")
+    print()
+    report_ages(flown)
+
+
+def report_ages(flown: Flown) -> None:
+    """Print the errors of absolute contents by the ages of their arcs."""
+    print("| absolute TEC by the age of its arc, min |", end=" ")
+    for first, last in _ABSOLUTE_MINUTES:
+        print(f"minutes {first} to {last}: part, RMS, z RMS; what codes allow |", end=" ")
+    print()
+    print("|---|" + "---|" * len(_ABSOLUTE_MINUTES))
+    for world, result in flown:
+        for youngest, oldest in _AGE_MINUTES:
+            name = f"from {youngest}" if math.isinf(oldest) else f"{youngest} to {oldest:g}"
+            print(f"| {world.name}, seed {world.seed}: {name} |", end=" ")
+            ages = 60.0 * youngest, 60.0 * oldest
+            for first, last in _ABSOLUTE_MINUTES:
+                found = absolute_figures(world, result, 60.0 * first, 60.0 * last, ages)
+                print(f"{100.0 * found.part:.0f} %, {found.rms:.2f}, {found.z_rms:.2f};", end=" ")
+                print(f"{found.code_bound:.2f} |", end=" ")
+            print()
 
 
 def report_bubbles(flown: Flown) -> None:

@@ -15,6 +15,7 @@ from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey
 from vtff_iono.edges.boundary import Boundary, BoundarySource
 from vtff_iono.formation_ionosphere import FormationIonosphere
+from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.formation_second import FormationSecond
 from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_nav.relative.common.solution import AMBIGUITY_FLOAT, SOLUTION_NONE, RelativeSolution
@@ -38,9 +39,9 @@ class ChainResult:
     density : ndarray, shape (n, 6)
         Seconds with a density: time into the flight, s, altitude, m, density, sigma and true mean
         density between the spacecraft, 1/m3, and their true vertical separation, m.
-    absolute : ndarray, shape (m, 4)
+    absolute : ndarray, shape (m, 5)
         Good absolute slant contents of the last epochs of seconds: time into the flight, s,
-        spacecraft, error and sigma, TECU.
+        spacecraft, error and sigma, TECU, and age of the arc, s.
     edges : list of Boundary
         Vertical edges.
     column_errors : dict of int to ndarray, shape (n, 3)
@@ -104,6 +105,7 @@ def run_chain(recording: Recording, world: PlasmaWorld) -> ChainResult:
     altitudes = np.array([integrator.altitude(second.position_itrf) for second in recording])
     densities, contents, edges = [], [], []
     errors: dict[int, list[tuple[float, float, float]]] = {}
+    begun: dict[tuple[int, Link, int], float] = {}
     spent = 0.0
     for at, recorded in zip(elapsed.tolist(), recording, strict=True):
         for prn, of_satellite in recorded.column_errors.items():
@@ -134,15 +136,15 @@ def run_chain(recording: Recording, world: PlasmaWorld) -> ChainResult:
                 continue
             epoch, truth = of_craft.epoch, recorded.stec_tecu[craft]
             at = (epoch.time - start) * 1e-9
-            for row in np.flatnonzero(epoch.rejected == 0).tolist():
-                link = epoch.links[row]
-                if link.system == SYSTEM_GPS and link.prn in truth:
+            for row, link in enumerate(epoch.links):
+                age = at - begun.setdefault((craft, link, int(epoch.arc[row])), at)
+                if epoch.rejected[row] == 0 and link.system == SYSTEM_GPS and link.prn in truth:
                     error = float(epoch.stec_tecu[row]) - truth[link.prn]
-                    contents.append((at, craft, error, float(epoch.stec_sigma_tecu[row])))
+                    contents.append((at, craft, error, float(epoch.stec_sigma_tecu[row]), age))
         edges += [b for b in result.boundaries[0] if b.source == BoundarySource.DENSITY]
     return ChainResult(
         np.array(densities).reshape(-1, 6),
-        np.array(contents).reshape(-1, 4),
+        np.array(contents).reshape(-1, 5),
         edges,
         {prn: np.array(rows) for prn, rows in errors.items()},
         np.column_stack((elapsed, altitudes)),

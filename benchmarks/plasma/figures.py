@@ -9,8 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.constants import FREQUENCY_L1, FREQUENCY_L2
 from vtff_iono.edges.boundary import Boundary
+from vtff_iono.links.geometry_free import tecu_per_metre
 
 from .chain import ChainResult
 from .wall_bounds import WallBound, wall_bound
@@ -72,20 +75,55 @@ def density_figures(world: PlasmaWorld, result: ChainResult) -> DensityFigures:
 
 @dataclass(frozen=True)
 class AbsoluteFigures:
-    """Errors of absolute slant contents after a time, TECU; NaN without any; z are over sigmas."""
+    """Errors of absolute slant contents, TECU; NaN without any; z are over sigmas.
+
+    `part` is the part of these among all of their time, `code_bound` what codes allow (RMS).
+    """
 
     rms: float
     z_rms: float
+    part: float
+    code_bound: float
 
 
-def absolute_figures(result: ChainResult, first: float, last: float) -> AbsoluteFigures:
-    """Return the errors of the absolute contents between two times into the flight, s."""
-    time = result.absolute[:, 0]
-    rows = result.absolute[(time > first) & (time <= last)]
+def absolute_figures(
+    world: PlasmaWorld,
+    result: ChainResult,
+    first: float,
+    last: float,
+    ages: tuple[float, float] = (0.0, math.inf),
+) -> AbsoluteFigures:
+    """Return the errors of the absolute contents between two times into the flight, s.
+
+    Only those of arcs count whose age, s, is in an interval.
+    """
+    time, age = result.absolute[:, 0], result.absolute[:, 4]
+    of_time = (time > first) & (time <= last)
+    rows = result.absolute[of_time & (age >= ages[0]) & (age < ages[1])]
     if not len(rows):
-        return AbsoluteFigures(math.nan, math.nan)
-    rms, z = (float(np.sqrt(np.mean(v**2))) for v in (rows[:, 2], rows[:, 2] / rows[:, 3]))
-    return AbsoluteFigures(rms, z)
+        return AbsoluteFigures(*[math.nan] * 4)
+    return AbsoluteFigures(
+        _rms(rows[:, 2]),
+        _rms(rows[:, 2] / rows[:, 3]),
+        len(rows) / int(np.count_nonzero(of_time)),
+        _rms(_code_bound(world, rows[:, 4])),
+    )
+
+
+def _code_bound(world: PlasmaWorld, age: FloatArray) -> FloatArray:
+    """Return the least sigma of contents that the codes of arcs of some ages (s) allow, TECU.
+
+    It is the Cramer-Rao bound of the level of an arc whose codes have multipath, a first-order
+    Markov process: the mean of such a process is known to a variance of 2 s^2 / (2 + T / t) after
+    a time T (Grenander 1950). The satellite bias is known to its sigma, the bias of the receiver
+    exactly, and thermal noise has averaged out. What the plasma is like does not count.
+    """
+    multipath = world.gnss().receivers[0].multipath
+    scale = tecu_per_metre(FREQUENCY_L1, FREQUENCY_L2)
+    satellite = scale * SPEED_OF_LIGHT * 1e-9 * world.satellite_bias_ns
+    code = scale * math.sqrt(2.0) * multipath.code_sigma
+    variance = 2.0 * code**2 / (2.0 + age / multipath.correlation_time)
+    return np.asarray(np.sqrt(satellite**2 + variance))
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftIonosphere, Spa
 
 
 def test_estimates_become_rarer_as_the_arc_grows():
-    settings = SpacecraftSettings()
+    settings = SpacecraftSettings(bias_interval=300.0)
     estimated: list[int] = []
     craft = types.SimpleNamespace(_settings=settings, _bias_start=None, _bias_due=0)
     start = 1_000_000_000_000_000_000

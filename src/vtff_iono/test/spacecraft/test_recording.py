@@ -30,7 +30,7 @@ def assert_equal(left, right):
         assert left == right
 
 
-def biases_of(samples):
+def biases_of(samples, before=None):
     """Return receiver biases that tell how many samples they were estimated from."""
     bias = 0.01 * len(samples.time)
     count = int(samples.group.max()) + 1

@@ -17,14 +17,25 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.altitude_shells import shell_middles, shell_paths, vertical_paths
 from vtff_iono.geometry.mapping import pierce_point, shell_height
 
-__all__ = ["GRADIENT_UNIT", "ExpectedContents", "Knots", "pierce_offsets"]
+__all__ = [
+    "GRADIENT_UNIT",
+    "HIGH_SHELL",
+    "ExpectedContents",
+    "HorizontalLayers",
+    "Knots",
+    "pierce_offsets",
+]
 
 GRADIENT_UNIT = 1e6
 """Unit of the distance of pierce points, m."""
 
-# Longest interval of knots, s, and their largest number.
+HIGH_SHELL = 1000e3
+"""Altitude of the shell of the higher layer, m."""
+
+# Longest interval of knots, s: an orbit passes 20 deg meanwhile.
 _KNOT_INTERVAL = 300.0
-_MOST_KNOTS = 36
+# Least height of the shell of the higher layer above a receiver, m.
+_HIGH_SHELL_ABOVE = 100e3
 # By how much a profile is continued downwards, and the part of it that tells how, m.
 _CONTINUED, _LOWEST_PART = 100e3, 50e3
 
@@ -45,9 +56,9 @@ class Knots(NamedTuple):
 
     @classmethod
     def over(cls, time: FloatArray) -> Knots:
-        """Return knots from the first to the last time (s), each 300 s or less, up to 36."""
+        """Return knots from the first to the last time (s), each 300 s or less."""
         span = max(float(np.ptp(time)), 1.0)
-        intervals = min(math.ceil(span / _KNOT_INTERVAL), _MOST_KNOTS - 1)
+        intervals = math.ceil(span / _KNOT_INTERVAL)
         return cls(float(time.min()), span / intervals, intervals + 1)
 
     def weights(self, time: FloatArray) -> FloatArray:
@@ -72,9 +83,9 @@ class ExpectedContents:
     density : ndarray, shape (shells,)
         Density of the shells, electrons per cubic metre.
     knots : Knots
-    vertical_tecu : ndarray, shape (3 knots,)
-        Vertical contents that the shells lack at the knots, TECU; then their gradients to the east
-        and to the north, TECU per 1000 km.
+    vertical_tecu : ndarray, shape (6 knots,)
+        Vertical contents that the shells lack at the knots, TECU, and their gradients to the east
+        and to the north, TECU per 1000 km, in the order of `HorizontalLayers.columns`.
     arc_sigma : float
         Sigma of what is particular to an arc, relative to its content.
     """
@@ -117,11 +128,72 @@ class ExpectedContents:
         paths = shell_paths(position_receiver_itrf, direction_itrf, altitude, self.edges)
         content = paths @ self.density
         vertical = vertical_paths(altitude, self.edges) @ self.density
-        offset = pierce_offsets(position_receiver_itrf, direction_itrf, altitude)
-        weights = self.knots.weights(time)
-        factors = np.hstack((weights, weights * offset[:, :1], weights * offset[:, 1:]))
         mapping = content / vertical
-        return content + mapping * (factors @ self.vertical_tecu), mapping
+        layers = HorizontalLayers.of_rays(position_receiver_itrf, direction_itrf, altitude)
+        columns = layers.columns(self.knots.weights(time), mapping)
+        return content + columns @ self.vertical_tecu, mapping
+
+
+class HorizontalLayers(NamedTuple):
+    """Two layers in which the vertical content of n rays departs from that of a profile.
+
+    The lower one has the mapping of the profile. The higher one is a thin shell: electrons high
+    above a receiver near the peak are passed by low rays a thousand kilometres farther away.
+
+    Attributes
+    ----------
+    offset_low, offset_high : ndarray, shape (n, 2)
+        Offsets of the pierce points from the receivers to the east and north, 1000 km.
+    mapping_high : ndarray, shape (n,)
+        Slant over vertical content of the shell.
+    """
+
+    offset_low: FloatArray
+    offset_high: FloatArray
+    mapping_high: FloatArray
+
+    @classmethod
+    def of_rays(
+        cls,
+        position_receiver_itrf: FloatArray,
+        direction_itrf: FloatArray,
+        altitude: FloatArray,
+        shell_altitude: float = HIGH_SHELL,
+    ) -> HorizontalLayers:
+        """Return the layers that rays pass; arguments as those of `pierce_offsets`.
+
+        `shell_altitude` is that of the higher layer, m; it is 100 km above a higher receiver.
+        """
+        shell = np.maximum(shell_altitude, altitude + _HIGH_SHELL_ABOVE)
+        point = pierce_point(position_receiver_itrf, direction_itrf, shell)
+        cosine = np.sum(point * direction_itrf, axis=-1) / np.linalg.norm(point, axis=-1)
+        return cls(
+            pierce_offsets(position_receiver_itrf, direction_itrf, altitude),
+            _horizontal_offsets(position_receiver_itrf, point),
+            1.0 / cosine,
+        )
+
+    def columns(self, weights: FloatArray, mapping: FloatArray) -> FloatArray:
+        """Return the contents of unit departures, shape (n, 6 knots).
+
+        They are, at each knot, of the lower layer the vertical content and its gradients to the
+        east and to the north, then those of the higher layer.
+
+        Parameters
+        ----------
+        weights : ndarray, shape (n, knots)
+            Weights of the knots, see `Knots.weights`.
+        mapping : ndarray, shape (n,)
+            Slant over vertical content of the profile.
+        """
+        parts = []
+        for factor, offset in (
+            (mapping, self.offset_low),
+            (self.mapping_high, self.offset_high),
+        ):
+            level = factor[:, np.newaxis] * weights
+            parts += [level, level * offset[:, :1], level * offset[:, 1:]]
+        return np.hstack(parts)
 
 
 def pierce_offsets(
@@ -138,6 +210,11 @@ def pierce_offsets(
     """
     receiver = position_receiver_itrf
     point = pierce_point(receiver, direction_itrf, altitude + 0.5 * shell_height(altitude))
+    return _horizontal_offsets(receiver, point)
+
+
+def _horizontal_offsets(receiver: FloatArray, point: FloatArray) -> FloatArray:
+    """Return the offsets of points (n, 3) from receivers to the east and north, 1000 km, (n, 2)."""
     offset = (point - receiver) / GRADIENT_UNIT
     east = np.cross([0.0, 0.0, 1.0], receiver)
     east /= np.linalg.norm(east, axis=-1, keepdims=True)

@@ -14,13 +14,16 @@ estimated from the samples: the stated sigmas do not show how large these errors
 message does not contain C1C - C1W).
 
 The ionosphere also changes along the orbit and across it. To first order the content of a ray is
-then larger by M (a(t) + g(t) d) + S c, where M is its slant over vertical content, S its content,
-and d the vector from the receiver to the pierce point to the east and north. The vertical content a
-and its gradient g are linear between knots; c is by what part the ionosphere that one arc passes
-differs from that of the others. All are random effects as well, and their sigmas are estimated from
-the samples. Without c the noise of a thousand samples would seem to tell the level of an arc to
-0.02 TECU, while the shape of the ionosphere is not known as well as that. The noise is taken to be
-correlated as the residuals of arcs are.
+then larger by the sum over two layers of M (a(t) + g(t) d), and by S c. M is slant over vertical
+content in the layer, and d the vector from the receiver to the pierce point to the east and north.
+The lower layer is that of the profile, the higher one a thin shell far above it
+(`vtff_iono.bias.expected_contents.HorizontalLayers`): in which of both the horizontal structure is,
+the samples tell. The vertical content a and its gradient g are linear between knots. S is the
+content of the ray, and c by what part the ionosphere that one arc passes differs from that of the
+others. All are random effects as well, and their sigmas are estimated from the samples. Without c
+the noise of a thousand samples would seem to tell the level of an arc to 0.02 TECU, while the shape
+of the ionosphere is not known as well as that. The noise is taken to be correlated as the residuals
+of arcs are.
 
 The offset of an arc is what its samples are larger by than its contents: the bias of the receiver,
 and the errors of its level and of the satellite bias. The contents of an eccentric orbit tell it
@@ -29,7 +32,9 @@ drift.
 
 The solution is the maximum of the posterior density, reached by damped Gauss-Newton steps; its
 covariance is the inverse of the curvature there. It is repeated for different decreases of the
-topside.
+topside and altitudes of the higher layer, which count alike. Samples of more than four hours are
+solved in pieces of equal length, each with a profile of its own; the biases are the weighted means
+of theirs.
 
 References
 ----------
@@ -59,9 +64,10 @@ from vtff_iono.bias.altitude_shells import (
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
     GRADIENT_UNIT,
+    HIGH_SHELL,
     ExpectedContents,
+    HorizontalLayers,
     Knots,
-    pierce_offsets,
 )
 from vtff_iono.bias.profile_solver import NormalEquations, ProfileSolution, solve_profile
 
@@ -69,7 +75,16 @@ __all__ = ["ProfileBiases", "profile_biases"]
 
 IntArray = npt.NDArray[np.integer]
 
-_TOPSIDES = (TopsideModel(), TopsideModel(exponent=3.0), TopsideModel(exponent=6.0))
+# Models of the topside and altitudes of the shell of the higher layer, m: electrons that decrease
+# slowly are higher.
+_MODELS = (
+    (TopsideModel(), HIGH_SHELL),
+    (TopsideModel(exponent=3.0), 1500e3),
+    (TopsideModel(exponent=6.0), 700e3),
+)
+# Longest time of the samples of one solution, s: that of an online estimate. What a solution costs
+# grows with its cube, as each knot has unknowns.
+_LONGEST = 4.0 * 3600.0
 # Largest number of epochs that are used, of evenly thinned samples.
 _MOST_EPOCHS = 540
 # Prior sigma of a receiver bias, TECU: nothing is known about it.
@@ -81,9 +96,10 @@ _LEVEL_SIGMA_LEAST = 0.01
 # Sigma of the noise at first, and its smallest value, TECU.
 _NOISE_START, _NOISE_LEAST = 0.05, 0.01
 # Sigmas at first of the vertical content (TECU) and its gradients (TECU per 1000 km), and of what
-# is particular to an arc (relative to the content); and the value that switches them off.
+# is particular to an arc (relative to the content); and the value that switches them off. From a
+# large sigma of the arcs the search can end where they take what gradients explain better.
 _VERTICAL_SIGMA = 0.5
-_ARC_SIGMA = 0.02
+_ARC_SIGMA = 0.005
 _NO_GRADIENT = 1e-6
 # Residuals beyond this many sigmas are given less weight (Huber).
 _HUBER = 3.0
@@ -98,6 +114,54 @@ _NOISE_CONVERGED, _SIGMA_CONVERGED = 0.03, 0.1
 # Densities that the search begins with, 1/m3, against altitude, m.
 _START_ALTITUDE = np.array([100e3, 400e3, 700e3, 1000e3, 20e6])
 _START_DENSITY = np.array([1e11, 5e11, 1e11, 3e10, 1e8])
+
+
+@dataclass(frozen=True)
+class _Sigmas:
+    """Sigmas of random effects.
+
+    Parameters
+    ----------
+    satellite : float
+        Sigma of the satellite biases, TECU.
+    vertical, gradient : tuple of 2 float
+        Sigmas of the vertical content, TECU, and of its gradients, TECU per 1000 km, in the lower
+        and in the higher layer.
+    arc : float
+        Sigma of what is particular to an arc, relative to the content.
+    level_factor : float
+        Sigmas of the levels over those that are stated, 1 at least: codes that err alike for longer
+        than was assumed, as by multipath, state too little.
+    """
+
+    satellite: float
+    vertical: tuple[float, float]
+    gradient: tuple[float, float]
+    arc: float
+    level_factor: float
+
+
+class SearchState(NamedTuple):
+    """Where the search for a solution ended, from which that of later samples begins.
+
+    Attributes
+    ----------
+    altitude, logarithm : ndarray, shape (shells,)
+        Altitudes of the middles of shells, m, and logarithms of their densities.
+    sigmas : _Sigmas
+    noise, variance : float
+        Sigma of single contents, TECU, and their variance with its correlation, TECU^2.
+    """
+
+    altitude: FloatArray
+    logarithm: FloatArray
+    sigmas: _Sigmas
+    noise: float
+    variance: float
+
+    def log_density(self, altitude: FloatArray) -> FloatArray:
+        """Return the logarithms of densities at altitudes, m."""
+        return np.interp(np.log(altitude), np.log(self.altitude), self.logarithm)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,6 +190,10 @@ class ProfileBiases:
         sigma, which contains their spread, TECU.
     contents : ExpectedContents
         Contents of rays of other arcs.
+    links : int
+        Number of the links whose satellite biases were estimated.
+    search : SearchState
+        Where the search ended.
     """
 
     bias_tecu: FloatArray
@@ -140,9 +208,13 @@ class ProfileBiases:
     offset_tecu: FloatArray
     offset_sigma_tecu: FloatArray
     contents: ExpectedContents
+    links: int
+    search: SearchState
 
 
-def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
+def profile_biases(
+    samples: BiasSamples, altitude: FloatArray, before: SearchState | None = None
+) -> ProfileBiases:
     """Return the most probable receiver biases together with one density profile.
 
     Parameters
@@ -151,21 +223,87 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         Contents; they must have arcs.
     altitude : ndarray, shape (n,)
         Altitudes of the receiver, m.
+    before : SearchState, optional
+        Where the search of an earlier solution of the same receiver ended: it begins there.
 
     Raises
     ------
     ValueError
         If the samples have no arcs.
     """
+    groups = int(samples.group.max()) + 1
+    elapsed = samples.time - samples.time.min()
+    count = max(1, math.ceil(float(elapsed.max()) / _LONGEST))
+    piece = np.minimum(elapsed * count // max(float(elapsed.max()), 1.0), count - 1)
+    found = [
+        _solve(samples.select(piece == number), altitude[piece == number], groups, before)
+        for number in range(count)
+        if np.count_nonzero(piece == number) > 0
+    ]
+    return found[0] if len(found) == 1 else _join(found)
+
+
+def _join(pieces: list[ProfileBiases]) -> ProfileBiases:
+    """Return the biases of pieces together, and the profile of the last one.
+
+    The satellite biases err alike in all pieces: the sigma of the receiver biases is not less than
+    their mean, nor less than the pieces scatter. An arc in two pieces has the offset that is known
+    better.
+    """
+    bias, sigma = (
+        np.array([getattr(p, name) for p in pieces]) for name in ("bias_tecu", "sigma_tecu")
+    )
+    weight = 1.0 / sigma**2
+    mean = (weight * bias).sum(axis=0) / weight.sum(axis=0)
+    scatter = (weight * (bias - mean) ** 2).sum(axis=0) / (len(pieces) - 1)
+    variance = np.maximum(scatter, 1.0) / weight.sum(axis=0)
+    satellite = [piece.satellite_sigma_tecu for piece in pieces]
+    links = max(piece.links for piece in pieces)
+    if links > 0:
+        variance += float(np.mean(np.square(satellite))) / links
+    best: dict[int, tuple[float, float]] = {}
+    for piece in pieces:
+        columns = piece.arc, piece.offset_sigma_tecu, piece.offset_tecu
+        for arc, *known in zip(*(column.tolist() for column in columns), strict=True):
+            best[arc] = min(best.get(arc, (math.inf, math.nan)), (known[0], known[1]))
+    arcs = sorted(best)
+    return replace(
+        pieces[-1],
+        bias_tecu=mean,
+        sigma_tecu=np.sqrt(variance),
+        noise_tecu=_root_mean_square([piece.noise_tecu for piece in pieces]),
+        satellite_sigma_tecu=_root_mean_square(satellite),
+        arc=np.array(arcs),
+        offset_tecu=np.array([best[arc][1] for arc in arcs]),
+        offset_sigma_tecu=np.array([best[arc][0] for arc in arcs]),
+        links=links,
+    )
+
+
+def _root_mean_square(values: list[float]) -> float:
+    return math.sqrt(float(np.mean(np.square(values))))
+
+
+def _solve(
+    samples: BiasSamples, altitude: FloatArray, groups: int, before: SearchState | None
+) -> ProfileBiases:
+    """Return the solution of samples of some hours, see `profile_biases`."""
     epoch = np.unique(samples.time, return_inverse=True)[1]
     is_used = epoch % (1 + epoch.max() // _MOST_EPOCHS) == 0
-    problem = _Problem(samples.select(is_used), altitude[is_used])
-    log_density, sigmas = problem.start()
-    noise, weight = _NOISE_START, np.ones(int(is_used.sum()))
-    # The first solution has no gradients, as their columns need a profile.
-    normal = problem.normal(problem.effect_columns(log_density), weight / noise**2)
-    level = replace(sigmas, vertical=_NO_GRADIENT, gradient=_NO_GRADIENT, arc=_NO_GRADIENT)
-    solution = problem.solve(normal, _TOPSIDES[0], level, log_density)
+    problem = _Problem(samples.select(is_used), altitude[is_used], groups)
+    weight = np.ones(int(is_used.sum()))
+    if before is None:
+        log_density, sigmas = problem.start()
+        noise, variance = _NOISE_START, _NOISE_START**2
+        # The first solution has no gradients, as their columns need a profile.
+        none = (_NO_GRADIENT, _NO_GRADIENT)
+        first_sigmas = replace(sigmas, vertical=none, gradient=none, arc=_NO_GRADIENT)
+    else:
+        log_density = before.log_density(shell_middles(problem.edges))
+        sigmas = first_sigmas = before.sigmas
+        noise, variance = before.noise, before.variance
+    normal = problem.normal(problem.effect_columns(log_density), weight / variance)
+    solution = problem.solve(normal, _MODELS[0][0], first_sigmas, log_density)
     for _ in range(_NORMAL_ITERATIONS):
         columns = problem.effect_columns(solution.log_density)
         residual = problem.residual(solution, columns)
@@ -177,61 +315,46 @@ def profile_biases(samples: BiasSamples, altitude: FloatArray) -> ProfileBiases:
         if abs(noise / previous - 1.0) < _NOISE_CONVERGED:
             break
     models = []
-    for topside in _TOPSIDES:
+    for topside, shell in _MODELS:
+        columns = problem.effect_columns(solution.log_density, shell)
+        normal = problem.normal(columns, weight / variance)
         solution = problem.solve(normal, topside, sigmas, solution.log_density)
         models.append(solution)
     of_models = np.array([problem.offsets(model) for model in models])
     offsets, offset_variances = of_models[:, 0], of_models[:, 1]
     # The departures of contents from a profile are not independent of each other: their scatter
     # does not average out. Single contents of the arc scatter as much, too.
-    variance = np.median(offset_variances, axis=0) + np.var(offsets, axis=0, ddof=1)
-    residual = problem.residual(solution, problem.effect_columns(solution.log_density))
-    variance += np.maximum(noise**2, problem.squares_of_arcs(residual))
+    # The models count alike: their evidence takes residuals for independent, and with hundreds of
+    # correlated ones it would leave one model with all the weight.
+    offset_variance = np.median(offset_variances, axis=0) + np.var(offsets, axis=0, ddof=1)
+    first = models[0]
+    residual = problem.residual(first, problem.effect_columns(first.log_density))
+    offset_variance += np.maximum(noise**2, problem.squares_of_arcs(residual))
     contents = ExpectedContents(
         problem.edges,
-        np.exp(models[0].log_density),
+        np.exp(first.log_density),
         problem.knots,
-        models[0].effects[: problem.gradients.stop],
+        first.effects[: problem.arcs.start],
         sigmas.arc,
     ).continued_below()
     return ProfileBiases(
         bias_tecu=np.array([model.effects[problem.groups] for model in models]),
         sigma_tecu=np.sqrt([model.effect_variance[problem.groups] for model in models]),
         altitude=shell_middles(problem.edges),
-        density=np.exp(models[0].log_density),
+        density=np.exp(first.log_density),
         noise_tecu=noise,
         satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
-        vertical_sigma_tecu=round(sigmas.vertical, DECIMALS_TECU),
-        gradient_sigma=problem.gradient_sigma(solution),
+        vertical_sigma_tecu=round(math.hypot(*sigmas.vertical), DECIMALS_TECU),
+        gradient_sigma=problem.gradient_sigma(first),
         arc=problem.arc_numbers,
         offset_tecu=np.asarray(offsets.mean(axis=0)).round(DECIMALS_TECU),
-        offset_sigma_tecu=np.round(np.sqrt(variance), DECIMALS_TECU),
+        offset_sigma_tecu=np.round(np.sqrt(offset_variance), DECIMALS_TECU),
         contents=contents,
+        links=problem.links.stop - problem.links.start,
+        search=SearchState(
+            shell_middles(problem.edges), first.log_density, sigmas, noise, variance
+        ),
     )
-
-
-@dataclass(frozen=True)
-class _Sigmas:
-    """Sigmas of random effects.
-
-    Parameters
-    ----------
-    satellite : float
-        Sigma of the satellite biases, TECU.
-    vertical, gradient : float
-        Sigmas of the vertical content, TECU, and of its gradients, TECU per 1000 km.
-    arc : float
-        Sigma of what is particular to an arc, relative to the content.
-    level_factor : float
-        Sigmas of the levels over those that are stated, 1 at least: codes that err alike for longer
-        than was assumed, as by multipath, state too little.
-    """
-
-    satellite: float
-    vertical: float
-    gradient: float
-    arc: float
-    level_factor: float
 
 
 class _EffectColumns(NamedTuple):
@@ -239,8 +362,8 @@ class _EffectColumns(NamedTuple):
 
     Attributes
     ----------
-    knots : ndarray, shape (n, 3 knots)
-        Columns of the vertical contents and their gradients at the knots.
+    knots : ndarray, shape (n, 6 knots)
+        Columns of the vertical contents and their gradients at the knots, in both layers.
     single : csr_matrix
         Columns of all other effects.
     """
@@ -253,11 +376,11 @@ class _Problem:
     """Samples, and the columns of the unknowns: shells, then effects.
 
     The effects are, in this order: vertical content, its gradients to the east and to the north at
-    the knots; what is particular to each arc; biases of the groups; errors of the levels of arcs;
-    errors of the satellite biases of the links.
+    the knots, in the lower and in the higher layer; what is particular to each arc; biases of the
+    groups; errors of the levels of arcs; errors of the satellite biases of the links.
     """
 
-    def __init__(self, samples: BiasSamples, altitude: FloatArray) -> None:
+    def __init__(self, samples: BiasSamples, altitude: FloatArray, groups: int) -> None:
         if samples.arc is None:
             raise ValueError("samples: arcs are required")
         self.stec = samples.stec_tecu
@@ -270,9 +393,8 @@ class _Problem:
         self._vertical_paths = vertical_paths(altitude, self.edges)
         self.knots = Knots.over(samples.time)
         self._knot_weights = self.knots.weights(samples.time)
-        self._pierce_offset = pierce_offsets(
-            samples.position_receiver_itrf, samples.direction_itrf, altitude
-        )
+        rays = samples.position_receiver_itrf, samples.direction_itrf, altitude
+        self._layers = {shell: HorizontalLayers.of_rays(*rays, shell) for _, shell in _MODELS}
         self.arc_numbers, first_of_arc, arc = np.unique(
             samples.arc, return_index=True, return_inverse=True
         )
@@ -288,10 +410,14 @@ class _Problem:
         if samples.link is not None:
             numbers.append(np.unique(samples.link, return_inverse=True)[1])
         # Ends of the columns of each kind of effect.
-        counts = [3 * self.knots.number, *(int(number.max()) + 1 for number in numbers)]
+        counts = [6 * self.knots.number, *(int(number.max()) + 1 for number in numbers)]
+        counts[2] = groups
         ends = np.cumsum(counts).tolist()
-        self.verticals = slice(0, self.knots.number)
-        self.gradients = slice(self.knots.number, ends[0])
+        # The vertical contents and the gradients of each layer.
+        edges = self.knots.number * np.array([[0, 1, 3], [3, 4, 6]])
+        self.verticals, self.gradients = (
+            tuple(slice(*row[k : k + 2]) for row in edges.tolist()) for k in range(2)
+        )
         self.arcs, self.groups, self.levels = (slice(*ends[k : k + 2]) for k in range(3))
         self.links = slice(ends[3], ends[-1])
         # Columns with one element in each row, which follow those of the knots.
@@ -309,9 +435,8 @@ class _Problem:
         """Return the logarithms of densities and the sigmas that the search begins with."""
         log_altitude = np.log(shell_middles(self.edges))
         log_density = np.interp(log_altitude, np.log(_START_ALTITUDE), np.log(_START_DENSITY))
-        return log_density, _Sigmas(
-            self._largest_satellite_sigma, _VERTICAL_SIGMA, _VERTICAL_SIGMA, _ARC_SIGMA, 1.0
-        )
+        both = (_VERTICAL_SIGMA, _VERTICAL_SIGMA)
+        return log_density, _Sigmas(self._largest_satellite_sigma, both, both, _ARC_SIGMA, 1.0)
 
     def solve(
         self,
@@ -329,8 +454,9 @@ class _Problem:
     def _precision(self, sigmas: _Sigmas) -> FloatArray:
         """Return one over the variances of the effects."""
         precision = np.full(self.links.stop, 1.0 / _GROUP_SIGMA**2)
-        precision[self.verticals] = 1.0 / sigmas.vertical**2
-        precision[self.gradients] = 1.0 / sigmas.gradient**2
+        for layer in range(2):
+            precision[self.verticals[layer]] = 1.0 / sigmas.vertical[layer] ** 2
+            precision[self.gradients[layer]] = 1.0 / sigmas.gradient[layer] ** 2
         precision[self.arcs] = 1.0 / sigmas.arc**2
         precision[self.levels] = 1.0 / (sigmas.level_factor**2 * self._level_variance)
         precision[self.links] = 1.0 / sigmas.satellite**2
@@ -342,31 +468,37 @@ class _Problem:
         if self.links.stop > self.links.start:
             satellite = math.sqrt(float(second_moment[self.links].mean()))
         level = float(np.mean(second_moment[self.levels] / self._level_variance))
-        vertical, gradient, arc = (
-            math.sqrt(float(second_moment[of_kind].mean()))
-            for of_kind in (self.verticals, self.gradients, self.arcs)
+        arc = math.sqrt(float(second_moment[self.arcs].mean()))
+        (vertical_low, vertical_high), (gradient_low, gradient_high) = (
+            [math.sqrt(float(second_moment[of_layer].mean())) for of_layer in of_kind]
+            for of_kind in (self.verticals, self.gradients)
         )
         return _Sigmas(
             min(satellite, self._largest_satellite_sigma),
-            vertical,
-            gradient,
+            (vertical_low, vertical_high),
+            (gradient_low, gradient_high),
             arc,
             max(1.0, math.sqrt(level)),
         )
 
-    def effect_columns(self, log_density: FloatArray) -> _EffectColumns:
-        """Return the columns of effects for the contents of logarithms of densities."""
+    def effect_columns(
+        self, log_density: FloatArray, shell_altitude: float = HIGH_SHELL
+    ) -> _EffectColumns:
+        """Return the columns of effects for the contents of logarithms of densities.
+
+        `shell_altitude` is that of the higher layer, m.
+        """
         content = self._paths @ np.exp(log_density)
         mapping = content / (self._vertical_paths @ np.exp(log_density))
-        level = mapping[:, np.newaxis] * self._knot_weights
-        east, north = self._pierce_offset[:, :1], self._pierce_offset[:, 1:]
         values = np.ones(self._column.shape)
         values[:, 0] = content
         ends = np.arange(0, values.size + 1, values.shape[1])
         single = sparse.csr_matrix(
             (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
         )
-        return _EffectColumns(np.hstack((level, level * east, level * north)), single)
+        return _EffectColumns(
+            self._layers[shell_altitude].columns(self._knot_weights, mapping), single
+        )
 
     def normal(self, columns: _EffectColumns, weight: FloatArray) -> NormalEquations:
         """Return the normal equations of weighted samples; `weight` has shape (n,)."""
@@ -394,7 +526,7 @@ class _Problem:
         """Return observed minus explained contents, TECU; the columns are of its densities."""
         gradients, single = columns
         explained = self._paths @ np.exp(solution.log_density)
-        explained += gradients @ solution.effects[: self.gradients.stop]
+        explained += gradients @ solution.effects[: self.arcs.start]
         return np.asarray(self.stec - explained - single @ solution.effects[self.arcs.start :])
 
     def offsets(self, solution: ProfileSolution) -> tuple[FloatArray, FloatArray]:
@@ -407,7 +539,9 @@ class _Problem:
     def gradient_sigma(self, solution: ProfileSolution) -> FloatArray:
         """Return the roots of the expected squares of gradients to east and north, TECU/m, (2,)."""
         squares = solution.effects**2 + solution.effect_variance
-        of_direction = squares[self.gradients].reshape(2, self.knots.number)
+        of_direction = np.sum(
+            [squares[of_layer].reshape(2, self.knots.number) for of_layer in self.gradients], axis=0
+        )
         return np.asarray(np.sqrt(of_direction.mean(axis=1)).round(DECIMALS_TECU) / GRADIENT_UNIT)
 
     def squares_of_arcs(self, residual: FloatArray) -> FloatArray:
@@ -439,10 +573,10 @@ def _estimate_sigmas(
 ) -> tuple[ProfileSolution, _Sigmas]:
     """Return the solution and the sigmas of the random effects that agree with it."""
     for _ in range(_SIGMA_ITERATIONS):
-        solution = problem.solve(normal, _TOPSIDES[0], sigmas, solution.log_density)
+        solution = problem.solve(normal, _MODELS[0][0], sigmas, solution.log_density)
         second_moment = solution.effects**2 + solution.effect_variance
         previous, sigmas = sigmas, problem.sigmas(second_moment, sigmas)
-        ratio = np.array(astuple(sigmas)) / np.array(astuple(previous))
+        ratio = np.hstack(astuple(sigmas)) / np.hstack(astuple(previous))
         if np.abs(np.log(ratio)).max() < _SIGMA_CONVERGED:
             break
     return solution, sigmas

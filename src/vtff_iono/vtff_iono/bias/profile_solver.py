@@ -115,7 +115,8 @@ def solve_profile(
         matrix, vector, prior_precision, prior_vector, log_density
     )
     density = np.exp(log_density)
-    inverse = linalg.cho_solve(factor, np.eye(len(effect_precision)), check_finite=False)
+    # The inverse has its upper triangle only.
+    inverse, _ = linalg.lapack.dpotri(factor[0], lower=factor[1])
     # Derivatives of the effects with respect to the logarithms of the densities.
     derivative = effects_per_density * density
     variance = np.diag(inverse) + np.einsum(

@@ -170,13 +170,17 @@ def content_sigma(
     return np.asarray(np.sqrt(remaining + np.nan_to_num(estimated) ** 2 + receiver**2))
 
 
-def estimate_receiver_biases(samples: BiasSamples) -> BiasEstimate:
+def estimate_receiver_biases(
+    samples: BiasSamples, before: ProfileBiases | None = None
+) -> BiasEstimate:
     """Return the biases of all groups that make the vertical contents of an epoch agree.
 
     Parameters
     ----------
     samples : BiasSamples
         Contents of a day on the ground, or of some revolutions in orbit.
+    before : ProfileBiases, optional
+        Profile of an earlier estimate of the same receiver, from which the search begins.
 
     Raises
     ------
@@ -209,7 +213,7 @@ def estimate_receiver_biases(samples: BiasSamples) -> BiasEstimate:
     from vtff_iono.bias.profile_bias import profile_biases
 
     altitude = geodetic_from_itrf(all_elevations.position_receiver_itrf)[..., 2]
-    profile = profile_biases(all_elevations, altitude)
+    profile = profile_biases(all_elevations, altitude, None if before is None else before.search)
     biases = _combine_models(samples, profile.bias_tecu, profile.sigma_tecu, len(first))
     satellite_sigma = round(profile.satellite_sigma_tecu, DECIMALS_TECU)
     biases = [replace(bias, satellite_sigma_tecu=satellite_sigma) for bias in biases]

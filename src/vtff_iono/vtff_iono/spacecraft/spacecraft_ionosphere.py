@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -41,6 +41,9 @@ from vtff_iono.spacecraft.bias_sample_window import (
     BiasSampleWindow,
     bias_group,
 )
+
+if TYPE_CHECKING:
+    from vtff_iono.bias.profile_bias import ProfileBiases
 
 __all__ = [
     "ObservationBlock",
@@ -87,7 +90,7 @@ class SpacecraftSettings:
     scintillation: ScintillationSettings = ScintillationSettings()
     roti_interval: float = 1.0
     pairs: Sequence[SignalPair] = DEFAULT_PAIRS
-    bias_interval: float = 300.0
+    bias_interval: float = 120.0
     bias_delay: float = 600.0
     bias_window: float = 4.0 * 3600.0
 
@@ -255,6 +258,7 @@ class SpacecraftIonosphere:
         self._roti = RateOfTecMonitor(settings.roti_interval, settings.scintillation.window)
         self._bias_samples = BiasSampleWindow(settings.bias_window)
         self._arc_offsets = ArcOffsets()
+        self._profile: ProfileBiases | None = None
         self._vertical_sigma_tecu = 0.0
         self._gradient_sigma = np.full(2, np.nan)
         self._bias_start: int | None = None
@@ -426,13 +430,13 @@ class SpacecraftIonosphere:
         """Estimate the receiver biases; an estimate that fails leaves the biases as they are."""
         try:
             groups, samples = self._bias_samples.collect(self.links)
-            estimate = estimate_receiver_biases(samples)
+            estimate = estimate_receiver_biases(samples, self._profile)
         except ReceiverBiasError as error:
             self.bias_error = str(error)
             return
         self.bias_error = None
         self.receiver_biases = dict(zip(groups, estimate.biases, strict=True))
-        profile = estimate.profile
+        self._profile = profile = estimate.profile
         self._vertical_sigma_tecu = 0.0 if profile is None else profile.vertical_sigma_tecu
         self._gradient_sigma = np.full(2, np.nan) if profile is None else profile.gradient_sigma
         self._arc_offsets.renew(estimate.profile, self._bias_samples.levels())
