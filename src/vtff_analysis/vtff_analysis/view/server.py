@@ -77,6 +77,8 @@ class ViewerServer(http.server.ThreadingHTTPServer):
     """
 
     daemon_threads = True
+    # Connections beyond the queue of the kernel are not refused but tried again for many seconds.
+    request_queue_size = 2 * LARGEST_CONNECTIONS
     # A page that was just closed does not keep its port from the next server.
     allow_reuse_address = True
     request_timeout = REQUEST_TIMEOUT

@@ -45,9 +45,9 @@ def altitude_of(rows):
     return geodetic_from_itrf(rows[:, 6:9])[:, 2]
 
 
-@pytest.mark.parametrize(("name", "hours"), [("plumex", 0.5), ("chapman", 1.0)])
-def test_errors_are_as_large_as_the_sigmas(name, hours):
-    rows = seen(name, hours)
+@pytest.mark.parametrize("name", ["plumex", "chapman"])
+def test_errors_are_as_large_as_the_sigmas(name):
+    rows = seen(name, 0.5)
     errors, sigmas = np.transpose([estimate(rows, seed) for seed in range(24)])
     assert np.abs(errors).max() <= 0.15 * PER_NS
     normalised = errors / sigmas
