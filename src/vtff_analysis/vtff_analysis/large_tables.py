@@ -51,7 +51,9 @@ def _arrow_array(column: npt.NDArray[Any]) -> pa.Array:
     if column.dtype.kind != "U":
         buffer = pa.py_buffer(np.ascontiguousarray(column))
         return pa.Array.from_buffers(pa.from_numpy_dtype(column.dtype), len(column), [None, buffer])
-    texts = [text.encode() for text in column.tolist()]
+    words = column.tolist()
+    encoded = {word: word.encode() for word in set(words)}  # few, such as satellites
+    texts = [encoded[word] for word in words]
     ends = np.cumsum([0, *map(len, texts)], dtype=np.int32)
     return pa.StringArray.from_buffers(
         len(texts), pa.py_buffer(ends), pa.py_buffer(b"".join(texts))

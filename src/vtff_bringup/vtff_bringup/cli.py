@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import gc
+import importlib
 import os
 import sys
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
 
 from vtff_bringup.run.exit_codes import EXIT_INTERRUPTED
 from vtff_bringup.system.blas_threads import ONE_BLAS_THREAD
@@ -19,26 +21,47 @@ if TYPE_CHECKING:
 OBJECTS_BETWEEN_COLLECTIONS = 500_000
 
 
-def make_app() -> typer.Typer:
-    """Return the command line with all its commands."""
+#: The commands in the order of the help: module and function, or app of a group.
+_COMMANDS = {
+    "run": "commands.run:run",
+    "replay": "commands.replay:replay",
+    "reprocess": "commands.reprocess:reprocess",
+    "report": "commands.report:report",
+    "compare": "commands.compare:compare",
+    "export": "commands.export:export",
+    "view": "commands.view:view",
+    "baseline": "commands.baseline:baseline",
+    "campaign": "commands.campaign:campaign",
+    "tec": "commands.tec:tec",
+    "list": "discover.list_installed:list_installed",
+    "node": "discover.node:node",
+    "survey": "discover.survey:survey",
+    "topic": "discover.topic:app",
+    "guidance": "discover.guidance:app",
+    "bag": "commands.bag:app",
+    "study": "commands.study:app",
+}
+#: What `typer.Typer.command` is told of a command that is not shown its help without arguments, or
+#: makes its help itself.
+_COMMAND_OPTIONS: dict[str, dict[str, Any]] = {
+    "list": {},
+    "node": {"no_args_is_help": True, "add_help_option": False},
+}
+
+
+def make_app(arguments: Sequence[str] = ()) -> typer.Typer:
+    """Return the command line with all its commands, or with the only one that is called.
+
+    Parameters
+    ----------
+    arguments
+        Of the command line. Where the first is a command, the others are left out: the import of
+        all takes longer than that of many a command.
+    """
     # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
     import typer
 
-    from vtff_bringup.commands import (
-        bag,
-        baseline,
-        campaign,
-        compare,
-        export,
-        replay,
-        report,
-        reprocess,
-        run,
-        study,
-        tec,
-        view,
-    )
-    from vtff_bringup.discover import guidance, list_installed, node, survey, topic, version
+    from vtff_bringup.discover import version
 
     app = typer.Typer(
         name="vtff",
@@ -46,7 +69,6 @@ def make_app() -> typer.Typer:
         pretty_exceptions_enable=False,
         rich_markup_mode=None,
     )
-
     help_text = (
         "Formation-flying and ionosphere testbed: run systems, look at bags, make studies.\n\n"
         "Exit codes: 0 complete, 1 something failed on the way, 2 a file, an argument or a "
@@ -54,23 +76,14 @@ def make_app() -> typer.Typer:
         "For a begin: vtff run reference --duration 300; vtff list; vtff view bags/sample"
     )
     app.callback(help=help_text)(version.common_options)
-    app.command("run", no_args_is_help=True)(run.run)
-    app.command("replay", no_args_is_help=True)(replay.replay)
-    app.command("reprocess", no_args_is_help=True)(reprocess.reprocess)
-    app.command("report", no_args_is_help=True)(report.report)
-    app.command("compare", no_args_is_help=True)(compare.compare)
-    app.command("export", no_args_is_help=True)(export.export)
-    app.command("view", no_args_is_help=True)(view.view)
-    app.command("baseline", no_args_is_help=True)(baseline.baseline)
-    app.command("campaign", no_args_is_help=True)(campaign.campaign)
-    app.command("tec", no_args_is_help=True)(tec.tec)
-    app.command("list")(list_installed.list_installed)
-    app.command("node", no_args_is_help=True, add_help_option=False)(node.node)
-    app.command("survey", no_args_is_help=True)(survey.survey)
-    app.add_typer(topic.app, name="topic")
-    app.add_typer(guidance.app, name="guidance")
-    app.add_typer(bag.app, name="bag")
-    app.add_typer(study.app, name="study")
+    called = arguments[0] if arguments else ""
+    for name in [called] if called in _COMMANDS else _COMMANDS:
+        module, _, attribute = _COMMANDS[name].partition(":")
+        found = getattr(importlib.import_module(f"vtff_bringup.{module}"), attribute)
+        if attribute == "app":
+            app.add_typer(found, name=name)
+        else:
+            app.command(name, **_COMMAND_OPTIONS.get(name, {"no_args_is_help": True}))(found)
     return app
 
 
@@ -78,8 +91,14 @@ def main() -> None:
     """Run the command line."""
     gc.set_threshold(OBJECTS_BETWEEN_COLLECTIONS)
     os.environ.update({**ONE_BLAS_THREAD, **os.environ})
+    arguments = sys.argv[1:]
     try:
-        make_app()(prog_name="vtff")
+        if arguments[:1] == ["tec"]:
+            # Most of the time of a station day is that of reading it, which begins with imports.
+            from vtff_analysis.tec.reading import prepare_reading
+
+            prepare_reading()
+        make_app(arguments)(prog_name="vtff")
     except KeyboardInterrupt:
         sys.exit(EXIT_INTERRUPTED)
 

@@ -9,9 +9,11 @@ from sample_files import export_sample
 READ_BESIDE = """
 import pathlib, signal, sys
 import multiprocessing
-from vtff_analysis.tec.reading import begin_reading
+from vtff_analysis.tec.reading import begin_reading, prepare_reading
 
 path, expected = pathlib.Path(sys.argv[1]), sys.argv[2]
+if len(sys.argv) > 3:
+    prepare_reading()
 reading = begin_reading(path, "G")
 assert reading is not None
 if expected == "killed":
@@ -37,7 +39,8 @@ assert (found.table.time_nanoseconds == same.table.time_nanoseconds).all()
 
 
 @pytest.mark.parametrize("ending", ["read", "killed", "FileNotFoundError", "ObservationFileError"])
-def test_reading_beside_is_reading(tmp_path, ending):
+@pytest.mark.parametrize("prepared", [[], ["prepared"]])
+def test_reading_beside_is_reading(tmp_path, ending, prepared):
     """In a process of its own: tests may have started threads here."""
     path = tmp_path / "absent.rnx"
     if ending in ("read", "killed"):
@@ -45,7 +48,9 @@ def test_reading_beside_is_reading(tmp_path, ending):
     elif ending == "ObservationFileError":
         path.write_text("no observations\n")
     done = subprocess.run(
-        [sys.executable, "-c", READ_BESIDE, str(path), ending], capture_output=True, text=True
+        [sys.executable, "-c", READ_BESIDE, str(path), ending, *prepared],
+        capture_output=True,
+        text=True,
     )
     assert done.returncode == 0, done.stderr
 
@@ -79,3 +84,18 @@ def test_the_reading_process_ends_with_the_other(tmp_path):
     )
     assert int(done.stdout) > 0
     assert not done.stderr
+
+
+@pytest.mark.parametrize("wanted", [True, False])
+def test_a_process_that_was_prepared_in_vain_ends(wanted):
+    program = (
+        "import multiprocessing, sys\n"
+        "from vtff_analysis.tec.reading import begin_reading, prepare_reading\n"
+        "prepare_reading()\n"
+        "assert multiprocessing.active_children()\n"
+        f"if {wanted}:\n"
+        "    assert begin_reading(None) is None\n"
+        "    assert not multiprocessing.active_children()\n"
+    )
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, timeout=60)
+    assert done.returncode == 0, done.stderr

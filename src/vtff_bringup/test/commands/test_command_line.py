@@ -27,7 +27,7 @@ def shown_by(function, *arguments):
 
 
 def test_an_interrupt_while_importing_ends_without_a_traceback(monkeypatch):
-    def interrupted():
+    def interrupted(arguments):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(cli, "make_app", interrupted)
@@ -45,6 +45,18 @@ def test_the_command_line_imports_little():
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
     assert result.stdout == "[]\n", result.stderr
+
+
+def test_a_command_alone_imports_no_other():
+    code = (
+        "import sys, vtff_bringup.cli\n"
+        "app = vtff_bringup.cli.make_app(['tec', 'any.rnx'])\n"
+        "assert 'vtff_bringup.commands.run' not in sys.modules\n"
+        "app(['tec', '--help'], prog_name='vtff')"
+    )
+    alone = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    whole = CliRunner().invoke(cli.make_app(), ["tec", "--help"], prog_name="vtff")
+    assert alone.stdout.split() == whole.output.split(), alone.stderr
 
 
 def test_an_interrupt_while_the_report_is_written(tmp_path, monkeypatch):

@@ -100,7 +100,7 @@ def tec(
     from vtff_analysis.tec.reading import begin_reading
 
     is_single_file = len(files) == 1 and files[0].suffix != ".mcap" and files[0].is_file()
-    reading = begin_reading(files[0], systems, partial) if is_single_file else None
+    reading = begin_reading(files[0] if is_single_file else None, systems, partial)
     # Imported here, because numpy, compiled loops and matplotlib take a while.
     from vtff_analysis.page.results import Section, write_results
     from vtff_analysis.tec.batch import TecOptions, TecOutcome, find_tasks, run_tasks

@@ -104,15 +104,19 @@ class _Body:
         ]
 
     def records(self, is_start: Callable[[str], bool]) -> Iterator[range]:
-        """Yield the indices of the lines of each record; it begins where the predicate holds.
+        """Yield the indices of the lines of each record.
 
-        Blank lines belong to no record.
+        A record begins where the predicate holds for the first three characters of a line. Blank
+        lines belong to no record.
         """
         texts = self.texts
+        heads = [text[:3] for text in texts[self._start :]]
+        # Most lines have one of a few heads: the predicate is asked once for each.
+        begins = {head: is_start(head) for head in set(heads)}
         starts = [
             index
-            for index in range(self._start, len(texts))
-            if is_start(texts[index]) and texts[index].strip()
+            for index, head in enumerate(heads, self._start)
+            if begins[head] and texts[index].strip()
         ]
         before = self.lines(range(self._start, starts[0] if starts else len(texts)))
         if before:
@@ -205,14 +209,14 @@ def _read_ionosphere_header(line: Line, content: _Content) -> None:
 
 
 def _read_records_2(body: _Body, systems: str, content: _Content) -> None:
-    for lines in body.records(lambda text: bool(text[:3].strip())) if "G" in systems else ():
+    for lines in body.records(lambda head: bool(head.strip())) if "G" in systems else ():
         record = body.lines(lines)
         satellite = f"G{int(read_number(record[0], 'satellite number', 0, 2)):02d}"
         content.ephemerides.append(read_ephemeris(record, satellite, "LNAV", indent=3))
 
 
 def _read_records_3(body: _Body, systems: str, content: _Content) -> None:
-    for lines in body.records(lambda text: text[:1] != " "):
+    for lines in body.records(lambda head: head[:1] != " "):
         satellite = body.texts[lines[0]][:3]
         if satellite[0] not in _EPHEMERIS_MESSAGES:
             content.skip(satellite[0])
@@ -223,7 +227,7 @@ def _read_records_3(body: _Body, systems: str, content: _Content) -> None:
 
 
 def _read_records_4(body: _Body, systems: str, content: _Content) -> None:
-    for lines in body.records(lambda text: text[:1] == ">"):
+    for lines in body.records(lambda head: head[:1] == ">"):
         record = body.lines(lines)
         words = record[0].text[1:].split()
         if len(words) < 3:

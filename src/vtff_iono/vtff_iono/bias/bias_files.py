@@ -26,19 +26,14 @@ from vtff_iono.bias.code_biases import BiasFileError, CodeBias, CodeBiasTable
 __all__ = ["read_code_biases"]
 
 _GPS_EPOCH = datetime.date(1980, 1, 6)
+# What an open end of a validity is taken as.
+_EARLIEST, _LATEST = GpsTime(0), GpsTime.from_week_tow(100_000, 0.0)
 _SECONDS_PER_NANOSECOND = 1e-9
-# Fields of a line of BIAS/SOLUTION: first column and the column after the last.
-_SINEX_FIELDS = {
-    "satellite": (11, 14),
-    "station": (15, 24),
-    "first": (25, 29),
-    "second": (30, 34),
-    "start": (35, 49),
-    "end": (50, 64),
-    "unit": (65, 69),
-    "value": (70, 91),
-    "sigma": (92, 103),
-}
+# Fields of a line of BIAS/SOLUTION.
+_SATELLITE, _STATION = slice(11, 14), slice(15, 24)
+_FIRST, _SECOND = slice(25, 29), slice(30, 34)
+_START, _END = slice(35, 49), slice(50, 64)
+_UNIT, _VALUE, _SIGMA = slice(65, 69), slice(70, 91), slice(92, 103)
 _DCB_TITLE = re.compile(
     r"DIFFERENTIAL \((?P<first>\w\d)-(?P<second>\w\d)\) CODE BIASES", re.IGNORECASE
 )
@@ -98,26 +93,28 @@ def _read_bias_sinex(path: pathlib.Path, lines: list[str]) -> list[CodeBias]:
 
 def _sinex_bias(line_name: str, line: str) -> CodeBias | None:
     """Return the bias of a line of BIAS/SOLUTION; None for a phase bias or a bias in cycles."""
-    field = {name: line[first:end].strip() for name, (first, end) in _SINEX_FIELDS.items()}
-    is_code = field["first"].startswith("C") and field["second"][:1] in ("C", "")
-    if not is_code or field["unit"] != "ns":
+    first, second = line[_FIRST].strip(), line[_SECOND].strip()
+    is_code = first.startswith("C") and second[:1] in ("C", "")
+    if not is_code or line[_UNIT].strip() != "ns":
         return None
+    satellite, station = line[_SATELLITE].strip(), line[_STATION].strip()
     # A station's line has only the letter of the system in the column of the satellites.
-    letter, prn = field["satellite"][:1], field["satellite"][1:].strip()
+    letter, prn = satellite[:1], satellite[1:].strip()
     if not letter or letter not in SYSTEM_LETTERS:
-        raise BiasFileError(f"{line_name}: satellite {field['satellite']!r}: unknown system")
-    if not prn and not field["station"]:
+        raise BiasFileError(f"{line_name}: satellite {satellite!r}: unknown system")
+    if not prn and not station:
         raise BiasFileError(f"{line_name}: names neither a satellite nor a station")
+    start, end, sigma = line[_START].strip(), line[_END].strip(), line[_SIGMA].strip()
     return CodeBias(
         system=SYSTEM_LETTERS.index(letter),
-        prn=0 if field["station"] else int(_number(line_name, "satellite", prn)),
-        station=field["station"],
-        first=field["first"],
-        second=field["second"],
-        start=_sinex_time(line_name, "BIAS_START", field["start"], GpsTime(0)),
-        end=_sinex_time(line_name, "BIAS_END", field["end"], GpsTime.from_week_tow(100_000, 0.0)),
-        value=_number(line_name, "ESTIMATED_VALUE", field["value"]) * _SECONDS_PER_NANOSECOND,
-        sigma=_number(line_name, "STD_DEV", field["sigma"] or "0") * _SECONDS_PER_NANOSECOND,
+        prn=0 if station else int(_number(line_name, "satellite", prn)),
+        station=station,
+        first=first,
+        second=second,
+        start=_sinex_time(line_name, "BIAS_START", start, _EARLIEST),
+        end=_sinex_time(line_name, "BIAS_END", end, _LATEST),
+        value=_number(line_name, "ESTIMATED_VALUE", line[_VALUE]) * _SECONDS_PER_NANOSECOND,
+        sigma=_number(line_name, "STD_DEV", sigma or "0") * _SECONDS_PER_NANOSECOND,
     )
 
 
