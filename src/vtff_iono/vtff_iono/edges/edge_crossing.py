@@ -134,28 +134,69 @@ class _Satellite:
         Orthonormal basis of the constants of the arcs and the polynomial.
     observed : ndarray, shape (2, k)
         D and M, the nuisance removed, TECU.
-    altitude, path : ndarray, shape (2, k)
-        Altitudes of chief and deputy, m, and paths of their rays through a layer over its height.
+    path : ndarray, shape (2, k)
+        Paths of the rays of chief and deputy through a layer over its height.
+    samples : ndarray of int, shape (k,), or None
+        Which of the samples of the window these are; None for all.
     """
 
     nuisance: FloatArray
     observed: FloatArray
-    altitude: FloatArray
     path: FloatArray
+    samples: npt.NDArray[np.intp] | None
 
-    def change(
-        self, altitude: FloatArray, width: float, dense_side: float, power: int
+    def change(self, vertical: FloatArray, divisor: float) -> FloatArray:
+        """Return what vertical contents in the window, divided, add to D and M, shape (2, k)."""
+        of_satellite = vertical if self.samples is None else vertical[:, self.samples]
+        single = self.path * of_satellite / divisor
+        return _remove_projection(self.nuisance, _difference_and_mean(single))
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """What is fitted of a crossing.
+
+    Parameters
+    ----------
+    altitude : ndarray, shape (2, n)
+        Altitudes of chief and deputy, m.
+    satellites : list of _Satellite
+    """
+
+    altitude: FloatArray
+    satellites: list[_Satellite]
+
+    def weighted(self, sigma: FloatArray) -> FloatArray:
+        """Return D and M of all satellites over their sigmas, shape (m,)."""
+        return np.concatenate(
+            [
+                (satellite.observed / s[:, np.newaxis]).ravel()
+                for satellite, s in zip(self.satellites, sigma, strict=True)
+            ]
+        )
+
+    def design(
+        self, sigma: FloatArray, altitude: FloatArray, width: float, dense_side: float
     ) -> FloatArray:
-        """Return what a density that is a power of depth adds to D and M, shape (2, k).
+        """Return what densities that are the depth, and its square, add to `weighted`, (m, 2).
 
-        It begins over the width of the wall, m: the content is the mean over that width.
+        They begin over the width of the wall, m: the content is the mean over that width.
         """
+        # Most satellites have all samples of the window: what does not depend on the ray is
+        # computed once.
         distance = dense_side * (self.altitude - altitude[:, np.newaxis]) / _DEPTH_UNIT
         half = 0.5 * width / _DEPTH_UNIT
         above, below = np.maximum(distance + half, 0.0), np.maximum(distance - half, 0.0)
-        order = power + 1
-        single = self.path * (above**order - below**order) / (2.0 * order * half)
-        return _remove_projection(self.nuisance, _difference_and_mean(single))
+        count = sum(satellite.observed.size for satellite in self.satellites)
+        design = np.empty((count, 2))
+        for column, order in enumerate((2, 3)):
+            vertical, divisor = above**order - below**order, 2.0 * order * half
+            begin = 0
+            for satellite, s in zip(self.satellites, sigma, strict=True):
+                change = satellite.change(vertical, divisor) / s[:, np.newaxis]
+                design[begin : begin + change.size, column] = change.ravel()
+                begin += change.size
+        return design
 
 
 def fit_edge_crossings(
@@ -194,12 +235,12 @@ def fit_edge_crossings(
     if not math.isfinite(middle):
         return None
     window = np.abs(instants - middle) <= half_window
-    satellites = _satellites(instants - middle, chief, later, window, half_window)
-    if not satellites:
+    fitted_window = _window(instants - middle, chief, later, window, half_window)
+    if not fitted_window.satellites:
         return None
     dense_side = 1.0 if is_dense_above else -1.0
     samples = tuple(max(1, round(time_of_mean / interval)) for time_of_mean in _NOISE_INTERVALS)
-    fitted = _fit(satellites, altitude, width, dense_side, samples)
+    fitted = _fit(fitted_window, altitude, width, dense_side, samples)
     if fitted is None:
         return None
     altitudes, covariance, fitted_width, width_sigma, change, significance = fitted
@@ -233,7 +274,11 @@ def fit_edge_crossings(
 
 def _difference_and_mean(pair: FloatArray) -> FloatArray:
     """Return deputy less chief, and their mean, of rows chief and deputy."""
-    return np.stack((pair[1] - pair[0], 0.5 * (pair[0] + pair[1])))
+    result = np.empty(pair.shape)
+    np.subtract(pair[1], pair[0], out=result[0])
+    np.add(pair[0], pair[1], out=result[1])
+    result[1] *= 0.5
+    return result
 
 
 def _remove_projection(basis: FloatArray, rows: FloatArray) -> FloatArray:
@@ -308,17 +353,18 @@ def _speed(time: FloatArray, altitude: FloatArray, at: float) -> float:
     return float(0.5 * (after - before)) or math.nan
 
 
-def _satellites(
+def _window(
     time_from_middle: FloatArray,
     chief: ContentSeries,
     later: ContentSeries,
     window: npt.NDArray[np.bool_],
     half_window: float,
-) -> list[_Satellite]:
+) -> _Window:
     """Return the contents of each satellite that both spacecraft observe in a window."""
     satellites = []
     altitudes = np.stack((chief.altitude, later.altitude))
     usable = window & np.isfinite(altitudes).all(axis=0)
+    samples = np.cumsum(usable) - 1
     for row in range(len(chief.stec)):
         stec = np.stack((chief.stec[row], later.stec[row]))
         elevation = np.stack((chief.elevation[row], later.elevation[row]))
@@ -336,15 +382,15 @@ def _satellites(
             _Satellite(
                 nuisance=nuisance,
                 observed=_remove_projection(nuisance, _difference_and_mean(stec[:, good])),
-                altitude=altitudes[:, good],
                 path=1.0 / np.sin(elevation[:, good]),
+                samples=None if np.array_equal(good, usable) else samples[good],
             )
         )
-    return satellites
+    return _Window(altitudes[:, usable], satellites)
 
 
 def _fit(
-    satellites: list[_Satellite],
+    window: _Window,
     altitude: float,
     width: float,
     dense_side: float,
@@ -357,17 +403,19 @@ def _fit(
     # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
     from scipy.optimize import least_squares
 
-    sigma = np.ones((len(satellites), 2))
+    sigma = np.ones((len(window.satellites), 2))
+    observed = window.weighted(sigma)
 
     def place(parameters: FloatArray) -> tuple[FloatArray, float]:
         return altitude + _ALTITUDE_UNIT * parameters[:2], _width_of(parameters[2])
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        return _solution(satellites, sigma, *place(parameters), dense_side)[0]
+        return _solution(observed, window.design(sigma, *place(parameters), dense_side))[0]
 
     parameters = np.array([0.0, 0.0, (max(width, _LEAST_WIDTH) / _DEPTH_UNIT) ** 2])
     for turn in range(_FITS):
-        sigma = _noise(satellites, sigma, residuals(parameters), samples)
+        sigma = _noise(window.satellites, sigma, residuals(parameters), samples)
+        observed = window.weighted(sigma)
         if turn == 0:
             reach = (_SEARCH + _SEARCH_OF_WIDTH * width) / _ALTITUDE_UNIT
             common = np.linspace(-reach, reach, _SEARCH_STEPS + 1)
@@ -382,7 +430,8 @@ def _fit(
     if not np.linalg.cond(information) < 1e12:
         return None
     at, fitted_width = place(parameters)
-    _, change, significance = _solution(satellites, sigma, at, fitted_width, dense_side)
+    design = window.design(sigma, at, fitted_width, dense_side)
+    _, change, significance = _solution(observed, design)
     spread = np.linalg.inv(information)
     # d(W^2) = 2 W dW; the square itself where W is below its sigma.
     square_sigma = math.sqrt(spread[2, 2]) * _DEPTH_UNIT**2
@@ -399,37 +448,11 @@ def _width_of(square: float) -> float:
     return math.hypot(_DEPTH_UNIT * math.sqrt(abs(square)), _LEAST_WIDTH)
 
 
-def _solution(
-    satellites: list[_Satellite],
-    sigma: FloatArray,
-    altitude: FloatArray,
-    width: float,
-    dense_side: float,
-) -> tuple[FloatArray, float, float]:
+def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, float, float]:
     """Return residuals over their sigmas, change of content per km and significance.
 
     The density next to the edge and its gradient are estimated, common to all satellites.
     """
-    observed = np.concatenate(
-        [
-            (satellite.observed / s[:, np.newaxis]).ravel()
-            for satellite, s in zip(satellites, sigma, strict=True)
-        ]
-    )
-    design = np.stack(
-        [
-            np.concatenate(
-                [
-                    (
-                        satellite.change(altitude, width, dense_side, power) / s[:, np.newaxis]
-                    ).ravel()
-                    for satellite, s in zip(satellites, sigma, strict=True)
-                ]
-            )
-            for power in (1, 2)
-        ],
-        axis=-1,
-    )
     change, *_ = np.linalg.lstsq(design, observed, rcond=None)
     residual = observed - design @ change
     drop = float(observed @ observed - residual @ residual)
