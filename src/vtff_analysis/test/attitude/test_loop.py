@@ -294,6 +294,19 @@ def test_from_tumble_to_pointing_without_a_hand():
     assert (root_mean_square < [1.2, 0.25, 1.2]).all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 11])
+def test_what_a_search_in_a_tumble_leaves_is_covered_by_its_sigmas(seed):
+    """From the launch, in a field with an error; rates of a body that tumbles are found worst."""
+    history = fly_autonomous(5.0, 3e-7, seed).history
+    valid = history.valid > 0.0
+    assert valid.sum() > 500
+    squares = history.normalised_error_squared(0, 3)[valid]
+    assert (3.0 * squares > 16.3).mean() < 0.005  # 0.1 % of chi squared
+    for first in (0, 3, 6):
+        assert history.normalised_error_squared(first, 3)[valid].mean() < 1.3
+
+
 def test_bad_configurations_are_refused_in_one_line():
     with pytest.raises(ValueError, match="fixed_compensation: the torquers give at most 0.1016"):
         AttitudeControlConfiguration(compensation="fixed", fixed_compensation=(0.0, 0.0, 0.187))
