@@ -44,6 +44,17 @@ def test_a_line_keeps_micrometres_of_kilometres():
     np.testing.assert_allclose(unpacked(line["y"]), y, atol=1e-9)
 
 
+def test_a_faint_line_stays_faint():
+    """Errors of an attitude that may not steer are, in reports."""
+
+    def draw(axes):
+        for opacity in (0.25, 1.0, None):
+            axes[0, 0].plot([0.0, 1.0], [2.0, 3.0], color="#D55E00", alpha=opacity)
+
+    lines = drawn(draw)["rows"][0][0]["lines"]
+    assert [line["colour"] for line in lines] == ["#d55e0040", "#d55e00ff", "#d55e00"]
+
+
 def test_figures_are_svg_too_where_that_is_asked_for(tmp_path, monkeypatch):
     def save(name):
         figure = make_figure(3.0)

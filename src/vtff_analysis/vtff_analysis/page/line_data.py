@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import Collection, PolyCollection
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgba
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedLocator
@@ -189,7 +189,9 @@ def _line(axes: Axes, line: Line2D, share: float) -> dict[str, Any]:
     colour: Any = line.get_markerfacecolor() if points else line.get_color()
     described: dict[str, Any] = {
         "name": "" if label.startswith("_") else label,
-        "colour": to_hex(colour),
+        "colour": to_hex(
+            to_rgba(colour, line.get_alpha()), keep_alpha=line.get_alpha() is not None
+        ),
         "dash": [] if points or style == "-" else [5, 3] if style == "--" else [2, 3],
         "points": points,
     }
