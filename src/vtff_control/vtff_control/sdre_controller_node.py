@@ -186,7 +186,7 @@ class SdreControllerNode(VtffNode):
         )
         self._controller: Controller = self.plugin.make(setting, self.plugin_parameters)
         self._rehearsal: Rehearsal | None = None
-        if not self.lockstep:
+        if self.plugin.is_shipped and not self.lockstep:
             twin = self.plugin.make(setting, self.plugin_parameters)
             self._rehearsal = Rehearsal(self, self.steady_clock, twin)
         self._takes_covariance = takes_covariance(self._controller)

@@ -426,7 +426,7 @@ class RelativeEkfNode(VtffNode):
         self._refused_thrust = 0
         self._inputs_since: float | None = None
         self._rehearsal: Rehearsal | None = None
-        if not self.lockstep:
+        if self.plugin.is_shipped and not self.lockstep:
             twin = self.plugin.make(setting, self.plugin_parameters)
             self._rehearsal = Rehearsal(self, self.steady_clock, twin)
         self._state_publisher = self.publisher(RelativeState, "relative_state")
