@@ -72,6 +72,14 @@ def rotation_itrf_to_enu(position_itrf: npt.ArrayLike) -> FloatArray:
         Rows: east, north, and up along the normal of the WGS-84 ellipsoid.
     """
     latitude, longitude, _ = geodetic_from_itrf(position_itrf)
-    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
-    up = np.array([*(np.cos(latitude) * np.array([east[1], -east[0]])), np.sin(latitude)])
-    return np.stack((east, np.cross(up, east), up))
+    sine, cosine = float(np.sin(longitude)), float(np.cos(longitude))
+    up_normal, up_equatorial = float(np.sin(latitude)), float(np.cos(latitude))
+    # Written out: for three numbers np.cross takes longer than all the rest.
+    east = (-sine, cosine, 0.0)
+    up = (up_equatorial * cosine, up_equatorial * sine, up_normal)
+    north = (
+        up[1] * east[2] - up[2] * east[1],
+        up[2] * east[0] - up[0] * east[2],
+        up[0] * east[1] - up[1] * east[0],
+    )
+    return np.array((east, north, up))

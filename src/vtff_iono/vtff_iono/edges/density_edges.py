@@ -21,6 +21,7 @@ seen.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -233,8 +234,9 @@ class DensityEdgeDetector:
         reaches = {window: _reach(*window, self._length) for window in self._windows}
         self._profile.forget_beyond(2.5 * max(reaches.values()))
         last = self._direction * altitude
+        advance = self._advance()
         for window, reach in reaches.items():
-            self._examine(window, last - reach)
+            self._examine(advance, window, last - reach)
         return edges + self._confirmed(last)
 
     def flush_after_gap(self, time: float) -> list[Edge]:
@@ -248,8 +250,9 @@ class DensityEdgeDetector:
         if len(self._profile):
             # What is missing behind a wall does not come any more.
             self._fewest = _FEWEST_AT_END
+            advance = self._advance()
             for window in self._windows:
-                self._examine(window, math.inf)
+                self._examine(advance, window, math.inf)
             self._fewest = _FEWEST_SAMPLES
             self._has_ended = True
         edges = self._confirmed(math.inf)
@@ -278,20 +281,28 @@ class DensityEdgeDetector:
         self._told = self._told[-4:]
         return sorted(edges, key=lambda edge: edge.time)
 
-    def _examine(self, window: tuple[float, float], limit: float) -> None:
-        """Fit walls of a window (width, margin) in all places up to a limit that are new, m."""
+    def _advance(self) -> FloatArray:
+        """Return the altitudes of the profile, in a descent negative, m."""
         # Increasing, because a turn begins a new profile.
-        advance = self._direction * self._profile.samples[:, 1]
+        return np.asarray(self._direction * self._profile.samples[:, 1])
+
+    def _examine(self, advance: FloatArray, window: tuple[float, float], limit: float) -> None:
+        """Fit walls of a window (width, margin) in all places up to a limit that are new, m."""
         begin = int(advance.searchsorted(self._examined_to[window], "right"))
         end = int(advance.searchsorted(limit, "right"))
         if end == begin:
             return
-        self._examined_to[window] = float(advance[end - 1])
-        step = np.diff(advance[max(begin - 1, 0) : end])
+        # As a rule one place, for which numbers are faster than arrays.
+        places = advance[max(begin - 1, 0) : end].tolist()
+        self._examined_to[window] = places[-1]
+        longest = _GAP * float(advance[-1] - advance[0]) / max(len(advance) - 1, 1)
         # A wall may be in a gap too.
-        is_gap = step > _GAP * (advance[-1] - advance[0]) / max(len(advance) - 1, 1)
-        in_gaps = advance[end - len(step) : end][is_gap] - 0.5 * step[is_gap]
-        for middle in np.sort(np.concatenate((advance[begin:end], in_gaps))).tolist():
+        in_gaps = [
+            after - 0.5 * (after - before)
+            for before, after in itertools.pairwise(places)
+            if after - before > longest
+        ]
+        for middle in sorted((*places[begin > 0 :], *in_gaps)):
             self._fit(advance, middle, window)
 
     def _fit(self, advance: FloatArray, middle: float, window: tuple[float, float]) -> None:
@@ -388,7 +399,7 @@ class DensityEdgeDetector:
 
         None if that is too unsure.
         """
-        advance = self._direction * self._profile.samples[:, 1]
+        advance = self._advance()
         middle, reach = candidate.advance, candidate.reach
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
         samples, slow = self._profile.samples[first:end], self._profile.slow_parts[first:end]
