@@ -117,9 +117,11 @@ def test_separations_are_those_of_the_pierce_points():
     arc = 1e-6 * (radius + SHELL) * angle
     assert equations.separation[:2] * 1e-6 == pytest.approx(arc, rel=0.01)
     # First less second, in 1000 km: the second ray is to the east, the third to the north.
-    assert equations.gradients[0] == pytest.approx((-arc, 0.0), abs=0.02)
-    assert equations.gradients[1] == pytest.approx((0.0, -arc), abs=0.02)
-    assert equations.gradients[2] == pytest.approx((arc, -arc), abs=0.03)
+    assert equations.structure[0, :2] == pytest.approx((-arc, 0.0), abs=0.02)
+    assert equations.structure[1, :2] == pytest.approx((0.0, -arc), abs=0.02)
+    assert equations.structure[2, :2] == pytest.approx((arc, -arc), abs=0.03)
+    # The third ray is as far to the north as the others are not.
+    assert equations.structure[:, 2] == pytest.approx((0.0, -(arc**2), -(arc**2)), abs=0.03)
 
 
 def test_elevations_select_pairs_with_all_their_columns():
@@ -131,11 +133,11 @@ def test_elevations_select_pairs_with_all_their_columns():
         assert np.array_equal(getattr(above, name), value[chosen])
 
 
-@pytest.mark.parametrize("with_gradients", [False, True])
-def test_biases_of_a_uniform_ionosphere(with_gradients):
+@pytest.mark.parametrize("structure", [0, 2, 3])
+def test_biases_of_a_uniform_ionosphere(structure):
     samples, mapping = drawn(constant, biases=(5.0, -3.0))
     equations, _ = equations_of(samples, mapping)
-    biases, sigma = solve_pairs(equations, with_gradients)
+    biases, sigma = solve_pairs(equations, structure)
     assert biases == pytest.approx([5.0, -3.0], abs=1e-6)
     assert (sigma < 1e-6).all()
 
@@ -153,19 +155,34 @@ def test_gradients_are_told_from_the_bias():
         return 12.0 * (1.0 + 0.1 * way * np.sin(azimuth) + 0.1 * way * np.cos(azimuth))
 
     equations, _ = equations_of(*drawn(sloping, sector=0.5 * np.pi))
-    with_gradients, _ = solve_pairs(equations, True)
-    without, sigma = solve_pairs(equations, False)
+    with_gradients, _ = solve_pairs(equations, 2)
+    without, sigma = solve_pairs(equations, 0)
     # The gradient is linear in the distance, not in latitude and longitude.
     assert with_gradients[0] == pytest.approx(5.0, abs=0.2)
     assert abs(without[0] - 5.0) > 2.0 * abs(with_gradients[0] - 5.0)
     assert sigma[0] > 0.02
 
 
+def test_a_crest_above_the_station_is_told_from_the_bias():
+    """Content that falls to the north and to the south, as by the equatorial anomaly."""
+
+    def crest(time, elevation, azimuth):
+        radius = np.linalg.norm(POSITION)
+        angle = 0.5 * np.pi - elevation - np.arcsin(radius / (radius + SHELL) * np.cos(elevation))
+        north = 1e-6 * (radius + SHELL) * angle * np.cos(azimuth)
+        return 40.0 * (1.0 - 0.3 * north**2)
+
+    equations, _ = equations_of(*drawn(crest))
+    errors = [abs(solve_pairs(equations, structure)[0][0] - 5.0) for structure in (2, 3)]
+    assert errors[1] < 0.3
+    assert errors[0] > 1.0
+
+
 def test_errors_are_as_large_as_the_sigmas():
     ratios = []
     for seed in range(30):
         equations, _ = equations_of(*drawn(constant, noise=0.5, seed=seed))
-        biases, sigma = solve_pairs(equations, False)
+        biases, sigma = solve_pairs(equations, 0)
         ratios.append((biases[0] - 5.0) / sigma[0])
     assert 0.6 < np.sqrt(np.mean(np.square(ratios))) < 1.5
 
@@ -176,7 +193,7 @@ def test_outliers_count_little():
     stec[::40] += 60.0
     bad = BiasSamples(**{**vars(samples), "stec_tecu": stec})
     equations, _ = equations_of(bad, mapping)
-    biases, _ = solve_pairs(equations, False)
+    biases, _ = solve_pairs(equations, 0)
     assert biases[0] == pytest.approx(5.0, abs=1.0)
 
 
@@ -193,11 +210,11 @@ def test_errors_of_levels_are_in_the_sigma():
         moved.append(np.linalg.solve(matrix, equations.design.T @ (weight * difference)))
     expected = np.sqrt(np.sum(np.square(moved), axis=0))
     assert equations.level_sigma(weight, matrix) == pytest.approx(expected)
-    _, sigma = solve_pairs(equations, False)
+    _, sigma = solve_pairs(equations, 0)
     alone = BiasSamples(**{**vars(samples), "arc": None})
     without, _ = equations_of(alone, mapping)
     assert without.level_sigma(weight, matrix).tolist() == [0.0]
-    assert solve_pairs(without, False)[1][0] < sigma[0]
+    assert solve_pairs(without, 0)[1][0] < sigma[0]
 
 
 def test_what_cannot_be_solved_is_named():
@@ -205,10 +222,10 @@ def test_what_cannot_be_solved_is_named():
     only = samples.select(samples.group == 1)
     equations, _ = equations_of(only, mapping[samples.group == 1])
     with pytest.raises(ReceiverBiasError, match="a group has no pairs"):
-        solve_pairs(equations, False)
+        solve_pairs(equations, 0)
     # A single block leaves nothing to a jackknife.
     equations, _ = equations_of(samples, mapping, block=1e6)
-    assert np.isinf(solve_pairs(equations, False)[1]).all()
+    assert np.isinf(solve_pairs(equations, 0)[1]).all()
 
 
 @pytest.mark.parametrize("columns", [1, 2, 5])

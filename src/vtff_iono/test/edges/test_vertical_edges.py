@@ -64,6 +64,46 @@ def test_side_of_the_denser_plasma_follows_from_rising_and_entry(
     assert last > vertical_edges._CROSSING_WINDOW
 
 
+@pytest.mark.parametrize(
+    ("of_density", "of_contents", "is_told"),
+    [
+        (1.4e3, None, True),
+        (3e3, None, False),
+        (3e3, [100.0, 1.6e3], False),
+        (3e3, [100.0, 400.0], True),
+        (1.4e3, [100.0, 1.6e3], True),
+    ],
+)
+def test_a_place_that_densities_do_not_tell_must_be_told_by_contents(
+    of_density, of_contents, is_told, monkeypatch
+):
+    """In fades the densities beside a wall may be too unsure to tell where it is."""
+    fit = None
+    if of_contents is not None:
+        sigma = np.array(of_contents)
+        fit = types.SimpleNamespace(
+            time=np.array([1.0, 3.0]),
+            time_sigma=sigma / 300.0,
+            time_covariance=0.0,
+            altitude_sigma=sigma,
+            width=500.0,
+            width_sigma=300.0,
+        )
+    finder = VerticalEdgeFinder()
+    finder._histories = (history_of_a_flight(300.0),) * 2
+    monkeypatch.setattr(finder, "_vertical_speed", lambda: 300.0)
+    monkeypatch.setattr(
+        finder, "_fit_crossing", lambda edge, origin: None if fit is None else (origin, fit)
+    )
+    edge = Edge(
+        0.0, of_density / 300.0, False, 5e5, 0.5, 1.0, 1.0, 2e3, 1e3, altitude_sigma=of_density
+    )
+    told = finder._boundaries_of(edge, [10**9, 3 * 10**9])
+    assert [boundary.spacecraft for boundary in told] == ([0, 1] if is_told else [])
+    if of_density > 1.5e3 and is_told:
+        assert [b.time_sigma for b in told] == pytest.approx([100.0 / 300.0, 400.0 / 300.0])
+
+
 def test_densities_of_two_datums_are_not_compared(monkeypatch):
     """With another datum of the integers all densities may be another by the same amount."""
     calls = []

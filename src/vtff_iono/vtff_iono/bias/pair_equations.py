@@ -95,7 +95,7 @@ class PairEquations:
         self.difference = vertical[first] - vertical[second]
         self.noise = noise[first] + noise[second]
         self.separation = np.linalg.norm(point[first] - point[second], axis=-1)
-        self.gradients = _gradient_columns(point, first, second)
+        self.structure = _structure_columns(point, samples.position_receiver_itrf, first, second)
         self.block = np.floor(samples.time[first] / block).astype(np.int64)
 
     def above(self, elevation: float) -> PairEquations:
@@ -136,25 +136,38 @@ def _level_shifts(
     return np.stack((number[first], number[second], sigma[first], sigma[second]), axis=-1)
 
 
-def _gradient_columns(point: FloatArray, first: IntArray, second: IntArray) -> FloatArray:
-    """Return the separations of pierce points to the east and north in 1000 km, shape (n, 2)."""
+def _structure_columns(
+    point: FloatArray, receiver_itrf: FloatArray, first: IntArray, second: IntArray
+) -> FloatArray:
+    """Return what gradients and the curvature of the content make of each pair, shape (n, 3).
+
+    The first two columns are the separations of the pierce points to the east and north in 1000 km,
+    the third is the difference of the squares of their distances from the receiver to the north.
+    """
     geodetic = geodetic_from_itrf(point)
-    radius = np.linalg.norm(point, axis=-1)[first] * 1e-6
+    radius = np.linalg.norm(point, axis=-1) * 1e-6
     latitude, longitude = geodetic[..., 0], geodetic[..., 1]
     east = np.angle(np.exp(1j * (longitude[first] - longitude[second])))
     east = east * np.cos(0.5 * (latitude[first] + latitude[second]))
-    return np.stack((radius * east, radius * (latitude[first] - latitude[second])), axis=-1)
+    square = (radius * (latitude - geodetic_from_itrf(receiver_itrf)[..., 0])) ** 2
+    columns = (
+        radius[first] * east,
+        radius[first] * (latitude[first] - latitude[second]),
+        square[first] - square[second],
+    )
+    return np.stack(columns, axis=-1)
 
 
-def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatArray, FloatArray]:
+def solve_pairs(equations: PairEquations, structure: int) -> tuple[FloatArray, FloatArray]:
     """Return the biases of one model and their jackknife sigmas, TECU, shapes (groups,).
 
     Parameters
     ----------
     equations : PairEquations
         Equations of all pairs.
-    with_gradients : bool
-        Estimate gradients of the content to the east and to the north in each block of time.
+    structure : int
+        Number of the columns of `PairEquations.structure` that are estimated in each block of time:
+        0, 2 for the gradients of the content, or 3 with its curvature to the north, too.
 
     Raises
     ------
@@ -172,18 +185,19 @@ def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatAr
         content = np.maximum(content, _SMALLEST_CONTENT)
         variance = equations.noise + (gradient * content * equations.separation) ** 2
         design = equations.design
-        if with_gradients:
-            # Gradients are relative to the content, as the structure function is.
-            design = np.hstack((design, equations.gradients * content[:, np.newaxis]))
+        if structure:
+            # It is relative to the content, as the structure function is.
+            columns = equations.structure[:, :structure] * content[:, np.newaxis]
+            design = np.hstack((design, columns))
         matrices, vectors = _normal_equations(
             design, equations.difference, huber / variance, starts
         )
-        matrix, vector, solve_gradients = _eliminate_gradients(matrices, vectors, groups)
+        matrix, vector, solve_structure = _eliminate_structure(matrices, vectors, groups)
         previous, biases = biases, _solve(matrix.sum(axis=0), vector.sum(axis=0))
         residual = equations.difference - equations.design @ biases
-        if with_gradients:
-            gradients = np.repeat(solve_gradients(biases), lengths, axis=0)
-            residual -= (design[:, groups:] * gradients).sum(axis=1)
+        if structure:
+            of_block = np.repeat(solve_structure(biases), lengths, axis=0)
+            residual -= (design[:, groups:] * of_block).sum(axis=1)
         chi_square = residual**2 / variance
         huber = np.minimum(1.0, _HUBER / np.sqrt(np.maximum(chi_square, 1e-12)))
         # The gradient follows from the median of the residuals, which outliers do not move.
@@ -191,7 +205,7 @@ def solve_pairs(equations: PairEquations, with_gradients: bool) -> tuple[FloatAr
         gradient = min(max(gradient, _GRADIENT_LIMITS[0]), _GRADIENT_LIMITS[1])
         if np.abs(biases - previous).max() < _CONVERGED:
             break
-    matrix, vector, _ = _eliminate_gradients(matrices, vectors, groups)
+    matrix, vector, _ = _eliminate_structure(matrices, vectors, groups)
     level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
     return biases, np.hypot(_jackknife(matrix, vector), level)
 
@@ -226,12 +240,12 @@ def _normal_equations(design, observed, weight, starts):  # type: ignore[no-unty
     return matrices, vectors
 
 
-def _eliminate_gradients(
+def _eliminate_structure(
     matrices: FloatArray, vectors: FloatArray, groups: int
 ) -> tuple[FloatArray, FloatArray, Callable[[FloatArray], FloatArray]]:
-    """Return normal equations of the biases in each block, from those of biases and gradients.
+    """Return normal equations of the biases in each block, from those of biases and structure.
 
-    The third result is a function that returns the gradients (blocks, 2) for given biases.
+    The third result is a function that returns the structure (blocks, columns) for given biases.
     """
     bias_matrix = matrices[:, :groups, :groups]
     if matrices.shape[1] == groups:
@@ -242,11 +256,11 @@ def _eliminate_gradients(
     matrix = bias_matrix - gain @ mixed.transpose(0, 2, 1)
     vector = vectors[:, :groups] - (gain @ vectors[:, groups:, np.newaxis])[..., 0]
 
-    def solve_gradients(biases: FloatArray) -> FloatArray:
+    def solve_structure(biases: FloatArray) -> FloatArray:
         right = vectors[:, groups:] - np.einsum("bgi,g->bi", mixed, biases)
         return np.asarray((inverse @ right[..., np.newaxis])[..., 0])
 
-    return matrix, vector, solve_gradients
+    return matrix, vector, solve_structure
 
 
 def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:

@@ -14,11 +14,14 @@ the ionosphere, so that each kind improves the biases of all. The vertical conte
 negative, which bounds b from above.
 
 Neither the height of the layer nor the lowest useful elevation is known well, and gradients may be
-estimated together with the biases or not. The solution is repeated for several heights, for several
-elevations, with and without gradients; its value is the mean. Its sigma contains the scatter of
-these solutions, the scatter of a jackknife over blocks of time (residuals of neighbouring epochs
-are not independent, so that a formal sigma would be far too small), and the errors of the levels,
-each of which shifts an arc.
+estimated together with the biases or not. Below a crest of the equatorial anomaly the content falls
+to the north and to the south, which low satellites see as a bias: then its curvature to the north
+tells more than gradients do. The solution is repeated for several heights, for several elevations,
+without gradients, with them, and with the curvature, too. Its value is the mean, in which models
+count by how little their solutions depend on the hours. Its sigma contains the scatter of these
+solutions, the scatter of a jackknife over blocks of time (residuals of neighbouring epochs are not
+independent, so that a formal sigma would be far too small), and the errors of the levels, each of
+which shifts an arc.
 
 In orbit, where the arcs are known, the biases are those of a solution with a density profile
 instead, see `vtff_iono.bias.profile_bias`: on a circular orbit too the contents at all elevations
@@ -65,6 +68,8 @@ _GROUND_SHELLS = (350e3, 400e3, 450e3, 500e3)
 _ORBIT_SHELL_FACTORS = (0.8, 0.93, 1.07, 1.25)
 # Limits of elevation.
 _ELEVATIONS_DEG = (20.0, 25.0, 30.0)
+# What is estimated of the horizontal structure, see `solve_pairs`.
+_STRUCTURES = (0, 2, 3)
 # Interval of the epochs that are used, and length of the blocks of gradients and jackknife, s.
 _GROUND_INTERVALS = (900.0, 3600.0)
 _ORBIT_INTERVALS = (20.0, 1200.0)
@@ -204,7 +209,8 @@ def estimate_receiver_biases(
     if is_ground or samples.arc is None:
         models = _models(samples, altitude, is_ground)
         solutions, sigmas = _solve_models(samples, models, first, second, block)
-        return BiasEstimate(_combine_models(samples, solutions, sigmas, len(first)), None)
+        biases = _combine_models(samples, solutions, sigmas, len(first), 1.0 / sigmas**2)
+        return BiasEstimate(biases, None)
     is_high = samples.elevation >= math.radians(max(_ELEVATIONS_DEG))
     count = int(np.count_nonzero(is_high[first] & is_high[second]))
     if count < _FEWEST_PAIRS:
@@ -246,27 +252,36 @@ def _solve_models(
                 raise ReceiverBiasError(
                     f"{_describe_few(count, elevation_deg)}, in two blocks of {block:g} s"
                 )
-            for with_gradients in (False, True):
-                biases, sigma = solve_pairs(above, with_gradients)
+            for structure in _STRUCTURES:
+                biases, sigma = solve_pairs(above, structure)
                 solutions.append(biases)
                 sigmas.append(sigma)
     return np.array(solutions), np.array(sigmas)
 
 
 def _combine_models(
-    samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray, pairs: int
+    samples: BiasSamples,
+    solutions: FloatArray,
+    sigmas: FloatArray,
+    pairs: int,
+    weights: FloatArray | None = None,
 ) -> list[ReceiverBias]:
-    """Return the biases from the solutions of all models, shape (models, groups)."""
+    """Return the biases from the solutions of all models, shape (models, groups).
+
+    `weights`, of the same shape, are those of the models; by default they count alike.
+    """
     results = []
     for group in range(solutions.shape[1]):
         values = solutions[:, group]
         in_group = samples.group == group
         upper = samples.stec_tecu[in_group] + samples.stec_sigma_tecu[in_group]
         largest = float(np.quantile(upper, _NEGATIVE_FRACTION))
-        mean = float(np.mean(values))
+        weight = None if weights is None else weights[:, group]
+        mean = float(np.average(values, weights=weight))
         bias = min(mean, largest)
         sampling = float(np.median(sigmas[:, group]))
-        spread = float(np.std(values, ddof=1))
+        variance = float(np.average((values - mean) ** 2, weights=weight))
+        spread = math.sqrt(variance * len(values) / (len(values) - 1))
         results.append(
             ReceiverBias(
                 bias_tecu=round(bias, DECIMALS_TECU),

@@ -15,8 +15,8 @@ In fades densities end near walls as a rule. Where they have ended, or go on aga
 by what was seen of it. The place of a wall is the mean over all places and widths that fit, each as
 likely as it fits, with straight lines beside it and with densities that grow in proportion to
 themselves, as below the peak of a layer. Its sigma is what they scatter by: that is much where half
-of a wall was seen, or where it lies in a gap. No density is negative, which limits what was not
-seen.
+of a wall was seen, where it lies in a gap, or where the densities beside it are unsure. No density
+is negative, which limits what was not seen.
 """
 
 from __future__ import annotations
@@ -55,8 +55,6 @@ _MEANS_OF_PLACE, _PLACES = 40, 51
 _WIDTHS = (0.0, 0.7e3, 1.2e3, 2e3, 3e3, 4e3, 5e3, 6e3, 7e3, 8.5e3, 10e3, 12e3, 14e3, 17e3, 20e3)
 # Beside a wall the density is a straight line or grows in proportion to itself: see `fit_wall`.
 _PASSES_OF_PLACE = (2, 3)
-# m; a wall whose place is less sure is not told.
-_LARGEST_PLACE_SIGMA = 1.5e3
 # m; beyond the wall that was found.
 _BEYOND = 500.0
 # Largest correlation of means that follow each other.
@@ -271,8 +269,7 @@ class DensityEdgeDetector:
                 self._candidates.remove(candidate)
             elif candidate.advance + _CONFIRMED * candidate.reach <= advance:
                 self._told.append(candidate)
-                located = self._located(candidate)
-                edges += [located] if located is not None else []
+                edges.append(self._located(candidate))
             else:
                 # Nothing beside a stronger wall is told before it.
                 self._candidates = [
@@ -394,11 +391,8 @@ class DensityEdgeDetector:
         )
         return fit
 
-    def _located(self, candidate: _Candidate) -> Edge | None:
-        """Return the edge of a candidate in its place: the mean over likely places and widths.
-
-        None if that is too unsure.
-        """
+    def _located(self, candidate: _Candidate) -> Edge:
+        """Return the edge of a candidate in its place: the mean over likely places and widths."""
         advance = self._advance()
         middle, reach = candidate.advance, candidate.reach
         first, end = advance.searchsorted((middle - reach, middle + reach)).tolist()
@@ -443,8 +437,6 @@ class DensityEdgeDetector:
         place = float(of_place @ places)
         variance = float(of_place @ (places - place) ** 2)
         variance += ((places[1] - places[0]) ** 2 + _per_step(weight, places) ** 2) / 12.0
-        if variance > _LARGEST_PLACE_SIGMA**2:
-            return None
         widths = np.array(_WIDTHS)
         width = float(of_width @ widths)
         width_variance = float(of_width @ ((widths - width) ** 2 + np.gradient(widths) ** 2 / 12.0))
@@ -454,6 +446,7 @@ class DensityEdgeDetector:
             time=float(np.interp(place, advance, self._profile.samples[:, 0])),
             time_sigma=math.sqrt(variance) * duration / climb,
             altitude=self._direction * place,
+            altitude_sigma=math.sqrt(variance),
             width=width,
             width_sigma=math.sqrt(width_variance),
         )

@@ -99,8 +99,8 @@ class EdgeCrossing:
         Times of the crossings, counted as the times of the samples are, and their sigmas, s.
     time_covariance : float
         Covariance of both times, s^2: what is wrong of the wall is so for both.
-    altitude : ndarray, shape (2,)
-        Altitudes of the crossings, m.
+    altitude, altitude_sigma : ndarray, shape (2,)
+        Altitudes of the crossings, and their sigmas, m.
     density : float
         Density next to the edge on its dense side less that on the other side, electrons per cubic
         metre.
@@ -117,6 +117,7 @@ class EdgeCrossing:
     time_sigma: FloatArray
     time_covariance: float
     altitude: FloatArray
+    altitude_sigma: FloatArray
     density: float
     significance: float
     lag: float
@@ -207,6 +208,7 @@ def fit_edge_crossings(
     is_dense_above: bool,
     half_window: float = 40.0,
     width: float = 0.0,
+    altitude_sigma: float = 0.0,
 ) -> EdgeCrossing | None:
     """Return when chief and deputy cross an edge; None if their contents do not show it.
 
@@ -217,13 +219,15 @@ def fit_edge_crossings(
     chief, deputy : ContentSeries
         Contents of both spacecraft, with equal satellites in equal rows.
     altitude : float
-        Altitude of the edge to some hundred metres, m.
+        Altitude of the edge to some hundred metres, or to `altitude_sigma`, m.
     is_dense_above : bool
         Whether the dense side of the edge is above it.
     half_window : float
         Time before and after the crossing whose contents are fitted, s.
     width : float
         Width of the wall to a factor of two, m.
+    altitude_sigma : float
+        Sigma of the altitude, m: the edge is looked for as far from there, at least.
     """
     instants = np.asarray(time, dtype=float)
     if len(instants) < 3 or not len(chief.stec):
@@ -240,14 +244,15 @@ def fit_edge_crossings(
         return None
     dense_side = 1.0 if is_dense_above else -1.0
     samples = tuple(max(1, round(time_of_mean / interval)) for time_of_mean in _NOISE_INTERVALS)
-    fitted = _fit(fitted_window, altitude, width, dense_side, samples)
+    reach = max(_SEARCH + _SEARCH_OF_WIDTH * width, altitude_sigma)
+    fitted = _fit(fitted_window, altitude, reach, width, dense_side, samples)
     if fitted is None:
         return None
     altitudes, covariance, fitted_width, width_sigma, change, significance = fitted
     # Contents are those above a spacecraft: they fall while it climbs.
     density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
     far = float(np.abs(altitudes - altitude).max())
-    is_near = far <= _FARTHEST * (_SEARCH + _SEARCH_OF_WIDTH * width)
+    is_near = far <= _FARTHEST * reach
     is_sharp = fitted_width <= _WIDEST
     if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and is_near and is_sharp):
         return None
@@ -258,12 +263,14 @@ def fit_edge_crossings(
         return None
     # The model is wrong by the same for both.
     covariance = covariance + (_MODEL_SIGMA + _SHAPE_SIGMA * fitted_width) ** 2
+    altitude_sigmas = np.sqrt(np.diag(covariance))
     covariance /= np.outer(speeds, speeds)
     return EdgeCrossing(
         time=np.array(times),
         time_sigma=np.sqrt(np.diag(covariance)),
         time_covariance=float(covariance[0, 1]),
         altitude=altitudes,
+        altitude_sigma=altitude_sigmas,
         density=density,
         significance=significance,
         lag=lag,
@@ -392,13 +399,15 @@ def _window(
 def _fit(
     window: _Window,
     altitude: float,
+    reach: float,
     width: float,
     dense_side: float,
     samples: tuple[int, ...],
 ) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
     """Return altitudes of crossings and their covariance, width and sigma, change, significance.
 
-    The change is for 1 km. The contents depend on the square of the width where it is small.
+    Altitudes are searched over `reach` to either side. The change is for 1 km. The contents depend
+    on the square of the width where it is small.
     """
     # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
     from scipy.optimize import least_squares
@@ -417,8 +426,7 @@ def _fit(
         sigma = _noise(window.satellites, sigma, residuals(parameters), samples)
         observed = window.weighted(sigma)
         if turn == 0:
-            reach = (_SEARCH + _SEARCH_OF_WIDTH * width) / _ALTITUDE_UNIT
-            common = np.linspace(-reach, reach, _SEARCH_STEPS + 1)
+            common = np.linspace(-reach, reach, _SEARCH_STEPS + 1) / _ALTITUDE_UNIT
             trials = [np.array([both, both, parameters[2]]) for both in common]
             costs = [float(np.sum(residuals(trial) ** 2)) for trial in trials]
             parameters = trials[int(np.argmin(costs))]

@@ -38,8 +38,9 @@ class Edge:
         Time of the crossing, counted as the times of the samples are, and its sigma, s.
     is_entry : bool
         Whether the irregularity begins: lower density, or more fluctuation.
-    altitude : float
-        Altitude of the edge, m; NaN for an edge of a ray.
+    altitude, altitude_sigma : float
+        Altitude of the edge and its sigma, m; NaN for an edge of a ray, the sigma also where it
+        was not estimated.
     before, after : float
         Value of the quantity before and after the edge.
     confidence : float
@@ -57,6 +58,7 @@ class Edge:
     confidence: float
     width: float = math.nan
     width_sigma: float = math.nan
+    altitude_sigma: float = math.nan
 
 
 class _Sample(NamedTuple):

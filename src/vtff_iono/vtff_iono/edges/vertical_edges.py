@@ -40,6 +40,9 @@ _HISTORY = 360.0
 # m; sigma of the altitude of a wall at one of the spacecraft, if it is known at the other, and m/s:
 # vertical speeds are counted as at least this.
 _ALTITUDE_SIGMA, _SLOWEST = 5.0, 1e-2
+# m; an edge whose place is less sure is not told. Densities in fades may show that there is a wall,
+# but not where: contents often do.
+_LARGEST_PLACE_SIGMA = 1.5e3
 # Number of edges whose times are kept.
 _EDGES_KEPT = 8
 
@@ -120,12 +123,18 @@ class VerticalEdgeFinder:
         """Return the crossings of an edge by chief and deputy.
 
         `guesses` are the times, ns, at which each was at the altitude of the edge; None for a
-        spacecraft without positions, which has no crossing.
+        spacecraft without positions, which has no crossing. There is none of an edge whose place
+        neither densities nor contents tell.
         """
         crossing = None
         times = [guess for guess in guesses if guess is not None]
         if len(times) == len(guesses):
             crossing = self._fit_crossing(edge, sum(times) // len(times))
+        places = [edge.altitude_sigma]
+        if crossing is not None:
+            places.append(float(crossing[1].altitude_sigma.max()))
+        if min(places) > _LARGEST_PLACE_SIGMA:
+            return []
         # The density tells the altitude, and so both times, by which these err together.
         own_sigma = _ALTITUDE_SIGMA / self._vertical_speed()
         sigmas = [math.hypot(edge.time_sigma, own_sigma)] * len(guesses)
@@ -196,6 +205,7 @@ class VerticalEdgeFinder:
             is_dense_above=is_rising != edge.is_entry,
             half_window=half_window,
             width=edge.width,
+            altitude_sigma=float(np.nan_to_num(edge.altitude_sigma)),
         )
         return None if fit is None else (origin, fit)
 
