@@ -12,6 +12,7 @@ from formation_simulation import mean_density
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import carrier_frequency_hz
+from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
 from vtff_iono.geometry.satellite_geometry import satellite_geometry
@@ -106,6 +107,39 @@ def test_the_constant_outlives_an_interruption_of_all_satellites():
     after = [second for second in densities if second > SLIP]
     assert SLIP + 2 <= after[0] <= SLIP + 5
     assert len({density.datum for density in densities.values()}) == 1
+    for second in after:
+        density = densities[second]
+        chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
+        true = mean_density(*drawn.profile, deputy, chief)
+        assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma
+
+
+def test_a_cycle_of_both_signals_by_which_all_integers_are_off_is_found(monkeypatch):
+    """All integers are found again one too large, which neither wide lanes nor codes contradict."""
+    find_shift = IntegerResolver.find_shift
+
+    def find_wrong_shift(resolver, *arguments):
+        found = find_shift(resolver, *arguments)
+        return None if found is None else (found[0] + 1.0, found[1] + 1.0)
+
+    monkeypatch.setattr(IntegerResolver, "find_shift", find_wrong_shift)
+    slips = {(1, prn): SLIP for prn in range(1, 33)}
+    drawn = DrawnFormation(
+        lambda t: 500e3 - 200.0 * t,
+        layer(),
+        relative_sigma=0.02,
+        slips=slips,
+        fixed_again=SLIP + 2.0,
+    )
+    densities = {
+        second: density
+        for second, density in process(drawn).items()
+        if np.isfinite(density.epoch.density)
+    }
+    after = [second for second in densities if second > SLIP]
+    assert len(after) > 20
+    # Densities before and after are not compared: they have not the same constant.
+    assert {densities[second].datum for second in after} == {densities[SLIP - 1].datum + 1}
     for second in after:
         density = densities[second]
         chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))

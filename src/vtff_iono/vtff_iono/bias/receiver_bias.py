@@ -17,11 +17,10 @@ Neither the height of the layer nor the lowest useful elevation is known well, a
 estimated together with the biases or not. Below a crest of the equatorial anomaly the content falls
 to the north and to the south, which low satellites see as a bias: then its curvature to the north
 tells more than gradients do. The solution is repeated for several heights, for several elevations,
-without gradients, with them, and with the curvature, too. Its value is the mean, in which models
-count by how little their solutions depend on the hours. Its sigma contains the scatter of these
-solutions, the scatter of a jackknife over blocks of time (residuals of neighbouring epochs are not
-independent, so that a formal sigma would be far too small), and the errors of the levels, each of
-which shifts an arc.
+without gradients, with them, and with the curvature, too; its value is the mean. Its sigma contains
+the scatter of these solutions, the scatter of a jackknife over blocks of time (residuals of
+neighbouring epochs are not independent, so that a formal sigma would be far too small), and the
+errors of the levels, each of which shifts an arc.
 
 In orbit, where the arcs are known, the biases are those of a solution with a density profile
 instead, see `vtff_iono.bias.profile_bias`: on a circular orbit too the contents at all elevations
@@ -209,8 +208,7 @@ def estimate_receiver_biases(
     if is_ground or samples.arc is None:
         models = _models(samples, altitude, is_ground)
         solutions, sigmas = _solve_models(samples, models, first, second, block)
-        biases = _combine_models(samples, solutions, sigmas, len(first), 1.0 / sigmas**2)
-        return BiasEstimate(biases, None)
+        return BiasEstimate(_combine_models(samples, solutions, sigmas, len(first)), None)
     is_high = samples.elevation >= math.radians(max(_ELEVATIONS_DEG))
     count = int(np.count_nonzero(is_high[first] & is_high[second]))
     if count < _FEWEST_PAIRS:
@@ -260,28 +258,19 @@ def _solve_models(
 
 
 def _combine_models(
-    samples: BiasSamples,
-    solutions: FloatArray,
-    sigmas: FloatArray,
-    pairs: int,
-    weights: FloatArray | None = None,
+    samples: BiasSamples, solutions: FloatArray, sigmas: FloatArray, pairs: int
 ) -> list[ReceiverBias]:
-    """Return the biases from the solutions of all models, shape (models, groups).
-
-    `weights`, of the same shape, are those of the models; by default they count alike.
-    """
+    """Return the biases from the solutions of all models, shape (models, groups)."""
     results = []
     for group in range(solutions.shape[1]):
         values = solutions[:, group]
         in_group = samples.group == group
         upper = samples.stec_tecu[in_group] + samples.stec_sigma_tecu[in_group]
         largest = float(np.quantile(upper, _NEGATIVE_FRACTION))
-        weight = None if weights is None else weights[:, group]
-        mean = float(np.average(values, weights=weight))
+        mean = float(np.mean(values))
         bias = min(mean, largest)
         sampling = float(np.median(sigmas[:, group]))
-        variance = float(np.average((values - mean) ** 2, weights=weight))
-        spread = math.sqrt(variance * len(values) / (len(values) - 1))
+        spread = float(np.std(values, ddof=1))
         results.append(
             ReceiverBias(
                 bias_tecu=round(bias, DECIMALS_TECU),

@@ -235,6 +235,10 @@ class ElectronDensityEstimator:
         self._covariance[0, :] = self._covariance[:, 0] = 0.0
         self._covariance[0, 0] = self._settings.bias_sigma_tecu**2
 
+    def shift_bias(self, change_tecu: float) -> None:
+        """Take integers into account by which all contents are larger than before, TECU."""
+        self._state[0] += change_tecu
+
     def _add_content(
         self, altitude: float, vtec_tecu: float, sigma_tecu: float, elapsed: float
     ) -> None:

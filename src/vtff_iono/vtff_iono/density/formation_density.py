@@ -8,6 +8,7 @@ density. Integers that are found tell the densities of the seconds before, if th
 
 from __future__ import annotations
 
+import copy
 import math
 import statistics
 from collections import deque
@@ -90,6 +91,9 @@ _ANY_SHIFT = 100.0
 _AROUND = 5
 # Most seconds without a density for which integers that are found later are used.
 _LONGEST_WAIT = 30
+# By how many cycles of both signals the integers of all links are tried to be off, and by how much
+# the sum of the squares of contents over their sigmas must be less than with any other number.
+_SHIFTS_TRIED, _MARGIN_OF_SHIFT = (-2, -1, 0, 1, 2), 25.0
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
@@ -270,6 +274,11 @@ class FormationDensity:
         self._seconds_unconnected = 0
         # Whether codes allow the integers that relative navigation had in the last second.
         self._is_offer_possible = True
+        # The estimator as it was when the last link lost its integers, until the constant has
+        # proved to be the same.
+        self._before_loss: ElectronDensityEstimator | None = None
+        # How often the constant of integers that were found again has proved to be another one.
+        self._shifts = 0
         # Seconds since the last density.
         self._without_density: deque[_Second] = deque(maxlen=_LONGEST_WAIT)
 
@@ -460,6 +469,7 @@ class FormationDensity:
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
+            self._before_loss = None
             self._resolver.reset()
             self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
@@ -481,6 +491,8 @@ class FormationDensity:
             horizontal_sigma,
         )
         had_integers = means.has_integers()
+        if not had_integers.any() and self._before_loss is None and self._estimator.is_bias_known:
+            self._before_loss = copy.deepcopy(self._estimator)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers()
         fixed = means.select(has_integers)
@@ -489,6 +501,7 @@ class FormationDensity:
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
+        self._check_constant(seconds, altitudes, fixed, sigma)
         epoch = self._estimator.update(
             seconds,
             altitude_chief,
@@ -528,7 +541,7 @@ class FormationDensity:
             system=np.full(len(satellites), SYSTEM_GPS),
             prn=np.array(satellites, dtype=np.int64),
             epoch=epoch,
-            datum=self._datum_number,
+            datum=self._datum_number + self._shifts,
             is_late=is_late,
         )
 
@@ -767,6 +780,52 @@ class FormationDensity:
                 errors.append((error, sigmas[row]))
         self._resolver.add_geometric(errors)
         return contradicts
+
+    def _check_constant(
+        self,
+        seconds: float,
+        altitudes: tuple[float, float],
+        fixed: _LinkMeans,
+        sigma: FloatArray,
+    ) -> None:
+        """Compare the constant of links that have found their integers again with that before.
+
+        Where all had lost them, those of all may be wrong alike: signals that went on through a
+        fade, from which the others follow, may have wound up by a cycle. Then all contents are off
+        by one cycle of both signals, which wide lanes do not show. The constant that fits the
+        integers as they are is the one before and that cycle. `sigma` are those of the contents,
+        TECU; NaN for a link that is not used.
+        """
+        before = self._before_loss
+        used = np.isfinite(sigma)
+        if before is None or np.count_nonzero(used) < _ENOUGH_PROVED:
+            return
+        predicted, covariance = before.predicted_stec(
+            seconds,
+            *altitudes,
+            fixed.elevation_chief,
+            fixed.elevation_deputy,
+            [stretch.signals.prn for stretch in fixed.stretches],
+        )
+        errors = (fixed.stec - predicted)[used]
+        covariance = covariance[np.ix_(used, used)] + np.diag(sigma[used] ** 2)
+        cycle = self._content_of(1.0, 1.0)
+        squares = {}
+        for shift in _SHIFTS_TRIED:
+            innovation = errors - shift * cycle
+            kept = ~before.find_outliers(innovation, covariance)
+            normalized = np.linalg.solve(covariance[np.ix_(kept, kept)], innovation[kept])
+            # A link that contradicts the others speaks against any shift alike.
+            outliers = np.count_nonzero(~kept)
+            squares[shift] = float(innovation[kept] @ normalized) + _MARGIN_OF_SHIFT * outliers
+        best, second = sorted(squares, key=squares.__getitem__)[:2]
+        if squares[second] - squares[best] < _MARGIN_OF_SHIFT:
+            return
+        if best != 0:
+            before.shift_bias(best * cycle)
+            self._estimator = before
+            self._shifts += 1
+        self._before_loss = None
 
     def _horizontal_sigma(self, chief: SpacecraftResult, positions: FloatArray) -> float:
         """Return the sigma of what the vertical contents at two positions differ by, TECU.
