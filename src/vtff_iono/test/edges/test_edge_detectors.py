@@ -58,7 +58,7 @@ def found(rising, **options):
     edges = []
     for sample in zip(time, altitude, density, sigma, strict=True):
         edges += detector.update(sample[0], sample[1], separation, sample[2], sample[3])
-    return [*edges, *detector.flush()]
+    return [edge for edge in (*edges, *detector.flush()) if not edge.is_doubtful]
 
 
 @pytest.mark.parametrize("rising", [True, False])
@@ -201,6 +201,7 @@ def correlated(generator, count, sigma, time):
 
 
 def detected(time, altitude, density, fast_sigma, slow_sigma, separation=985.0):
+    """Return the edges that densities tell alone."""
     detector = DensityEdgeDetector()
     edges = []
     for sample in zip(time, altitude, density, strict=True):

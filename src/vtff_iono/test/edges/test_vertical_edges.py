@@ -65,19 +65,23 @@ def test_side_of_the_denser_plasma_follows_from_rising_and_entry(
 
 
 @pytest.mark.parametrize(
-    ("of_density", "of_contents", "is_told"),
+    ("is_doubtful", "of_density", "of_contents", "altitudes", "is_told"),
     [
-        (1.4e3, None, True),
-        (3e3, None, False),
-        (3e3, [100.0, 1.6e3], False),
-        (3e3, [100.0, 400.0], True),
-        (1.4e3, [100.0, 1.6e3], True),
+        (False, 1.4e3, None, None, True),
+        (False, 3e3, None, None, False),
+        (False, 3e3, [100.0, 1.6e3], [500e3, 500e3], False),
+        (False, 3e3, [100.0, 400.0], [498e3, 498e3], True),
+        (False, 1.4e3, [100.0, 1.6e3], [500e3, 500e3], True),
+        (True, 0.4e3, None, None, False),
+        (True, 0.4e3, [200.0, 200.0], [501e3, 500.5e3], True),
+        (True, 0.4e3, [200.0, 200.0], [501e3, 502e3], False),
+        (True, 3e3, [200.0, 1.6e3], [500e3, 500e3], False),
     ],
 )
-def test_a_place_that_densities_do_not_tell_must_be_told_by_contents(
-    of_density, of_contents, is_told, monkeypatch
+def test_what_densities_do_not_tell_alone_must_be_told_by_contents(
+    is_doubtful, of_density, of_contents, altitudes, is_told, monkeypatch
 ):
-    """In fades the densities beside a wall may be too unsure to tell where it is."""
+    """In fades the densities beside a wall may be too unsure to tell it, or where it is."""
     fit = None
     if of_contents is not None:
         sigma = np.array(of_contents)
@@ -85,6 +89,7 @@ def test_a_place_that_densities_do_not_tell_must_be_told_by_contents(
             time=np.array([1.0, 3.0]),
             time_sigma=sigma / 300.0,
             time_covariance=0.0,
+            altitude=np.array(altitudes),
             altitude_sigma=sigma,
             width=500.0,
             width_sigma=300.0,
@@ -96,12 +101,14 @@ def test_a_place_that_densities_do_not_tell_must_be_told_by_contents(
         finder, "_fit_crossing", lambda edge, origin: None if fit is None else (origin, fit)
     )
     edge = Edge(
-        0.0, of_density / 300.0, False, 5e5, 0.5, 1.0, 1.0, 2e3, 1e3, altitude_sigma=of_density
+        *(0.0, of_density / 300.0, False, 5e5, 0.5, 1.0, 1.0, 2e3, 1e3),
+        altitude_sigma=of_density,
+        is_doubtful=is_doubtful,
     )
     told = finder._boundaries_of(edge, [10**9, 3 * 10**9])
     assert [boundary.spacecraft for boundary in told] == ([0, 1] if is_told else [])
-    if of_density > 1.5e3 and is_told:
-        assert [b.time_sigma for b in told] == pytest.approx([100.0 / 300.0, 400.0 / 300.0])
+    if is_told and of_density > 1.5e3:
+        assert [b.time_sigma for b in told] == pytest.approx([1.0 / 3.0, 4.0 / 3.0])
 
 
 def test_densities_of_two_datums_are_not_compared(monkeypatch):

@@ -5,7 +5,8 @@ widths; the separation of the spacecraft smears each of them. A wall is told if 
 
 - many times its sigma, which contains errors that are correlated from second to second while the
   same satellites are used, and errors that all seconds share until more is known of them: of these
-  the difference between two seconds is what the estimator has learned between them,
+  the difference between two seconds is what the estimator has learned between them (with a little
+  less it is doubtful, which something else must confirm),
 - a part of the density beside it, and
 - no part of a smooth rise: against a straight line the wall stands out, and neither a parabola fits
   nearly as well nor a layer, whose logarithm is a parabola and which is no steeper and no thinner
@@ -47,6 +48,8 @@ _FEWEST_SAMPLES, _FEWEST_AT_END = 3, 1
 _GAP = 3.0
 # s; densities on both sides of a longer gap are not compared.
 _LONGEST_GAP = 30.0
+# A change of this part of the sigmas that are asked for is told as a doubtful edge.
+_DOUBTFUL = 0.8
 # 1/m; sigma of how fast the logarithm of the density changes with altitude beside a wall. Below the
 # peak of a layer it is the inverse of a part of the scale height (Chapman 1931).
 _STEEPEST = 1.0 / 10e3
@@ -323,7 +326,7 @@ class DensityEdgeDetector:
         if not (
             largest > 0.0
             and min(before, after) >= -self._sigmas * sigma
-            and abs(change) >= self._sigmas * sigma
+            and abs(change) >= _DOUBTFUL * self._sigmas * sigma
             and abs(change) >= self._relative_change * largest
             and abs(change) >= _SHAPE * 2.0 * abs(slope)
             and not (is_against and width > self._length)
@@ -358,6 +361,7 @@ class DensityEdgeDetector:
             after=after,
             confidence=math.erf(significance / self._sigmas / math.sqrt(2.0)),
             width=width,
+            is_doubtful=significance < self._sigmas,
         )
         self._candidates.append(_Candidate(significance, middle, width, reach, edge))
 

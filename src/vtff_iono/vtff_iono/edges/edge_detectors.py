@@ -47,6 +47,8 @@ class Edge:
         0 to 1.
     width, width_sigma : float
         Width over which the density changes, and its sigma, m; NaN for an edge of a ray.
+    is_doubtful : bool
+        Whether it is to be told only if something else shows it, too.
     """
 
     time: float
@@ -59,6 +61,7 @@ class Edge:
     width: float = math.nan
     width_sigma: float = math.nan
     altitude_sigma: float = math.nan
+    is_doubtful: bool = False
 
 
 class _Sample(NamedTuple):

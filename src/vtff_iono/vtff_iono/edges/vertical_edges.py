@@ -43,6 +43,8 @@ _ALTITUDE_SIGMA, _SLOWEST = 5.0, 1e-2
 # m; an edge whose place is less sure is not told. Densities in fades may show that there is a wall,
 # but not where: contents often do.
 _LARGEST_PLACE_SIGMA = 1.5e3
+# Sigmas within which contents must show an edge that densities alone do not tell.
+_AGREEMENT = 3.0
 # Number of edges whose times are kept.
 _EDGES_KEPT = 8
 
@@ -98,7 +100,7 @@ class VerticalEdgeFinder:
                 density.epoch.common_sigma,
             )
         self._waiting += edges
-        self._edge_times.extend(edge.time for edge in edges)
+        self._edge_times.extend(edge.time for edge in edges if not edge.is_doubtful)
         boundaries: list[Boundary] = []
         waiting, self._waiting = self._waiting, []
         for edge in waiting:
@@ -123,17 +125,14 @@ class VerticalEdgeFinder:
         """Return the crossings of an edge by chief and deputy.
 
         `guesses` are the times, ns, at which each was at the altitude of the edge; None for a
-        spacecraft without positions, which has no crossing. There is none of an edge whose place
-        neither densities nor contents tell.
+        spacecraft without positions, which has no crossing. There is none of an edge, or of a
+        place, that densities and contents together do not tell.
         """
         crossing = None
         times = [guess for guess in guesses if guess is not None]
         if len(times) == len(guesses):
             crossing = self._fit_crossing(edge, sum(times) // len(times))
-        places = [edge.altitude_sigma]
-        if crossing is not None:
-            places.append(float(crossing[1].altitude_sigma.max()))
-        if min(places) > _LARGEST_PLACE_SIGMA:
+        if not self._is_told(edge, None if crossing is None else crossing[1]):
             return []
         # The density tells the altitude, and so both times, by which these err together.
         own_sigma = _ALTITUDE_SIGMA / self._vertical_speed()
@@ -174,6 +173,17 @@ class VerticalEdgeFinder:
                 )
             )
         return boundaries
+
+    def _is_told(self, edge: Edge, crossing: EdgeCrossing | None) -> bool:
+        """Return whether densities and contents together tell an edge and its place."""
+        if crossing is None:
+            return not (edge.is_doubtful or edge.altitude_sigma > _LARGEST_PLACE_SIGMA)
+        of_contents = float(crossing.altitude_sigma.max())
+        far = float(np.abs(crossing.altitude - edge.altitude).max())
+        sigma = math.hypot(of_contents, edge.altitude_sigma)
+        if edge.is_doubtful and not far <= _AGREEMENT * sigma:
+            return False
+        return not min(of_contents, edge.altitude_sigma) > _LARGEST_PLACE_SIGMA
 
     def _vertical_speed(self) -> float:
         """Return how fast the spacecraft climb or fall, m/s."""
