@@ -208,7 +208,7 @@ def detected(time, altitude, density, fast_sigma, slow_sigma, separation=985.0):
         edges += detector.update(
             sample[0], sample[1], separation, sample[2], fast_sigma, {1: slow_sigma}, 100.0
         )
-    return [*edges, *detector.flush()]
+    return [edge for edge in (*edges, *detector.flush()) if not edge.is_doubtful]
 
 
 def test_errors_that_are_correlated_are_no_edges():
@@ -370,6 +370,24 @@ def test_a_density_that_bends_is_no_edge(scale_height, direction):
     density += 2e9 * generator.standard_normal(len(density))
     for separation in (985.0, 7000.0):
         assert not detected(np.arange(240.0), altitude, density, 2e9, 1e9, separation)
+
+
+def test_a_doubtful_edge_hides_no_wall_and_is_told_last():
+    """A wall of five sigmas and one of four and a half; contents may confirm that one."""
+    altitude = 300e3 + 250.0 * np.arange(320.0)
+    generator = np.random.default_rng(2)
+    density = 1e12 - 0.9e11 * (altitude > 340e3) - 4e11 * (altitude > 352e3)
+    density = density + 5e10 * generator.standard_normal(len(altitude))
+    detector, edges = DensityEdgeDetector(relative_change=0.05), []
+    for time, (height, value) in enumerate(zip(altitude, density, strict=True)):
+        edges += [(height, e) for e in detector.update(time, height, 985.0, value, 5e10)]
+    ((at_sure, sure),) = [pair for pair in edges if not pair[1].is_doubtful]
+    assert len(edges) == 2
+    assert sure.altitude == pytest.approx(352e3, abs=0.5e3)
+    for at, edge in edges:
+        if edge.is_doubtful:
+            assert abs(edge.altitude - 352e3) > 4e3
+            assert at - edge.altitude > at_sure - sure.altitude
 
 
 @pytest.mark.parametrize("seed", range(3))

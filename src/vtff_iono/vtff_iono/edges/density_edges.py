@@ -188,6 +188,7 @@ class DensityEdgeDetector:
         self._told: list[_Candidate] = []
         self._examined_to = dict.fromkeys(self._windows, -math.inf)
         self._fewest = _FEWEST_SAMPLES
+        self._longest_reach = 0.0
 
     def update(
         self,
@@ -233,7 +234,8 @@ class DensityEdgeDetector:
         self._profile.add((time, altitude, density, fast_sigma, common_sigma), slow_parts or {})
         self._length, self._slow_time = max(abs(separation), _NARROWEST), slow_time
         reaches = {window: _reach(*window, self._length) for window in self._windows}
-        self._profile.forget_beyond(2.5 * max(reaches.values()))
+        self._longest_reach = max(reaches.values())
+        self._profile.forget_beyond(2.5 * self._longest_reach)
         last = self._direction * altitude
         advance = self._advance()
         for window, reach in reaches.items():
@@ -268,9 +270,16 @@ class DensityEdgeDetector:
         for candidate in sorted(self._candidates, key=lambda c: -c.significance):
             if candidate not in self._candidates:
                 continue
-            if any(candidate.contains(told) for told in self._told):
+            # Doubtful ones wait until no window of another shape can show the wall better, and hide
+            # no wall that is sure.
+            is_doubtful = candidate.edge.is_doubtful
+            hiding = [told for told in self._told if is_doubtful or not told.edge.is_doubtful]
+            reach = self._longest_reach if is_doubtful else candidate.reach
+            if any(candidate.contains(told) for told in hiding):
                 self._candidates.remove(candidate)
-            elif candidate.advance + _CONFIRMED * candidate.reach <= advance:
+            elif candidate.advance + _CONFIRMED * reach <= advance:
+                if is_doubtful:
+                    self._candidates.remove(candidate)
                 self._told.append(candidate)
                 edges.append(self._located(candidate))
             else:
