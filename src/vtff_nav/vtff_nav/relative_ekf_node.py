@@ -289,6 +289,10 @@ class RelativeEkfParameters:
         10.0, "longest wall time of one call of the estimator", unit="s", minimum=0.001
     )
 
+    def check(self) -> None:
+        """Check what values tell together; ValueError with the name of the parameter."""
+        antenna_pair(self)
+
 
 def antenna_pair(given: RelativeEkfParameters) -> AntennaPair | None:
     """Return what the parameters tell of the antennas; None for ideal ones.

@@ -151,6 +151,14 @@ def test_the_shell_completes_runs_and_topics(tmp_path, monkeypatch):
         ("sdre_controller.design:=best", "'best'; choose one of: "),
         ("thruster.start_timeout:=-1", "it must be at least"),
         ("simgen_bridge.maximum_lag:=two", "it must be a whole number"),
+        (
+            "relative_ekf.deputy_lever_arm:=[0.1, 0.0, 0.0]",
+            "deputy_lever_arm needs the name of its",
+        ),
+        (
+            "relative_ekf.deputy_antenna:=NONE",
+            "antex_file: the file that has deputy_antenna 'NONE'",
+        ),
         ("deputy/relative_ekf.estimator:=paper", ""),
     ],
 )
@@ -191,6 +199,34 @@ def test_a_scenario_is_checked_before_anything_starts(changed, expected, tmp_pat
     file = tmp_path / "wrong.yaml"
     file.write_text(text.replace(*changed), encoding="utf-8")
     result = run("run", "formation_three", f"scenario:={file}", "--out", tmp_path / "run")
+    assert result.exit_code == 2, result.output
+    line = result.output.replace("\n", " ")
+    assert "wrong.yaml" in line and expected in line
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("changed", "expected"),
+    [
+        (
+            ("stated_sigma_factor: 0.7", "stated_sigma_factor: -0.7"),
+            "stated_sigma_factor: more than",
+        ),
+        (("VTFF PATCH 2 NONE", "VTFF PATCH 9 NONE"), "receivers[1].phase_centre.antenna: "),
+    ],
+)
+def test_receivers_are_checked_before_anything_starts(changed, expected, tmp_path, monkeypatch):
+    from vtff_bringup.commands import run as command
+
+    monkeypatch.setattr(command, "run_system", lambda *_, **__: pytest.fail("it started"))
+    world = find_system_file("realistic").resolve().parents[1] / "gnss/realistic.yaml"
+    text = world.read_text(encoding="utf-8").replace(
+        "./realistic.atx", f"{world.parent}/realistic.atx"
+    )
+    assert changed[0] in text
+    file = tmp_path / "wrong.yaml"
+    file.write_text(text.replace(*changed), encoding="utf-8")
+    result = run("run", "realistic", f"gnss:={file}", "--out", tmp_path / "run")
     assert result.exit_code == 2, result.output
     line = result.output.replace("\n", " ")
     assert "wrong.yaml" in line and expected in line

@@ -27,7 +27,7 @@ from vtff_bringup.run.on_console import (
     run_system,
 )
 from vtff_bringup.system.errors import SystemFileError
-from vtff_bringup.system.parameter_check import check_parameters, check_scenario
+from vtff_bringup.system.parameter_check import check_files, check_parameters
 from vtff_bringup.system.system_file import find_system_file, load_system
 
 
@@ -124,7 +124,7 @@ def run(
         description = load_system(path, order.overrides, settings)
         check_host(description, host)
         check_parameters(description, order.overrides)
-        check_scenario(description)
+        check_files(description, order.overrides)
         session: HostSession | None = None
         if host is not None:
             session, order = stack.enter_context(

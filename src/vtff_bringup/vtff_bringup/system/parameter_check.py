@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.metadata
 from collections.abc import Sequence
 from typing import Any
@@ -12,7 +13,7 @@ from vtff_bringup.system.overrides import parse_override
 from vtff_bringup.system.references import NUMBER_OF_DEPUTIES
 from vtff_node.executables import ExecutableNotFoundError, node_class, share_folder
 
-__all__ = ["check_parameters", "check_scenario", "parameter_tables"]
+__all__ = ["check_files", "check_parameters", "parameter_tables"]
 
 
 def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> None:
@@ -36,16 +37,32 @@ def check_parameters(system: SystemDescription, overrides: Sequence[str]) -> Non
         _check_node(node)
 
 
-def check_scenario(system: SystemDescription) -> None:
-    """Check the scenario file of a system, so that no process starts for a wrong one.
+def check_files(system: SystemDescription, overrides: Sequence[str]) -> None:
+    """Check scenario and emulated receivers of a system, so that no process starts for a wrong one.
+
+    The receivers are those of a file that the overrides name, or of a system file that is not
+    installed with vtff, where they are emulated.
 
     Raises
     ------
     SystemFileError
-        If the scenario is wrong; one line with file and field.
+        If a file is wrong; one line with file and field.
     """
-    if "scenario" not in system.arguments:
-        return
+    arguments = system.arguments
+    if "scenario" in arguments:
+        _check_scenario(system)
+    is_given = "gnss" in {parse_override(text)[0] for text in overrides} or not _is_shipped(system)
+    is_emulated = any(process.executable == "simgen_emulator" for process in system.processes)
+    if is_given and arguments.get("gnss") and is_emulated:
+        from vtff_sim_bridge.gnss.configuration import load_gnss_configuration
+
+        try:
+            load_gnss_configuration(str(arguments["gnss"]))
+        except (OSError, ValueError) as error:
+            raise SystemFileError(str(error)) from error
+
+
+def _check_scenario(system: SystemDescription) -> None:
     # Imported here: numpy comes with it, and no command should wait for that to print its help.
     from vtff_sim_bridge.truth.scenario import load_scenario
     from vtff_sim_bridge.truth.scenario_fields import ScenarioError
@@ -69,7 +86,11 @@ def _check_node(node: NodeDescription) -> None:
         raise SystemFileError(f"{node.qualified_name}: {error}") from error
     try:
         check_values(node.qualified_name, values, tables)
-    except ParameterError as error:
+        for table in tables:
+            if hasattr(table, "check"):  # what values tell together
+                names = {field.name for field in dataclasses.fields(table)}
+                table(**{name: values[name] for name in names & values.keys()}).check()
+    except (ParameterError, ValueError) as error:
         text = str(error)
         where = "" if node.qualified_name in text else f"{node.qualified_name}: "
         raise SystemFileError(f"{where}{text}") from error
