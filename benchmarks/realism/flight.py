@@ -121,7 +121,7 @@ class Integers:
 
 @dataclass(frozen=True, eq=False)
 class Flight:
-    """Outcome of a flight: a row for each epoch from `FIRST_SECOND` on, and counts of integers."""
+    """Outcome of a flight: a row for each epoch, and counts of integers."""
 
     rows: FloatArray
     integers: int
@@ -244,8 +244,6 @@ class Log:
         is_fixed = solution.solution == SOLUTION_FIXED
         if is_fixed:
             self._first_fixed = min(self._first_fixed, elapsed)
-        if elapsed < FIRST_SECOND:
-            return
         truth = relative_state_rtn(second.state_chief_gcrf, second.state_deputy_gcrf)
         error = np.concatenate((solution.position_rtn, solution.velocity_rtn)) - truth
         covariance = solution.covariance_rtn
@@ -347,7 +345,13 @@ def summarise(flights: Sequence[Flight], world: World) -> Figures:
     """Return the figures of flights of one world."""
     whole = [flight.rows for flight in flights]
     inside = [_is_within(rows[:, _TIME], world.outages, 0.0) for rows in whole]
-    counted = [rows[~_is_within(rows[:, _TIME], world.outages, _AFTER_OUTAGE)] for rows in whole]
+    counted = [
+        rows[
+            (rows[:, _TIME] >= FIRST_SECOND)
+            & ~_is_within(rows[:, _TIME], world.outages, _AFTER_OUTAGE)
+        ]
+        for rows in whole
+    ]
     together = np.concatenate(counted)
     outage = np.concatenate([rows[mask] for rows, mask in zip(whole, inside, strict=True)])
     burn = together[together[:, _THRUST] > _BURN]

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
+import itertools
 import math
 import pathlib
 from collections.abc import Callable
@@ -10,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
+from plasma.worlds import PlasmaWorld, draw_bubble_world
 
 from vtff_analysis.studies.navigation_bound import PhaseNoise
 from vtff_dynamics.frames.rtn import relative_state_rtn
@@ -37,6 +40,8 @@ KEEPING_SECOND = 600
 """Keeping counts from here on, s."""
 FIRST_SECOND = 60
 """Errors count from here on, s: before, the filter starts."""
+
+_FIRST_BUBBLE, _DEEP_S4 = 901, 0.7
 
 Change = Callable[[GnssConfiguration], GnssConfiguration]
 Motion = Literal["scenario", "kept", "free", "closed_loop"]
@@ -74,6 +79,12 @@ class Must:
         Largest sum of velocity changes of a flight, all axes, m/s.
     last_minute : float or None
         Largest distance from the target in the last minute, m.
+    has_true_integers : bool
+        Whether no integer may be wrong for long; False where the emulated phases themselves wind up
+        cycles in fades.
+    is_honest_in_outages : bool
+        Whether `nees` holds in outages, too. With exact thrust a prediction through a burn is far
+        better than a filter may state that allows for errors of thrust.
     """
 
     rms_mm: float | None = None
@@ -87,6 +98,8 @@ class Must:
     closest: float | None = None
     dv: float | None = None
     last_minute: float | None = None
+    has_true_integers: bool = True
+    is_honest_in_outages: bool = False
 
 
 @dataclass(frozen=True)
@@ -270,6 +283,14 @@ def drawn_spacecraft(scenario: Scenario) -> Scenario:
     return dataclasses.replace(
         scenario, spacecraft=(chief, dataclasses.replace(deputy, force_model=own))
     )
+
+
+@functools.cache
+def deep_bubble(number: int) -> PlasmaWorld:
+    """Return one of the drawn bubbles in which all signals fade, counted from 1."""
+    drawn = map(draw_bubble_world, itertools.count(_FIRST_BUBBLE))
+    deep = (world for world in drawn if world.bubble and world.bubble.s4 >= _DEEP_S4)
+    return next(itertools.islice(deep, max(number, 1) - 1, None))
 
 
 def exact_thrust(scenario: Scenario) -> Scenario:
@@ -703,6 +724,15 @@ WORLDS: dict[str, World] = {
         white_noise=WhiteNoise(),
         must=Must(degraded_percent=None, closest=60.0, dv=75.0, last_minute=1.0),
     ),
+    # A bubble in which the whole sky fades: after 90 s, for some minutes; kilometres apart.
+    "deep_bubble": World(
+        distance=None,
+        motion="scenario",
+        draws_geometry=False,
+        change_scenario=lambda scenario: deep_bubble(scenario.seed).scenario(),
+        change_gnss=lambda gnss: deep_bubble(gnss.seed).gnss(),
+        must=Must(degraded_percent=None, has_true_integers=False),
+    ),
     "faults": World(
         "realistic",
         "realistic",
@@ -711,6 +741,6 @@ WORLDS: dict[str, World] = {
         change_gnss=many_faults,
         change_setting=calibrated_in_file,
         outages=(_OUTAGE, _SILENCE),
-        must=Must(3.0, degraded_percent=None, recovery_s=30.0),
+        must=Must(3.0, degraded_percent=None, recovery_s=30.0, is_honest_in_outages=True),
     ),
 }

@@ -184,3 +184,17 @@ def test_states_that_are_joined_are_predicted_as_one():
     np.testing.assert_allclose(state.covariance, expected, atol=1e-12)
     np.testing.assert_array_equal(state.mean, [0.0, 0.0, 0.0, 1.0, 1.0, *mean[5:]])
     assert state.part("other").labels == other.labels
+
+
+def test_a_copy_moves_with_its_original():
+    """A copy and the original are one unknown until one of them gets noise of its own."""
+    random = np.random.default_rng(2)
+    state = random_state(random, 3)
+    state.add_copy(("copy",), ("member", 1), 0.7)
+    design = np.zeros((1, 4))
+    design[0, 1], design[0, 3] = -1.0, 1.0
+    np.testing.assert_allclose(design @ state.covariance, 0.0, atol=1e-12)
+    state.update(state.innovation(np.eye(4)[:1], np.ones(1), np.ones(1), np.zeros((1, 0))))
+    assert state.value(("copy",)) - state.value(("member", 1)) == pytest.approx(0.7)
+    state.add_noise(("copy",), 0.25)
+    assert (design @ state.covariance @ design.T).item() == pytest.approx(0.25)

@@ -339,7 +339,16 @@ class CdgpsEstimator(EstimatorInputs):
             signals = self._refer_to_antennas(signals, seen, rotations)
         if seen is not None and signals[0] is not None:
             before = self._positions()
-            self._absolute.update(time, signals[0], table, seen, *self._help_of_deputy(signals[1]))
+            assert self._relative is not None
+            self._absolute.update(
+                time,
+                signals[0],
+                table,
+                seen,
+                *self._help_of_deputy(signals[1]),
+                # A single difference has the scatter of two receivers.
+                self._relative.scatter.common_sigma / math.sqrt(2.0),
+            )
             if self._absolute.state is None:
                 self._forget_relative()
                 return RelativeSolution.none(

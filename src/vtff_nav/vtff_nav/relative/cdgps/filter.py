@@ -34,7 +34,7 @@ from vtff_nav.relative.cdgps.model import (
 )
 from vtff_nav.relative.cdgps.orbit_filter import CHIEF_KINDS, CHIEF_MOTION, RELATIVE_MOTION
 from vtff_nav.relative.cdgps.phase_jumps import PhaseChanges, PhaseJumpDetector
-from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, epochs_to_average
+from vtff_nav.relative.cdgps.phase_scatter import PhaseScatter, SlipRate, epochs_to_average
 from vtff_nav.relative.cdgps.state import GaussianState, Innovation, Label
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.dynamics import DYNAMIC_STATES, MotionNoise, Prediction
@@ -106,6 +106,9 @@ _EPOCHS_OF_DOUBT = 30
 # so many epochs, and when the sigma of their mean is below this, cycles.
 _FEWEST_EPOCHS_IN_SCATTER = 3
 _AVERAGED_CYCLES = 0.05
+# So many epochs count as one where most of the sky scintillates: fluctuations of strong
+# scintillation last longer than an epoch.
+_CORRELATED_EPOCHS = 3
 
 _DEPUTY = 1
 """Receiver of the deputy in labels; 0 is that of the chief."""
@@ -176,7 +179,8 @@ class RelativeFilter:
         self._layer_sigmas = configuration.layer_sigmas
         self.state = GaussianState(RELATIVE_MOTION, mean, covariance)
         self.arcs = ArcBook()
-        self.scatter = PhaseScatter()
+        self.scatter = PhaseScatter(is_orbital=configuration.dynamics == "orbital")
+        self._slips = SlipRate()
         self.jumps = PhaseJumpDetector(
             is_static=configuration.dynamics == "static",
             is_orbital=configuration.dynamics == "orbital",
@@ -443,8 +447,11 @@ class RelativeFilter:
             state.add(("laser_latency",), 0.0, self.configuration.laser_latency_sigma**2)
         clock = SPEED_OF_LIGHT * self.clock
         self._start_arcs(time, measured, sky)
+        self._doubt_scattered(measured, interval)
         variance_before = measured.phase_variance
-        innovation = self._reject_faults(time, measured, sky, clock, laser, excluded, degraded)
+        innovation = self._reject_faults(
+            time, interval, measured, sky, clock, laser, excluded, degraded
+        )
         measured = _with_phase_noise(measured, innovation)
         is_phase_fault = measured.phase_variance > variance_before
         missing_variances = self.scatter.learn(time, stated, innovation, is_phase_fault)
@@ -464,7 +471,7 @@ class RelativeFilter:
         self._elapsed += interval
         if self._epochs < _EPOCHS_OF_LEARNING or self._epochs % _LEARNING_CYCLE < 2:
             self._learn_noise(time, interval, received, sky, clock, innovation)
-        if self.configuration.dynamics == "orbital":
+        if self.configuration.dynamics == "orbital" and not self.scatter.is_common:
             distance = norm(state.mean[:3])
             self.acceleration.learn(state.mean, state.covariance, distance, interval)
             waves = self._quiet_waves(measured)
@@ -627,6 +634,24 @@ class RelativeFilter:
         if had_integer and key.group not in self.arcs.fixed_groups():
             state.remove([("phase_bias", key.group)])
 
+    def _doubt_scattered(self, measured: SingleDifferences, interval: float) -> None:
+        """Have ambiguities walk whose phases slip unseen: their integers are not known any more."""
+        rate = self._slips.rate
+        if rate == 0.0 or self.configuration.dynamics != "orbital":
+            return
+        state = self.state
+        wavelength = measured.wavelength.tolist()
+        for row in np.flatnonzero(self.scatter.is_scattered(measured)).tolist():
+            key = measured.keys[row]
+            arc = self.arcs[key]
+            if arc.integer is not None:
+                offset = wavelength[row] * arc.integer
+                state.add_copy(("ambiguity", key), ("phase_bias", key.group), offset)
+                arc.integer = arc.fixed_since = None
+                if key.group not in self.arcs.fixed_groups():
+                    state.remove([("phase_bias", key.group)])
+            state.add_noise(("ambiguity", key), rate * interval * wavelength[row] ** 2)
+
     def _learn_noise(
         self,
         time: GpsTime,
@@ -717,7 +742,7 @@ class RelativeFilter:
         if the process noise is right (covariance matching: Mehra 1970). The logarithm of the
         variance follows their ratio step by step (Robbins and Monro 1951).
         """
-        if self._velocity_change == 0.0 or not expected > 0.0:
+        if self._velocity_change == 0.0 or not expected > 0.0 or self.scatter.is_common:
             return
         gained = (self.thrust_sigma * self._velocity_change) ** 2
         share = gained / (gained + _VELOCITY_NOISE**2)
@@ -834,6 +859,7 @@ class RelativeFilter:
     def _reject_faults(
         self,
         time: GpsTime,
+        interval: float,
         measured: SingleDifferences,
         sky: Sky,
         clock: float,
@@ -855,6 +881,7 @@ class RelativeFilter:
 
         result = self._explain_faults(search, measured, degraded)
         count = len(measured)
+        slips_in_scatter = 0
         for _ in range(_DETECTION_PASSES):
             is_used = result.innovation.is_used
             slipped = np.flatnonzero(~is_used[count : 2 * count]).tolist()
@@ -862,12 +889,18 @@ class RelativeFilter:
                 key = measured.keys[row]
                 excluded[key] = "cycle slip"
                 self._end_arc(key)
+                slips_in_scatter += bool(is_scattered[row])
             if not slipped:
                 break
             self._start_arcs(time, measured, sky)
             # Faulty phases of the last pass are left out, so that the search ends.
             result = search()
         innovation = result.innovation
+        if is_scattered.any():
+            phases = slice(count, 2 * count)
+            shows_slip = innovation.leave_one_out[1][phases] < 2.0 * innovation.noise[phases]
+            visible = int(np.count_nonzero(is_scattered & shows_slip)) + slips_in_scatter
+            self._slips.count(slips_in_scatter, visible, interval)
         for row in np.flatnonzero(~innovation.is_used[:count]).tolist():
             excluded.setdefault(measured.keys[row], "code outlier")
         if not innovation.is_used[2 * count :].all():
@@ -887,18 +920,21 @@ class RelativeFilter:
 
         Phases in scintillation have outliers by themselves: they are no witnesses. Of few other
         satellites motion and clock explain whatever they say, so that in orbit, where motion is
-        predicted well, scintillation of all the sky would be taken for motion.
+        predicted well, scintillation of all the sky would be taken for motion. While anything
+        scintillates, faulty ones may have begun to: they must be as many themselves.
         """
         without_cause = search()
         is_quiet = ~self.scatter.is_scattered(measured)
         witnesses = len(set(measured.satellite[is_quiet].tolist()))
         faulty = without_cause.count_satellites(measured, is_quiet)
+        is_scintillating = not is_quiet.all()
         if faulty < 2 and not self._is_unlikely(without_cause.innovation):
             return without_cause
         state, is_orbital = self.state, self.configuration.dynamics == "orbital"
         for cause, variances in self._common_causes():
             is_motion = cause == _MOTION
-            if is_motion and is_orbital and witnesses < _FEWEST_WITNESSES_OF_MOTION:
+            told_by = faulty if faulty and is_scintillating else witnesses
+            if is_motion and is_orbital and told_by < _FEWEST_WITNESSES_OF_MOTION:
                 continue
             covariance = state.covariance.copy()
             for label, variance in variances.items():
@@ -988,6 +1024,8 @@ class RelativeFilter:
         epochs = epochs_to_average(
             float(measured.phase_variance[row]), float(measured.wavelength[row]), _AVERAGED_CYCLES
         )
+        if self.scatter.is_common:
+            epochs *= _CORRELATED_EPOCHS
         return arc.epochs >= max(epochs, _FEWEST_EPOCHS_IN_SCATTER)
 
     @property

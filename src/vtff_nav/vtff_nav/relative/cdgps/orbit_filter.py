@@ -298,6 +298,7 @@ class AbsoluteFilter:
         seen: Geometry,
         signals_deputy: SignalTable | None = None,
         slow_phase_sigma: float = math.inf,
+        scatter_sigma: float = 0.0,
     ) -> None:
         """Update the state with the observations of an epoch.
 
@@ -315,6 +316,9 @@ class AbsoluteFilter:
         slow_phase_sigma : float
             Sigma of slow errors of the phases of a receiver, m. No more than
             `CdgpsConfiguration.ephemeris_phase_sigma` is taken for them in the combination.
+        scatter_sigma : float
+            Sigma of the scatter of the phases of a receiver where most of the sky scintillates, m;
+            0 elsewhere. Their jumps are then no motion that was not predicted.
         """
         state = self.state
         assert state is not None
@@ -326,9 +330,10 @@ class AbsoluteFilter:
         slow_phase_sigma = min(
             self._configuration.ephemeris_phase_sigma, _COMBINATION_FACTOR * slow_phase_sigma
         )
-        measured = with_columns(
-            measured, phase_sigma=np.hypot(measured.phase_sigma, slow_phase_sigma)
-        )
+        phase_sigma = np.hypot(measured.phase_sigma, slow_phase_sigma)
+        if scatter_sigma > 0.0:
+            phase_sigma = np.hypot(phase_sigma, _COMBINATION_FACTOR * scatter_sigma)
+        measured = with_columns(measured, phase_sigma=phase_sigma)
         rows = seen.columns(measured.satellite)
         is_high = seen.elevation[0, rows] > self._mask
         measured, rows, shares = measured.select(is_high), rows[is_high], shares[:, is_high]
@@ -340,7 +345,8 @@ class AbsoluteFilter:
             delay = troposphere_delay(self.mean[:3], seen.elevation[0, rows])
             predicted = predicted + delay
         labels = self._ambiguities(time, measured, predicted)
-        may_doubt_motion = self._configuration.chief_motion != "static"
+        may_doubt_motion = self._configuration.chief_motion != "static" and not scatter_sigma
+        covariance_before: FloatArray | None = None
         for _ in range(_DETECTION_PASSES):
             innovation, design_rows = self._innovation(
                 measured, rows, shares, seen, predicted, labels
@@ -357,11 +363,16 @@ class AbsoluteFilter:
                 for index in np.flatnonzero(~innovation.is_used).tolist()
                 if index >= len(innovation.values) - len(measured)
             ]
+            if covariance_before is not None and 4 * len(slipped) > len(measured):
+                # Motion explains them no better: phases of most satellites scintillate.
+                state.covariance, covariance_before = covariance_before, None
+                continue
+            covariance_before = None
             if not slipped:
                 break
             if may_doubt_motion and 2 * len(slipped) > len(measured):
                 # So many phases do not slip at once: the motion was not as predicted.
-                may_doubt_motion = False
+                may_doubt_motion, covariance_before = False, state.covariance.copy()
                 for axis in range(6):
                     sigma = _UNPREDICTED_MOTION_SIGMAS[axis // 3]
                     state.add_noise(CHIEF_MOTION[axis], sigma**2)

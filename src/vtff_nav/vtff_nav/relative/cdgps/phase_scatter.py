@@ -9,6 +9,11 @@ Control 15, 175).
 
 A residual of less than a quarter of a cycle is scatter, a larger one is a slip: receivers slip by
 multiples of half a cycle.
+
+In fades of the whole sky integers are lost, and most phases have no residual that is precise enough
+to show either. They have the scatter and the slips of the others nevertheless: what is not seen of
+a signal is taken from those where it is seen (Humphreys and others 2010, IEEE Trans. Aerosp.
+Electron. Syst. 46, 1844, for slips in scintillation).
 """
 
 from __future__ import annotations
@@ -26,7 +31,7 @@ from vtff_nav.relative.cdgps.state import Innovation
 from vtff_nav.relative.common.columns import with_columns
 from vtff_nav.relative.common.measurements import SingleDifferences
 
-__all__ = ["SLIP_CYCLES", "PhaseScatter", "epochs_to_average"]
+__all__ = ["SLIP_CYCLES", "PhaseScatter", "SlipRate", "epochs_to_average"]
 
 SLIP_CYCLES = 0.25
 """A larger residual is nearer to a slip, of half a cycle at least, than to no slip."""
@@ -38,6 +43,11 @@ _MEMORY_EPOCHS = 10
 _LARGEST_MEAN_SQUARE = 4.0
 # The scatter of a signal that was not seen for longer (s) is forgotten.
 _LONGEST_ABSENCE = 60.0
+# The excess of a signal is known for so long, s, and so many known ones tell of the others.
+_KNOWN_TIME, _FEWEST_KNOWN = 10.0, 2
+# Time over which slips are counted, s; phases times seconds that a rate needs at least; and the
+# rate up to which a slip is rare enough to be found alone, 1/s.
+_SLIP_MEMORY, _LEAST_EXPOSURE, _RARE_SLIPS = 30.0, 30.0, 0.02
 
 
 @dataclasses.dataclass
@@ -47,6 +57,8 @@ class _Signal:
     Parameters
     ----------
     last_seen : GpsTime
+    last_known : GpsTime or None
+        Last epoch with a precise residual.
     variance : float
         Excess over the stated variance, m2.
     mean_square : float
@@ -56,6 +68,7 @@ class _Signal:
     """
 
     last_seen: GpsTime
+    last_known: GpsTime | None = None
     variance: float = 0.0
     mean_square: float = 1.0
     residual: float = math.nan
@@ -90,12 +103,32 @@ class _Signal:
 
 
 class PhaseScatter:
-    """Excess variances of the phases of all signals."""
+    """Excess variances of the phases of all signals.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    is_orbital : bool
+        Whether most signals with an excess mean that those have it, too, where it cannot be seen.
+        On the ground multipath may be larger than stated, which is no scintillation.
+    """
+
+    def __init__(self, is_orbital: bool = False) -> None:
+        self._is_orbital = is_orbital
         self._signals: dict[SignalKey, _Signal] = {}
+        # Excess of signals whose own cannot be seen, m2.
+        self._unseen = 0.0
         # Without scintillation no signal has an excess.
         self._has_excess = False
+
+    @property
+    def is_common(self) -> bool:
+        """Whether most signals scintillate, so far as that is seen."""
+        return self._unseen > 0.0
+
+    @property
+    def common_sigma(self) -> float:
+        """Sigma of the scatter of most signals, m; 0 unless most scintillate."""
+        return math.sqrt(self._unseen)
 
     def variance(self, key: SignalKey) -> float:
         """Return the excess variance of the single-differenced phase of a signal, m2."""
@@ -155,6 +188,8 @@ class PhaseScatter:
         is_precise &= innovation.is_used[phases]
         columns = (all_residuals[phases], stated.phase_variance, is_phase_fault, is_precise)
         rows = zip(*(column.tolist() for column in columns), strict=True)
+        if self._unseen > 0.0:
+            self._follow_unseen(stated, all_residuals[phases], variance, ~is_precise)
         for key, (residual, white, is_fault, is_known) in zip(stated.keys, rows, strict=True):
             signal = self._signals.get(key)
             if signal is None:
@@ -162,8 +197,11 @@ class PhaseScatter:
             signal.last_seen = time
             if not is_known:
                 signal.residual = math.nan
+                if signal.variance < self._unseen:
+                    risen[key] = self._unseen - signal.variance
+                    signal.variance = self._unseen
                 continue
-            before = signal.variance
+            before, signal.last_known = signal.variance, time
             signal.add_residual(residual, white, is_fault)
             if signal.variance > before and (is_fault or before == 0.0):
                 risen[key] = signal.variance - before
@@ -174,7 +212,67 @@ class PhaseScatter:
         ]:
             del self._signals[key]
         self._has_excess = any(signal.variance > 0.0 for signal in self._signals.values())
+        if self._is_orbital and (self._has_excess or self._unseen > 0.0):
+            self._expect_unseen(time)
         return risen
+
+    def _expect_unseen(self, time: GpsTime) -> None:
+        """Set the excess of signals whose own cannot be seen to the mean of the others."""
+        known = [
+            signal.variance
+            for signal in self._signals.values()
+            if signal.last_known is not None and time - signal.last_known <= _KNOWN_TIME
+        ]
+        excess = [variance for variance in known if variance > 0.0]
+        if len(known) >= _FEWEST_KNOWN:
+            is_common = 2 * len(excess) > len(known)
+            self._unseen = sum(excess) / len(excess) if is_common else 0.0
+
+    def _follow_unseen(
+        self,
+        stated: SingleDifferences,
+        residual: FloatArray,
+        variance: FloatArray,
+        is_imprecise: npt.NDArray[np.bool_],
+    ) -> None:
+        """Adapt the excess of unseen signals to their residuals as a whole.
+
+        Each of these is imprecise, but when the sky is quiet again all are far too small.
+        """
+        is_sample = is_imprecise & (variance < (SLIP_CYCLES * stated.wavelength) ** 2)
+        if not is_sample.any():
+            return
+        mean_square = float(np.mean(residual[is_sample] ** 2 / variance[is_sample]))
+        factor = 1.0 + min(mean_square - 1.0, 1.0) / _MEMORY_EPOCHS
+        self._unseen *= factor
+        for row in np.flatnonzero(is_sample).tolist():
+            self._signals[stated.keys[row]].variance *= factor
+
+
+class SlipRate:
+    """How often phases in scintillation slip by whole cycles."""
+
+    def __init__(self) -> None:
+        self._slips, self._exposure = 0.0, 0.0
+
+    def count(self, slips: int, visible: int, interval: float) -> None:
+        """Count the slips of an epoch among the phases in scintillation that would show one.
+
+        Parameters
+        ----------
+        slips, visible : int
+        interval : float
+            Time since the last epoch, s.
+        """
+        decay = math.exp(-interval / _SLIP_MEMORY)
+        self._slips = decay * self._slips + slips
+        self._exposure = decay * self._exposure + visible * interval
+
+    @property
+    def rate(self) -> float:
+        """Slips of a phase in scintillation, 1/s; 0 while they are rare."""
+        rate = self._slips / max(self._exposure, _LEAST_EXPOSURE)
+        return rate if rate > _RARE_SLIPS else 0.0
 
 
 def epochs_to_average(phase_variance: float, wavelength: float, sigma_cycles: float) -> int:

@@ -185,6 +185,13 @@ class GaussianState:
         self._index_of[label] = size
         self._columns_of.clear()
 
+    def add_copy(self, label: Label, original: Label, offset: float) -> None:
+        """Add a member that is another one and a constant."""
+        index = self._index_of[original]
+        column = self.covariance[:, index].copy()
+        self.add(label, self.mean.item(index) + offset, column.item(index))
+        self.covariance[:-1, -1] = self.covariance[-1, :-1] = column
+
     def remove(self, labels: Iterable[Label]) -> None:
         """Remove members (marginalise); labels that are absent are ignored."""
         removed = self._index_of.keys() & set(labels)
