@@ -6,6 +6,7 @@ import contextlib
 import math
 import pathlib
 from collections.abc import Callable, Mapping, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -24,12 +25,10 @@ from vtff_gnss.orbits.sp3 import Sp3File, is_sp3, parse_sp3
 from vtff_gnss.rinex.compressed_file import read_decompressed
 from vtff_gnss.rinex.errors import RinexError
 from vtff_gnss.signals import satellite_number
-from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader, satellite_mask
-from vtff_nav.relative.common.orbit_single_point import (
-    SinglePoint,
-    form_combinations,
-    solve_single_point,
-)
+
+if TYPE_CHECKING:
+    from vtff_nav.relative.common.measurements import SignalReader
+    from vtff_nav.relative.common.orbit_single_point import SinglePoint
 
 __all__ = ["ReceiverOrbit", "open_receiver_orbit", "orbit_from_fixes", "positions_from_codes"]
 
@@ -220,6 +219,9 @@ def positions_from_codes(
     system = next((system for system in _BANDS if system in orbits), None)
     if system is None:
         raise TecError("no orbits of GPS or Galileo, from which the receiver is located")
+    # Imported here, because most receivers state where they are.
+    from vtff_nav.relative.common.measurements import MeasurementNoise, SignalReader
+
     reader = SignalReader(MeasurementNoise(), {system: _BANDS[system]})
     seconds = 1e-9 * (table.time_nanoseconds - table.time_nanoseconds[0])
     points: list[tuple[float, SinglePoint]] = []
@@ -254,6 +256,9 @@ def _position_from_codes(
     reader: SignalReader,
     nearby: FloatArray | None,
 ) -> SinglePoint | None:
+    from vtff_nav.relative.common.measurements import satellite_mask
+    from vtff_nav.relative.common.orbit_single_point import form_combinations, solve_single_point
+
     epoch = table.epoch(index)
     satellites = orbits.table(epoch.time)
     if len(satellites) == 0:
