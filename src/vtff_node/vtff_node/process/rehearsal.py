@@ -19,7 +19,7 @@ from vtff_dynamics.constants import NANOSECONDS_PER_SECOND
 __all__ = ["Rehearsal"]
 
 #: How long before the next step a rehearsal begins, s of wall time: it must be over by then.
-_LEAD = 0.03
+_LEAD = 0.015
 #: Intervals of steps for which that is worth while, s: with a shorter one nothing gets cold.
 _SHORTEST_INTERVAL = 0.2
 _LONGEST_INTERVAL = 60.0
