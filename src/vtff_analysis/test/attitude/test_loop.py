@@ -27,10 +27,12 @@ from vtff_dynamics.attitude.orbit_axes import (
     quaternion_from_roll_pitch_yaw,
     rotation_gcrf_to_orbit,
 )
+from vtff_dynamics.attitude.quaternion import from_rotation_vector, multiply
 from vtff_dynamics.attitude.rigid_body import AttitudeState
 from vtff_dynamics.attitude.spacecraft import SpacecraftBody, TorqueWindow
 from vtff_dynamics.constants import GM_EARTH
 from vtff_nav.attitude.configuration import AttitudeFilterConfiguration
+from vtff_nav.attitude.field_error import FieldErrorModel
 
 
 @pytest.fixture(scope="module")
@@ -305,6 +307,39 @@ def test_what_a_search_in_a_tumble_leaves_is_covered_by_its_sigmas(seed):
     assert (3.0 * squares > 16.3).mean() < 0.005  # 0.1 % of chi squared
     for first in (0, 3, 6):
         assert history.normalised_error_squared(first, 3)[valid].mean() < 1.3
+
+
+class BelievedField:
+    """An error of the field drawn from what the filter believes of it."""
+
+    def __init__(self, sigma, seed):
+        self.model = FieldErrorModel(sigma)
+        normal = np.random.default_rng(seed).standard_normal(len(self.model.variances))
+        self.coefficients = np.sqrt(self.model.variances) * normal
+
+    def field_itrf(self, position_itrf):
+        return self.model.partial(position_itrf, 0.0) @ self.coefficients
+
+
+@pytest.mark.slow
+def test_an_attitude_that_was_told_is_as_sure_as_its_field_lets_it_be(track):
+    """Over half an orbit, which has one error of the field: the mean of eight flights is honest."""
+    settings = AttitudeFilterConfiguration(
+        field_sigma=3e-7, initial_rotation_sigma_deg=1.0, initial_rate_sigma=2e-4
+    )
+    means = []
+    for seed in range(8):
+        drawn = orbit_track.OrbitTrack(
+            track.epoch, track.state_gcrf(0), field_error=BelievedField(3e-7, seed)
+        )
+        loop = pointing_loop(drawn, seed, filter=settings)
+        truth = loop.spacecraft.state
+        off = math.radians(1.0) * np.random.default_rng((seed, 1)).standard_normal(3)
+        loop.estimator.expect(
+            multiply(truth.quaternion_gcrf, from_rotation_vector(off)), truth.rate_body
+        )
+        means.append(loop.fly(560).normalised_error_squared(0, 3)[40:].mean())
+    assert 0.6 < np.mean(means) < 1.5
 
 
 def test_bad_configurations_are_refused_in_one_line():
