@@ -333,7 +333,7 @@ def _write_raising(result: OrbitRaising, orbits: DeterminedOrbits, folder: Path)
             if determined is nothing:
                 continue
             axes.plot(orbits.days, determined, ".", color=AXIS_COLOURS[1], label="from GPS fixes")
-            axes.legend(loc="upper right")
+            axes.legend(loc="lower right")
         axes.set_xlabel("days since 28 June 2000")
         save_figure(figure, folder / f"figure_{number}.png", f"Figure {number}: {title}")
 
