@@ -94,6 +94,8 @@ _LONGEST_WAIT = 30
 # By how many cycles of both signals the integers of all links are tried to be off, and by how much
 # the sum of the squares of contents over their sigmas must be less than with any other number.
 _SHIFTS_TRIED, _MARGIN_OF_SHIFT = (-2, -1, 0, 1, 2), 25.0
+# Nothing is told or learned from contents that speak for a shift by so much.
+_DOUBT_OF_SHIFT = 9.0
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
@@ -501,7 +503,8 @@ class FormationDensity:
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
-        self._check_constant(seconds, altitudes, fixed, sigma)
+        if not self._check_constant(seconds, altitudes, fixed, sigma):
+            sigma[:] = np.nan
         epoch = self._estimator.update(
             seconds,
             altitude_chief,
@@ -787,8 +790,10 @@ class FormationDensity:
         altitudes: tuple[float, float],
         fixed: _LinkMeans,
         sigma: FloatArray,
-    ) -> None:
+    ) -> bool:
         """Compare the constant of links that have found their integers again with that before.
+
+        Returns whether they may be used.
 
         Where all had lost them, those of all may be wrong alike: signals that went on through a
         fade, from which the others follow, may have wound up by a cycle. Then all contents are off
@@ -799,7 +804,7 @@ class FormationDensity:
         before = self._before_loss
         used = np.isfinite(sigma)
         if before is None or np.count_nonzero(used) < _ENOUGH_PROVED:
-            return
+            return True
         predicted, covariance = before.predicted_stec(
             seconds,
             *altitudes,
@@ -820,12 +825,13 @@ class FormationDensity:
             squares[shift] = float(innovation[kept] @ normalized) + _MARGIN_OF_SHIFT * outliers
         best, second = sorted(squares, key=squares.__getitem__)[:2]
         if squares[second] - squares[best] < _MARGIN_OF_SHIFT:
-            return
+            return bool(squares[0] - squares[best] < _DOUBT_OF_SHIFT)
         if best != 0:
             before.shift_bias(best * cycle)
             self._estimator = before
             self._shifts += 1
         self._before_loss = None
+        return True
 
     def _horizontal_sigma(self, chief: SpacecraftResult, positions: FloatArray) -> float:
         """Return the sigma of what the vertical contents at two positions differ by, TECU.
