@@ -55,8 +55,8 @@ def make_app(arguments: Sequence[str] = ()) -> typer.Typer:
     Parameters
     ----------
     arguments
-        Of the command line. Where the first is a command, the others are left out: the import of
-        all takes longer than that of many a command.
+        Words of the command line. Where the first is a command, the others are left out: the
+        import of all takes longer than that of many a command.
     """
     # Imported here, so that `main` catches a Ctrl-C in the second that importing takes.
     import typer
