@@ -31,7 +31,6 @@ from vtff_node import diagnostics
 from vtff_node.main import run_node
 from vtff_node.node import VtffNode
 from vtff_node.parameters import REQUIRED, ParameterError, parameter
-from vtff_node.process.rehearsal import Rehearsal
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 WATCH_INTERVAL = 0.05  # s of wall time between looks at a step that is not complete
@@ -157,17 +156,14 @@ class FormationSafetyNode(VtffNode):
         given: FormationSafetyParameters = self.parameters
         names = {field.name for field in dataclasses.fields(SafetySetting)}
         values = {name: getattr(given, name) for name in names}
-        self._rehearsal: Rehearsal | None = None
         try:
-            setting = SafetySetting(**values)
-            made = (given.chief, given.deputies, setting, given.chief_thrusts)
-            self._safety = FormationSafety(*made)
-            if not self.lockstep:
-                self._rehearsal = Rehearsal(self, self.steady_clock, FormationSafety(*made))
+            self._safety = FormationSafety(
+                given.chief, given.deputies, SafetySetting(**values), given.chief_thrusts
+            )
         except ValueError as error:
             raise ParameterError(f"parameter {error}") from error
         # Takes seconds without a cache, which the first step cannot wait.
-        compile_kernels(setting)
+        compile_kernels(SafetySetting(**values))
         # Those whose commands are judged.
         self._guarded = [*given.deputies, *([given.chief] if given.chief_thrusts else [])]
         self._pending: dict[int, _Pending] = {}
@@ -254,16 +250,10 @@ class FormationSafetyNode(VtffNode):
             # The run starts anew.
             self._pending.clear()
             self._judged = self._taken = -1
-            self._reset_monitor(None)
+            self._safety.reset()
         if stamp not in self._pending:
             self._pending[stamp] = _Pending(time.monotonic(), {}, {})
         return self._pending[stamp]
-
-    def _reset_monitor(self, name: str | None) -> None:
-        """Give a spacecraft back, or all."""
-        if self._rehearsal is not None:
-            self._rehearsal.note("reset", name)
-        self._safety.reset(name)
 
     # ---- what is decided ---------------------------------------------------------------------
 
@@ -294,10 +284,7 @@ class FormationSafetyNode(VtffNode):
         if stamp > self._taken:
             self._taken = stamp
             states = self._pending[stamp].states
-            inputs = {name: _state_input(state) for name, state in states.items()}
-            if self._rehearsal is not None:
-                self._rehearsal.note("take_states", inputs)
-            self._safety.take_states(inputs)
+            self._safety.take_states({name: _state_input(state) for name, state in states.items()})
 
     def _watch(self) -> None:
         """Judge steps for which something is too late; without commands thrust is off anyway."""
@@ -318,10 +305,9 @@ class FormationSafetyNode(VtffNode):
         pending = self._pending.pop(stamp)
         self._judged = stamp
         self._steps += 1
-        inputs = {name: self._thrust_input(name, stamp, pending) for name in self._guarded}
-        if self._rehearsal is not None:
-            self._rehearsal.note("decide", inputs)
-        result = self._safety.decide(inputs)
+        result = self._safety.decide(
+            {name: self._thrust_input(name, stamp, pending) for name in self._guarded}
+        )
         self._decisions = result.decisions
         header_stamp = to_stamp(stamp)
         for name, decision in result.decisions.items():
@@ -339,8 +325,6 @@ class FormationSafetyNode(VtffNode):
                 self._command_publishers[name].publish(command)
         self._publish(stamp, result)
         self.acknowledge_step(header_stamp, started)
-        if self._rehearsal is not None:
-            self._rehearsal.expect_after(stamp, started)
 
     def _thrust_input(self, name: str, stamp: int, pending: _Pending) -> SpacecraftInput:
         """Return what is reported of a spacecraft's thrust at a step, and commanded."""
@@ -408,7 +392,7 @@ class FormationSafetyNode(VtffNode):
         if name and name not in self._guarded:
             response.message = f"unknown spacecraft '{name}'; guarded: {', '.join(self._guarded)}"
             return response
-        self._reset_monitor(name or None)
+        self._safety.reset(name or None)
         self.get_logger().warning(f"{name or 'all spacecraft'} given back by a reset")
         response.success = True
         return response

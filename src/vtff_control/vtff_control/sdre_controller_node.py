@@ -36,7 +36,6 @@ from vtff_node.node import VtffNode
 from vtff_node.parameters import parameter
 from vtff_node.plugins.groups import CONTROLLERS
 from vtff_node.plugins.loading import PluginError, plugin_names
-from vtff_node.process.rehearsal import Rehearsal
 from vtff_node.stamps import StampOrder, to_nanoseconds
 
 GUIDANCE_WAIT = 0.3  # s of wall time, outside lockstep
@@ -169,26 +168,24 @@ class SdreControllerNode(VtffNode):
         given: SdreControllerParameters = self.parameters
         self.plugin.call_limit = given.compute_limit
         self.plugin.sample_time = given.sample_time
-        setting = ControllerSetting(
-            sample_time=given.sample_time,
-            delay_steps=given.delay_steps,
-            acceleration_cap=given.acceleration_cap,
-            feedforward=given.feedforward,
-            feedforward_gravity=given.feedforward_gravity,
-            position_weight=given.position_weight or None,
-            velocity_weight=given.velocity_weight or None,
-            control_weight=given.control_weight or None,
-            tolerated_deviation=given.tolerated_deviation or None,
-            braking_share=given.braking_share or None,
-            quantum=given.quantum or None,
-            maximum_sigma=given.maximum_sigma,
-            maximum_sigma_ratio=given.maximum_sigma_ratio,
+        self._controller: Controller = self.plugin.make(
+            ControllerSetting(
+                sample_time=given.sample_time,
+                delay_steps=given.delay_steps,
+                acceleration_cap=given.acceleration_cap,
+                feedforward=given.feedforward,
+                feedforward_gravity=given.feedforward_gravity,
+                position_weight=given.position_weight or None,
+                velocity_weight=given.velocity_weight or None,
+                control_weight=given.control_weight or None,
+                tolerated_deviation=given.tolerated_deviation or None,
+                braking_share=given.braking_share or None,
+                quantum=given.quantum or None,
+                maximum_sigma=given.maximum_sigma,
+                maximum_sigma_ratio=given.maximum_sigma_ratio,
+            ),
+            self.plugin_parameters,
         )
-        self._controller: Controller = self.plugin.make(setting, self.plugin_parameters)
-        self._rehearsal: Rehearsal | None = None
-        if self.plugin.is_shipped and not self.lockstep:
-            twin = self.plugin.make(setting, self.plugin_parameters)
-            self._rehearsal = Rehearsal(self, self.steady_clock, twin)
         self._takes_covariance = takes_covariance(self._controller)
         if not self._takes_covariance:
             self.get_logger().info(
@@ -307,8 +304,6 @@ class SdreControllerNode(VtffNode):
             self.fail(plugin_problem)
             return
         self.acknowledge_step(message.header.stamp, started)
-        if self._rehearsal is not None:
-            self._rehearsal.expect_after(stamp, started)
 
     def _control(self, message: RelativeState, stamp: int) -> tuple[ControlResult, str]:
         if message.solution == RelativeState.SOLUTION_NONE:
@@ -330,11 +325,15 @@ class SdreControllerNode(VtffNode):
                 self._reset()
                 return REFUSED, reason
             covariance = []
-        chief_gcrf = np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf))
-        arguments = (relative_state, chief_gcrf, self._target, stamp, *covariance)
-        if self._rehearsal is not None:
-            self._rehearsal.note("control", *arguments)
-        result = self.plugin.call(self._controller.control, *arguments, check=check_control_result)
+        result = self.plugin.call(
+            self._controller.control,
+            relative_state,
+            np.concatenate((message.position_chief_gcrf, message.velocity_chief_gcrf)),
+            self._target,
+            stamp,
+            *covariance,
+            check=check_control_result,
+        )
         return result, result.reason
 
     def _bounds_reason(self, relative_state: FloatArray, covariance: FloatArray | None) -> str:
@@ -353,8 +352,6 @@ class SdreControllerNode(VtffNode):
             return str(error)
 
     def _reset(self) -> None:
-        if self._rehearsal is not None:
-            self._rehearsal.note("reset")
         self.plugin.call(self._controller.reset)
 
     def health(self) -> list[diagnostics.DiagnosticStatus]:

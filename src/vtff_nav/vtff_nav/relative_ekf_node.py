@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import math
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, cast
 
@@ -35,6 +36,7 @@ from vtff_nav.relative.common.antenna_correction import (
 )
 from vtff_nav.relative.common.body_attitude import BodyAttitude
 from vtff_nav.relative.common.dynamics import DYNAMICS, Dynamics
+from vtff_nav.relative.common.estimator_inputs import EstimatorInputs
 from vtff_nav.relative.common.estimator_setting import EstimatorSetting
 from vtff_nav.relative.common.measurements import MeasurementNoise
 from vtff_nav.relative.common.signal_bands import parse_bands
@@ -60,7 +62,6 @@ from vtff_node.node import VtffNode
 from vtff_node.parameters import ParameterError, parameter
 from vtff_node.plugins.groups import ESTIMATORS
 from vtff_node.plugins.loading import PluginError, plugin_names
-from vtff_node.process.rehearsal import Rehearsal
 from vtff_node.stamps import StampOrder, to_nanoseconds, to_stamp
 
 JOIN_INTERVAL = 0.01  # s of wall time between looks at epochs that wait for a receiver
@@ -429,10 +430,6 @@ class RelativeEkfNode(VtffNode):
         self._thrust_orders = {name: StampOrder() for name in self._namespaces}
         self._refused_thrust = 0
         self._inputs_since: float | None = None
-        self._rehearsal: Rehearsal | None = None
-        if self.plugin.is_shipped and not self.lockstep:
-            twin = self.plugin.make(setting, self.plugin_parameters)
-            self._rehearsal = Rehearsal(self, self.steady_clock, twin)
         self._state_publisher = self.publisher(RelativeState, "relative_state")
         self._ambiguity_publisher = self.publisher(AmbiguityStatus, "ambiguities")
         self._tec_publisher = self.publisher(SlantTec, "differential_tec")
@@ -480,7 +477,7 @@ class RelativeEkfNode(VtffNode):
     # ---- input -------------------------------------------------------------------------------
 
     def _on_ephemeris(self, message: GnssEphemeris) -> None:
-        self._tell("add_ephemeris", ephemeris_from_message(message))
+        self._tell(self._estimator.add_ephemeris, ephemeris_from_message(message))
 
     def _role(self, craft: str) -> str:
         """Return the prefix of the parameters of a spacecraft."""
@@ -506,7 +503,9 @@ class RelativeEkfNode(VtffNode):
             )
             return
         # Only subscribed to where the estimator has the method.
-        self._tell("add_attitude", attitude, is_of_chief=self._role(craft) == "chief")
+        add_attitude = cast(EstimatorInputs, self._estimator).add_attitude
+        is_of_chief = self._role(craft) == "chief"
+        self._tell(functools.partial(add_attitude, is_of_chief=is_of_chief), attitude)
 
     def _on_thrust(self, craft: str, message: AccelStamped) -> None:
         stamp = to_nanoseconds(message.header.stamp)
@@ -522,25 +521,23 @@ class RelativeEkfNode(VtffNode):
             )
             return
         start = GpsTime.from_unix_nanoseconds(stamp)
-        method = "add_thrust" if craft == self.parameters.deputy else "add_chief_thrust"
-        if not hasattr(self._estimator, method):
+        if craft == self.parameters.deputy:
+            add_thrust = self._estimator.add_thrust
+        elif hasattr(self._estimator, "add_chief_thrust"):
+            add_thrust = self._estimator.add_chief_thrust
+        else:
             if any(acceleration):
                 name = self.parameters.estimator
                 self.fail(f"estimator '{name}' cannot take thrust of the chief")
             return
-        self._tell(method, start, self.parameters.thrust_duration, acceleration)
+        self._tell(add_thrust, start, self.parameters.thrust_duration, acceleration)
 
-    def _tell(self, method: str, *arguments: object, **named: object) -> None:
+    def _tell(self, method: Callable[..., None], *arguments: object) -> None:
         """Call a method of the estimator; where that fails, answer the last epoch and end."""
         if self.finished:
             return
-        if self._rehearsal is not None:
-            self._rehearsal.note(method, *arguments, **named)
-        function = getattr(self._estimator, method)
         try:
-            self.plugin.call(
-                functools.partial(function, **named) if named else function, *arguments
-            )
+            self.plugin.call(method, *arguments)
         except PluginError as error:
             if self._newest >= 0:
                 newest = GpsTime.from_unix_nanoseconds(self._newest)
@@ -576,7 +573,7 @@ class RelativeEkfNode(VtffNode):
         """Start navigation anew when time has jumped back, as in a log that begins again."""
         if stamp < self._newest - StampOrder.JUMP_BACK:
             self.get_logger().warning("time has jumped back: navigation starts anew")
-            self._tell("reset")
+            self._tell(self._estimator.reset)
             self._join.restart()
             self._newest = -1
         self._newest = max(self._newest, stamp)
@@ -614,11 +611,15 @@ class RelativeEkfNode(VtffNode):
         interval = 1e-9 * (epoch.stamp_nanoseconds - self._processed_nanoseconds)
         self.plugin.sample_time = interval if interval > 0.0 else math.inf
         self._processed_nanoseconds = epoch.stamp_nanoseconds
-        inputs = (time_epoch, *(measured.get(name) for name in (given.chief, given.deputy, LASER)))
-        if self._rehearsal is not None:
-            self._rehearsal.note("process", *inputs)
         try:
-            solution = self.plugin.call(self._estimator.process, *inputs, check=check_solution)
+            solution = self.plugin.call(
+                self._estimator.process,
+                time_epoch,
+                measured.get(given.chief),
+                measured.get(given.deputy),
+                measured.get(LASER),
+                check=check_solution,
+            )
         except PluginError as error:
             plugin_problem = str(error)
             solution = RelativeSolution.none(time_epoch, (plugin_problem,))
@@ -628,8 +629,6 @@ class RelativeEkfNode(VtffNode):
             self.fail(plugin_problem)
             return
         self.acknowledge_step(to_stamp(epoch.stamp_nanoseconds), started)
-        if self._rehearsal is not None:
-            self._rehearsal.expect_after(epoch.stamp_nanoseconds, started)
 
     def _publish(self, solution: RelativeSolution) -> None:
         given: RelativeEkfParameters = self.parameters

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
-import numpy as np
 import pytest
 from cdgps_test_support import configuration, fly, simulate
 
@@ -40,26 +37,3 @@ def test_a_rehearsal_gives_solutions(dynamics):
 def test_a_rehearsal_of_the_paper():
     estimator = PaperEstimator(PaperConfiguration(start_duration=3.0))
     assert rehearse(estimator).solution >= SOLUTION_FLOAT
-
-
-def bits(solution):
-    """Return all numbers of a solution, to the last bit."""
-    values = ((f.name, getattr(solution, f.name)) for f in dataclasses.fields(solution))
-    return {
-        name: value.tobytes() if isinstance(value, np.ndarray) else repr(value)
-        for name, value in values
-    }
-
-
-def test_a_twin_that_repeats_each_epoch_changes_nothing():
-    """As a node in real time has one, which is given the very same observations."""
-    scenario = simulate(30)
-    alone, watched, twin = (CdgpsEstimator(configuration(), scenario.ephemerides) for _ in range(3))
-    last, found = None, None
-    for time, chief in scenario.chief.items():
-        if last is not None:
-            assert bits(twin.process(*last)) == bits(found)
-        last = (time, chief, scenario.deputy.get(time))
-        found = watched.process(*last)
-        assert bits(found) == bits(alone.process(*last))
-    assert found.solution > SOLUTION_FLOAT

@@ -72,9 +72,6 @@ class Plugin:
         Longest wall time of one call, s.
     sample_time : float
         Scenario time between calls that answer a sample, s.
-    is_shipped : bool
-        Whether it is one of vtff: a second object of it does no harm. One of a laboratory may hold
-        a device or a file.
 
     Attributes
     ----------
@@ -90,7 +87,6 @@ class Plugin:
     factory: Callable[..., Any]
     call_limit: float = 10.0
     sample_time: float = math.inf
-    is_shipped: bool = False
     calls: int = dataclasses.field(default=0, init=False)
     late_calls: int = dataclasses.field(default=0, init=False)
     longest_call: float = dataclasses.field(default=0.0, init=False)
@@ -234,7 +230,7 @@ def load_plugin(group: PluginGroup, name: str) -> Plugin:
         raise PluginError(
             f"{group.parameter} '{name}' ({_origin(entry)}): cannot be loaded: {reason}"
         ) from error
-    plugin = Plugin(group, name, _origin(entry), factory, is_shipped=_is_shipped(entry))
+    plugin = Plugin(group, name, _origin(entry), factory)
     if not callable(factory):
         raise PluginError(plugin.describe(f"a class is expected, not {type(factory).__name__}"))
     table = plugin.parameter_table
