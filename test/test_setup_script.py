@@ -402,14 +402,21 @@ def wait_for_pip(tree):
         time.sleep(0.02)
 
 
+def working_folder(number):
+    """Return the working folder of a process; None if it has ended or does not tell it."""
+    try:
+        return os.readlink(f"/proc/{number}/cwd")
+    except OSError:
+        return None
+
+
 def assert_no_process_in(folder):
     """Wait until no process works in a folder: what the set-up started is gone with it."""
     deadline = time.monotonic() + 30
     while left := [
         number
         for number in filter(str.isdigit, os.listdir("/proc"))
-        # Of a process that has just ended this is its own path; `Path.glob` would raise.
-        if os.path.realpath(f"/proc/{number}/cwd") == os.path.realpath(folder)
+        if working_folder(number) == os.path.realpath(folder)
     ]:
         assert time.monotonic() < deadline, left
         time.sleep(0.02)
