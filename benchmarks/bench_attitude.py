@@ -9,7 +9,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 import numpy.typing as npt
@@ -499,21 +499,29 @@ CASES: dict[str, Callable[[range], None]] = {
 }
 
 
-def main() -> None:
-    """Fly the cases of the command line."""
+def fly_cases(description: str | None, cases: Mapping[str, Callable[[range], None]]) -> None:
+    """Fly the cases that the command line names, with its seeds; all by default.
+
+    Parameters
+    ----------
+    description
+        What ``--help`` says of the program.
+    cases
+        Functions that fly the given seeds, by name.
+    """
     parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+        description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("cases", nargs="*", metavar="case", help=f"{', '.join(CASES)}; default all")
+    parser.add_argument("cases", nargs="*", metavar="case", help=f"{', '.join(cases)}; default all")
     parser.add_argument("--seeds", type=int, default=3, help="flights of each case (3)")
     parser.add_argument("--first-seed", type=int, default=1, help="seed of the first flight (1)")
     given = parser.parse_args()
-    unknown = sorted(set(given.cases) - set(CASES))
+    unknown = sorted(set(given.cases) - set(cases))
     if unknown:
         parser.error(f"no case {unknown[0]!r}")
-    for name in given.cases or CASES:
-        CASES[name](range(given.first_seed, given.first_seed + given.seeds))
+    for name in given.cases or cases:
+        cases[name](range(given.first_seed, given.first_seed + given.seeds))
 
 
 if __name__ == "__main__":
-    main()
+    fly_cases(__doc__, CASES)

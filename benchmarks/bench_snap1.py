@@ -6,14 +6,13 @@ flight and what is asked.
 
 from __future__ import annotations
 
-import argparse
 import math
 import zlib
 from collections.abc import Callable
 
 import numpy as np
 import numpy.typing as npt
-from bench_attitude import FIELD_SIGMA, BelievedFieldError
+from bench_attitude import FIELD_SIGMA, BelievedFieldError, fly_cases
 
 from vtff_analysis.attitude.loop import AttitudeHistory, AttitudeLoop, LoopConfiguration
 from vtff_analysis.attitude.snap1 import (
@@ -286,21 +285,5 @@ CASES: dict[str, Callable[[range], None]] = {
 }
 
 
-def main() -> None:
-    """Fly the cases of the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("cases", nargs="*", metavar="case", help=f"{', '.join(CASES)}; default all")
-    parser.add_argument("--seeds", type=int, default=3, help="flights of each case (3)")
-    parser.add_argument("--first-seed", type=int, default=1, help="seed of the first flight (1)")
-    given = parser.parse_args()
-    unknown = sorted(set(given.cases) - set(CASES))
-    if unknown:
-        parser.error(f"no case {unknown[0]!r}")
-    for name in given.cases or CASES:
-        CASES[name](range(given.first_seed, given.first_seed + given.seeds))
-
-
 if __name__ == "__main__":
-    main()
+    fly_cases(__doc__, CASES)

@@ -73,11 +73,9 @@ def begin_reading(
 
     Parameters
     ----------
-    path
+    path, systems, partial
         As in `vtff_gnss.files.observation_files.open_observations`, whose errors the returned
-        function raises; None ends a process that was prepared in vain.
-    systems, partial
-        As there.
+        function raises. A path of None ends a process that was prepared in vain.
 
     Returns
     -------

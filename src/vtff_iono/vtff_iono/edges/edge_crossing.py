@@ -155,7 +155,7 @@ class _Satellite:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
-    """What is fitted of a crossing.
+    """Contents of both spacecraft about a crossing, to which walls are fitted.
 
     Parameters
     ----------
