@@ -40,7 +40,7 @@ class StepSourceParameters:
         50, "in lockstep, steps a side branch may lag", minimum=0, maximum=500
     )
     start_timeout: float = parameter(
-        60.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
+        120.0, "wall time for all participants to finish the first step", unit="s", minimum=0.1
     )
     # Longer than the `compute_limit` of plug-ins, so that a slow plug-in is named itself.
     step_timeout: float = parameter(
