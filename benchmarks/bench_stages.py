@@ -71,8 +71,22 @@ def name_of(process: int) -> str:
     return f"{namespace.rstrip('/')}/{names[0]}" if names and namespace else "".join(names[:1])
 
 
-def fly(vtff: str, arguments: list[str], seconds: int) -> Times:
-    """Fly a run; return user and system time of its processes, s."""
+def resident_memory(process: int) -> float:
+    """Return the resident memory of a process, MB; zero if it has ended."""
+    try:
+        pages = int(pathlib.Path(f"/proc/{process}/statm").read_text().split()[1])
+    except (OSError, IndexError):
+        return 0.0
+    return pages * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+def fly(
+    vtff: str, arguments: list[str], seconds: int, memory: list[dict[str, float]] | None = None
+) -> Times:
+    """Fly a run; return user and system time of its processes, s.
+
+    `memory` takes the resident memory of the processes, MB by name, some times a second.
+    """
     with tempfile.TemporaryDirectory() as folder:
         command = [vtff, "run", "reference", *arguments, "--no-report"]
         command += ["--duration", str(seconds), "--out", f"{folder}/run"]
@@ -90,6 +104,8 @@ def fly(vtff: str, arguments: list[str], seconds: int) -> Times:
                 for process in family & running.keys():
                     name = name_of(process) or used.get(process, ("",))[0]
                     used[process] = (name, *running[process][1:])
+                if memory is not None:
+                    memory.append({used[p][0]: resident_memory(p) for p in family & used.keys()})
                 time.sleep(SAMPLE_INTERVAL)
         if run.returncode:
             sys.exit(pathlib.Path(f"{folder}/output").read_text())

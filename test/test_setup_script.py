@@ -266,13 +266,22 @@ def test_python_sets_the_environment_itself(tmp_path, settings, shown):
     assert second == "['a', 'b c'] line"
 
 
-def test_python_of_this_workspace_needs_nothing_sourced():
+@pytest.mark.parametrize("home", [{}, {"HOME": "/"}], ids=("without HOME", "with HOME"))
+def test_python_of_this_workspace_needs_nothing_sourced(home, tmp_path):
+    """Nor a home folder: CI and cron may lack one, and the first log entry wants a place."""
     python = ROOT / ".venv/bin/python"
     if not (ROOT / ".venv/vtff_environment.sh").is_file():
         pytest.skip("this workspace was not made by tools/setup.sh")
-    code = "import rclpy, vtff_msgs.msg, vtff_analysis; print(vtff_msgs.msg.RelativeState().header)"
-    done = subprocess.run([python, "-c", code], env=PLAIN, capture_output=True, text=True, cwd="/")
+    code = (
+        "import rclpy, vtff_msgs.msg, vtff_analysis; print(vtff_msgs.msg.RelativeState().header)\n"
+        "rclpy.init(domain_id=0); rclpy.create_node('test').get_logger().warning('a first entry')"
+    )
+    settings = {"PATH": PLAIN["PATH"], **home}
+    if home:
+        settings["ROS_LOG_DIR"] = str(tmp_path)
+    done = subprocess.run([python, "-c", code], env=settings, capture_output=True, text=True, cwd="/")
     assert done.returncode == 0, done.stderr
+    assert "a first entry" in done.stderr
 
 
 def test_an_environment_that_is_broken_does_not_start_python_for_ever(tmp_path):

@@ -101,6 +101,7 @@ def main() -> None:
         shlex.quote(str(root / "config/dds" / name))
         for name in ("fastdds.xml", "fastdds_network.xml")
     )
+    log = shlex.quote(str(root / "log/ros"))
     lines = ["# Written by tools/write_environment.py; do not edit."]
     lines += [f"export {name}={shlex.quote(environment[name])}" for name in VARIABLES]
     lines += [
@@ -112,6 +113,8 @@ def main() -> None:
         # More threads cost more than they give on small matrices; `vtff run` does the same.
         "export OPENBLAS_NUM_THREADS=${OPENBLAS_NUM_THREADS:-1}",
         "export OMP_NUM_THREADS=${OMP_NUM_THREADS:-1}",
+        # CI and cron may lack HOME, without which ROS has no folder for its logs.
+        f'[ -n "${{HOME:-}}${{ROS_HOME:-}}${{ROS_LOG_DIR:-}}" ] || export ROS_LOG_DIR={log}',
         # A run must not meet the graphs of other users of the same network.
         "export ROS_AUTOMATIC_DISCOVERY_RANGE=${ROS_AUTOMATIC_DISCOVERY_RANGE:-LOCALHOST}",
         f"export FASTRTPS_DEFAULT_PROFILES_FILE={local}",
