@@ -279,7 +279,8 @@ def test_python_of_this_workspace_needs_nothing_sourced(home, tmp_path):
     settings = {"PATH": PLAIN["PATH"], **home}
     if home:
         settings["ROS_LOG_DIR"] = str(tmp_path)
-    done = subprocess.run([python, "-c", code], env=settings, capture_output=True, text=True, cwd="/")
+    command = [python, "-c", code]
+    done = subprocess.run(command, env=settings, capture_output=True, text=True, cwd="/")
     assert done.returncode == 0, done.stderr
     assert "a first entry" in done.stderr
 
