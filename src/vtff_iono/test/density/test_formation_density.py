@@ -12,6 +12,8 @@ from formation_simulation import mean_density
 from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_gnss.orbits.ephemeris_selection import EphemerisStore
 from vtff_gnss.signals import carrier_frequency_hz
+from vtff_iono.density import constant_check
+from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.integer_resolution import IntegerResolver
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder
 from vtff_iono.formation_ionosphere import FormationIonosphere
@@ -145,6 +147,66 @@ def test_a_cycle_of_both_signals_by_which_all_integers_are_off_is_found(monkeypa
         chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
         true = mean_density(*drawn.profile, deputy, chief)
         assert abs(density.epoch.density - true) < 4.0 * density.epoch.sigma
+
+
+def test_what_all_contents_may_be_off_by_is_in_the_sigma_until_that_is_decided(monkeypatch):
+    """All integers are found again one too large, and whatever contents say decides nothing."""
+    find_shift = IntegerResolver.find_shift
+
+    def find_wrong_shift(resolver, *arguments):
+        found = find_shift(resolver, *arguments)
+        return None if found is None else (found[0] + 1.0, found[1] + 1.0)
+
+    monkeypatch.setattr(IntegerResolver, "find_shift", find_wrong_shift)
+    monkeypatch.setattr(constant_check, "_MARGIN_OF_SHIFT", np.inf)
+    monkeypatch.setattr(constant_check, "_DOUBT_OF_SHIFT", np.inf)
+    slips = {(1, prn): SLIP for prn in range(1, 33)}
+    drawn = DrawnFormation(
+        lambda t: 500e3 - 200.0 * t,
+        layer(),
+        relative_sigma=0.02,
+        slips=slips,
+        fixed_again=SLIP + 2.0,
+    )
+    densities = process(drawn)
+    after = [s for s in densities if s > SLIP and np.isfinite(densities[s].epoch.density)]
+    assert len(after) > 10
+    for second in after:
+        density = densities[second]
+        chief, deputy = drawn.altitudes(np.array((density.time - START.nanoseconds) * 1e-9))
+        error = density.epoch.density - mean_density(*drawn.profile, deputy, chief)
+        assert abs(error) > 4.0 * density.epoch.common_sigma
+        assert abs(error) < 2.0 * density.epoch.sigma < 4.0 * abs(error)
+        # Nothing of it is in what edges use.
+        parts = density.epoch.fast_sigma, density.epoch.common_sigma
+        assert np.hypot(*parts) < 0.5 * density.epoch.sigma
+
+
+def test_integers_that_become_wrong_while_phases_go_on_are_counted(monkeypatch):
+    """The content of a satellite leaves the others by a cycle of both signals within two seconds.
+
+    Nothing jumps, and a wrong integer that relative navigation brings is none that has changed.
+    """
+    counted = []
+    add_steps = ConstantCheck.add_steps
+
+    def see(check, steps, satellites):
+        counted.append((steps, satellites))
+        add_steps(check, steps, satellites)
+
+    monkeypatch.setattr(ConstantCheck, "add_steps", see)
+    drawn = DrawnFormation(lambda t: 500e3 - 200.0 * t, layer(), relative_sigma=0.02)
+    before = process(drawn)[SLIP - 1]
+    prn = int(before.prn[np.flatnonzero(np.isfinite(before.epoch.density_satellite))[-1]])
+    assert [steps for steps, _ in counted if steps] == []
+    counted.clear()
+    process(dataclasses.replace(drawn, slips={(1, prn): SLIP}), stale_prn=prn)
+    assert [steps for steps, _ in counted if steps] == []
+    counted.clear()
+    wound = {prn: lambda t: 0.513 / drawn.lag * np.maximum(t - SLIP, 0.0)}
+    process(dataclasses.replace(drawn, extra_content=wound))
+    assert [steps for steps, _ in counted if steps] == [1]
+    assert sum(satellites for _, satellites in counted) < 10
 
 
 def test_a_constant_is_not_given_up_for_integers_that_codes_contradict():

@@ -298,6 +298,7 @@ class ElectronDensityEstimator:
         satellite: npt.ArrayLike | None = None,
         horizontal_sigma_tecu: float = 0.0,
         is_independent: npt.ArrayLike | None = None,
+        constant_sigma_tecu: float = 0.0,
     ) -> DensityEpoch:
         """Return the density of one epoch.
 
@@ -323,6 +324,9 @@ class ElectronDensityEstimator:
         is_independent : array_like of bool, shape (n,), optional
             Whether a content tells whether others are right; by default all do. One whose integers
             it has chosen itself does not.
+        constant_sigma_tecu : float
+            Sigma of what all contents may be off by together because their integers are wrong
+            alike, TECU: only the sigmas of the densities know.
         """
         settings = self._settings
         elevations = np.array([elevation_chief, elevation_deputy], dtype=float)
@@ -388,6 +392,16 @@ class ElectronDensityEstimator:
             epoch.sigma,
             per_constant * ELECTRONS_PER_TECU,
         )
+        if constant_sigma_tecu > 0.0:
+            # With another constant all that was learned is another one too.
+            shift = constant_sigma_tecu * ELECTRONS_PER_TECU
+            paths = np.full(len(observed), math.nan)
+            paths[used] = np.abs(common[:, DENSITY])
+            epoch = replace(
+                epoch,
+                sigma=math.hypot(epoch.sigma, shift * float(gain[DENSITY].sum())),
+                sigma_satellite=np.hypot(epoch.sigma_satellite, shift / paths),
+            )
         return epoch
 
     def past_density(

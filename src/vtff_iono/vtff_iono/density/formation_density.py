@@ -8,7 +8,6 @@ density. Integers that are found tell the densities of the seconds before, if th
 
 from __future__ import annotations
 
-import copy
 import math
 import statistics
 from collections import deque
@@ -24,6 +23,7 @@ from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import SYSTEM_GPS
 from vtff_gnss.signals import SignalKey, carrier_frequency_hz
 from vtff_iono.density.common_samples import NO_LINK, common_samples, squared_steps
+from vtff_iono.density.constant_check import ConstantCheck
 from vtff_iono.density.differential_tec import (
     SecondAverage,
     SecondMeans,
@@ -91,11 +91,6 @@ _ANY_SHIFT = 100.0
 _AROUND = 5
 # Most seconds without a density for which integers that are found later are used.
 _LONGEST_WAIT = 30
-# By how many cycles of both signals the integers of all links are tried to be off, and by how much
-# the sum of the squares of contents over their sigmas must be less than with any other number.
-_SHIFTS_TRIED, _MARGIN_OF_SHIFT = (-2, -1, 0, 1, 2), 25.0
-# Nothing is told or learned from contents that speak for a shift by so much.
-_DOUBT_OF_SHIFT = 9.0
 # Fewest links with integers whose density is believed where integers of others are looked for: one
 # may have slipped unseen.
 _FEWEST_WITNESSES = 2
@@ -276,9 +271,7 @@ class FormationDensity:
         self._seconds_unconnected = 0
         # Whether codes allow the integers that relative navigation had in the last second.
         self._is_offer_possible = True
-        # The estimator as it was when the last link lost its integers, until the constant has
-        # proved to be the same.
-        self._before_loss: ElectronDensityEstimator | None = None
+        self._constant_check = ConstantCheck(self._content_of(1.0, 1.0))
         # How often the constant of integers that were found again has proved to be another one.
         self._shifts = 0
         # Seconds since the last density.
@@ -471,7 +464,7 @@ class FormationDensity:
         if self._datum.number != self._datum_number:
             self._datum_number = self._datum.number
             self._estimator.reset_bias()
-            self._before_loss = None
+            self._constant_check.forget()
             self._resolver.reset()
             self._without_density.clear()
         seconds = time / NANOSECONDS_PER_SECOND
@@ -493,8 +486,8 @@ class FormationDensity:
             horizontal_sigma,
         )
         had_integers = means.has_integers()
-        if not had_integers.any() and self._before_loss is None and self._estimator.is_bias_known:
-            self._before_loss = copy.deepcopy(self._estimator)
+        if not had_integers.any() and self._estimator.is_bias_known:
+            self._constant_check.lose(self._estimator)
         means = self._resolve_integers(seconds, altitudes, means, sigma_of_all)
         has_integers = means.has_integers()
         fixed = means.select(has_integers)
@@ -503,7 +496,19 @@ class FormationDensity:
         proved = np.array([self._is_proved(stretch) for stretch in fixed.stretches], dtype=bool)
         if np.count_nonzero(proved) >= _ENOUGH_PROVED:
             sigma[~proved] = np.nan
-        if not self._check_constant(seconds, altitudes, fixed, sigma):
+        constant = self._constant_check.compare(
+            seconds,
+            altitudes,
+            fixed.elevation_chief,
+            fixed.elevation_deputy,
+            fixed.stec,
+            sigma,
+            satellites,
+        )
+        if constant.estimator is not None:
+            self._estimator = constant.estimator
+            self._shifts += 1
+        if not constant.may_use:
             sigma[:] = np.nan
         epoch = self._estimator.update(
             seconds,
@@ -517,7 +522,9 @@ class FormationDensity:
             satellites,
             horizontal_sigma,
             had_integers[has_integers],
+            constant.spread_tecu,
         )
+        self._constant_check.pass_second(seconds, math.isfinite(epoch.density))
         if math.isfinite(epoch.slow_time):
             predicted, covariance = self._predict(seconds, altitudes, means)
             error = means.stec - predicted
@@ -741,6 +748,8 @@ class FormationDensity:
         settings = self._settings
         wide_lanes, samples = fixed.wide_lane.tolist(), fixed.samples.tolist()
         error_sigma = np.hypot(spread, sigma)
+        fluctuates = self._noise_and_excess(fixed)[1] > 0.0
+        steps = still_right = 0
         largest = np.maximum(settings.outlier_sigmas * error_sigma, settings.outlier_tecu)
         is_off = np.abs(errors) > largest
         is_off |= self._contradicts_geometry(fixed, is_off | is_outlier, sigma)
@@ -751,9 +760,11 @@ class FormationDensity:
             is_wrong = off or abs(wide_lane_error) > max(
                 _WRONG_WIDE_LANE, _WRONG_WIDE_LANE_SIGMAS * self._resolver.wide_lane_sigma
             )
-            self._judge(stretch, is_wrong)
+            steps += self._judge(stretch, is_wrong)
+            still_right += bool(fluctuates[row]) and not is_wrong and stretch.has_proved
             if not is_wrong:
                 self._resolver.add_resolved(wide_lanes[row], samples[row])
+        self._constant_check.add_steps(steps, still_right)
 
     def _contradicts_geometry(
         self, fixed: _LinkMeans, is_off: npt.NDArray[np.bool_], sigma: FloatArray
@@ -783,55 +794,6 @@ class FormationDensity:
                 errors.append((error, sigmas[row]))
         self._resolver.add_geometric(errors)
         return contradicts
-
-    def _check_constant(
-        self,
-        seconds: float,
-        altitudes: tuple[float, float],
-        fixed: _LinkMeans,
-        sigma: FloatArray,
-    ) -> bool:
-        """Compare the constant of links that have found their integers again with that before.
-
-        Returns whether they may be used.
-
-        Where all had lost them, those of all may be wrong alike: signals that went on through a
-        fade, from which the others follow, may have wound up by a cycle. Then all contents are off
-        by one cycle of both signals, which wide lanes do not show. The constant that fits the
-        integers as they are is the one before and that cycle. `sigma` are those of the contents,
-        TECU; NaN for a link that is not used.
-        """
-        before = self._before_loss
-        used = np.isfinite(sigma)
-        if before is None or np.count_nonzero(used) < _ENOUGH_PROVED:
-            return True
-        predicted, covariance = before.predicted_stec(
-            seconds,
-            *altitudes,
-            fixed.elevation_chief,
-            fixed.elevation_deputy,
-            [stretch.signals.prn for stretch in fixed.stretches],
-        )
-        errors = (fixed.stec - predicted)[used]
-        covariance = covariance[np.ix_(used, used)] + np.diag(sigma[used] ** 2)
-        cycle = self._content_of(1.0, 1.0)
-        squares = {}
-        for shift in _SHIFTS_TRIED:
-            innovation = errors - shift * cycle
-            kept = ~before.find_outliers(innovation, covariance)
-            normalized = np.linalg.solve(covariance[np.ix_(kept, kept)], innovation[kept])
-            # A link that contradicts the others speaks against any shift alike.
-            outliers = np.count_nonzero(~kept)
-            squares[shift] = float(innovation[kept] @ normalized) + _MARGIN_OF_SHIFT * outliers
-        best, second = sorted(squares, key=squares.__getitem__)[:2]
-        if squares[second] - squares[best] < _MARGIN_OF_SHIFT:
-            return bool(squares[0] - squares[best] < _DOUBT_OF_SHIFT)
-        if best != 0:
-            before.shift_bias(best * cycle)
-            self._estimator = before
-            self._shifts += 1
-        self._before_loss = None
-        return True
 
     def _horizontal_sigma(self, chief: SpacecraftResult, positions: FloatArray) -> float:
         """Return the sigma of what the vertical contents at two positions differ by, TECU.
@@ -1036,8 +998,11 @@ class FormationDensity:
             return 0.0
         return -float(differential_stec(0.0, 0.0, first, second, *self._frequencies))
 
-    def _judge(self, stretch: PhaseStretch, is_wrong: bool) -> None:
-        """Count the seconds that speak against or for the integers of a stretch."""
+    def _judge(self, stretch: PhaseStretch, is_wrong: bool) -> bool:
+        """Count the seconds that speak against or for the integers of a stretch.
+
+        Returns whether integers that had proved right have become wrong.
+        """
         prn = stretch.signals.prn
         self._doubts[prn] = self._doubts.get(prn, 0) + 1 if is_wrong else 0
         stretch.seconds_of_agreement = 0 if is_wrong else stretch.seconds_of_agreement + 1
@@ -1047,9 +1012,13 @@ class FormationDensity:
             self._doubts[prn] = 0
             for signal in stretch.signals:
                 self._datum.refuse(signal)
-        elif stretch.seconds_of_agreement == _SECONDS_OF_PROOF:
+            had_proved, stretch.has_proved = stretch.has_proved, False
+            return had_proved
+        if stretch.seconds_of_agreement == _SECONDS_OF_PROOF:
+            stretch.has_proved = True
             for signal in stretch.signals:
                 self._datum.prove(signal)
+        return False
 
 
 def _single_difference(

@@ -55,6 +55,8 @@ class PhaseStretch:
         For how many seconds in a row its content has agreed with that of the other satellites.
     origin : float
         Differential content of its first sample, TECU; NaN before.
+    has_proved : bool
+        Whether its integers have proved right by the agreement of its content with the others.
     """
 
     number: int
@@ -64,6 +66,7 @@ class PhaseStretch:
     integers: tuple[float | None, float | None]
     seconds_of_agreement: int = 0
     origin: float = math.nan
+    has_proved: bool = False
 
     @property
     def has_integers(self) -> bool:
