@@ -9,7 +9,13 @@ from formation_simulation import RADIUS
 from orbit_simulation import BIAS, PER_NS, samples, seen
 
 from vtff_iono.bias.bias_samples import BiasSamples, ReceiverBiasError
-from vtff_iono.bias.receiver_bias import ReceiverBias, content_sigma, estimate_receiver_biases
+from vtff_iono.bias.pair_equations import PairSolution
+from vtff_iono.bias.receiver_bias import (
+    ReceiverBias,
+    _proven_part,
+    content_sigma,
+    estimate_receiver_biases,
+)
 from vtff_iono.geometry.mapping import mapping_factor
 from vtff_iono.links.geometry_free import tecu_per_metre
 
@@ -69,6 +75,30 @@ def test_an_hour_on_the_ground_is_sampled_forty_times():
     (of_all,) = estimate_receiver_biases(samples(rows, 0, 0.1)).biases
     (of_thinned,) = estimate_receiver_biases(samples(thinned, 0, 0.1)).biases
     assert 0 < of_all.pairs <= 1.1 * of_thinned.pairs
+
+
+def left_out_solutions(change, scatter, seed):
+    """Solutions of 9 models without and with an effect, known to 1 and to `scatter` TECU."""
+    generator = np.random.default_rng(seed)
+    blocks = 24
+    common = generator.standard_normal((blocks, 1)) / (blocks - 1)
+    own = scatter * generator.standard_normal((blocks, 1)) / (blocks - 1)
+    without, having = [], []
+    for _ in range(9):
+        one = 5.0 + math.sqrt(blocks) * common
+        other = one + change + math.sqrt(blocks) * own
+        without.append(PairSolution(np.full(1, 5.0), np.ones(1), one))
+        having.append(PairSolution(np.full(1, 5.0 + change), np.ones(1), other))
+    return without, having
+
+
+@pytest.mark.parametrize(("change", "part"), [(0.3, 0.0), (2.0, 0.75), (10.0, 0.99)])
+def test_only_the_proven_part_of_an_effect_is_taken_over(change, part):
+    """An effect whose jackknife sigma is 1 TECU; what both solutions share does not hide it."""
+    found = [_proven_part(*left_out_solutions(change, 1.0, seed)) for seed in range(20)]
+    assert np.mean(found) == pytest.approx(part, abs=0.1)
+    one_block = PairSolution(np.full(1, 5.0), np.full(1, np.inf), np.full((1, 1), 5.0))
+    assert _proven_part([one_block], [one_block._replace(bias_tecu=np.full(1, 9.0))]) == 0.0
 
 
 def test_too_few_satellites():

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,7 +21,9 @@ from vtff_iono.geometry.mapping import pierce_point
 __all__ = [
     "IntArray",
     "PairEquations",
+    "PairSolution",
     "compile_kernels",
+    "jackknife_sigma",
     "satellite_pairs",
     "solve_pairs",
 ]
@@ -158,8 +161,24 @@ def _structure_columns(
     return np.stack(columns, axis=-1)
 
 
-def solve_pairs(equations: PairEquations, structure: int) -> tuple[FloatArray, FloatArray]:
-    """Return the biases of one model and their jackknife sigmas, TECU, shapes (groups,).
+class PairSolution(NamedTuple):
+    """Receiver biases of one model.
+
+    Attributes
+    ----------
+    bias_tecu, sigma_tecu : ndarray, shape (groups,)
+        Biases and their sigmas from jackknife and levels, TECU.
+    left_out_tecu : ndarray, shape (blocks, groups)
+        Biases of the solutions that each leave out one block of time, TECU.
+    """
+
+    bias_tecu: FloatArray
+    sigma_tecu: FloatArray
+    left_out_tecu: FloatArray
+
+
+def solve_pairs(equations: PairEquations, structure: int) -> PairSolution:
+    """Return the biases of one model.
 
     Parameters
     ----------
@@ -207,7 +226,8 @@ def solve_pairs(equations: PairEquations, structure: int) -> tuple[FloatArray, F
             break
     matrix, vector, _ = _eliminate_structure(matrices, vectors, groups)
     level = equations.level_sigma(huber / variance, matrices[:, :groups, :groups].sum(axis=0))
-    return biases, np.hypot(_jackknife(matrix, vector), level)
+    left_out = _leave_out_blocks(matrix, vector)
+    return PairSolution(biases, np.hypot(jackknife_sigma(left_out), level), left_out)
 
 
 @compiled
@@ -273,22 +293,23 @@ def _solve(matrix: FloatArray, vector: FloatArray) -> FloatArray:
         ) from None
 
 
-def _jackknife(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
-    """Return the sigmas of the solution, from solutions that each leave out one block.
-
-    `matrices` and `vectors` are the normal equations of the blocks.
-    """
-    count = len(matrices)
-    if count < 2:
-        return np.full(vectors.shape[1], np.inf)
+def _leave_out_blocks(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return the solutions that each leave out one block, by the normal equations of the blocks."""
     matrix_sum, vector_sum = matrices.sum(axis=0), vectors.sum(axis=0)
-    solutions = np.array(
+    return np.array(
         [
             np.linalg.lstsq(matrix_sum - matrix, vector_sum - vector)[0]
             for matrix, vector in zip(matrices, vectors, strict=True)
         ]
     )
-    deviation = solutions - solutions.mean(axis=0)
+
+
+def jackknife_sigma(left_out: FloatArray) -> FloatArray:
+    """Return the sigmas of results (k, m) of all blocks but one, shape (m,); infinite for one."""
+    count = len(left_out)
+    if count < 2:
+        return np.full(left_out.shape[1], np.inf)
+    deviation = left_out - left_out.mean(axis=0)
     return np.asarray(np.sqrt((count - 1) / count * (deviation**2).sum(axis=0)))
 
 

@@ -16,11 +16,14 @@ negative, which bounds b from above.
 Neither the height of the layer nor the lowest useful elevation is known well, and gradients may be
 estimated together with the biases or not. Below a crest of the equatorial anomaly the content falls
 to the north and to the south, which low satellites see as a bias: then its curvature to the north
-tells more than gradients do. The solution is repeated for several heights, for several elevations,
-without gradients, with them, and with the curvature, too; its value is the mean. Its sigma contains
-the scatter of these solutions, the scatter of a jackknife over blocks of time (residuals of
-neighbouring epochs are not independent, so that a formal sigma would be far too small), and the
-errors of the levels, each of which shifts an arc.
+tells more than gradients do. Elsewhere it only makes the bias less sure. What the curvature changes
+of the bias is therefore a random effect, whose variance is that of its values in all models, less
+what the jackknife tells that they scatter by: only the part that the data prove is taken over. The
+solution is repeated for several heights, for several elevations, without gradients, with them, and
+with the curvature, too; its value is the mean. Its sigma contains the scatter of these solutions,
+the scatter of a jackknife over blocks of time (residuals of neighbouring epochs are not
+independent, so that a formal sigma would be far too small), and the errors of the levels, each of
+which shifts an arc.
 
 In orbit, where the arcs are known, the biases are those of a solution with a density profile
 instead, see `vtff_iono.bias.profile_bias`: on a circular orbit too the contents at all elevations
@@ -30,7 +33,8 @@ References
 ----------
 Gaposchkin and Coster (1993), GPS L1-L2 bias determination, MIT Lincoln Laboratory TR-971 (pairwise
 least squares); Vierinen et al. (2016), Atmos. Meas. Tech. 9, 1303 (weights by separation);
-Rideout and Coster (2006), GPS Solutions 10, 219 (zero-TEC condition).
+Rideout and Coster (2006), GPS Solutions 10, 219 (zero-TEC condition); Efron and Morris (1973),
+J. Am. Stat. Assoc. 68, 117 (what is taken over of an effect whose variance the data tell).
 """
 
 from __future__ import annotations
@@ -47,7 +51,14 @@ from vtff_dynamics.constants import SPEED_OF_LIGHT
 from vtff_dynamics.frames.geodetic import geodetic_from_itrf
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples, ReceiverBiasError
-from vtff_iono.bias.pair_equations import IntArray, PairEquations, satellite_pairs, solve_pairs
+from vtff_iono.bias.pair_equations import (
+    IntArray,
+    PairEquations,
+    PairSolution,
+    jackknife_sigma,
+    satellite_pairs,
+    solve_pairs,
+)
 from vtff_iono.geometry.mapping import (
     LOWEST_ORBIT,
     foelsche_kirchengast_mapping,
@@ -67,8 +78,9 @@ _GROUND_SHELLS = (350e3, 400e3, 450e3, 500e3)
 _ORBIT_SHELL_FACTORS = (0.8, 0.93, 1.07, 1.25)
 # Limits of elevation.
 _ELEVATIONS_DEG = (20.0, 25.0, 30.0)
-# What is estimated of the horizontal structure, see `solve_pairs`.
-_STRUCTURES = (0, 2, 3)
+# What is estimated of the horizontal structure, see `solve_pairs`: nothing, gradients, and the
+# curvature, too.
+_NO_STRUCTURE, _GRADIENTS, _CURVATURE = 0, 2, 3
 # Interval of the epochs that are used, and length of the blocks of gradients and jackknife, s.
 _GROUND_INTERVALS = (900.0, 3600.0)
 _ORBIT_INTERVALS = (20.0, 1200.0)
@@ -240,7 +252,7 @@ def _solve_models(
     block: float,
 ) -> tuple[FloatArray, FloatArray]:
     """Return the biases and jackknife sigmas of all models, (models, groups)."""
-    solutions, sigmas = [], []
+    plain, gradients, curved = [], [], []
     for mapping, pierce_altitude in models:
         equations = PairEquations(samples, mapping, pierce_altitude, first, second, block)
         for elevation_deg in _ELEVATIONS_DEG:
@@ -250,11 +262,32 @@ def _solve_models(
                 raise ReceiverBiasError(
                     f"{_describe_few(count, elevation_deg)}, in two blocks of {block:g} s"
                 )
-            for structure in _STRUCTURES:
-                biases, sigma = solve_pairs(above, structure)
-                solutions.append(biases)
-                sigmas.append(sigma)
-    return np.array(solutions), np.array(sigmas)
+            plain.append(solve_pairs(above, _NO_STRUCTURE))
+            gradients.append(solve_pairs(above, _GRADIENTS))
+            curved.append(solve_pairs(above, _CURVATURE))
+    part = _proven_part(gradients, curved)
+    structures = plain, gradients, curved
+    solutions = np.array([[one.bias_tecu for one in of_kind] for of_kind in structures])
+    sigmas = np.array([[one.sigma_tecu for one in of_kind] for of_kind in structures])
+    for values in (solutions, sigmas):
+        # The sigma of a mean of two values is not larger than the mean of their sigmas.
+        values[2] = values[1] + part * (values[2] - values[1])
+    groups = solutions.shape[-1]
+    return solutions.reshape(-1, groups), sigmas.reshape(-1, groups)
+
+
+def _proven_part(without: Sequence[PairSolution], having: Sequence[PairSolution]) -> float:
+    """Return the part that is taken over of what an effect changes of the biases, 0 to 1.
+
+    Arguments are the solutions of all models without the effect, and having it.
+    """
+    pairs = list(zip(without, having, strict=True))
+    change = np.array([other.bias_tecu - one.bias_tecu for one, other in pairs])
+    sigma = np.array(
+        [jackknife_sigma(other.left_out_tecu - one.left_out_tecu) for one, other in pairs]
+    )
+    square, variance = float(np.mean(change**2)), float(np.mean(sigma**2))
+    return 1.0 - variance / square if variance < square else 0.0
 
 
 def _combine_models(
