@@ -212,6 +212,48 @@ def test_arcs_of_bad_codes_have_the_contents_of_the_others():
     assert 0.3 < np.sqrt(np.mean(np.square(np.concatenate(ratios)))) < 1.5
 
 
+def test_slow_waves_of_the_ionosphere_are_in_the_sigmas():
+    """Waves of 0.05 TECU and 200 s, larger in low rays, where the altitude hardly changes.
+
+    They shift levels by as much as they are. Taken for white noise with the correlation of
+    neighbouring residuals they made errors of 1.7 of the sigmas.
+    """
+    rows = seen("chapman", 1.0, swing=2e3)
+    altitude = altitude_of(rows)
+    satellite = rows[:, 9].astype(np.int64)
+    ratios = []
+    for seed in range(8):
+        generator = np.random.default_rng(seed)
+        wave = np.zeros(len(rows))
+        for number in np.unique(satellite):
+            own = np.flatnonzero(satellite == number)
+            kept, value = np.exp(-np.diff(rows[own, 0]) / 200.0), generator.standard_normal()
+            for row, part in zip(own, [0.0, *kept], strict=True):
+                value = part * value + np.sqrt(1.0 - part**2) * generator.standard_normal()
+                wave[row] = value
+        drawn = noisy(rows, seed)
+        content = rows[:, 1] + 0.05 * wave / np.sin(np.maximum(rows[:, 2], 0.3))
+        drawn = BiasSamples(**{**vars(drawn), "stec_tecu": drawn.stec_tecu + content - rows[:, 1]})
+        found = profile_biases(drawn, altitude)
+        first = np.array([np.flatnonzero(drawn.arc == number)[0] for number in found.arc])
+        departure = (noisy(rows, seed).stec_tecu - rows[:, 1])[first]
+        ratios.append((departure - found.offset_tecu) / found.offset_sigma_tecu)
+    assert 0.5 < np.sqrt(np.mean(np.square(np.concatenate(ratios)))) < 1.3
+
+
+@pytest.mark.parametrize("part", [0.0, 1.0])
+def test_wind_up_is_found_where_phases_have_it(part):
+    rows = seen("chapman", 1.0)
+    drawn = noisy(rows, 0)
+    # Turns of 0.08 TECU in an arc of 25 minutes, one way or the other.
+    rate = np.random.default_rng(3).normal(0.0, 0.08 / 1500.0, drawn.arc.max() + 1)
+    turns = rate[drawn.arc] * (rows[:, 0] % 1500.0)
+    stec = drawn.stec_tecu + part * turns
+    drawn = BiasSamples(**{**vars(drawn), "stec_tecu": stec, "wind_up_tecu": turns})
+    found = profile_biases(drawn, altitude_of(rows))
+    assert found.wind_up == pytest.approx(part, abs=0.15)
+
+
 def test_expected_contents_are_those_of_rays_to_come():
     rows = seen("chapman", 1.0)
     early = rows[:, 0] < 3000.0

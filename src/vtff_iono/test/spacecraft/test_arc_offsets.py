@@ -1,5 +1,7 @@
 """Levels of arcs by a profile: of arcs that it was solved with, and of those begun since."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 from orbit_simulation import BIAS, samples, seen
@@ -47,6 +49,7 @@ def contents(rows, chosen=slice(None)):
         np.ones(count, dtype=np.int64),
         np.ones(count, dtype=bool),
         part[:, 1].copy(),
+        np.zeros(count),
         part[:, 1] + 3.0,
         np.full(count, 2.0),
         part[:, 6:9],
@@ -76,6 +79,19 @@ def test_epochs_alone_and_together_have_the_same_contents(flight):
     parts = [alone.improve(contents(rows, rows[:, 0] == time)) for time in np.unique(rows[:, 0])]
     assert np.array_equal(np.concatenate([part[0] for part in parts]), expected[0])
     assert np.array_equal(np.concatenate([part[1] for part in parts]), expected[1])
+
+
+def test_wind_up_is_removed_as_far_as_phases_have_it(flight):
+    rows, offsets, profile, levels = flight
+    plain = contents(rows)
+    expected, _ = offsets.improve(plain)
+    turning = 0.3 * np.sin(rows[:, 0])
+    for part in (0.0, 1.0):
+        again = ArcOffsets()
+        again.renew(dataclasses.replace(profile, wind_up=part), levels)
+        phase = plain.stec_phase_tecu + part * turning
+        turned = plain._replace(stec_phase_tecu=phase, wind_up_tecu=turning)
+        assert again.improve(turned)[0] == pytest.approx(expected, abs=2e-3)
 
 
 def test_codes_level_the_arcs_without_a_profile(flight):

@@ -26,7 +26,8 @@ def collected(length, duration=400.0):
         rows = processor.update(block.time, block.columns, np.full(count, 0.7))
         direction = np.tile([0.0, 0.0, 1.0], (count, 1))
         position = np.tile(second.states_itrf[0][:3], (count, 1))
-        window.add_epoch(rows, 0, len(rows), direction, position)
+        wind_up = 1e-3 * np.arange(len(rows))
+        window.add_epoch(rows, 0, len(rows), direction, position, wind_up)
     return window, processor
 
 
@@ -38,6 +39,7 @@ def test_samples_are_taken_each_20_s_and_kept_for_the_window():
     times = np.unique(samples.time) - start
     assert times == pytest.approx(np.arange(280.0, 401.0, 20.0), abs=1e-5)
     assert len(window) == len(samples.time) and (samples.group == 0).all()
+    assert samples.wind_up_tecu[:3] == pytest.approx([0.0, 1e-3, 2e-3])
     # The arc that the slip has ended has no sample left, nor has it a level.
     assert window.arcs == len(np.unique(samples.arc))
     whole, _ = collected(1e4)

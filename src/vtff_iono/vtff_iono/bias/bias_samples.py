@@ -49,6 +49,9 @@ class BiasSamples:
         Number of the link. Samples of a link share one satellite bias.
     satellite_sigma_tecu : ndarray, optional
         Contribution of the satellite bias to `stec_sigma_tecu`, TECU; zero where not given.
+    wind_up_tecu : ndarray, optional
+        What the wind-up of the phases since the arc began looks like, TECU
+        (`vtff_iono.geometry.wind_up`); it is not removed. Zero where not given.
     """
 
     time: FloatArray
@@ -61,6 +64,7 @@ class BiasSamples:
     arc: npt.NDArray[np.int64] | None = None
     link: npt.NDArray[np.int64] | None = None
     satellite_sigma_tecu: FloatArray | None = None
+    wind_up_tecu: FloatArray | None = None
 
     def select(self, rows: npt.NDArray[np.bool_] | npt.NDArray[np.intp]) -> BiasSamples:
         """Return the samples of a mask or of indices, in their order."""

@@ -18,12 +18,18 @@ then larger by the sum over two layers of M (a(t) + g(t) d), and by S c. M is sl
 content in the layer, and d the vector from the receiver to the pierce point to the east and north.
 The lower layer is that of the profile, the higher one a thin shell far above it
 (`vtff_iono.bias.expected_contents.HorizontalLayers`): in which of both the horizontal structure is,
-the samples tell. The vertical content a and its gradient g are linear between knots. S is the
-content of the ray, and c by what part the ionosphere that one arc passes differs from that of the
-others. All are random effects as well, and their sigmas are estimated from the samples. Without c
-the noise of a thousand samples would seem to tell the level of an arc to 0.02 TECU, while the shape
-of the ionosphere is not known as well as that. The noise is taken to be correlated as the residuals
-of arcs are.
+the samples tell. The vertical content a and its gradient g are a mean over all of the time, and
+what differs from it, linear between knots: gradients that were free at each knot would pass for
+what is too small for them. S is the content of the ray, and c by what part the ionosphere that one
+arc passes differs from that of the others. All are random effects as well, and their sigmas are
+estimated from the samples. Without c the noise of a thousand samples would seem to tell the level
+of an arc to 0.02 TECU, while the shape of the ionosphere is not known as well as that. What none of
+these explain is noise, of which a part lasts for minutes and grows with the slant; how large and
+how slow it is, the residuals of arcs tell (`vtff_iono.bias.arc_noise`).
+
+Phases count the turns of the antennas against each other (`vtff_iono.geometry.wind_up`), which in
+an arc look like up to 0.1 TECU. Simulators may leave that out. By what part of it the phases are
+more is a further effect.
 
 The offset of an arc is what its samples are larger by than its contents: the bias of the receiver,
 and the errors of its level and of the satellite bias. The contents of an eccentric orbit tell it
@@ -61,6 +67,7 @@ from vtff_iono.bias.altitude_shells import (
     shell_paths,
     vertical_paths,
 )
+from vtff_iono.bias.arc_noise import ArcNoise, ArcOrder, estimate_noise, whiten
 from vtff_iono.bias.bias_samples import DECIMALS_TECU, BiasSamples
 from vtff_iono.bias.expected_contents import (
     GRADIENT_UNIT,
@@ -93,8 +100,10 @@ _GROUP_SIGMA = 1000.0
 _SATELLITE_SIGMA = 1.43
 # Smallest sigma of a level, TECU.
 _LEVEL_SIGMA_LEAST = 0.01
-# Sigma of the noise at first, and its smallest value, TECU.
-_NOISE_START, _NOISE_LEAST = 0.05, 0.01
+# Noise of the samples at first.
+_NOISE_START = ArcNoise(0.05, 0.0, 100.0, 0.0)
+# Prior sigma of the part of the wind-up that the phases have: none or all of it.
+_WIND_UP_SIGMA = 1.0
 # Sigmas at first of the vertical content (TECU) and its gradients (TECU per 1000 km), and of what
 # is particular to an arc (relative to the content); and the value that switches them off. From a
 # large sigma of the arcs the search can end where they take what gradients explain better.
@@ -104,10 +113,6 @@ _NO_GRADIENT = 1e-6
 # Residuals beyond this many sigmas are given less weight (Huber).
 _HUBER = 3.0
 _SMALLEST_RESIDUAL = 1e-12
-# Ratio of standard deviation and median absolute value of a normal distribution.
-_MEDIAN_TO_SIGMA = 1.4826
-# Largest correlation of neighbouring residuals that is believed.
-_LARGEST_CORRELATION = 0.95
 # Largest numbers of iterations, and the relative changes of noise and sigmas that end them.
 _NORMAL_ITERATIONS, _SIGMA_ITERATIONS = 8, 8
 _NOISE_CONVERGED, _SIGMA_CONVERGED = 0.03, 0.1
@@ -125,8 +130,11 @@ class _Sigmas:
     satellite : float
         Sigma of the satellite biases, TECU.
     vertical, gradient : tuple of 2 float
-        Sigmas of the vertical content, TECU, and of its gradients, TECU per 1000 km, in the lower
-        and in the higher layer.
+        Sigmas of the vertical content, TECU, and of its gradients, TECU per 1000 km, at the knots
+        in the lower and in the higher layer, less their means.
+    mean : tuple of 4 float
+        Sigmas of the means of vertical content and gradient over all of the time in the lower
+        layer, then of those in the higher one.
     arc : float
         Sigma of what is particular to an arc, relative to the content.
     level_factor : float
@@ -137,6 +145,7 @@ class _Sigmas:
     satellite: float
     vertical: tuple[float, float]
     gradient: tuple[float, float]
+    mean: tuple[float, ...]
     arc: float
     level_factor: float
 
@@ -149,15 +158,14 @@ class SearchState(NamedTuple):
     altitude, logarithm : ndarray, shape (shells,)
         Altitudes of the middles of shells, m, and logarithms of their densities.
     sigmas : _Sigmas
-    noise, variance : float
-        Sigma of single contents, TECU, and their variance with its correlation, TECU^2.
+    noise : ArcNoise
+        Noise of single contents.
     """
 
     altitude: FloatArray
     logarithm: FloatArray
     sigmas: _Sigmas
-    noise: float
-    variance: float
+    noise: ArcNoise
 
     def log_density(self, altitude: FloatArray) -> FloatArray:
         """Return the logarithms of densities at altitudes, m."""
@@ -186,8 +194,10 @@ class ProfileBiases:
     arc : ndarray of int, shape (arcs,)
         Numbers of the arcs of the samples that were used.
     offset_tecu, offset_sigma_tecu : ndarray, shape (arcs,)
-        What the samples of an arc are larger by than its contents, mean of the models, and its
-        sigma, which contains their spread, TECU.
+        What the samples of an arc are larger by than its contents and their wind-up, mean of the
+        models, and the sigma of its last content, which contains their spread, TECU.
+    wind_up : float
+        What phases have of the wind-up of the samples: 1 of a receiver, 0 where it is left out.
     contents : ExpectedContents
         Contents of rays of other arcs.
     links : int
@@ -207,6 +217,7 @@ class ProfileBiases:
     arc: IntArray
     offset_tecu: FloatArray
     offset_sigma_tecu: FloatArray
+    wind_up: float
     contents: ExpectedContents
     links: int
     search: SearchState
@@ -294,30 +305,33 @@ def _solve(
     weight = np.ones(int(is_used.sum()))
     if before is None:
         log_density, sigmas = problem.start()
-        noise, variance = _NOISE_START, _NOISE_START**2
+        noise = _NOISE_START
         # The first solution has no gradients, as their columns need a profile.
         none = (_NO_GRADIENT, _NO_GRADIENT)
-        first_sigmas = replace(sigmas, vertical=none, gradient=none, arc=_NO_GRADIENT)
+        first_sigmas = replace(
+            sigmas, vertical=none, gradient=none, mean=2 * none, arc=_NO_GRADIENT
+        )
     else:
         log_density = before.log_density(shell_middles(problem.edges))
         sigmas = first_sigmas = before.sigmas
-        noise, variance = before.noise, before.variance
-    normal = problem.normal(problem.effect_columns(log_density), weight / variance)
+        noise = before.noise
+    normal = problem.normal(problem.effect_columns(log_density), noise, weight)
     solution = problem.solve(normal, _MODELS[0][0], first_sigmas, log_density)
-    for _ in range(_NORMAL_ITERATIONS):
+    for iteration in range(_NORMAL_ITERATIONS):
         columns = problem.effect_columns(solution.log_density)
         residual = problem.residual(solution, columns)
-        previous, noise = noise, _scatter(residual)
-        weight = np.minimum(1.0, _HUBER * noise / np.maximum(np.abs(residual), _SMALLEST_RESIDUAL))
-        variance = noise**2 * problem.inflation(weight * residual)
-        normal = problem.normal(columns, weight / variance)
+        near = noise if iteration else None
+        previous, noise = noise, estimate_noise(residual, problem.order, weight, near)
+        independent = problem.whiten(residual[:, np.newaxis], noise, np.ones(len(residual)))[:, 0]
+        weight = np.minimum(1.0, _HUBER / np.maximum(np.abs(independent), _SMALLEST_RESIDUAL))
+        normal = problem.normal(columns, noise, weight)
         solution, sigmas = _estimate_sigmas(problem, normal, solution, sigmas)
-        if abs(noise / previous - 1.0) < _NOISE_CONVERGED:
+        if _change(noise, previous) < _NOISE_CONVERGED:
             break
     models = []
     for topside, shell in _MODELS:
         columns = problem.effect_columns(solution.log_density, shell)
-        normal = problem.normal(columns, weight / variance)
+        normal = problem.normal(columns, noise, weight)
         solution = problem.solve(normal, topside, sigmas, solution.log_density)
         models.append(solution)
     of_models = np.array([problem.offsets(model) for model in models])
@@ -329,12 +343,12 @@ def _solve(
     offset_variance = np.median(offset_variances, axis=0) + np.var(offsets, axis=0, ddof=1)
     first = models[0]
     residual = problem.residual(first, problem.effect_columns(first.log_density))
-    offset_variance += np.maximum(noise**2, problem.squares_of_arcs(residual))
+    offset_variance += np.maximum(noise.white**2, problem.squares_of_arcs(residual))
     contents = ExpectedContents(
         problem.edges,
         np.exp(first.log_density),
         problem.knots,
-        first.effects[: problem.arcs.start],
+        problem.at_knots(first.effects),
         sigmas.arc,
     ).continued_below()
     return ProfileBiases(
@@ -342,18 +356,19 @@ def _solve(
         sigma_tecu=np.sqrt([model.effect_variance[problem.groups] for model in models]),
         altitude=shell_middles(problem.edges),
         density=np.exp(first.log_density),
-        noise_tecu=noise,
+        noise_tecu=math.hypot(noise.white, noise.slow),
         satellite_sigma_tecu=math.nan if samples.link is None else sigmas.satellite,
-        vertical_sigma_tecu=round(math.hypot(*sigmas.vertical), DECIMALS_TECU),
+        vertical_sigma_tecu=round(
+            math.hypot(*sigmas.vertical, sigmas.mean[0], sigmas.mean[2]), DECIMALS_TECU
+        ),
         gradient_sigma=problem.gradient_sigma(first),
         arc=problem.arc_numbers,
         offset_tecu=np.asarray(offsets.mean(axis=0)).round(DECIMALS_TECU),
         offset_sigma_tecu=np.round(np.sqrt(offset_variance), DECIMALS_TECU),
+        wind_up=round(float(np.mean([m.effects[problem.wind_up] for m in models])), DECIMALS_TECU),
         contents=contents,
         links=problem.links.stop - problem.links.start,
-        search=SearchState(
-            shell_middles(problem.edges), first.log_density, sigmas, noise, variance
-        ),
+        search=SearchState(shell_middles(problem.edges), first.log_density, sigmas, noise),
     )
 
 
@@ -362,13 +377,14 @@ class _EffectColumns(NamedTuple):
 
     Attributes
     ----------
-    knots : ndarray, shape (n, 6 knots)
-        Columns of the vertical contents and their gradients at the knots, in both layers.
+    common : ndarray, shape (n, 6 knots + 7)
+        Columns of the vertical contents and their gradients at the knots, in both layers, of their
+        means, and of the wind-up.
     single : csr_matrix
-        Columns of all other effects.
+        Columns of all other effects, one element in each row and kind.
     """
 
-    knots: FloatArray
+    common: FloatArray
     single: sparse.csr_matrix
 
 
@@ -376,8 +392,9 @@ class _Problem:
     """Samples, and the columns of the unknowns: shells, then effects.
 
     The effects are, in this order: vertical content, its gradients to the east and to the north at
-    the knots, in the lower and in the higher layer; what is particular to each arc; biases of the
-    groups; errors of the levels of arcs; errors of the satellite biases of the links.
+    the knots, in the lower and in the higher layer; their six means; the part of the wind-up; what
+    is particular to each arc; biases of the groups; errors of the levels of arcs; errors of the
+    satellite biases of the links.
     """
 
     def __init__(self, samples: BiasSamples, altitude: FloatArray, groups: int) -> None:
@@ -410,13 +427,17 @@ class _Problem:
         if samples.link is not None:
             numbers.append(np.unique(samples.link, return_inverse=True)[1])
         # Ends of the columns of each kind of effect.
-        counts = [6 * self.knots.number, *(int(number.max()) + 1 for number in numbers)]
+        counts = [6 * self.knots.number + 7, *(int(number.max()) + 1 for number in numbers)]
         counts[2] = groups
         ends = np.cumsum(counts).tolist()
         # The vertical contents and the gradients of each layer.
         edges = self.knots.number * np.array([[0, 1, 3], [3, 4, 6]])
         self.verticals, self.gradients = (
             tuple(slice(*row[k : k + 2]) for row in edges.tolist()) for k in range(2)
+        )
+        mean, self.wind_up = 6 * self.knots.number, 6 * self.knots.number + 6
+        self.means = tuple(
+            slice(mean + begin, mean + end) for begin, end in ((0, 1), (1, 3), (3, 4), (4, 6))
         )
         self.arcs, self.groups, self.levels = (slice(*ends[k : k + 2]) for k in range(3))
         self.links = slice(ends[3], ends[-1])
@@ -426,17 +447,22 @@ class _Problem:
         self._columns = ends[-1] - ends[0]
         self._column_of_arc = self._column[first_of_arc, 1:] + ends[0]
         self._arc = arc
-        # Indices of the samples that follow each other in an arc.
-        order = np.lexsort((samples.time, arc))
-        is_same_arc = np.diff(arc[order]) == 0
-        self._neighbours = order[:-1][is_same_arc], order[1:][is_same_arc]
+        self._wind_up = np.zeros(len(self.stec))
+        if samples.wind_up_tecu is not None:
+            self._wind_up = samples.wind_up_tecu
+        self._last_wind_up = np.zeros(len(self.arc_numbers))
+        by_time = np.argsort(samples.time, kind="stable")
+        self._last_wind_up[arc[by_time]] = self._wind_up[by_time]
+        self.order = ArcOrder.of(arc, samples.time, self._layers[HIGH_SHELL].mapping_high)
 
     def start(self) -> tuple[FloatArray, _Sigmas]:
         """Return the logarithms of densities and the sigmas that the search begins with."""
         log_altitude = np.log(shell_middles(self.edges))
         log_density = np.interp(log_altitude, np.log(_START_ALTITUDE), np.log(_START_DENSITY))
         both = (_VERTICAL_SIGMA, _VERTICAL_SIGMA)
-        return log_density, _Sigmas(self._largest_satellite_sigma, both, both, _ARC_SIGMA, 1.0)
+        return log_density, _Sigmas(
+            self._largest_satellite_sigma, both, both, 2 * both, _ARC_SIGMA, 1.0
+        )
 
     def solve(
         self,
@@ -457,6 +483,9 @@ class _Problem:
         for layer in range(2):
             precision[self.verticals[layer]] = 1.0 / sigmas.vertical[layer] ** 2
             precision[self.gradients[layer]] = 1.0 / sigmas.gradient[layer] ** 2
+        for of_kind, sigma in zip(self.means, sigmas.mean, strict=True):
+            precision[of_kind] = 1.0 / sigma**2
+        precision[self.wind_up] = 1.0 / _WIND_UP_SIGMA**2
         precision[self.arcs] = 1.0 / sigmas.arc**2
         precision[self.levels] = 1.0 / (sigmas.level_factor**2 * self._level_variance)
         precision[self.links] = 1.0 / sigmas.satellite**2
@@ -477,6 +506,7 @@ class _Problem:
             min(satellite, self._largest_satellite_sigma),
             (vertical_low, vertical_high),
             (gradient_low, gradient_high),
+            tuple(math.sqrt(float(second_moment[of_kind].mean())) for of_kind in self.means),
             arc,
             max(1.0, math.sqrt(level)),
         )
@@ -496,73 +526,77 @@ class _Problem:
         single = sparse.csr_matrix(
             (values.ravel(), self._column.ravel(), ends), shape=(len(content), self._columns)
         )
-        return _EffectColumns(
-            self._layers[shell_altitude].columns(self._knot_weights, mapping), single
-        )
+        at_knots = self._layers[shell_altitude].columns(self._knot_weights, mapping)
+        mean = at_knots.reshape(len(content), 6, -1).sum(axis=2)
+        return _EffectColumns(np.hstack((at_knots, mean, self._wind_up[:, np.newaxis])), single)
 
-    def normal(self, columns: _EffectColumns, weight: FloatArray) -> NormalEquations:
-        """Return the normal equations of weighted samples; `weight` has shape (n,)."""
-        gradients, single = columns
-        weighted_paths = self._paths * weight[:, np.newaxis]
-        weighted_gradients = gradients * weight[:, np.newaxis]
-        weighted_single = single.multiply(weight[:, np.newaxis]).tocsr()
-        mixed = weighted_single.T @ gradients
+    def whiten(self, columns: FloatArray, noise: ArcNoise, weight: FloatArray) -> FloatArray:
+        """Return columns (n, m) of samples as those of independent samples of variance one."""
+        return whiten(columns, self.order, noise, weight)
+
+    def normal(
+        self, columns: _EffectColumns, noise: ArcNoise, weight: FloatArray
+    ) -> NormalEquations:
+        """Return the normal equations of samples with a noise; `weight` is that of `whiten`."""
+        stec = self.whiten(self.stec[:, np.newaxis], noise, weight)[:, 0]
+        paths = self.whiten(self._paths, noise, weight)
+        common = self.whiten(columns.common, noise, weight)
+        # All samples of an arc have their elements in the same columns.
+        single = columns.single.copy()
+        single.data = self.whiten(single.data.reshape(len(stec), -1), noise, weight).ravel()
+        mixed = single.T @ common
         return NormalEquations(
-            density=weighted_paths.T @ self._paths,
+            density=paths.T @ paths,
             effects=np.block(
-                [
-                    [weighted_gradients.T @ gradients, mixed.T],
-                    [mixed, (weighted_single.T @ single).toarray()],
-                ]
+                [[common.T @ common, mixed.T], [mixed, (single.T @ single).toarray()]]
             ),
-            mixed=np.vstack((gradients.T @ weighted_paths, single.T @ weighted_paths)),
-            density_vector=weighted_paths.T @ self.stec,
-            effects_vector=np.concatenate(
-                (weighted_gradients.T @ self.stec, weighted_single.T @ self.stec)
-            ),
+            mixed=np.vstack((common.T @ paths, single.T @ paths)),
+            density_vector=paths.T @ stec,
+            effects_vector=np.concatenate((common.T @ stec, single.T @ stec)),
         )
 
     def residual(self, solution: ProfileSolution, columns: _EffectColumns) -> FloatArray:
         """Return observed minus explained contents, TECU; the columns are of its densities."""
-        gradients, single = columns
+        common, single = columns
         explained = self._paths @ np.exp(solution.log_density)
-        explained += gradients @ solution.effects[: self.arcs.start]
+        explained += common @ solution.effects[: self.arcs.start]
         return np.asarray(self.stec - explained - single @ solution.effects[self.arcs.start :])
 
     def offsets(self, solution: ProfileSolution) -> tuple[FloatArray, FloatArray]:
-        """Return the offsets of the arcs, TECU, and their variances, shape (arcs,)."""
+        """Return the offsets of the arcs, TECU, and their variances, shape (arcs,).
+
+        The variances are those of offset and wind-up at the last sample of an arc.
+        """
         columns = np.zeros((len(self.arc_numbers), self.links.stop))
         np.put_along_axis(columns, self._column_of_arc, 1.0, axis=1)
+        offsets = columns @ solution.effects
+        columns[:, self.wind_up] = self._last_wind_up
         no_density = np.zeros((len(columns), len(solution.log_density)))
-        return columns @ solution.effects, solution.variance(no_density, columns)
+        return offsets, solution.variance(no_density, columns)
 
     def gradient_sigma(self, solution: ProfileSolution) -> FloatArray:
         """Return the roots of the expected squares of gradients to east and north, TECU/m, (2,)."""
-        squares = solution.effects**2 + solution.effect_variance
+        squares = self.at_knots(solution.effects) ** 2
+        squares += self.at_knots(solution.effect_variance)
         of_direction = np.sum(
             [squares[of_layer].reshape(2, self.knots.number) for of_layer in self.gradients], axis=0
         )
         return np.asarray(np.sqrt(of_direction.mean(axis=1)).round(DECIMALS_TECU) / GRADIENT_UNIT)
 
+    def at_knots(self, effects: FloatArray) -> FloatArray:
+        """Return the sums of the effects at the knots and their means, shape (6 knots,)."""
+        ends = 6 * self.knots.number
+        return effects[:ends] + np.repeat(effects[ends : ends + 6], self.knots.number)
+
     def squares_of_arcs(self, residual: FloatArray) -> FloatArray:
         """Return the mean squares of residuals of each arc, shape (arcs,)."""
         return np.bincount(self._arc, residual**2) / np.bincount(self._arc)
 
-    def inflation(self, residual: FloatArray) -> float:
-        """Return the factor by which correlation increases the variance of weighted residuals.
 
-        The residuals of an arc are taken as a first-order Markov process.
-        """
-        before, after = self._neighbours
-        total = float(residual @ residual)
-        correlation = float(residual[before] @ residual[after]) / total if total > 0.0 else 0.0
-        correlation = min(max(correlation, 0.0), _LARGEST_CORRELATION)
-        return (1.0 + correlation) / (1.0 - correlation)
-
-
-def _scatter(residual: FloatArray) -> float:
-    """Return the standard deviation of residuals from their median, which outliers do not move."""
-    return max(_NOISE_LEAST, _MEDIAN_TO_SIGMA * float(np.median(np.abs(residual))))
+def _change(noise: ArcNoise, previous: ArcNoise) -> float:
+    """Return by how much the noise of contents has changed, relative to it."""
+    one, other = (math.hypot(of_time.white, of_time.slow) for of_time in (noise, previous))
+    return abs(one / other - 1.0) + abs(noise.slow - previous.slow) / one
 
 
 def _estimate_sigmas(

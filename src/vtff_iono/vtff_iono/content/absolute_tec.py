@@ -32,6 +32,7 @@ from vtff_iono.content.slant_tec import (
 )
 from vtff_iono.geometry.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.geometry.vertical_mapping import vertical_mapping
+from vtff_iono.geometry.wind_up import count_wind_up, wind_up_cycles
 from vtff_iono.links.arcs import arc_keys
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 
@@ -130,8 +131,11 @@ def absolute_tec(
     )
     is_content = ((rows.rejected & WITHOUT_CONTENT) == 0) & np.isfinite(levels.stec_tecu)
     key_of_link = [(link.system, link.code_first, link.code_second) for link in processor.links]
+    wind_up = np.zeros(len(rows))
+    if position.ndim > 1:
+        wind_up = _wind_up_tecu(rows, processor.links, geometry, position_of_rows)
     biases, profile, remarks = _receiver_biases(
-        rows, levels, direction, position_of_rows, is_content, key_of_link
+        rows, levels, direction, position_of_rows, wind_up, is_content, key_of_link
     )
     # The last element is that of rows without a link, whose number is -1.
     bias_of_link = [biases[key].bias_tecu if key in biases else 0.0 for key in key_of_link]
@@ -148,7 +152,8 @@ def absolute_tec(
         keys = arc_keys(rows.pairs.link, rows.arc)
         index = np.minimum(np.searchsorted(profile.arc, keys), len(profile.arc) - 1)
         is_known = profile.arc[index] == keys
-        stec = np.where(is_known, levels.stec_tecu - profile.offset_tecu[index], stec)
+        contents = levels.stec_tecu - profile.offset_tecu[index] - profile.wind_up * wind_up
+        stec = np.where(is_known, contents, stec)
         sigma = np.where(is_known, profile.offset_sigma_tecu[index], sigma)
     vertical = vertical_mapping(position_of_rows, direction, rows.elevation)
     return AbsoluteTec(
@@ -168,11 +173,27 @@ def absolute_tec(
     )
 
 
+def _wind_up_tecu(
+    rows: SlantTecRows, links: list[Link], geometry: SatelliteGeometry, position: FloatArray
+) -> FloatArray:
+    """Return what the wind-up of rows since their arcs began looks like, TECU, shape (n,)."""
+    first = rows.pairs.row_first
+    cycles = wind_up_cycles(
+        position,
+        geometry.direction_itrf[first],
+        geometry.range[first],
+        geometry.velocity_satellite_itrf[first],
+    )
+    tecu_per_cycle = np.array([*(link.tecu_per_cycle for link in links), 0.0])[rows.pairs.link]
+    return tecu_per_cycle * count_wind_up(arc_keys(rows.pairs.link, rows.arc), cycles)
+
+
 def _receiver_biases(
     rows: SlantTecRows,
     levels: ArcLevels,
     direction: FloatArray,
     position: FloatArray,
+    wind_up: FloatArray,
     is_content: npt.NDArray[np.bool_],
     key_of_link: list[BiasKey],
 ) -> tuple[dict[BiasKey, ReceiverBias], ProfileBiases | None, tuple[str, ...]]:
@@ -200,6 +221,7 @@ def _receiver_biases(
         arc=arc_keys(rows.pairs.link, rows.arc)[is_primary],
         link=rows.pairs.link[is_primary],
         satellite_sigma_tecu=rows.satellite_bias_sigma_tecu[is_primary],
+        wind_up_tecu=wind_up[is_primary],
     )
     try:
         estimates, profile = estimate_receiver_biases(samples)

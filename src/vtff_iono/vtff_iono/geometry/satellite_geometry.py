@@ -48,18 +48,21 @@ class SatelliteGeometry:
         Unit vectors towards the satellites, in the Earth-fixed axes of reception.
     range : ndarray, shape (n,)
         m; distance that the signals have travelled.
+    velocity_satellite_itrf : ndarray, shape (n, 3)
+        As seen from the Earth, in the axes of `direction_itrf`, m/s.
     """
 
     elevation: FloatArray
     azimuth: FloatArray
     direction_itrf: FloatArray
     range: FloatArray
+    velocity_satellite_itrf: FloatArray
 
     @classmethod
     def unknown(cls, rows: int) -> SatelliteGeometry:
         """Return the geometry of satellites without ephemerides."""
-        nothing = np.full((6, rows), np.nan)
-        return cls(nothing[0], nothing[1], nothing[2:5].T, nothing[5])
+        nothing = np.full((9, rows), np.nan)
+        return cls(nothing[0], nothing[1], nothing[2:5].T, nothing[5], nothing[6:].T)
 
 
 def satellite_geometry(
@@ -160,6 +163,7 @@ def geometry_from_stores(
             result.azimuth[rows] = geometry.azimuth
             result.direction_itrf[rows] = geometry.direction_itrf
             result.range[rows] = geometry.range
+            result.velocity_satellite_itrf[rows] = geometry.velocity_satellite_itrf
     return result
 
 
@@ -209,3 +213,4 @@ def _fill_rows(
     result.azimuth[target] = sight.azimuth[epoch_and_column]
     result.direction_itrf[target] = sight.direction_itrf[epoch_and_column]
     result.range[target] = sight.range[epoch_and_column]
+    result.velocity_satellite_itrf[target] = sight.velocity_satellite_itrf[epoch_and_column]

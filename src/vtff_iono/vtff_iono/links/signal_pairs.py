@@ -109,6 +109,12 @@ class Link:
             return math.nan
         return tecu_per_metre(self.frequency_first, self.frequency_second)
 
+    @property
+    def tecu_per_cycle(self) -> float:
+        """Content that a cycle more of both phases looks like, TECU; NaN for an unknown channel."""
+        wavelengths = SPEED_OF_LIGHT / self.frequency_first, SPEED_OF_LIGHT / self.frequency_second
+        return self.tecu_per_metre * (wavelengths[0] - wavelengths[1])
+
 
 @dataclass(frozen=True, eq=False)
 class PairRows:

@@ -40,8 +40,8 @@ class ArcContents(NamedTuple):
     link, arc : ndarray of int
     is_good : ndarray of bool
         Whether the content is usable.
-    stec_phase_tecu : ndarray
-        Contents of the phases without level.
+    stec_phase_tecu, wind_up_tecu : ndarray
+        Contents of the phases without level, and what the wind-up since the arc began looks like.
     stec_tecu, stec_sigma_tecu : ndarray
         Levelled by codes, all biases removed.
     position_itrf, direction_itrf : ndarray
@@ -53,6 +53,7 @@ class ArcContents(NamedTuple):
     arc: npt.NDArray[np.int64]
     is_good: npt.NDArray[np.bool_]
     stec_phase_tecu: FloatArray
+    wind_up_tecu: FloatArray
     stec_tecu: FloatArray
     stec_sigma_tecu: FloatArray
     position_itrf: FloatArray
@@ -74,6 +75,7 @@ class ArcOffsets:
         # The arcs that have begun since have the level of the ray with the smallest sigma.
         self._expected: dict[tuple[int, int], _Level] = {}
         self._contents: ExpectedContents | None = None
+        self._wind_up = 0.0
 
     def renew(
         self, profile: ProfileBiases | None, levels: list[tuple[tuple[int, int], float]]
@@ -90,7 +92,7 @@ class ArcOffsets:
         self._solved, self._expected, self._contents = {}, {}, None
         if profile is None:
             return
-        self._contents = profile.contents
+        self._contents, self._wind_up = profile.contents, profile.wind_up
         columns = profile.arc, profile.offset_tecu, profile.offset_sigma_tecu
         for number, offset, sigma in zip(*(c.tolist() for c in columns), strict=True):
             arc, level = levels[number]
@@ -101,15 +103,16 @@ class ArcOffsets:
         stec, sigma = rows.stec_tecu.copy(), rows.stec_sigma_tecu.copy()
         if self._contents is None:
             return stec, sigma
+        phase = rows.stec_phase_tecu - self._wind_up * rows.wind_up_tecu
         arcs = list(zip(rows.link.tolist(), rows.arc.tolist(), strict=True))
         for row, arc in enumerate(arcs):
             level = self._solved.get(arc)
             if level is not None:
-                stec[row] = rows.stec_phase_tecu[row] + level.value
+                stec[row] = phase[row] + level.value
                 sigma[row] = level.sigma
         good = np.flatnonzero(rows.is_good).tolist()
         new = [row for row in good if arcs[row] not in self._solved]
-        compared = self._compare_with_others(rows, arcs, new, stec, sigma)
+        compared = self._compare_with_others(rows, arcs, new, phase, stec, sigma)
         for row in new:
             best = self._expected.get(arcs[row])
             candidate = compared.get(row)
@@ -117,7 +120,7 @@ class ArcOffsets:
                 best = self._expected[arcs[row]] = candidate
             if best is not None:
                 # Codes of a short arc err by more than they show, and more than this.
-                stec[row] = rows.stec_phase_tecu[row] + best.value
+                stec[row] = phase[row] + best.value
                 sigma[row] = best.sigma
         return stec, sigma
 
@@ -126,12 +129,14 @@ class ArcOffsets:
         rows: ArcContents,
         arcs: list[tuple[int, int]],
         new: list[int],
+        phase: FloatArray,
         stec: FloatArray,
         sigma: FloatArray,
     ) -> dict[int, _Level]:
         """Return the levels of new rows by the contents `stec` of the solved arcs of their epoch.
 
-        `new` are rows that have no solved arc; `sigma` is that of `stec`.
+        `new` are rows that have no solved arc; `phase` are contents of phases without level and
+        wind-up, and `sigma` is that of `stec`.
         """
         begun = set(self._expected)
         epochs: dict[int, list[int]] = {}
@@ -178,6 +183,6 @@ class ArcOffsets:
                 particular = self._contents.arc_sigma * content
                 growth = max(1.0, (factor**2 - 1.0) / mean_tangent) + 1.0 / len(solved)
                 of_value = math.sqrt(spread * growth * factor**2 + common + particular**2)
-                value = content - float(rows.stec_phase_tecu[row])
+                value = content - float(phase[row])
                 levels[row] = _Level(round(value, DECIMALS_TECU), round(of_value, DECIMALS_TECU))
         return levels

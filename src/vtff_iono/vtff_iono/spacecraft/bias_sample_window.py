@@ -42,6 +42,7 @@ class _SampleEpoch(NamedTuple):
     link: npt.NDArray[np.int64]
     arc: npt.NDArray[np.int64]
     stec_phase_tecu: FloatArray
+    wind_up_tecu: FloatArray
     elevation: FloatArray
     direction_itrf: FloatArray
     position_itrf: FloatArray
@@ -88,6 +89,7 @@ class BiasSampleWindow:
         end: int,
         direction_itrf: FloatArray,
         position_itrf: FloatArray,
+        wind_up_tecu: FloatArray,
     ) -> None:
         """Add an epoch: the levels of its arcs, and samples if it is their time.
 
@@ -100,6 +102,8 @@ class BiasSampleWindow:
         direction_itrf, position_itrf : ndarray, shape (n, 3)
             Unit vectors to the satellites, and positions of the antenna (m), of all observations
             that the rows refer to.
+        wind_up_tecu : ndarray, shape (m,)
+            What the wind-up of each row since its arc began looks like, TECU.
         """
         time = int(rows.pairs.time[first])
         stec = rows.stec_tecu[first:end]
@@ -124,6 +128,7 @@ class BiasSampleWindow:
                         rows.pairs.link[chosen],
                         rows.arc[chosen],
                         rows.stec_phase_tecu[chosen],
+                        wind_up_tecu[chosen],
                         rows.elevation[chosen],
                         direction_itrf[observation],
                         position_itrf[observation],
@@ -187,5 +192,6 @@ class BiasSampleWindow:
             arc=np.array([arc_number[key] for key in arc_of_sample], dtype=np.int64),
             link=link,
             satellite_sigma_tecu=levels[:, 2],
+            wind_up_tecu=np.concatenate([epoch.wind_up_tecu for epoch in self._epochs]),
         )
         return groups, samples

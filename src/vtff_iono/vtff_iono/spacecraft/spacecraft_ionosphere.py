@@ -28,6 +28,7 @@ from vtff_iono.content.rate_of_tec import RateOfTecMonitor, RateOfTecWindow
 from vtff_iono.content.slant_tec import Rejection, SlantTecProcessor, SlantTecRows, SlantTecSettings
 from vtff_iono.geometry.satellite_geometry import SatelliteGeometry, geometry_from_stores
 from vtff_iono.geometry.vertical_mapping import vertical_mapping
+from vtff_iono.geometry.wind_up import WindUpCounter, wind_up_cycles
 from vtff_iono.links.signal_pairs import DEFAULT_PAIRS, Link, SignalPair
 from vtff_iono.scintillation.indices import (
     ScintillationMonitor,
@@ -258,6 +259,7 @@ class SpacecraftIonosphere:
         self._roti = RateOfTecMonitor(settings.roti_interval, settings.scintillation.window)
         self._bias_samples = BiasSampleWindow(settings.bias_window)
         self._arc_offsets = ArcOffsets()
+        self._wind_up = WindUpCounter()
         self._profile: ProfileBiases | None = None
         self._vertical_sigma_tecu = 0.0
         self._gradient_sigma = np.full(2, np.nan)
@@ -399,20 +401,53 @@ class SpacecraftIonosphere:
         last = first_row[blocks + 1] - 1
         time = rows.pairs.time
         first = np.searchsorted(time, time[last])
+        wind_up = self._wind_up_tecu(rows, first, last, geometry, position_itrf)
         found: list[SlantTecEpoch] = []
         begin = 0
         for index, (start, end) in enumerate(zip(first.tolist(), (last + 1).tolist(), strict=True)):
-            self._bias_samples.add_epoch(rows, start, end, geometry.direction_itrf, position_itrf)
+            self._bias_samples.add_epoch(
+                rows, start, end, geometry.direction_itrf, position_itrf, wind_up
+            )
             if self._is_bias_due(int(time[start])):
                 chosen = slice(begin, index)
-                found += self._epochs(rows, first[chosen], last[chosen], geometry, position_itrf)
+                found += self._epochs(
+                    rows, first[chosen], last[chosen], geometry, position_itrf, wind_up
+                )
                 begin = index
                 self._estimate_biases()
-        found += self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf)
+        found += self._epochs(rows, first[begin:], last[begin:], geometry, position_itrf, wind_up)
         epochs: list[SlantTecEpoch | None] = [None] * (len(first_row) - 1)
         for number, epoch in zip(blocks.tolist(), found, strict=True):
             epochs[number] = epoch
         return epochs
+
+    def _wind_up_tecu(
+        self,
+        rows: SlantTecRows,
+        first: npt.NDArray[np.int64],
+        last: npt.NDArray[np.int64],
+        geometry: SatelliteGeometry,
+        position_itrf: FloatArray,
+    ) -> FloatArray:
+        """Return what the wind-up since arcs began looks like, TECU, (n,), zero between epochs.
+
+        `first` and `last` are the rows of the epochs.
+        """
+        wind_up = np.zeros(len(rows))
+        chosen, _ = _rows_of_epochs(rows, first, last)
+        if not len(chosen):
+            return wind_up
+        observation = rows.pairs.row_first[chosen]
+        cycles = wind_up_cycles(
+            position_itrf[observation],
+            geometry.direction_itrf[observation],
+            geometry.range[observation],
+            geometry.velocity_satellite_itrf[observation],
+        )
+        link = rows.pairs.link[chosen]
+        tecu_per_cycle = np.array([of_link.tecu_per_cycle for of_link in self.links])[link]
+        wind_up[chosen] = tecu_per_cycle * self._wind_up.count(link, rows.arc[chosen], cycles)
+        return wind_up
 
     def _is_bias_due(self, time: int) -> bool:
         """Return whether the receiver biases are to be estimated at a time, ns."""
@@ -448,6 +483,7 @@ class SpacecraftIonosphere:
         last: npt.NDArray[np.int64],
         geometry: SatelliteGeometry,
         position_itrf: FloatArray,
+        wind_up_tecu: FloatArray,
     ) -> list[SlantTecEpoch]:
         """Return the contents of epochs from their first to their last rows.
 
@@ -456,12 +492,7 @@ class SpacecraftIonosphere:
         """
         if not len(first):
             return []
-        counts = last + 1 - first
-        starts = np.cumsum(counts) - counts
-        chosen = np.arange(int(counts.sum())) + np.repeat(first - starts, counts)
-        epoch_of_row = np.repeat(np.arange(len(first)), counts)
-        is_link = rows.pairs.link[chosen] >= 0
-        chosen, epoch_of_row = chosen[is_link], epoch_of_row[is_link]
+        chosen, epoch_of_row = _rows_of_epochs(rows, first, last)
         edges = np.searchsorted(epoch_of_row, np.arange(len(first) + 1)).tolist()
         observation = rows.pairs.row_first[chosen]
         vertical = vertical_mapping(
@@ -487,6 +518,7 @@ class SpacecraftIonosphere:
                 arc,
                 rejected == 0,
                 rows.stec_phase_tecu[chosen],
+                wind_up_tecu[chosen],
                 rows.stec_tecu[chosen] - bias_tecu,
                 sigma,
                 position_itrf[observation],
@@ -520,3 +552,15 @@ class SpacecraftIonosphere:
                 )
             )
         return epochs
+
+
+def _rows_of_epochs(
+    rows: SlantTecRows, first: npt.NDArray[np.int64], last: npt.NDArray[np.int64]
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """Return the rows with a link from the first to the last ones of epochs, and their epochs."""
+    counts = last + 1 - first
+    starts = np.cumsum(counts) - counts
+    chosen = np.arange(int(counts.sum())) + np.repeat(first - starts, counts)
+    epoch_of_row = np.repeat(np.arange(len(first)), counts)
+    is_link = rows.pairs.link[chosen] >= 0
+    return chosen[is_link], epoch_of_row[is_link]

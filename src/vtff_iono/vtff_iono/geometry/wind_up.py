@@ -1,0 +1,123 @@
+"""Carrier-phase wind-up of an upright antenna: the turns that its phases count.
+
+The signals of GNSS are circularly polarised. Their phase counts how an antenna turns against that
+of the satellite: about its own axis, and as the ray moves over both. A cycle is the same on both
+frequencies, but not the same length, and looks like 0.51 TECU with GPS L1 and L2.
+
+A turn of an antenna about its own axis adds the same cycles to all rays. Hence it hardly matters
+which horizontal axis the receiver is taken to have, as long as it does not spin: what its heading
+changes by is common to all satellites.
+
+References
+----------
+Wu, Wu, Hajj, Bertiger and Lichten (1993), Effects of antenna orientation on GPS carrier phase,
+Manuscripta Geodaetica 18:91.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.constants import EARTH_ROTATION_RATE
+from vtff_dynamics.vectors import FloatArray
+from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
+
+__all__ = ["WindUpCounter", "count_wind_up", "wind_up_cycles"]
+
+
+def wind_up_cycles(
+    position_receiver_itrf: FloatArray,
+    direction_itrf: FloatArray,
+    range_satellite: FloatArray,
+    velocity_satellite_itrf: FloatArray,
+) -> FloatArray:
+    """Return the wind-up of rays, cycles in [-0.5, 0.5], shape (n,); NaN without a direction.
+
+    The antenna of the receiver looks to the zenith and has its axes to the north and east. The
+    satellite looks down, with its axes along its orbit and across it; by how much its turns
+    towards the Sun differ from that is not known here.
+
+    Parameters
+    ----------
+    position_receiver_itrf, direction_itrf : ndarray, shape (n, 3)
+        Positions of the receiver, m, and unit vectors to the satellites.
+    range_satellite : ndarray, shape (n,)
+        Distances of the satellites, m.
+    velocity_satellite_itrf : ndarray, shape (n, 3)
+        Velocities of the satellites as seen from the Earth, m/s.
+    """
+    satellite = position_receiver_itrf + range_satellite[:, np.newaxis] * direction_itrf
+    inertial = velocity_satellite_itrf + np.cross((0.0, 0.0, EARTH_ROTATION_RATE), satellite)
+    down = -satellite / np.linalg.norm(satellite, axis=-1, keepdims=True)
+    side = np.cross(down, inertial)
+    side /= np.linalg.norm(side, axis=-1, keepdims=True)
+    up = ellipsoid_normal(position_receiver_itrf)
+    east = np.cross((0.0, 0.0, 1.0), up)
+    east /= np.linalg.norm(east, axis=-1, keepdims=True)
+    to_receiver = -direction_itrf
+    sent = _dipole(to_receiver, np.cross(side, down), -side)
+    received = _dipole(to_receiver, np.cross(up, east), -east)
+    sine = np.sum(to_receiver * np.cross(sent, received), axis=-1)
+    cosine = np.sum(sent * received, axis=-1)
+    return np.asarray(np.arctan2(sine, cosine) / (2.0 * math.pi))
+
+
+def _dipole(to_receiver: FloatArray, axis_x: FloatArray, axis_y: FloatArray) -> FloatArray:
+    """Return the effective dipoles x - k (k x) + k x y of crossed dipoles along x and y, (n, 3)."""
+    along = np.sum(to_receiver * axis_x, axis=-1, keepdims=True)
+    return np.asarray(axis_x - to_receiver * along + np.cross(to_receiver, axis_y))
+
+
+def count_wind_up(arc: npt.NDArray[np.int64], cycles: FloatArray) -> FloatArray:
+    """Return the cycles since arcs began, without jumps, shape (n,); zero where `cycles` is NaN.
+
+    Parameters
+    ----------
+    arc : ndarray of int64, shape (n,)
+        Number of the arc of each row; the rows of an arc are in order of time.
+    cycles : ndarray, shape (n,)
+        See `wind_up_cycles`.
+    """
+    result = np.zeros(len(cycles))
+    known = np.flatnonzero(np.isfinite(cycles))
+    if not len(known):
+        return result
+    order = known[np.argsort(arc[known], kind="stable")]
+    is_first = np.diff(arc[order], prepend=arc[order[0]] - 1) != 0
+    steps = np.diff(cycles[order], prepend=0.0)
+    steps = np.where(is_first, 0.0, steps - np.round(steps))
+    total = np.cumsum(steps)
+    first = np.flatnonzero(is_first)
+    result[order] = total - np.repeat(total[first], np.diff(first, append=len(order)))
+    return result
+
+
+class WindUpCounter:
+    """Wind-up of the arcs of one receiver since they began, without jumps, epoch by epoch."""
+
+    def __init__(self) -> None:
+        # The arc of each link, and the cycles at its first and at its latest epoch.
+        self._arcs: dict[int, tuple[int, float, float]] = {}
+
+    def count(
+        self, link: npt.NDArray[np.int64], arc: npt.NDArray[np.int64], cycles: FloatArray
+    ) -> FloatArray:
+        """Return the cycles of rows in order of time since their arcs began, shape (n,).
+
+        Rows with NaN as `cycles` count nothing, and have zero.
+        """
+        result = np.zeros(len(cycles))
+        columns = zip(link.tolist(), arc.tolist(), cycles.tolist(), strict=True)
+        for row, (number, of_arc, now) in enumerate(columns):
+            if not math.isfinite(now):
+                continue
+            known, first, latest = self._arcs.get(number, (of_arc, now, now))
+            if known != of_arc:
+                first = latest = now
+            latest = now + round(latest - now)
+            self._arcs[number] = of_arc, first, latest
+            result[row] = latest - first
+        return result
