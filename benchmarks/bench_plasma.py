@@ -120,8 +120,11 @@ def report_bubbles(flown: Flown) -> None:
         f"widths over 1 km within 30 %: {figures.widths_good} of {figures.widths}, of those whose "
         f"sigma is below 20 % {figures.widths_sure_good} of {figures.widths_sure}, of those whose "
         f"bound is below 15 % {figures.widths_possible_good} of {figures.widths_possible}; "
-        f"median error {100.0 * figures.width_error:.0f} %"
+        f"median error {100.0 * figures.width_error:.0f} %,",
+        end=" ",
     )
+    low, high = figures.width_z_interval
+    print(f"error over sigma RMS {figures.width_z:.2f} ({low:.2f} to {high:.2f})")
     low, high = figures.separation_z_interval
     print(
         f"separation, mean of two walls: {figures.separations} bubbles, error over sigma RMS "

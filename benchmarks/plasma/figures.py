@@ -312,6 +312,8 @@ class EdgeFigures:
     widths_possible: int
     widths_possible_good: int
     width_error: float
+    width_z: float
+    width_z_interval: tuple[float, float]
     separations: int
     separation_z: float
     separation_z_interval: tuple[float, float]
@@ -340,6 +342,9 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
         for w in told
         if w.width > 1e3 and w.bound.width_sigma < _TOLD * w.width
     ]
+    width_ratio = np.array(
+        [(w.told_width - w.width) / w.width_sigma for w in told if w.width > 1e3]
+    )
     errors, ratios, bounds = [], [], []
     for (_, result), of_bubble in zip(flown, every, strict=True):
         if not all(wall.is_told for wall in of_bubble):
@@ -372,6 +377,8 @@ def edge_figures(flown: Sequence[tuple[PlasmaWorld, ChainResult]]) -> EdgeFigure
         len(possible),
         sum(error <= 0.3 for error in possible),
         float(np.median([error for error, _ in wide])) if wide else math.nan,
+        _rms(width_ratio),
+        _interval_of_rms(width_ratio),
         len(errors),
         _rms(np.array(ratios)),
         _interval_of_rms(np.array(ratios)),

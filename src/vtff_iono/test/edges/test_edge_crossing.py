@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy.special
 from formation_simulation import chapman
 
 from vtff_iono.edges.edge_crossing import ContentSeries, fit_edge_crossings
@@ -18,10 +19,25 @@ ELEVATIONS = np.radians([20.0, 22.0, 23.0, 28.0, 31.0, 38.0, 39.0, 40.0, 46.0, 6
 TIME = np.arange(-45 * RATE, 45 * RATE + 1) / RATE
 
 
-def vertical_content(width):
+def missing_part(altitude, width, shape):
+    """Part of the density that is missing; walls of any shape have the second moment of a line."""
+    height = altitude - EDGE
+    if shape == "erf":
+        return 0.5 * (1.0 + scipy.special.erf(height / (width / math.sqrt(12.0)) / math.sqrt(2.0)))
+    if shape == "tanh":
+        return 0.5 * (1.0 + np.tanh(height / (width / math.pi)))
+    if shape == "cosine":
+        # The density of cos^2 over a length l has the variance l^2 (1/12 - 1/(2 pi^2)).
+        length = width / math.sqrt(1.0 - 6.0 / math.pi**2)
+        place = np.clip(height / length, -0.5, 0.5)
+        return 0.5 + place + np.sin(2.0 * math.pi * place) / (2.0 * math.pi)
+    return np.interp(height, [-width / 2, width / 2], [0.0, 1.0])
+
+
+def vertical_content(width, shape="line"):
     """Content above an altitude: the paper's bubble above 290 km, its edge 100 m wide or more."""
-    altitude = np.arange(250e3, 360e3, 10.0)
-    inside = np.interp(altitude, [EDGE - width / 2, EDGE + width / 2], [0.0, 1.0])
+    altitude = np.arange(230e3, 360e3, 10.0)
+    inside = missing_part(altitude, width, shape)
     density = (1.0 - inside) * chapman(altitude, 1.3e12) + inside * 1.1e10
     return altitude, -np.concatenate(([0.0], np.cumsum(density[:-1] * 10.0 / 1e16)))
 
@@ -36,8 +52,11 @@ def pattern(generator, size=0.063):
     return place, size * noise / noise.std()
 
 
-def crossing(rising=True, size=0.063, seed=0, slip=False, width=100.0):
-    """Series of chief and deputy, and the true times of both."""
+def crossing(rising=True, size=0.063, seed=0, slip=False, width=100.0, shape="line", slow=0.0):
+    """Series of chief and deputy, and the true times of both.
+
+    `slow` is what contents have changed by after a minute, independently of each other, TECU.
+    """
     generator = np.random.default_rng(seed)
     speed = SPEED if rising else -SPEED
     shift = -0.5 * SEPARATION
@@ -45,7 +64,7 @@ def crossing(rising=True, size=0.063, seed=0, slip=False, width=100.0):
     if rising:
         # The deputy is below and comes later, as on the paper's second pass.
         heights.reverse()
-    table = vertical_content(width)
+    table = vertical_content(width, shape)
     patterns = [pattern(generator, size) for _ in ELEVATIONS]
     series = []
     for craft, height in enumerate(heights):
@@ -55,6 +74,9 @@ def crossing(rising=True, size=0.063, seed=0, slip=False, width=100.0):
         stec += 7.0 * craft + np.arange(len(ELEVATIONS))[:, np.newaxis]
         stec += [np.interp(TIME - craft * LAG, *one) for one in patterns]
         stec += 0.0135 * generator.standard_normal(stec.shape)
+        if slow:
+            walk = generator.standard_normal(stec.shape) * slow / math.sqrt(60.0 * RATE)
+            stec += np.cumsum(walk, axis=1)
         arc = np.ones(stec.shape, dtype=np.int64)
         if slip:
             stec[::3, 700:] += 5.0
@@ -119,6 +141,41 @@ def test_the_width_of_a_wall(width, seed):
     assert found.width == pytest.approx(width, rel=0.3)
     assert abs(found.width - width) < 4.0 * found.width_sigma + 0.05 * width
     assert (np.abs(found.time - true) < 4.0 * found.time_sigma).all()
+
+
+@pytest.mark.parametrize(("shape", "least"), [("erf", 0.8), ("cosine", 0.85), ("tanh", 0.75)])
+def test_the_width_of_a_wall_of_another_shape(shape, least):
+    """It is told with that of the line that fits it: less than that of the same second moment."""
+    for width in (2e3, 4e3):
+        series, _ = crossing(size=0.01, width=width, shape=shape)
+        found = fit_edge_crossings(TIME, *series, EDGE + 90.0, is_dense_above=False, width=width)
+        assert found is not None
+        assert least < found.width / width < 1.05
+
+
+def test_an_edge_is_found_where_densities_show_it_exactly():
+    """The search ends with parameters of 1e-13, a part of which is no step for a derivative."""
+    series, true = crossing(size=0.0, seed=1, width=800.0)
+    found = fit_edge_crossings(
+        TIME, *series, EDGE, is_dense_above=False, width=800.0, altitude_sigma=741.3534977224307
+    )
+    assert found is not None
+    assert (np.abs(found.time - true) < 4.0 * found.time_sigma).all()
+
+
+def test_what_is_slow_is_in_the_sigma_of_the_difference_of_both_times():
+    """Contents that walk by 0.1 TECU a minute: about wide walls and thin ones."""
+    ratios = []
+    for width in (100.0, 6e3):
+        for seed in range(5):
+            series, true = crossing(seed=seed, size=0.02, width=width, slow=0.1)
+            found = fit_edge_crossings(
+                TIME, *series, EDGE + 90.0, is_dense_above=False, width=width
+            )
+            assert found is not None
+            variance = float(found.time_sigma @ found.time_sigma) - 2.0 * found.time_covariance
+            ratios.append(np.subtract(*(found.time - true)) / math.sqrt(variance))
+    assert 0.5 < math.sqrt(np.mean(np.square(ratios))) < 1.2
 
 
 @pytest.mark.parametrize("width", [100.0, 300.0])

@@ -93,6 +93,7 @@ def test_what_densities_do_not_tell_alone_must_be_told_by_contents(
             altitude_sigma=sigma,
             width=500.0,
             width_sigma=300.0,
+            width_square_sigma=3e5,
         )
     finder = VerticalEdgeFinder()
     finder._histories = (history_of_a_flight(300.0),) * 2
@@ -109,6 +110,9 @@ def test_what_densities_do_not_tell_alone_must_be_told_by_contents(
     assert [boundary.spacecraft for boundary in told] == ([0, 1] if is_told else [])
     if is_told and of_density > 1.5e3:
         assert [b.time_sigma for b in told] == pytest.approx([1.0 / 3.0, 4.0 / 3.0])
+    if is_told and fit is not None:
+        # Densities told 2 +- 1 km: both count.
+        assert all(fit.width < b.width < 2e3 and b.width_sigma < fit.width_sigma for b in told)
 
 
 def test_densities_of_two_datums_are_not_compared(monkeypatch):

@@ -12,14 +12,23 @@ in the lagged difference of the two,
 while the two changes of slope remain: they happen at an altitude, not at a place. D and the mean M
 of the two series have independent noise. Both are fitted together, each weighted by the density of
 its noise at low frequencies, which its residuals show. The altitudes at which the two spacecraft
-cross are two parameters, the width of the wall is the third; the times follow from the motion.
-Without scintillation the fit is that of each spacecraft by itself, because D and M are then only
-another basis of the two series.
+cross are two parameters, the width of the wall is the third; the times follow from the motion. What
+is slow, above all the content above the edge, is noise whose size the contents themselves show
+(`vtff_iono.edges.content_noise`). Without scintillation the fit is that of each spacecraft by
+itself, because D and M are then only another basis of the two series.
+
+The width is that of a wall in which the density changes linearly: of a wall of another shape it is
+that of the line that fits it best, which leaves out the feet of a wide wall, as they look like the
+content above. A wall that rises as the error function is told with 0.95, 0.87 and 0.79 of the width
+of the line of the same second moment (3.46 standard deviations) at 2, 4 and 8 km; one that rises as
+the hyperbolic tangent with 0.90, 0.80 and 0.69 of it, one that rises as a cosine with 0.98, 0.91
+and 0.88.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +36,13 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_gnss.constants import ELECTRONS_PER_TECU
+from vtff_iono.edges.content_noise import (
+    MOST_MODES,
+    SlowBasis,
+    mode_variances,
+    slow_basis,
+    white_sigma,
+)
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.fluctuation_lag import series_lag
 
@@ -39,13 +55,17 @@ _DIFFERENCE = 0.5
 _LEAST_CORRELATION = 0.5
 # Fraction of the window in which a satellite must have contents.
 _COVERAGE = 0.7
-# s; residuals are averaged over these times to find the density of their noise at low frequencies:
-# that of scintillation and that of multipath.
+# s; residuals are averaged over these times to find the density of their noise: that of
+# scintillation, and while slow noise is not yet known that of multipath.
 _NOISE_INTERVALS = (4.0, 10.0)
-# Degree of the polynomial in time that is fitted to each satellite besides a constant of each arc.
-# It stands for the content above the layer and its mapping.
-_DEGREE = 2
-_FITS = 3
+# The fit and the noise that its residuals show are found in turns, each fit in at most so many
+# steps, which end where the sum of squares falls by less than this. A step that does not help is
+# tried again so many times, shorter (Levenberg 1944, Marquardt 1963).
+_FITS, _STEPS, _SHORTER = 3, 25, 6
+_LEAST_DROP = 1e-3
+_DAMPING, _LESS_DAMPING, _MORE_DAMPING = 1e-3, 0.2, 5.0
+# Step of the parameters for derivatives; as a part where they are larger than one.
+_PARAMETER_STEP = 1e-3
 # m; altitudes that are searched to either side, more for a wide wall: this part of its width.
 _SEARCH = 500.0
 _SEARCH_OF_WIDTH = 0.3
@@ -111,6 +131,8 @@ class EdgeCrossing:
         scintillation.
     width, width_sigma : float
         Width over which the density changes, and its sigma, m.
+    width_square_sigma : float
+        Sigma of its square, m^2, in which contents are linear where the wall is thin.
     """
 
     time: FloatArray
@@ -123,6 +145,20 @@ class EdgeCrossing:
     lag: float
     width: float
     width_sigma: float
+    width_square_sigma: float
+
+
+@dataclass(frozen=True, eq=False)
+class _Noise:
+    """White sigmas (m, 2), TECU, and variances by degree (m, 2, MOST_MODES), TECU^2, of D and M."""
+
+    white: FloatArray
+    modes: FloatArray
+
+    @staticmethod
+    def only_white(white: FloatArray) -> _Noise:
+        """Return noise without slow parts."""
+        return _Noise(white, np.zeros((*white.shape, MOST_MODES)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,26 +167,25 @@ class _Satellite:
 
     Parameters
     ----------
-    nuisance : ndarray, shape (k, p)
-        Orthonormal basis of the constants of the arcs and the polynomial.
+    slow : SlowBasis
+        Constants of the arcs and polynomials.
     observed : ndarray, shape (2, k)
-        D and M, the nuisance removed, TECU.
+        D and M, TECU.
     path : ndarray, shape (2, k)
         Paths of the rays of chief and deputy through a layer over its height.
     samples : ndarray of int, shape (k,), or None
         Which of the samples of the window these are; None for all.
     """
 
-    nuisance: FloatArray
+    slow: SlowBasis
     observed: FloatArray
     path: FloatArray
     samples: npt.NDArray[np.intp] | None
 
-    def change(self, vertical: FloatArray, divisor: float) -> FloatArray:
-        """Return what vertical contents in the window, divided, add to D and M, shape (2, k)."""
+    def change(self, vertical: FloatArray) -> FloatArray:
+        """Return what vertical contents in the window add to D and M, shape (2, k)."""
         of_satellite = vertical if self.samples is None else vertical[:, self.samples]
-        single = self.path * of_satellite / divisor
-        return _remove_projection(self.nuisance, _difference_and_mean(single))
+        return _difference_and_mean(self.path * of_satellite)
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,37 +202,55 @@ class _Window:
     altitude: FloatArray
     satellites: list[_Satellite]
 
-    def weighted(self, sigma: FloatArray) -> FloatArray:
-        """Return D and M of all satellites over their sigmas, shape (m,)."""
+    def whitened(self, noise: _Noise) -> FloatArray:
+        """Return D and M of all satellites in units of their noise, shape (m,)."""
         return np.concatenate(
             [
-                (satellite.observed / s[:, np.newaxis]).ravel()
-                for satellite, s in zip(self.satellites, sigma, strict=True)
+                satellite.slow.whiten(satellite.observed, white, modes).ravel()
+                for satellite, white, modes in zip(
+                    self.satellites, noise.white, noise.modes, strict=True
+                )
             ]
         )
 
     def design(
-        self, sigma: FloatArray, altitude: FloatArray, width: float, dense_side: float
+        self, noise: _Noise, altitude: FloatArray, width: float, dense_side: float
     ) -> FloatArray:
-        """Return what densities that are the depth, and its square, add to `weighted`, (m, 2).
-
-        They begin over the width of the wall, m: the content is the mean over that width.
-        """
-        # Most satellites have all samples of the window: what does not depend on the ray is
-        # computed once.
-        distance = dense_side * (self.altitude - altitude[:, np.newaxis]) / _DEPTH_UNIT
-        half = 0.5 * width / _DEPTH_UNIT
-        above, below = np.maximum(distance + half, 0.0), np.maximum(distance - half, 0.0)
+        """Return what the wall adds to `whitened`, shape (m, 2); see `_wall`."""
         count = sum(satellite.observed.size for satellite in self.satellites)
         design = np.empty((count, 2))
-        for column, order in enumerate((2, 3)):
-            vertical, divisor = above**order - below**order, 2.0 * order * half
+        for column, vertical in enumerate(self._wall(altitude, width, dense_side)):
             begin = 0
-            for satellite, s in zip(self.satellites, sigma, strict=True):
-                change = satellite.change(vertical, divisor) / s[:, np.newaxis]
+            for satellite, white, modes in zip(
+                self.satellites, noise.white, noise.modes, strict=True
+            ):
+                change = satellite.slow.whiten(satellite.change(vertical), white, modes)
                 design[begin : begin + change.size, column] = change.ravel()
                 begin += change.size
         return design
+
+    def residuals(
+        self, altitude: FloatArray, width: float, dense_side: float, change: FloatArray
+    ) -> list[FloatArray]:
+        """Return D and M of each satellite less those of the wall, TECU."""
+        first, second = self._wall(altitude, width, dense_side)
+        vertical = change[0] * first + change[1] * second
+        return [satellite.observed - satellite.change(vertical) for satellite in self.satellites]
+
+    def _wall(self, altitude: FloatArray, width: float, dense_side: float) -> list[FloatArray]:
+        """Return contents of densities that are one and the depth, each of shape (2, n).
+
+        Both times the part of the wall that is crossed: where a part of the density is missing that
+        changes linearly, what is missing grows with the density itself.
+        """
+        depth = dense_side * (self.altitude - altitude[:, np.newaxis]) / _DEPTH_UNIT
+        half = 0.5 * width / _DEPTH_UNIT
+        within, beyond = np.clip(depth, -half, half), np.maximum(depth, half)
+        constant = (within + half) ** 2 / (4.0 * half) + (beyond - half)
+        # The integrals of x (x + half) / (2 half) up to the inner side, and of x from there.
+        linear = (within**3 / 3.0 + half * within**2 / 2.0) / (2.0 * half) - half**2 / 12.0
+        linear += 0.5 * (beyond**2 - half**2)
+        return [constant, linear]
 
 
 def fit_edge_crossings(
@@ -248,7 +301,7 @@ def fit_edge_crossings(
     fitted = _fit(fitted_window, altitude, reach, width, dense_side, samples)
     if fitted is None:
         return None
-    altitudes, covariance, fitted_width, width_sigma, change, significance = fitted
+    altitudes, covariance, fitted_width, square_sigma, change, significance = fitted
     # Contents are those above a spacecraft: they fall while it climbs.
     density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
     far = float(np.abs(altitudes - altitude).max())
@@ -275,7 +328,9 @@ def fit_edge_crossings(
         significance=significance,
         lag=lag,
         width=fitted_width,
-        width_sigma=width_sigma,
+        # d(W^2) = 2 W dW; the square itself where W is below its sigma.
+        width_sigma=min(math.sqrt(square_sigma), 0.5 * square_sigma / max(fitted_width, 1.0)),
+        width_square_sigma=square_sigma,
     )
 
 
@@ -286,11 +341,6 @@ def _difference_and_mean(pair: FloatArray) -> FloatArray:
     np.add(pair[0], pair[1], out=result[1])
     result[1] *= 0.5
     return result
-
-
-def _remove_projection(basis: FloatArray, rows: FloatArray) -> FloatArray:
-    """Return rows less their projection on an orthonormal basis."""
-    return np.asarray(rows - (rows @ basis) @ basis.T)
 
 
 def _pattern_lag(chief: ContentSeries, deputy: ContentSeries, interval: float) -> float:
@@ -382,13 +432,12 @@ def _window(
         if elevation[:, good].min() < _ELEVATION_MASK:
             continue
         _, arc = np.unique(arcs[:, good], axis=1, return_inverse=True)
-        constants = np.eye(arc.max() + 1)[arc.ravel()]
-        powers = np.vander(time_from_middle[good] / half_window, _DEGREE + 1)[:, :-1]
-        nuisance, _ = np.linalg.qr(np.column_stack((constants, powers)))
+        # The constant is not needed, and digits are lost by it.
+        content = stec[:, good] - stec[:, good][:, :1]
         satellites.append(
             _Satellite(
-                nuisance=nuisance,
-                observed=_remove_projection(nuisance, _difference_and_mean(stec[:, good])),
+                slow=slow_basis(time_from_middle[good], half_window, arc.ravel()),
+                observed=_difference_and_mean(content),
                 path=1.0 / np.sin(elevation[:, good]),
                 samples=None if np.array_equal(good, usable) else samples[good],
             )
@@ -404,47 +453,109 @@ def _fit(
     dense_side: float,
     samples: tuple[int, ...],
 ) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
-    """Return altitudes of crossings and their covariance, width and sigma, change, significance.
+    """Return altitudes of crossings, their covariance, width, its square's sigma, change, sigmas.
 
-    Altitudes are searched over `reach` to either side. The change is for 1 km. The contents depend
-    on the square of the width where it is small.
+    Altitudes are searched over `reach` to either side. The change is for 1 km; by how many sigmas
+    it is there comes last. The contents depend on the square of the width where it is small.
     """
-    # Imported here: scipy.optimize takes a third of a second, and most flights cross no edge.
-    from scipy.optimize import least_squares
-
-    sigma = np.ones((len(window.satellites), 2))
-    observed = window.weighted(sigma)
+    noise = _Noise.only_white(np.ones((len(window.satellites), 2)))
+    observed = window.whitened(noise)
 
     def place(parameters: FloatArray) -> tuple[FloatArray, float]:
         return altitude + _ALTITUDE_UNIT * parameters[:2], _width_of(parameters[2])
 
     def residuals(parameters: FloatArray) -> FloatArray:
-        return _solution(observed, window.design(sigma, *place(parameters), dense_side))[0]
+        return _solution(observed, window.design(noise, *place(parameters), dense_side))[0]
 
     parameters = np.array([0.0, 0.0, (max(width, _LEAST_WIDTH) / _DEPTH_UNIT) ** 2])
     for turn in range(_FITS):
-        sigma = _noise(window.satellites, sigma, residuals(parameters), samples)
-        observed = window.weighted(sigma)
+        _, change, _ = _solution(observed, window.design(noise, *place(parameters), dense_side))
+        errors = window.residuals(*place(parameters), dense_side, change)
+        noise = _noise_of(window.satellites, errors, samples, is_first=turn == 0)
+        observed = window.whitened(noise)
         if turn == 0:
             common = np.linspace(-reach, reach, _SEARCH_STEPS + 1) / _ALTITUDE_UNIT
             trials = [np.array([both, both, parameters[2]]) for both in common]
             costs = [float(np.sum(residuals(trial) ** 2)) for trial in trials]
             parameters = trials[int(np.argmin(costs))]
-        fit = least_squares(residuals, parameters, method="lm", diff_step=1e-3, max_nfev=80)
-        parameters = fit.x
-    information = fit.jac.T @ fit.jac
+        parameters, derivatives = _least_squares(residuals, parameters)
+    information = derivatives.T @ derivatives
     # The samples do not determine the width of a thin wall; the altitudes do not depend on it.
     information[2, 2] += _WIDTH_PRIOR**-4
     if not np.linalg.cond(information) < 1e12:
         return None
     at, fitted_width = place(parameters)
-    design = window.design(sigma, at, fitted_width, dense_side)
+    design = window.design(noise, at, fitted_width, dense_side)
     _, change, significance = _solution(observed, design)
-    spread = np.linalg.inv(information)
-    # d(W^2) = 2 W dW; the square itself where W is below its sigma.
+    spread = _spread(derivatives, residuals(parameters), information, window.satellites)
     square_sigma = math.sqrt(spread[2, 2]) * _DEPTH_UNIT**2
-    width_sigma = min(math.sqrt(square_sigma), 0.5 * square_sigma / max(fitted_width, 1.0))
-    return at, _ALTITUDE_UNIT**2 * spread[:2, :2], fitted_width, width_sigma, change, significance
+    covariance = _ALTITUDE_UNIT**2 * spread[:2, :2]
+    return at, covariance, fitted_width, square_sigma, float(change[0]), significance
+
+
+def _spread(
+    derivatives: FloatArray,
+    residual: FloatArray,
+    information: FloatArray,
+    satellites: list[_Satellite],
+) -> FloatArray:
+    """Return the covariance of the parameters: that of the noise, or what satellites differ by.
+
+    The residuals of a satellite pull the parameters to its side. Satellites err independently of
+    each other, so that these pulls have a covariance of their own, whatever it is that is wrong
+    with a satellite (Liang and Zeger 1986, Biometrika 73:13). In the directions in which it is
+    larger, it counts: those of the mean of both altitudes, of their difference and of the width.
+    """
+    spread = np.linalg.inv(information)
+    ends = np.cumsum([satellite.observed.size for satellite in satellites])[:-1]
+    pulls = np.array(
+        [
+            of_satellite.T @ error
+            for of_satellite, error in zip(
+                np.split(derivatives, ends), np.split(residual, ends), strict=True
+            )
+        ]
+    )
+    count = len(satellites)
+    basis = np.array([[1.0, 1.0, 0.0], [-0.5, 0.5, 0.0], [0.0, 0.0, 1.0]])
+    inverse = np.linalg.inv(basis)
+    scatter = np.sum((pulls @ spread @ inverse) ** 2, axis=0) * count / max(1, count - 1)
+    stated = inverse.T @ spread @ inverse
+    factor = np.sqrt(np.maximum(1.0, scatter / np.diag(stated)))
+    return np.asarray(basis.T @ (stated * np.outer(factor, factor)) @ basis)
+
+
+def _least_squares(
+    residuals: Callable[[FloatArray], FloatArray], start: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return parameters of the least sum of squares near a start, and the derivatives there.
+
+    Steps of the derivatives are absolute: parameters may be zero, where a relative one is lost.
+    """
+    parameters, value = start, residuals(start)
+    cost, damping = float(value @ value), _DAMPING
+    derivatives = np.empty((len(value), len(start)))
+    for _ in range(_STEPS):
+        for index, step in enumerate(_PARAMETER_STEP * np.maximum(1.0, np.abs(parameters))):
+            beside = parameters.copy()
+            beside[index] += step
+            derivatives[:, index] = (residuals(beside) - value) / step
+        normal, gradient = derivatives.T @ derivatives, derivatives.T @ value
+        drop = 0.0
+        for _ in range(_SHORTER):
+            damped = normal + damping * (np.diag(np.diag(normal)) + 1e-9 * np.eye(len(start)))
+            trial = parameters - np.linalg.solve(damped, gradient)
+            value_there = residuals(trial)
+            cost_there = float(value_there @ value_there)
+            if cost_there < cost:
+                drop = cost - cost_there
+                parameters, value, cost = trial, value_there, cost_there
+                damping *= _LESS_DAMPING
+                break
+            damping *= _MORE_DAMPING
+        if drop < _LEAST_DROP:
+            break
+    return parameters, derivatives
 
 
 def _width_of(square: float) -> float:
@@ -456,36 +567,42 @@ def _width_of(square: float) -> float:
     return math.hypot(_DEPTH_UNIT * math.sqrt(abs(square)), _LEAST_WIDTH)
 
 
-def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, float, float]:
-    """Return residuals over their sigmas, change of content per km and significance.
+def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Return residuals over their sigmas, changes of content, (2,), and significance.
 
     The density next to the edge and its gradient are estimated, common to all satellites.
     """
     change, *_ = np.linalg.lstsq(design, observed, rcond=None)
     residual = observed - design @ change
     drop = float(observed @ observed - residual @ residual)
-    return residual, float(change[0]), math.sqrt(max(0.0, drop))
+    return residual, np.asarray(change), math.sqrt(max(0.0, drop))
 
 
-def _noise(
+def _noise_of(
     satellites: list[_Satellite],
-    sigma: FloatArray,
-    residual: FloatArray,
+    errors: list[FloatArray],
     samples: tuple[int, ...],
-) -> FloatArray:
-    """Return the sigmas, (m, 2), of white noise as dense as residuals are at low frequencies."""
-    result = np.empty_like(sigma)
-    begin = 0
-    for row, satellite in enumerate(satellites):
-        count = len(satellite.nuisance)
-        for column in (0, 1):
-            error = residual[begin : begin + count] * sigma[row, column]
-            begin += count
-            variances = [float(np.mean(np.diff(error) ** 2)) / 2.0, 1e-12]
-            for in_mean in samples:
-                whole = count // in_mean
-                means = error[: whole * in_mean].reshape(whole, in_mean).mean(axis=1)
-                freedom = max(1, whole - satellite.nuisance.shape[1])
-                variances.append(float(np.sum(means**2)) / freedom * in_mean)
-            result[row, column] = math.sqrt(max(variances))
-    return result
+    is_first: bool,
+) -> _Noise:
+    """Return the noise that residuals show; at first all of it as if it were white.
+
+    Residuals of a wall that is not yet in its place are no measure of what is slow.
+    """
+    each = zip(satellites, errors, strict=True)
+    if is_first:
+        one, none = np.ones(2), np.zeros((2, MOST_MODES))
+        return _Noise.only_white(
+            np.array(
+                [
+                    white_sigma(s.slow.whiten(error, one, none), samples, s.slow.unknown_columns)
+                    for s, error in each
+                ]
+            )
+        )
+    white, modes = [], []
+    for satellite, error in each:
+        slow = satellite.slow
+        white.append(white_sigma(slow.remove(error), samples[:1], slow.columns))
+        modes.append(slow.modes(error))
+    sigma = np.array(white)
+    return _Noise(sigma, mode_variances(np.array(modes), sigma))

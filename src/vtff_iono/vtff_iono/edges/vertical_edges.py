@@ -21,6 +21,7 @@ from vtff_iono.edges.content_history import ContentHistory
 from vtff_iono.edges.density_edges import DensityEdgeDetector
 from vtff_iono.edges.edge_crossing import EdgeCrossing, fit_edge_crossings
 from vtff_iono.edges.edge_detectors import Edge
+from vtff_iono.edges.wall_width import combine_widths
 from vtff_iono.links.signal_pairs import Link
 from vtff_iono.spacecraft.spacecraft_ionosphere import SpacecraftResult
 
@@ -147,8 +148,9 @@ class VerticalEdgeFinder:
                     origin + round(time * NANOSECONDS_PER_SECOND) for time in fit.time.tolist()
                 ]
                 sigmas, covariance = fit.time_sigma.tolist(), fit.time_covariance
-            if not width_sigma < fit.width_sigma:
-                width, width_sigma = fit.width, fit.width_sigma
+            width, width_sigma = combine_widths(
+                width, width_sigma, fit.width, fit.width_sigma, fit.width_square_sigma
+            )
         boundaries = []
         for craft, (history, time, sigma) in enumerate(
             zip(self._histories, guesses, sigmas, strict=True)

@@ -1,0 +1,165 @@
+"""Noise of the contents of a satellite about an edge, and the whitening of contents by it.
+
+Besides white noise, which scintillation and the receivers make, contents have slow parts: the
+content above the edge while the elevation changes, gradients, multipath. A constant of each arc and
+a parabola in time are unknown altogether. What is slower than noise is known in size only: the
+coefficients of the Legendre polynomials of degree 3 and more have variances that fall with a power
+of the degree, as those of a random walk (degree^-2), of its integral (degree^-4) and of smoother
+functions do. Size and power are those under which the coefficients that were measured are most
+likely (Rasmussen and Williams 2006, Gaussian Processes for Machine Learning, section 5.4.1). How
+far a wide wall may be feigned by what is slow is thereby in its sigmas, and thin walls lose little.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from vtff_dynamics.vectors import FloatArray
+
+__all__ = ["MOST_MODES", "SlowBasis", "mode_variances", "slow_basis", "white_sigma"]
+
+# Degree of the polynomial in time whose coefficients are unknown altogether.
+_DEGREE = 2
+# s and degrees: so long a part of the window is one more degree, up to the highest.
+_TIME_OF_DEGREE, _HIGHEST_DEGREE = 12.0, 10
+MOST_MODES = _HIGHEST_DEGREE - _DEGREE
+"""Number of columns of variances by degree."""
+
+# Powers of the degree, and sizes as parts of the white variance; the likeliest are taken.
+_POWERS = np.array([2.0, 4.0, 6.0, 8.0, 12.0])
+_SIZES = np.concatenate(([0.0], np.logspace(-2.0, 5.0, 29)))
+# Number of coefficients of a satellite for which the scatter of all of them stands.
+_OF_ALL = 4.0
+# TECU^2; smallest variance of a sample.
+_LEAST_VARIANCE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class SlowBasis:
+    """Orthonormal functions of time that stand for what is slow.
+
+    Parameters
+    ----------
+    columns : ndarray, shape (k, p)
+        Constants of the arcs and polynomials, by their degree.
+    unknown : int
+        How many of them, the first, have coefficients of any size.
+    """
+
+    columns: FloatArray
+    unknown: int
+
+    @property
+    def unknown_columns(self) -> FloatArray:
+        """Columns whose coefficients are of any size, shape (k, unknown)."""
+        return self.columns[:, : self.unknown]
+
+    def remove(self, rows: FloatArray) -> FloatArray:
+        """Return rows, shape (2, k), less all that is slow."""
+        return np.asarray(rows - (rows @ self.columns) @ self.columns.T)
+
+    def whiten(self, rows: FloatArray, sigma: FloatArray, variances: FloatArray) -> FloatArray:
+        """Return rows whose noise has the covariance of one.
+
+        Parameters
+        ----------
+        rows : ndarray, shape (2, k)
+        sigma : ndarray, shape (2,)
+            White noise of the rows.
+        variances : ndarray, shape (2, MOST_MODES)
+            Variances of the coefficients of degree 3 and more, TECU^2.
+        """
+        scaled = rows / sigma[:, np.newaxis]
+        part = np.ones((2, self.columns.shape[1]))
+        modes = part.shape[1] - self.unknown
+        ratio = variances[:, :modes] / sigma[:, np.newaxis] ** 2
+        part[:, self.unknown :] -= 1.0 / np.sqrt(1.0 + ratio)
+        return np.asarray(scaled - ((scaled @ self.columns) * part) @ self.columns.T)
+
+    def modes(self, rows: FloatArray) -> FloatArray:
+        """Return coefficients of degree 3 and more, shape (2, MOST_MODES); NaN without one."""
+        result = np.full((len(rows), MOST_MODES), np.nan)
+        found = rows @ self.columns[:, self.unknown :]
+        result[:, : found.shape[1]] = found
+        return result
+
+
+def slow_basis(
+    time_from_middle: FloatArray, half_window: float, arc: npt.NDArray[np.integer]
+) -> SlowBasis:
+    """Return the functions of k samples.
+
+    Parameters
+    ----------
+    time_from_middle : ndarray, shape (k,)
+        s.
+    half_window : float
+        Time of the first and last sample that there may be, from the middle, s.
+    arc : ndarray of int, shape (k,)
+        Number of the arc of each sample, from 0.
+    """
+    degree = round(2.0 * half_window / _TIME_OF_DEGREE)
+    degree = min(max(degree, _DEGREE), _HIGHEST_DEGREE)
+    constants = np.eye(arc.max() + 1)[arc]
+    powers = np.polynomial.legendre.legvander(time_from_middle / half_window, degree)[:, 1:]
+    columns, _ = np.linalg.qr(np.column_stack((constants, powers)))
+    return SlowBasis(columns, constants.shape[1] + _DEGREE)
+
+
+def white_sigma(rows: FloatArray, samples: tuple[int, ...], removed: FloatArray) -> FloatArray:
+    """Return the sigma, (2,), of white noise that is as dense as rows are at low frequencies.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (2, k)
+        Residuals.
+    samples : tuple of int
+        Numbers of samples whose means are taken.
+    removed : ndarray, shape (k, p)
+        Orthonormal functions that were removed.
+    """
+    count = rows.shape[1]
+    variances = [np.mean(np.diff(rows) ** 2, axis=1) / 2.0, np.full(2, _LEAST_VARIANCE)]
+    for in_mean in samples:
+        whole = count // in_mean
+        means, of_removed = (
+            each[:, : whole * in_mean].reshape(len(each), whole, in_mean).mean(axis=2)
+            for each in (rows, removed.T)
+        )
+        # What the functions take away of these means; short arcs take little.
+        freedom = max(1.0, whole - in_mean * float(np.sum(of_removed**2)))
+        variances.append(np.sum(means**2, axis=1) / freedom * in_mean)
+    return np.asarray(np.sqrt(np.max(variances, axis=0)))
+
+
+def mode_variances(coefficients: FloatArray, sigma: FloatArray) -> FloatArray:
+    """Return the likeliest variances of coefficients by degree, shape (m, 2, MOST_MODES), TECU^2.
+
+    They are those of all satellites together, and larger for a satellite whose coefficients are.
+
+    Parameters
+    ----------
+    coefficients : ndarray, shape (m, 2, MOST_MODES)
+        Coefficients of the residuals of m satellites, TECU; NaN where there is none.
+    sigma : ndarray, shape (m, 2)
+        White noise, TECU.
+    """
+    degree = np.arange(MOST_MODES) + _DEGREE + 1.0
+    powers = (degree[0] / degree) ** _POWERS[:, np.newaxis]
+    result = np.zeros(coefficients.shape)
+    for column in range(2):
+        white = sigma[:, column, np.newaxis] ** 2
+        shapes = np.median(white) * (_SIZES[:, np.newaxis, np.newaxis] * powers)
+        shapes = shapes.reshape(-1, 1, MOST_MODES)
+        square = coefficients[:, column] ** 2
+        cost = np.log(white + shapes) + square / (white + shapes)
+        of_all = white + shapes[int(np.argmin(np.nansum(cost, axis=(1, 2))))]
+        # Each scatters by itself as if that were known from so many coefficients.
+        ratio = square / of_all
+        known = np.count_nonzero(np.isfinite(ratio), axis=1)
+        own = (_OF_ALL + np.nansum(ratio, axis=1)) / (_OF_ALL + known)
+        result[:, column] = of_all * np.maximum(own, 1.0)[:, np.newaxis] - white
+    return result
