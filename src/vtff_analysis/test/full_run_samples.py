@@ -1,5 +1,7 @@
 """A made-up run with every kind of topic that reports, comparisons and exports know."""
 
+import math
+
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import AccelStamped
@@ -94,8 +96,10 @@ def write_full_run(directory, seconds=200, seed=1, bias=0.0, custom=None):
             scenario="reference", state=state, time_into_run=float(second), real_time_factor=321.0
         )
         bag.add("/sim/status", time, status)
-    edge = IrregularityBoundary(entry=True, spacecraft=DEPUTY, prn=5, latitude_deg=-11.5)
-    bag.add("/deputy/iono/irregularity_boundaries", START + 50 * SECOND, edge)
+    for width, sigma in ((2400.0, 300.0), (400.0, 300.0), (math.nan, math.nan)):
+        edge = IrregularityBoundary(entry=True, spacecraft=DEPUTY, prn=5, latitude_deg=-11.5)
+        edge.width, edge.width_sigma = width, sigma
+        bag.add("/deputy/iono/irregularity_boundaries", START + 50 * SECOND, edge)
     bag.writer.close()
     return directory
 

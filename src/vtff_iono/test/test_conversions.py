@@ -4,8 +4,12 @@ import numpy as np
 import pytest
 
 from vtff_dynamics.time.timescales import GpsTime
-from vtff_iono.conversions import block_from_messages, second_from_messages
-from vtff_iono.edges.boundary import BoundaryKind, BoundarySource
+from vtff_iono.conversions import (
+    block_from_messages,
+    boundary_to_message,
+    second_from_messages,
+)
+from vtff_iono.edges.boundary import NO_SYSTEM, Boundary, BoundaryKind, BoundarySource
 from vtff_iono.spacecraft.navigation_choice import NavigationChoice
 from vtff_msgs.msg import AmbiguityStatus, GnssFix, IrregularityBoundary, RelativeState
 
@@ -87,3 +91,26 @@ def test_fixes_alone():
 def test_numbers_of_boundaries_are_those_of_the_message(prefix, numbers):
     for member in numbers:
         assert member == getattr(IrregularityBoundary, f"{prefix}_{member.name}")
+
+
+@pytest.mark.parametrize(("width", "sigma"), [(2400.0, 300.0), (np.nan, np.nan)])
+def test_a_vertical_edge_tells_its_width(width, sigma):
+    """An edge of a ray has none."""
+    edge = Boundary(
+        BoundaryKind.VERTICAL,
+        BoundarySource.DENSITY,
+        spacecraft=0,
+        system=NO_SYSTEM,
+        prn=0,
+        time=TIME.nanoseconds,
+        time_sigma=0.5,
+        is_entry=True,
+        position_itrf=POSITION,
+        confidence=0.9,
+        width=width,
+        width_sigma=sigma,
+    )
+    message = boundary_to_message(edge, "chief", "deputy")
+    assert [message.width, message.width_sigma] == pytest.approx([width, sigma], nan_ok=True)
+    assert message.time_sigma == 0.5
+    assert (message.spacecraft, message.child_frame_id) == ("chief", "deputy")

@@ -271,6 +271,8 @@ def boundary_to_message(boundary: Boundary, spacecraft: str, deputy: str) -> Irr
         altitude=float(altitude),
         local_time_hours=mean_solar_local_time_hours(time, float(longitude)),
         confidence=boundary.confidence,
+        width=boundary.width,
+        width_sigma=boundary.width_sigma,
         spacecraft=spacecraft,
         child_frame_id=deputy,
     )

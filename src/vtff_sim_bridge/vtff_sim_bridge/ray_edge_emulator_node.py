@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -143,6 +144,8 @@ class RayEdgeEmulatorNode(VtffNode):
                 GpsTime.from_unix_nanoseconds(stamp), longitude
             ),
             confidence=self.parameters.detection,
+            width=math.nan,
+            width_sigma=math.nan,
             spacecraft=edge.spacecraft,
         )
         message.header.stamp, message.header.frame_id = to_stamp(stamp), "earth"

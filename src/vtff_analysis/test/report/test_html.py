@@ -111,6 +111,7 @@ def test_it_says_what_was_run_and_what_was_wrong(page):
     for said in (
         *("test_system", "9.8.7", "c0ffeec0ffee", "&lt;none&gt;", "seed: 77", "paper software"),
         *("no acknowledgement for 0.5 s", "thruster: bus", "acceleration_cap"),
+        *("2.40 ± 0.30 km", "below 1.0 km"),
         *("Edges of irregularities", "/relative_ekf", "lie within the stated 3 sigma"),
     ):
         assert said in text, said

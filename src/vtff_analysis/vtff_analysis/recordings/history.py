@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import ClassVar
 
@@ -253,7 +254,10 @@ class HealthItem:
 
 @dataclass(frozen=True)
 class Boundary:
-    """A crossed edge of an ionospheric irregularity; fields as in the message."""
+    """A crossed edge of an ionospheric irregularity; fields as in the message.
+
+    The width and its sigma are NaN for an edge of a ray.
+    """
 
     time: int
     kind: str
@@ -265,6 +269,8 @@ class Boundary:
     latitude_deg: float
     longitude_deg: float
     altitude: float
+    width: float = math.nan
+    width_sigma: float = math.nan
 
 
 @dataclass(frozen=True, eq=False)

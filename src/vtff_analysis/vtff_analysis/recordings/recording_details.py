@@ -138,6 +138,8 @@ class _Pair:
                 latitude_deg=message.latitude_deg,
                 longitude_deg=message.longitude_deg,
                 altitude=message.altitude,
+                width=message.width,
+                width_sigma=message.width_sigma,
             )
         )
 

@@ -6,6 +6,7 @@ beside the paper's numbers, and what went wrong.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -254,14 +255,25 @@ def _render_boundaries(history: RunHistory) -> str:
             satellite_name(edge.system, edge.prn) if edge.prn else "",
             f"{edge.latitude_deg:.2f}°, {edge.longitude_deg:.2f}°",
             f"{edge.altitude / 1e3:.1f} km",
+            _width_text(edge.width, edge.width_sigma),
         ]
         for edge in history.boundaries
     ]
-    heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude", "altitude"]
+    heads = ["time", "spacecraft", "edge", "from", "satellite", "latitude, longitude"]
+    heads += ["altitude", "width (1 sigma)"]
     pair = f": {escape(history.deputy)}" if len(history.pairs) > 1 else ""
     table = render_table(heads, rows)
     listed = f"<details><summary>{len(rows)} edges</summary>{table}</details>"
     return f"<h3>Edges of irregularities{pair}</h3>{listed}"
+
+
+def _width_text(width: float, sigma: float) -> str:
+    """Return the width of an edge, m, or what it is below; empty if it is not known."""
+    if not math.isfinite(width) or not math.isfinite(sigma):
+        return ""
+    if width < 3.0 * sigma:
+        return f"below {(width + 2.0 * sigma) / 1e3:.1f} km"
+    return f"{width / 1e3:.2f} ± {sigma / 1e3:.2f} km"
 
 
 def _render_health(items: Sequence[HealthItem], start: int) -> str:
