@@ -8,6 +8,7 @@ import pytest
 from vtff_iono.edges import vertical_edges
 from vtff_iono.edges.edge_detectors import Edge
 from vtff_iono.edges.vertical_edges import VerticalEdgeFinder, choose_half_window
+from vtff_iono.edges.wall_width import WidthsByShape
 
 EARTH_RADIUS = 6_378_137.0
 
@@ -37,6 +38,11 @@ def history_of_a_flight(radial_velocity):
             [EARTH_RADIUS + 5e5 + radial_velocity * time / 1e9, 0, 0]
         ),
     )
+
+
+def widths(width, sigma, is_of_square=False):
+    """Widths that are the same for each shape."""
+    return WidthsByShape(np.full(2, width), np.full(2, sigma), np.zeros(2), is_of_square)
 
 
 @pytest.mark.parametrize("radial_velocity", [-300.0, 300.0])
@@ -93,7 +99,7 @@ def test_what_densities_do_not_tell_alone_must_be_told_by_contents(
             altitude_sigma=sigma,
             width=500.0,
             width_sigma=300.0,
-            width_square_sigma=3e5,
+            widths=widths(500.0, 3e5, is_of_square=True),
         )
     finder = VerticalEdgeFinder()
     finder._histories = (history_of_a_flight(300.0),) * 2
@@ -105,6 +111,7 @@ def test_what_densities_do_not_tell_alone_must_be_told_by_contents(
         *(0.0, of_density / 300.0, False, 5e5, 0.5, 1.0, 1.0, 2e3, 1e3),
         altitude_sigma=of_density,
         is_doubtful=is_doubtful,
+        widths=widths(2e3, 1e3),
     )
     told = finder._boundaries_of(edge, [10**9, 3 * 10**9])
     assert [boundary.spacecraft for boundary in told] == ([0, 1] if is_told else [])

@@ -53,9 +53,10 @@ class Boundary:
     confidence : float
         0 to 1.
     width, width_sigma : float
-        Width over which the density changes at a vertical edge, if it does so linearly (see
-        `vtff_iono.edges.edge_crossing`), and its sigma, m; NaN for a ray. A width below about three
-        sigmas is a wall that may as well be thin: it is no wider than the width and two sigmas.
+        Width over which the density changes at a vertical edge, that of the straight line of the
+        same second moment (see `vtff_iono.edges.wall_width`), and its sigma, m; NaN for a ray. A
+        width below about three sigmas is a wall that may as well be thin: it is no wider than the
+        width and two sigmas.
     time_covariance : float
         Covariance of the time with that at which the other spacecraft crosses the same vertical
         edge, s^2; 0 for a ray.

@@ -12,6 +12,8 @@ far a wide wall may be feigned by what is slow is thereby in its sigmas, and thi
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,7 +21,14 @@ import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
 
-__all__ = ["MOST_MODES", "SlowBasis", "mode_variances", "slow_basis", "white_sigma"]
+__all__ = [
+    "MOST_MODES",
+    "SlowBasis",
+    "mode_variances",
+    "side_sigmas",
+    "slow_basis",
+    "white_sigma",
+]
 
 # Degree of the polynomial in time whose coefficients are unknown altogether.
 _DEGREE = 2
@@ -33,33 +42,47 @@ _POWERS = np.array([2.0, 4.0, 6.0, 8.0, 12.0])
 _SIZES = np.concatenate(([0.0], np.logspace(-2.0, 5.0, 29)))
 # Number of coefficients of a satellite for which the scatter of all of them stands.
 _OF_ALL = 4.0
+# Independent means on each side of a wall from which its noise is known.
+_LEAST_FREEDOM = 8.0
 # TECU^2; smallest variance of a sample.
 _LEAST_VARIANCE = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
 class SlowBasis:
-    """Orthonormal functions of time that stand for what is slow.
+    """Functions of time that stand for what is slow, orthonormal where noise is even.
 
     Parameters
     ----------
-    columns : ndarray, shape (k, p)
+    functions : ndarray, shape (k, p)
         Constants of the arcs and polynomials, by their degree.
+    relative : ndarray, shape (2, k)
+        Size of the white noise of the rows at each sample, as a part of their sigmas.
+    columns : ndarray, shape (2, k, p)
+        The functions over that size, orthonormal.
     unknown : int
         How many of them, the first, have coefficients of any size.
     """
 
+    functions: FloatArray
+    relative: FloatArray
     columns: FloatArray
     unknown: int
 
     @property
     def unknown_columns(self) -> FloatArray:
-        """Columns whose coefficients are of any size, shape (k, unknown)."""
-        return self.columns[:, : self.unknown]
+        """Columns whose coefficients are of any size, shape (2, k, unknown)."""
+        return self.columns[:, :, : self.unknown]
+
+    def with_noise(self, relative: FloatArray) -> SlowBasis:
+        """Return the basis where the noise is of another size, shape (2, k)."""
+        columns = np.linalg.qr(self.functions / relative[:, :, np.newaxis])[0]
+        return SlowBasis(self.functions, relative, columns, self.unknown)
 
     def remove(self, rows: FloatArray) -> FloatArray:
-        """Return rows, shape (2, k), less all that is slow."""
-        return np.asarray(rows - (rows @ self.columns) @ self.columns.T)
+        """Return rows, shape (2, k), in parts of their noise and less all that is slow."""
+        scaled = rows / self.relative
+        return np.asarray(scaled - _combined(self.columns, _coefficients(self.columns, scaled)))
 
     def whiten(self, rows: FloatArray, sigma: FloatArray, variances: FloatArray) -> FloatArray:
         """Return rows whose noise has the covariance of one.
@@ -68,21 +91,22 @@ class SlowBasis:
         ----------
         rows : ndarray, shape (2, k)
         sigma : ndarray, shape (2,)
-            White noise of the rows.
+            White noise of the rows, where its relative size is one.
         variances : ndarray, shape (2, MOST_MODES)
             Variances of the coefficients of degree 3 and more, TECU^2.
         """
-        scaled = rows / sigma[:, np.newaxis]
-        part = np.ones((2, self.columns.shape[1]))
+        scaled = rows / (self.relative * sigma[:, np.newaxis])
+        part = np.ones((2, self.functions.shape[1]))
         modes = part.shape[1] - self.unknown
         ratio = variances[:, :modes] / sigma[:, np.newaxis] ** 2
         part[:, self.unknown :] -= 1.0 / np.sqrt(1.0 + ratio)
-        return np.asarray(scaled - ((scaled @ self.columns) * part) @ self.columns.T)
+        removed = _coefficients(self.columns, scaled) * part
+        return np.asarray(scaled - _combined(self.columns, removed))
 
     def modes(self, rows: FloatArray) -> FloatArray:
         """Return coefficients of degree 3 and more, shape (2, MOST_MODES); NaN without one."""
         result = np.full((len(rows), MOST_MODES), np.nan)
-        found = rows @ self.columns[:, self.unknown :]
+        found = _coefficients(self.columns[:, :, self.unknown :], rows / self.relative)
         result[:, : found.shape[1]] = found
         return result
 
@@ -90,7 +114,7 @@ class SlowBasis:
 def slow_basis(
     time_from_middle: FloatArray, half_window: float, arc: npt.NDArray[np.integer]
 ) -> SlowBasis:
-    """Return the functions of k samples.
+    """Return the functions of k samples with even noise.
 
     Parameters
     ----------
@@ -106,7 +130,20 @@ def slow_basis(
     constants = np.eye(arc.max() + 1)[arc]
     powers = np.polynomial.legendre.legvander(time_from_middle / half_window, degree)[:, 1:]
     columns, _ = np.linalg.qr(np.column_stack((constants, powers)))
-    return SlowBasis(columns, constants.shape[1] + _DEGREE)
+    even = np.ones((2, len(arc)))
+    return SlowBasis(
+        columns, even, np.broadcast_to(columns, (2, *columns.shape)), constants.shape[1] + _DEGREE
+    )
+
+
+def _coefficients(columns: FloatArray, rows: FloatArray) -> FloatArray:
+    """Return what rows, shape (2, k), have of columns, shape (2, k, p): (2, p)."""
+    return np.asarray(np.matmul(rows[:, np.newaxis, :], columns)[:, 0, :])
+
+
+def _combined(columns: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """Return the sums of columns, shape (2, k, p), with coefficients, shape (2, p): (2, k)."""
+    return np.asarray(np.matmul(columns, coefficients[:, :, np.newaxis])[:, :, 0])
 
 
 def white_sigma(rows: FloatArray, samples: tuple[int, ...], removed: FloatArray) -> FloatArray:
@@ -118,21 +155,68 @@ def white_sigma(rows: FloatArray, samples: tuple[int, ...], removed: FloatArray)
         Residuals.
     samples : tuple of int
         Numbers of samples whose means are taken.
-    removed : ndarray, shape (k, p)
+    removed : ndarray, shape (2, k, p)
         Orthonormal functions that were removed.
     """
-    count = rows.shape[1]
     variances = [np.mean(np.diff(rows) ** 2, axis=1) / 2.0, np.full(2, _LEAST_VARIANCE)]
     for in_mean in samples:
-        whole = count // in_mean
-        means, of_removed = (
-            each[:, : whole * in_mean].reshape(len(each), whole, in_mean).mean(axis=2)
-            for each in (rows, removed.T)
-        )
-        # What the functions take away of these means; short arcs take little.
-        freedom = max(1.0, whole - in_mean * float(np.sum(of_removed**2)))
-        variances.append(np.sum(means**2, axis=1) / freedom * in_mean)
+        squares, freedom = _density(rows, in_mean, removed)
+        variances.append(squares / np.maximum(freedom, 1.0))
     return np.asarray(np.sqrt(np.max(variances, axis=0)))
+
+
+def side_sigmas(
+    rows: Sequence[FloatArray],
+    bases: Sequence[SlowBasis],
+    samples: int,
+    inside: Sequence[FloatArray],
+) -> FloatArray:
+    """Return how large white noise is outside and inside of a wall: rows of shape (2, 2).
+
+    Scintillation is on one side of the wall, and breaks arcs there. It is taken as that of all
+    satellites together: of one with short arcs little can be seen.
+
+    Parameters
+    ----------
+    rows : sequence of ndarray, shape (2, k)
+        What `SlowBasis.remove` leaves of each satellite, in units of its sigma.
+    bases : sequence of SlowBasis
+    samples : int
+        Number of samples whose means are taken.
+    inside : sequence of ndarray, shape (k,)
+        Which part of the wall a sample is inside of: 0 to 1.
+    """
+    result = np.ones((2, 2))
+    for side in range(2):
+        squares, freedom, fast, number = np.zeros(2), np.zeros(2), np.zeros(2), 0
+        for of_satellite, basis, part in zip(rows, bases, inside, strict=True):
+            there = part == float(side)
+            if np.count_nonzero(there) < samples:
+                continue
+            size = basis.relative[:, there].mean(axis=1) ** 2
+            found = _density(of_satellite[:, there], samples, basis.columns[:, there])
+            squares += found[0] * size
+            freedom += found[1]
+            changes = np.diff(of_satellite[:, there])
+            fast += np.sum(changes**2, axis=1) / 2.0 * size
+            number += changes.shape[1]
+        if not freedom.min(initial=math.inf) >= _LEAST_FREEDOM:
+            return np.ones((2, 2))
+        result[side] = np.maximum(squares / freedom, fast / number)
+    return np.asarray(np.sqrt(result))
+
+
+def _density(rows: FloatArray, samples: int, removed: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return sums of squares of means, as white noise of a sample has them, and their freedom.
+
+    Both have the shape (2,). Orthonormal functions that were removed take a part of these means
+    away; short arcs take little of long ones.
+    """
+    whole = rows.shape[1] // samples
+    means = rows[:, : whole * samples].reshape(2, whole, samples).mean(axis=2)
+    of_removed = removed[:, : whole * samples].reshape(2, whole, samples, -1).mean(axis=2)
+    freedom = whole - samples * np.sum(of_removed**2, axis=(1, 2))
+    return np.sum(means**2, axis=1) * samples, freedom
 
 
 def mode_variances(coefficients: FloatArray, sigma: FloatArray) -> FloatArray:

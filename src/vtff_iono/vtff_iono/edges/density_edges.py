@@ -31,7 +31,16 @@ import numpy as np
 
 from vtff_dynamics.vectors import FloatArray
 from vtff_iono.edges.edge_detectors import Edge
-from vtff_iono.edges.wall_fit import KINK, LAYER, PARABOLA, SAMPLE_COLUMNS, WALL, fit_wall
+from vtff_iono.edges.wall_fit import (
+    KINK,
+    LAYER,
+    PARABOLA,
+    SAMPLE_COLUMNS,
+    SMOOTH_WALL,
+    WALL,
+    fit_wall,
+)
+from vtff_iono.edges.wall_width import WidthsByShape
 
 __all__ = ["DensityEdgeDetector"]
 
@@ -56,8 +65,14 @@ _STEEPEST = 1.0 / 10e3
 # Where a wall is, is found from this many means at most, among so many places and these widths, m.
 _MEANS_OF_PLACE, _PLACES = 40, 51
 _WIDTHS = (0.0, 0.7e3, 1.2e3, 2e3, 3e3, 4e3, 5e3, 6e3, 7e3, 8.5e3, 10e3, 12e3, 14e3, 17e3, 20e3)
+# m^2; variances of widths between those that are tried.
+_STEP_VARIANCES = np.gradient(_WIDTHS) ** 2 / 12.0
+# Least weight of a shape beside that of a straight line.
+_LEAST_WEIGHT = 1e-30
 # Beside a wall the density is a straight line or grows in proportion to itself: see `fit_wall`.
 _PASSES_OF_PLACE = (2, 3)
+# The shapes of walls, as `vtff_iono.edges.wall_width.WALL_SHAPES` has them.
+_SHAPES = (WALL, SMOOTH_WALL)
 # m; beyond the wall that was found.
 _BEYOND = 500.0
 # Largest correlation of means that follow each other.
@@ -418,25 +433,26 @@ class DensityEdgeDetector:
         low = middle - span - (unseen if advance[0] > middle - reach else 0.0)
         high = middle + span + (unseen if advance[-1] < middle + reach else 0.0)
         places = np.linspace(low, high, _PLACES)
-        misfits = np.full((len(_PASSES_OF_PLACE), len(_WIDTHS), len(places)), np.inf)
+        misfits = np.full((len(_SHAPES), len(_PASSES_OF_PLACE), len(_WIDTHS), len(places)), np.inf)
         least, freedom, of_best = math.inf, 1, 0.0
         for index in np.ndindex(misfits.shape):
-            passes, width_tried = _PASSES_OF_PLACE[index[0]], _WIDTHS[index[1]]
+            passes, width_tried = _PASSES_OF_PLACE[index[1]], _WIDTHS[index[2]]
             fit = self._fit_wall(
                 samples,
                 slow,
-                float(places[index[2]]),
+                float(places[index[3]]),
                 reach,
                 width_tried,
                 _MEANS_OF_PLACE,
                 passes=passes,
+                kind=_SHAPES[index[0]],
             )
             is_fitted, level, _, change, sigma, misfit, freedom_of_fit, correlation = fit
             # No density is negative, also where a wall was not seen to its end.
             is_possible = is_fitted and level - 0.5 * abs(change) >= -sigma
             if is_possible and (change < 0.0) == candidate.edge.is_entry:
                 misfits[index] = misfit
-                if misfit < least:
+                if index[0] == 0 and misfit < least:
                     least, freedom, of_best = misfit, freedom_of_fit, correlation
         if not math.isfinite(least):
             return candidate.edge
@@ -445,14 +461,17 @@ class DensityEdgeDetector:
         of_best = min(max(of_best, 0.0), _LARGEST_CORRELATION)
         fewer = (1.0 + of_best) / (1.0 - of_best)
         weight = np.exp(-0.5 * (misfits - least) / (max(1.0, least / freedom) * fewer))
-        weight = weight.sum(axis=0) / weight.sum()
+        weight = weight.sum(axis=1) / weight[0].sum()
+        widths_by_shape = _widths_by_shape(weight.sum(axis=2))
+        # The place is that of a wall that rises linearly.
+        weight = weight[0]
         of_place, of_width = weight.sum(axis=0), weight.sum(axis=1)
         place = float(of_place @ places)
         variance = float(of_place @ (places - place) ** 2)
         variance += ((places[1] - places[0]) ** 2 + _per_step(weight, places) ** 2) / 12.0
         widths = np.array(_WIDTHS)
         width = float(of_width @ widths)
-        width_variance = float(of_width @ ((widths - width) ** 2 + np.gradient(widths) ** 2 / 12.0))
+        width_variance = float(of_width @ ((widths - width) ** 2 + _STEP_VARIANCES))
         climb, duration = np.abs(samples[-1] - samples[0])[[1, 0]].tolist()
         return replace(
             candidate.edge,
@@ -462,7 +481,19 @@ class DensityEdgeDetector:
             altitude_sigma=math.sqrt(variance),
             width=width,
             width_sigma=math.sqrt(width_variance),
+            widths=widths_by_shape,
         )
+
+
+def _widths_by_shape(weight: FloatArray) -> WidthsByShape:
+    """Return the widths by the shape of a wall, of weights (shapes, widths)."""
+    of_shape = np.maximum(weight.sum(axis=1), _LEAST_WEIGHT)
+    widths = np.array(_WIDTHS)
+    mean = weight @ widths / of_shape
+    variance = np.sum(weight * ((widths - mean[:, np.newaxis]) ** 2 + _STEP_VARIANCES), axis=1)
+    sigma = np.sqrt(np.maximum(variance / of_shape, _STEP_VARIANCES[0]))
+    # The likeliest width of a wide distribution has as much less of the same probability.
+    return WidthsByShape(mean, sigma, -2.0 * np.log(of_shape / sigma))
 
 
 def _per_step(weight: FloatArray, places: FloatArray) -> float:

@@ -17,18 +17,16 @@ is slow, above all the content above the edge, is noise whose size the contents 
 (`vtff_iono.edges.content_noise`). Without scintillation the fit is that of each spacecraft by
 itself, because D and M are then only another basis of the two series.
 
-The width is that of a wall in which the density changes linearly: of a wall of another shape it is
-that of the line that fits it best, which leaves out the feet of a wide wall, as they look like the
-content above. A wall that rises as the error function is told with 0.95, 0.87 and 0.79 of the width
-of the line of the same second moment (3.46 standard deviations) at 2, 4 and 8 km; one that rises as
-the hyperbolic tangent with 0.90, 0.80 and 0.69 of it, one that rises as a cosine with 0.98, 0.91
-and 0.88.
+Times are those of a wall in which the density changes linearly. The width is fitted once more, to
+walls of each shape of `vtff_iono.edges.wall_width`, with noise that differs between the two sides
+of the wall: scintillation is on one side. Its sigma contains what the contents do not tell of the
+shape.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -40,8 +38,16 @@ from vtff_iono.edges.content_noise import (
     MOST_MODES,
     SlowBasis,
     mode_variances,
+    side_sigmas,
     slow_basis,
     white_sigma,
+)
+from vtff_iono.edges.wall_width import (
+    WALL_SHAPES,
+    WidthsByShape,
+    combine_widths,
+    shape_misfits,
+    wall_integrals,
 )
 from vtff_iono.geometry.satellite_geometry import ELEVATION_MASK_DEG
 from vtff_iono.scintillation.fluctuation_lag import series_lag
@@ -131,8 +137,9 @@ class EdgeCrossing:
         scintillation.
     width, width_sigma : float
         Width over which the density changes, and its sigma, m.
-    width_square_sigma : float
-        Sigma of its square, m^2, in which contents are linear where the wall is thin.
+    widths : WidthsByShape
+        Widths by the shape of the wall, with the sigma of their squares, in which contents are
+        linear where the wall is thin.
     """
 
     time: FloatArray
@@ -145,20 +152,42 @@ class EdgeCrossing:
     lag: float
     width: float
     width_sigma: float
-    width_square_sigma: float
+    widths: WidthsByShape
 
 
 @dataclass(frozen=True, eq=False)
 class _Noise:
-    """White sigmas (m, 2), TECU, and variances by degree (m, 2, MOST_MODES), TECU^2, of D and M."""
+    """Noise of D and M of m satellites.
 
+    Parameters
+    ----------
+    slow : list of SlowBasis
+        Constants of the arcs and polynomials, with the relative size of white noise.
+    white : ndarray, shape (m, 2)
+        Sigmas of white noise, TECU.
+    modes : ndarray, shape (m, 2, MOST_MODES)
+        Variances of polynomials by degree, TECU^2.
+    """
+
+    slow: list[SlowBasis]
     white: FloatArray
     modes: FloatArray
 
     @staticmethod
-    def only_white(white: FloatArray) -> _Noise:
+    def only_white(slow: list[SlowBasis], white: FloatArray) -> _Noise:
         """Return noise without slow parts."""
-        return _Noise(white, np.zeros((*white.shape, MOST_MODES)))
+        return _Noise(slow, white, np.zeros((*white.shape, MOST_MODES)))
+
+    def whiten(self, pairs: Iterable[FloatArray]) -> FloatArray:
+        """Return D and M of all satellites, each of shape (2, k), in units of noise: (m,)."""
+        return np.concatenate(
+            [
+                slow.whiten(pair, white, modes).ravel()
+                for pair, slow, white, modes in zip(
+                    pairs, self.slow, self.white, self.modes, strict=True
+                )
+            ]
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,6 +218,41 @@ class _Satellite:
 
 
 @dataclass(frozen=True, eq=False)
+class _Wall:
+    """Altitudes at which chief and deputy cross a wall, (2,), m, its width, m, and its shape."""
+
+    altitude: FloatArray
+    width: float
+    shape: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """A wall that was fitted.
+
+    Parameters
+    ----------
+    wall : _Wall
+    noise : _Noise
+    covariance : ndarray, shape (2, 2)
+        Covariance of the altitudes, m^2.
+    square_sigma : float
+        Sigma of the square of the width, m^2.
+    change : float
+        Density next to the wall, TECU per kilometre.
+    significance : float
+        Square root of the drop of chi-square.
+    """
+
+    wall: _Wall
+    noise: _Noise
+    covariance: FloatArray
+    square_sigma: float
+    change: float
+    significance: float
+
+
+@dataclass(frozen=True, eq=False)
 class _Window:
     """Contents of both spacecraft about a crossing, to which walls are fitted.
 
@@ -204,53 +268,40 @@ class _Window:
 
     def whitened(self, noise: _Noise) -> FloatArray:
         """Return D and M of all satellites in units of their noise, shape (m,)."""
-        return np.concatenate(
+        return noise.whiten(satellite.observed for satellite in self.satellites)
+
+    def design(self, noise: _Noise, wall: _Wall, dense_side: float) -> FloatArray:
+        """Return what the wall adds to `whitened`, shape (m, 2); see `_wall`."""
+        return np.column_stack(
             [
-                satellite.slow.whiten(satellite.observed, white, modes).ravel()
-                for satellite, white, modes in zip(
-                    self.satellites, noise.white, noise.modes, strict=True
-                )
+                noise.whiten(satellite.change(vertical) for satellite in self.satellites)
+                for vertical in self._wall(wall, dense_side)
             ]
         )
 
-    def design(
-        self, noise: _Noise, altitude: FloatArray, width: float, dense_side: float
-    ) -> FloatArray:
-        """Return what the wall adds to `whitened`, shape (m, 2); see `_wall`."""
-        count = sum(satellite.observed.size for satellite in self.satellites)
-        design = np.empty((count, 2))
-        for column, vertical in enumerate(self._wall(altitude, width, dense_side)):
-            begin = 0
-            for satellite, white, modes in zip(
-                self.satellites, noise.white, noise.modes, strict=True
-            ):
-                change = satellite.slow.whiten(satellite.change(vertical), white, modes)
-                design[begin : begin + change.size, column] = change.ravel()
-                begin += change.size
-        return design
+    def inside(self, wall: _Wall, dense_side: float) -> list[FloatArray]:
+        """Return of each satellite which part of a wall the samples have crossed, (k,)."""
+        depth = dense_side * (self.altitude.mean(axis=0) - wall.altitude.mean())
+        part = np.clip(0.5 + depth / wall.width, 0.0, 1.0)
+        return [
+            part if satellite.samples is None else part[satellite.samples]
+            for satellite in self.satellites
+        ]
 
-    def residuals(
-        self, altitude: FloatArray, width: float, dense_side: float, change: FloatArray
-    ) -> list[FloatArray]:
+    def residuals(self, wall: _Wall, dense_side: float, change: FloatArray) -> list[FloatArray]:
         """Return D and M of each satellite less those of the wall, TECU."""
-        first, second = self._wall(altitude, width, dense_side)
+        first, second = self._wall(wall, dense_side)
         vertical = change[0] * first + change[1] * second
         return [satellite.observed - satellite.change(vertical) for satellite in self.satellites]
 
-    def _wall(self, altitude: FloatArray, width: float, dense_side: float) -> list[FloatArray]:
+    def _wall(self, wall: _Wall, dense_side: float) -> tuple[FloatArray, FloatArray]:
         """Return contents of densities that are one and the depth, each of shape (2, n).
 
-        Both times the part of the wall that is crossed: where a part of the density is missing that
-        changes linearly, what is missing grows with the density itself.
+        Both times the part of the wall that is crossed: where a part of the density is missing,
+        what is missing grows with the density itself.
         """
-        depth = dense_side * (self.altitude - altitude[:, np.newaxis]) / _DEPTH_UNIT
-        half = 0.5 * width / _DEPTH_UNIT
-        within, beyond = np.clip(depth, -half, half), np.maximum(depth, half)
-        constant = (within + half) ** 2 / (4.0 * half) + (beyond - half)
-        # The integrals of x (x + half) / (2 half) up to the inner side, and of x from there.
-        linear = (within**3 / 3.0 + half * within**2 / 2.0) / (2.0 * half) - half**2 / 12.0
-        linear += 0.5 * (beyond**2 - half**2)
-        return [constant, linear]
+        depth = dense_side * (self.altitude - wall.altitude[:, np.newaxis]) / _DEPTH_UNIT
+        return wall_integrals(wall.shape, depth, wall.width / _DEPTH_UNIT)
 
 
 def fit_edge_crossings(
@@ -298,16 +349,21 @@ def fit_edge_crossings(
     dense_side = 1.0 if is_dense_above else -1.0
     samples = tuple(max(1, round(time_of_mean / interval)) for time_of_mean in _NOISE_INTERVALS)
     reach = max(_SEARCH + _SEARCH_OF_WIDTH * width, altitude_sigma)
-    fitted = _fit(fitted_window, altitude, reach, width, dense_side, samples)
-    if fitted is None:
+    fit = _fit(fitted_window, altitude, reach, width, dense_side, samples)
+    if fit is None:
         return None
-    altitudes, covariance, fitted_width, square_sigma, change, significance = fitted
+    widths = _widths(fitted_window, fit, dense_side, samples)
+    if widths is None:
+        return None
+    fitted_width, width_sigma = combine_widths(widths)
+    altitudes, covariance = fit.wall.altitude, fit.covariance
     # Contents are those above a spacecraft: they fall while it climbs.
-    density = -dense_side * change * ELECTRONS_PER_TECU / _DEPTH_UNIT
+    density = -dense_side * fit.change * ELECTRONS_PER_TECU / _DEPTH_UNIT
     far = float(np.abs(altitudes - altitude).max())
     is_near = far <= _FARTHEST * reach
-    is_sharp = fitted_width <= _WIDEST
-    if not (density > 0.0 and significance >= _LEAST_SIGNIFICANCE and is_near and is_sharp):
+    is_sharp = fit.wall.width <= _WIDEST
+    is_shown = density > 0.0 and fit.significance >= _LEAST_SIGNIFICANCE
+    if not (is_shown and is_near and is_sharp):
         return None
     tracks = (chief.altitude, deputy.altitude)
     times = [_crossing(instants, track, at) for track, at in zip(tracks, altitudes, strict=True)]
@@ -315,7 +371,7 @@ def fit_edge_crossings(
     if not np.isfinite(times + speeds).all():
         return None
     # The model is wrong by the same for both.
-    covariance = covariance + (_MODEL_SIGMA + _SHAPE_SIGMA * fitted_width) ** 2
+    covariance = covariance + (_MODEL_SIGMA + _SHAPE_SIGMA * fit.wall.width) ** 2
     altitude_sigmas = np.sqrt(np.diag(covariance))
     covariance /= np.outer(speeds, speeds)
     return EdgeCrossing(
@@ -325,12 +381,11 @@ def fit_edge_crossings(
         altitude=altitudes,
         altitude_sigma=altitude_sigmas,
         density=density,
-        significance=significance,
+        significance=fit.significance,
         lag=lag,
         width=fitted_width,
-        # d(W^2) = 2 W dW; the square itself where W is below its sigma.
-        width_sigma=min(math.sqrt(square_sigma), 0.5 * square_sigma / max(fitted_width, 1.0)),
-        width_square_sigma=square_sigma,
+        width_sigma=width_sigma,
+        widths=widths,
     )
 
 
@@ -445,6 +500,44 @@ def _window(
     return _Window(altitudes[:, usable], satellites)
 
 
+def _widths(
+    window: _Window, line: _Fit, dense_side: float, samples: tuple[int, ...]
+) -> WidthsByShape | None:
+    """Return the widths of walls of all shapes near the fit of a line; None if there are none.
+
+    Scintillation is on one side of a wall, where it also breaks arcs. It would hide there among the
+    constants of arcs, and a wall would seem better known than it is; so that the noise is that of
+    either side.
+    """
+    fits = []
+    for shape in range(len(WALL_SHAPES)):
+        fit = _fit_shape(window, shape, line, dense_side, samples)
+        if fit is None:
+            return None
+        fits.append(fit)
+    return WidthsByShape(
+        width=np.array([fit.wall.width for fit in fits]),
+        sigma=np.array([fit.square_sigma for fit in fits]),
+        misfit=shape_misfits(np.array([_costs(window, fit, fits, dense_side) for fit in fits])),
+        is_of_square=True,
+    )
+
+
+def _costs(window: _Window, fit: _Fit, fits: list[_Fit], dense_side: float) -> FloatArray:
+    """Return the sums of squares of m satellites over the noise that the fits have shown, in mean.
+
+    With the noise of its own fit alone they would not be comparable: noise is larger where a wall
+    fits worse.
+    """
+    ends = np.cumsum([satellite.observed.size for satellite in window.satellites])[:-1]
+    costs = np.zeros(len(window.satellites))
+    for other in fits:
+        design = window.design(other.noise, fit.wall, dense_side)
+        residual, _, _ = _solution(window.whitened(other.noise), design)
+        costs += [float(part @ part) / len(fits) for part in np.split(residual, ends)]
+    return costs
+
+
 def _fit(
     window: _Window,
     altitude: float,
@@ -452,45 +545,105 @@ def _fit(
     width: float,
     dense_side: float,
     samples: tuple[int, ...],
-) -> tuple[FloatArray, FloatArray, float, float, float, float] | None:
-    """Return altitudes of crossings, their covariance, width, its square's sigma, change, sigmas.
+) -> _Fit | None:
+    """Return the fit of a wall that rises linearly; None if contents do not determine it.
 
-    Altitudes are searched over `reach` to either side. The change is for 1 km; by how many sigmas
-    it is there comes last. The contents depend on the square of the width where it is small.
+    Altitudes are searched over `reach` to either side. The noise of a satellite is even in time.
     """
-    noise = _Noise.only_white(np.ones((len(window.satellites), 2)))
-    observed = window.whitened(noise)
+    bases = [satellite.slow for satellite in window.satellites]
+    wall = _Wall(np.full(2, altitude), math.hypot(width, _LEAST_WIDTH), 0)
+    fit = _Fitted(window, _Noise.only_white(bases, np.ones((len(bases), 2))), wall, dense_side)
+    fit.take_noise(_first_noise(bases, fit.errors(), samples))
+    fit.search(reach)
+    fit.improve()
+    for _ in range(1, _FITS):
+        fit.take_noise(_noise_of(fit.noise, fit.errors(), None, samples[0]))
+        fit.improve()
+    return fit.result()
 
-    def place(parameters: FloatArray) -> tuple[FloatArray, float]:
-        return altitude + _ALTITUDE_UNIT * parameters[:2], _width_of(parameters[2])
 
-    def residuals(parameters: FloatArray) -> FloatArray:
-        return _solution(observed, window.design(noise, *place(parameters), dense_side))[0]
+def _fit_shape(
+    window: _Window, shape: int, line: _Fit, dense_side: float, samples: tuple[int, ...]
+) -> _Fit | None:
+    """Return the fit of a wall of a shape with the noise of either side; None if there is none."""
+    wall = _Wall(line.wall.altitude, line.wall.width, shape)
+    fit = _Fitted(window, line.noise, wall, dense_side)
+    for _ in range(1, _FITS):
+        inside = window.inside(fit.wall, dense_side)
+        fit.take_noise(_noise_of(fit.noise, fit.errors(), inside, samples[0]))
+        fit.improve()
+    return fit.result(is_jackknife=True)
 
-    parameters = np.array([0.0, 0.0, (max(width, _LEAST_WIDTH) / _DEPTH_UNIT) ** 2])
-    for turn in range(_FITS):
-        _, change, _ = _solution(observed, window.design(noise, *place(parameters), dense_side))
-        errors = window.residuals(*place(parameters), dense_side, change)
-        noise = _noise_of(window.satellites, errors, samples, is_first=turn == 0)
-        observed = window.whitened(noise)
-        if turn == 0:
-            common = np.linspace(-reach, reach, _SEARCH_STEPS + 1) / _ALTITUDE_UNIT
-            trials = [np.array([both, both, parameters[2]]) for both in common]
-            costs = [float(np.sum(residuals(trial) ** 2)) for trial in trials]
-            parameters = trials[int(np.argmin(costs))]
-        parameters, derivatives = _least_squares(residuals, parameters)
-    information = derivatives.T @ derivatives
-    # The samples do not determine the width of a thin wall; the altitudes do not depend on it.
-    information[2, 2] += _WIDTH_PRIOR**-4
-    if not np.linalg.cond(information) < 1e12:
-        return None
-    at, fitted_width = place(parameters)
-    design = window.design(noise, at, fitted_width, dense_side)
-    _, change, significance = _solution(observed, design)
-    spread = _spread(derivatives, residuals(parameters), information, window.satellites)
-    square_sigma = math.sqrt(spread[2, 2]) * _DEPTH_UNIT**2
-    covariance = _ALTITUDE_UNIT**2 * spread[:2, :2]
-    return at, covariance, fitted_width, square_sigma, float(change[0]), significance
+
+class _Fitted:
+    """A wall while it is fitted.
+
+    Parameters of a fit are how far both altitudes are from a first one, and the square of the
+    width, on which contents depend where it is small.
+    """
+
+    def __init__(self, window: _Window, noise: _Noise, wall: _Wall, dense_side: float) -> None:
+        self.noise = noise
+        self._window, self._dense_side = window, dense_side
+        self._origin, self._shape = wall.altitude, wall.shape
+        self._parameters = np.array([0.0, 0.0, _square_of(wall.width)])
+        self._derivatives = np.empty((0, 3))
+        self._observed = window.whitened(noise)
+
+    @property
+    def wall(self) -> _Wall:
+        """The wall as it is fitted now."""
+        return self._place(self._parameters)
+
+    def take_noise(self, noise: _Noise) -> None:
+        """Go on with another noise."""
+        self.noise, self._observed = noise, self._window.whitened(noise)
+
+    def errors(self) -> list[FloatArray]:
+        """Return the residuals of D and M of each satellite, TECU."""
+        _, change, _ = _solution(self._observed, self._design(self.wall))
+        return self._window.residuals(self.wall, self._dense_side, change)
+
+    def search(self, reach: float) -> None:
+        """Take the best common altitude within a distance, m."""
+        common = np.linspace(-reach, reach, _SEARCH_STEPS + 1) / _ALTITUDE_UNIT
+        trials = [np.array([both, both, self._parameters[2]]) for both in common]
+        costs = [float(np.sum(self._residuals(trial) ** 2)) for trial in trials]
+        self._parameters = trials[int(np.argmin(costs))]
+
+    def improve(self) -> None:
+        """Go to the least sum of squares."""
+        self._parameters, self._derivatives = _least_squares(self._residuals, self._parameters)
+
+    def result(self, is_jackknife: bool = False) -> _Fit | None:
+        """Return the fit; None if contents do not determine it."""
+        information = self._derivatives.T @ self._derivatives
+        # The samples do not determine the width of a thin wall; the altitudes do not depend on it.
+        information[2, 2] += _WIDTH_PRIOR**-4
+        if not np.linalg.cond(information) < 1e12:
+            return None
+        _, change, significance = _solution(self._observed, self._design(self.wall))
+        residual = self._residuals(self._parameters)
+        satellites = self._window.satellites
+        spread = _spread(self._derivatives, residual, information, satellites, is_jackknife)
+        return _Fit(
+            wall=self.wall,
+            noise=self.noise,
+            covariance=_ALTITUDE_UNIT**2 * spread[:2, :2],
+            square_sigma=math.sqrt(spread[2, 2]) * _DEPTH_UNIT**2,
+            change=float(change[0]),
+            significance=significance,
+        )
+
+    def _place(self, parameters: FloatArray) -> _Wall:
+        altitudes = self._origin + _ALTITUDE_UNIT * parameters[:2]
+        return _Wall(altitudes, _width_of(parameters[2]), self._shape)
+
+    def _design(self, wall: _Wall) -> FloatArray:
+        return self._window.design(self.noise, wall, self._dense_side)
+
+    def _residuals(self, parameters: FloatArray) -> FloatArray:
+        return _solution(self._observed, self._design(self._place(parameters)))[0]
 
 
 def _spread(
@@ -498,6 +651,7 @@ def _spread(
     residual: FloatArray,
     information: FloatArray,
     satellites: list[_Satellite],
+    is_jackknife: bool,
 ) -> FloatArray:
     """Return the covariance of the parameters: that of the noise, or what satellites differ by.
 
@@ -517,9 +671,19 @@ def _spread(
         ]
     )
     count = len(satellites)
+    moved = pulls @ spread
+    if is_jackknife and count > 1:
+        # A satellite of which much is known has pulled the fit to itself, and seems to agree.
+        moved = np.array(
+            [
+                np.linalg.solve(information - of_satellite.T @ of_satellite, pull)
+                for of_satellite, pull in zip(np.split(derivatives, ends), pulls, strict=True)
+            ]
+        )
+        moved *= (count - 1) / count
     basis = np.array([[1.0, 1.0, 0.0], [-0.5, 0.5, 0.0], [0.0, 0.0, 1.0]])
     inverse = np.linalg.inv(basis)
-    scatter = np.sum((pulls @ spread @ inverse) ** 2, axis=0) * count / max(1, count - 1)
+    scatter = np.sum((moved @ inverse) ** 2, axis=0) * count / max(1, count - 1)
     stated = inverse.T @ spread @ inverse
     factor = np.sqrt(np.maximum(1.0, scatter / np.diag(stated)))
     return np.asarray(basis.T @ (stated * np.outer(factor, factor)) @ basis)
@@ -567,6 +731,11 @@ def _width_of(square: float) -> float:
     return math.hypot(_DEPTH_UNIT * math.sqrt(abs(square)), _LEAST_WIDTH)
 
 
+def _square_of(width: float) -> float:
+    """Return the square of a width, of which `_width_of` makes it."""
+    return max(0.0, width**2 - _LEAST_WIDTH**2) / _DEPTH_UNIT**2
+
+
 def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return residuals over their sigmas, changes of content, (2,), and significance.
 
@@ -578,31 +747,43 @@ def _solution(observed: FloatArray, design: FloatArray) -> tuple[FloatArray, Flo
     return residual, np.asarray(change), math.sqrt(max(0.0, drop))
 
 
-def _noise_of(
-    satellites: list[_Satellite],
-    errors: list[FloatArray],
-    samples: tuple[int, ...],
-    is_first: bool,
+def _first_noise(
+    slow: list[SlowBasis], errors: list[FloatArray], samples: tuple[int, ...]
 ) -> _Noise:
-    """Return the noise that residuals show; at first all of it as if it were white.
+    """Return the noise that residuals show, all of it as if it were white.
 
     Residuals of a wall that is not yet in its place are no measure of what is slow.
     """
-    each = zip(satellites, errors, strict=True)
-    if is_first:
-        one, none = np.ones(2), np.zeros((2, MOST_MODES))
-        return _Noise.only_white(
-            np.array(
-                [
-                    white_sigma(s.slow.whiten(error, one, none), samples, s.slow.unknown_columns)
-                    for s, error in each
-                ]
-            )
-        )
-    white, modes = [], []
-    for satellite, error in each:
-        slow = satellite.slow
-        white.append(white_sigma(slow.remove(error), samples[:1], slow.columns))
-        modes.append(slow.modes(error))
+    one, none = np.ones(2), np.zeros((2, MOST_MODES))
+    white = [
+        white_sigma(basis.whiten(error, one, none), samples, basis.unknown_columns)
+        for basis, error in zip(slow, errors, strict=True)
+    ]
+    return _Noise.only_white(slow, np.array(white))
+
+
+def _noise_of(
+    before: _Noise, errors: list[FloatArray], inside: list[FloatArray] | None, samples: int
+) -> _Noise:
+    """Return the noise that residuals show, even or on either side of a wall, and what is slow."""
+    bases = before.slow
+    if inside is not None:
+        rows = [
+            basis.remove(error) / sigma[:, np.newaxis]
+            for basis, error, sigma in zip(bases, errors, before.white, strict=True)
+        ]
+        outer, inner = side_sigmas(rows, bases, samples, inside)[:, :, np.newaxis] ** 2
+        # The geometric mean of the sigmas of both sides is one.
+        middle = np.sqrt(outer * inner)
+        bases = [
+            basis.with_noise(np.sqrt((outer + (inner - outer) * part) / middle))
+            for basis, part in zip(bases, inside, strict=True)
+        ]
+    of_satellites = list(zip(bases, errors, strict=True))
+    white = [
+        white_sigma(basis.remove(error), (samples,), basis.columns)
+        for basis, error in of_satellites
+    ]
+    modes = [basis.modes(error) for basis, error in of_satellites]
     sigma = np.array(white)
-    return _Noise(sigma, mode_variances(np.array(modes), sigma))
+    return _Noise(bases, sigma, mode_variances(np.array(modes), sigma))

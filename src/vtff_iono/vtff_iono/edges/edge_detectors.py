@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from vtff_dynamics.vectors import FloatArray
+from vtff_iono.edges.wall_width import WidthsByShape
 from vtff_iono.geometry.mapping import pierce_point
 
 __all__ = [
@@ -49,6 +50,8 @@ class Edge:
         Width over which the density changes, and its sigma, m; NaN for an edge of a ray.
     is_doubtful : bool
         Whether it is to be told only if something else shows it, too.
+    widths : WidthsByShape, optional
+        Widths by the shape of the wall, if they were estimated.
     """
 
     time: float
@@ -62,6 +65,7 @@ class Edge:
     width_sigma: float = math.nan
     altitude_sigma: float = math.nan
     is_doubtful: bool = False
+    widths: WidthsByShape | None = None
 
 
 class _Sample(NamedTuple):

@@ -139,7 +139,7 @@ class VerticalEdgeFinder:
         own_sigma = _ALTITUDE_SIGMA / self._vertical_speed()
         sigmas = [math.hypot(edge.time_sigma, own_sigma)] * len(guesses)
         covariance = edge.time_sigma**2
-        width, width_sigma = edge.width, edge.width_sigma
+        widths = [] if edge.widths is None else [edge.widths]
         # Contents tell more than the density, unless L2 is lost too often.
         if crossing is not None:
             origin, fit = crossing
@@ -148,9 +148,10 @@ class VerticalEdgeFinder:
                     origin + round(time * NANOSECONDS_PER_SECOND) for time in fit.time.tolist()
                 ]
                 sigmas, covariance = fit.time_sigma.tolist(), fit.time_covariance
-            width, width_sigma = combine_widths(
-                width, width_sigma, fit.width, fit.width_sigma, fit.width_square_sigma
-            )
+            widths.append(fit.widths)
+        width, width_sigma = edge.width, edge.width_sigma
+        if widths:
+            width, width_sigma = combine_widths(*widths)
         boundaries = []
         for craft, (history, time, sigma) in enumerate(
             zip(self._histories, guesses, sigmas, strict=True)

@@ -8,9 +8,18 @@ import numpy as np
 
 from vtff_dynamics.compiled import compiled
 
-__all__ = ["KINK", "LAYER", "PARABOLA", "SAMPLE_COLUMNS", "WALL", "compile_kernels", "fit_wall"]
+__all__ = [
+    "KINK",
+    "LAYER",
+    "PARABOLA",
+    "SAMPLE_COLUMNS",
+    "SMOOTH_WALL",
+    "WALL",
+    "compile_kernels",
+    "fit_wall",
+]
 
-WALL, PARABOLA, LAYER, KINK = range(4)
+WALL, PARABOLA, LAYER, KINK, SMOOTH_WALL = range(5)
 """Kinds of `fit_wall`."""
 
 SAMPLE_COLUMNS = 5
@@ -71,9 +80,10 @@ def fit_wall(  # type: ignore[no-untyped-def]
         1: the line goes on behind the wall; 2: its slope is in proportion to the density there,
         which the first pass tells; 3: it is so on all the way, as below the peak of a layer.
     kind : int
-        `WALL`, or what is fitted instead: `PARABOLA`, `KINK` in the middle, or `LAYER`, a density
-        whose logarithm is a parabola, no steeper and no thinner than layers are, which is fitted in
-        `passes`.
+        `WALL`, which rises linearly, `SMOOTH_WALL`, which rises as the error function with the same
+        second moment, or what is fitted instead: `PARABOLA`, `KINK` in the middle, or `LAYER`, a
+        density whose logarithm is a parabola, no steeper and no thinner than layers are, which is
+        fitted in `passes`.
 
     Returns
     -------
@@ -116,6 +126,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
     before, behind = 0, 0
     half_length = 0.5 * (width + length)
     rounded, smeared = max(width, 1e-3), max(length, 1e-3)
+    deviation = rounded / math.sqrt(12.0)
     walls = np.empty(groups)
     mean_density = 0.0
     for row in range(groups):
@@ -127,6 +138,16 @@ def fit_wall(  # type: ignore[no-untyped-def]
         before += distance < -half_length
         behind += distance > half_length
         mean_density += means[row, 2] / groups
+        if kind == SMOOTH_WALL:
+            # What is smeared is the integral of the error function, at both ends of the length.
+            walls[row] = -0.5
+            for side in (-1.0, 1.0):
+                place = distance + 0.5 * side * smeared
+                normal_place = place / deviation
+                integral = 0.5 * place * (1.0 + math.erf(normal_place / math.sqrt(2.0)))
+                density = math.exp(-0.5 * normal_place**2) / math.sqrt(2.0 * math.pi)
+                walls[row] += side * (integral + deviation * density) / smeared
+            continue
         if kind != WALL:
             walls[row] = abs(distance) / reach if kind == KINK else (distance / reach) ** 2
             continue
@@ -226,7 +247,7 @@ def fit_wall(  # type: ignore[no-untyped-def]
         elif solution[0] > 0.0:
             ratio = solution[2] / solution[0]
             ratio = min(max(ratio, -_LARGEST_CONTRAST), _LARGEST_CONTRAST)
-            if kind == WALL and passes > _PASSES_OF_LINE:
+            if kind in (WALL, SMOOTH_WALL) and passes > _PASSES_OF_LINE:
                 growth = solution[1] / solution[0]
                 growth = min(max(growth, -_LARGEST_STEP), _LARGEST_STEP)
     misfit = (solution[1] / slope_sigma) ** 2
