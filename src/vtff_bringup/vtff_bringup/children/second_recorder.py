@@ -23,7 +23,9 @@ __all__ = ["RecorderGroup"]
 #: given up, and until lockstep gives up the step that waits for it, is left for its start.
 SUSPICIOUS_SILENCE = 4.0
 SIGN_PATIENCE = 5.0  # s for a sign of life of a recorder that has given none for a while
-READY_PATIENCE = 10.0  # s for a second recorder to hear all nodes, when the run ends
+#: s for a second recorder to hear all nodes, when the run ends: on a busy machine its start alone
+#: takes 10 s, and what it has not heard until the nodes end is lost.
+READY_PATIENCE = 60.0
 
 #: Starts a node in a process of the stage of the recorders.
 Start = Callable[[NodeDescription], ManagedProcess]
