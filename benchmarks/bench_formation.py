@@ -139,19 +139,24 @@ def main() -> None:
             flown[-1][number] = short, long, speed
             print(
                 f"round {len(flown)}, {number} spacecraft: {fastest * (long - short):.2f} s of "
-                f"processor, "
-                f"{speed:.0f} x real time",
+                f"processor" + (f", {speed:.0f} x real time" if math.isfinite(speed) else ""),
                 *lines,
                 sep="\n",
                 flush=True,
             )
-    print("spacecraft   ms processor per s   a spacecraft   x real time")
+    print(
+        "spacecraft   ms processor per s   a spacecraft"
+        + ("" if options.receivers else "   x real time")
+    )
     costs = []
     for number in options.spacecraft:
         units = float(np.median([one[number][1] - one[number][0] for one in flown]))
         speed = max(one[number][2] for one in flown)
         costs.append(1e3 * fastest * units / (options.duration - SHORT))
-        print(f"{number:10d} {costs[-1]:20.2f} {costs[-1] / number:14.2f} {speed:13.0f}")
+        print(
+            f"{number:10d} {costs[-1]:20.2f} {costs[-1] / number:14.2f}"
+            + (f" {speed:13.0f}" if math.isfinite(speed) else "")
+        )
     if len(costs) > 1:
         slopes = np.diff(costs) / np.diff(options.spacecraft)
         print(
