@@ -1,17 +1,13 @@
 """Carrier-phase wind-up of an upright antenna: the turns that its phases count.
 
 The signals of GNSS are circularly polarised. Their phase counts how an antenna turns against that
-of the satellite: about its own axis, and as the ray moves over both. A cycle is the same on both
-frequencies, but not the same length, and looks like 0.51 TECU with GPS L1 and L2.
+of the satellite (`vtff_gnss.wind_up`): about its own axis, and as the ray moves over both. A cycle
+is the same on both frequencies, but not the same length, and looks like 0.51 TECU with GPS L1 and
+L2.
 
 A turn of an antenna about its own axis adds the same cycles to all rays. Hence it hardly matters
 which horizontal axis the receiver is taken to have, as long as it does not spin: what its heading
 changes by is common to all satellites.
-
-References
-----------
-Wu, Wu, Hajj, Bertiger and Lichten (1993), Effects of antenna orientation on GPS carrier phase,
-Manuscripta Geodaetica 18:91.
 """
 
 from __future__ import annotations
@@ -21,8 +17,8 @@ import math
 import numpy as np
 import numpy.typing as npt
 
-from vtff_dynamics.constants import EARTH_ROTATION_RATE
 from vtff_dynamics.vectors import FloatArray
+from vtff_gnss import wind_up
 from vtff_gnss.orbits.line_of_sight import ellipsoid_normal
 
 __all__ = ["WindUpCounter", "count_wind_up", "wind_up_cycles"]
@@ -50,25 +46,12 @@ def wind_up_cycles(
         Velocities of the satellites as seen from the Earth, m/s.
     """
     satellite = position_receiver_itrf + range_satellite[:, np.newaxis] * direction_itrf
-    inertial = velocity_satellite_itrf + np.cross((0.0, 0.0, EARTH_ROTATION_RATE), satellite)
-    down = -satellite / np.linalg.norm(satellite, axis=-1, keepdims=True)
-    side = np.cross(down, inertial)
-    side /= np.linalg.norm(side, axis=-1, keepdims=True)
     up = ellipsoid_normal(position_receiver_itrf)
     east = np.cross((0.0, 0.0, 1.0), up)
     east /= np.linalg.norm(east, axis=-1, keepdims=True)
-    to_receiver = -direction_itrf
-    sent = _dipole(to_receiver, np.cross(side, down), -side)
-    received = _dipole(to_receiver, np.cross(up, east), -east)
-    sine = np.sum(to_receiver * np.cross(sent, received), axis=-1)
-    cosine = np.sum(sent * received, axis=-1)
-    return np.asarray(np.arctan2(sine, cosine) / (2.0 * math.pi))
-
-
-def _dipole(to_receiver: FloatArray, axis_x: FloatArray, axis_y: FloatArray) -> FloatArray:
-    """Return the effective dipoles x - k (k x) + k x y of crossed dipoles along x and y, (n, 3)."""
-    along = np.sum(to_receiver * axis_x, axis=-1, keepdims=True)
-    return np.asarray(axis_x - to_receiver * along + np.cross(to_receiver, axis_y))
+    return wind_up.wind_up_cycles(
+        direction_itrf, satellite, velocity_satellite_itrf, np.cross(up, east), -east
+    )
 
 
 def count_wind_up(arc: npt.NDArray[np.int64], cycles: FloatArray) -> FloatArray:
